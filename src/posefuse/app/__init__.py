@@ -1,0 +1,1 @@
+"""Config, plug-in lookup, pipelines and the command line."""

@@ -1,0 +1,1 @@
+"""Detections2D to Views: who is who, across cameras and time."""

@@ -1,0 +1,38 @@
+"""Arrays that are checked once and can no longer be written."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from .errors import ShapeError
+
+Array = NDArray[Any]
+
+
+def frozen(value: Any, dtype: DTypeLike, name: str) -> Array:
+    """`value` as a read-only, contiguous array of its own; raises ShapeError when it is not numeric."""
+    try:
+        array = np.array(value, dtype=dtype, order="C")
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected an array of {np.dtype(dtype)}, got {type(value).__name__} ({error})") from None
+    array.setflags(write=False)
+    return array
+
+
+def check_axes(owner: str, arrays: Mapping[str, tuple[Array, str]]) -> dict[str, int]:
+    """Check that axes of the same letter have the same size over all arrays; returns the size of each.
+
+    `arrays` maps a field name to (array, axes), axes as in ``"P K 2"``: a number is an exact size.
+    """
+    sizes: dict[str, int] = {}
+    for field, (array, axes) in arrays.items():
+        wanted = axes.split()
+        if array.ndim != len(wanted):
+            raise ShapeError(f"{owner}.{field}: expected axes ({', '.join(wanted)}), got shape {array.shape}")
+        for axis, size in zip(wanted, array.shape, strict=True):
+            expected = int(axis) if axis.isdigit() else sizes.setdefault(axis, size)
+            if size != expected:
+                raise ShapeError(f"{owner}.{field}: expected axis {axis} of size {expected}, got shape {array.shape}")
+    return sizes

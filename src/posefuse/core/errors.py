@@ -1,0 +1,44 @@
+"""The one tree of errors. A message says what, where, expected, got and the next step.
+
+A `PosefuseError` is a known fault of the input or the machine: the command line prints its one line and exits 1.
+Anything else that escapes is a bug: the command line prints a trace and exits 2.
+"""
+
+from collections.abc import Iterable
+
+
+class PosefuseError(Exception):
+    """Base of every error a user can cause or cure."""
+
+
+class InputError(PosefuseError):
+    """A file, folder or argument that cannot be used as it is."""
+
+
+class ConfigError(InputError):
+    """A setting that is unknown, of the wrong type or out of range."""
+
+
+class CalibrationError(InputError):
+    """A camera or rig that cannot be right (mirrored matrix, NaN, wrong size, unknown name)."""
+
+
+class SourceError(InputError):
+    """A camera, video or image folder that cannot be opened or read."""
+
+
+class ModelError(PosefuseError):
+    """A network model that is missing, wrong or cannot be fetched."""
+
+
+class DependencyError(PosefuseError):
+    """An optional package or system library is missing; the message names what to install."""
+
+
+class ShapeError(PosefuseError, ValueError):
+    """An array whose shape or type does not fit the value it was given to."""
+
+
+def choices(names: Iterable[str]) -> str:
+    """The names that do exist, for the end of a message: ``"a, b, c"``, or ``"none"``."""
+    return ", ".join(names) or "none"

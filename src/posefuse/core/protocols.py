@@ -1,0 +1,69 @@
+"""What a plug-in must offer. Its config is a light frozen dataclass whose `build()` returns one of these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from .skeleton import Skeleton
+from .values import Detections2D, Frame, Recording, Region
+
+
+@runtime_checkable
+class Source(Protocol):
+    """One camera's frames."""
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        ...
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) of every frame in px."""
+        ...
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames in time order, seq counting from the first. May be called again: starts anew (a live source goes on).
+
+        Raises:
+            SourceError: it cannot be opened, or fails on the way.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of files, devices and threads; safe to call twice."""
+        ...
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """Images to 2D keypoints."""
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Names axis K of what `detect` returns."""
+        ...
+
+    def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
+        """One Detections2D per frame, in order.
+
+        `regions[i]` says where people are in frame i, one person each and in that order (a person that is not there
+        comes back as NaN with score 0); None means: find them.
+        """
+        ...
+
+
+@runtime_checkable
+class Sink(Protocol):
+    """A finished recording to files."""
+
+    @property
+    def name(self) -> str:
+        """Short name, e.g. ``trc``."""
+        ...
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        """Write into an existing folder; returns the files made."""
+        ...

@@ -1,0 +1,172 @@
+"""Rigid transforms. Names read `a_from_b`: ``xyz_a = a_from_b @ xyz_b``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+
+from .arrays import Array, frozen
+from .errors import ShapeError
+
+_SMALL_ANGLE_RAD = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class SE3:
+    """Rotation and translation, one or many.
+
+    Attributes:
+        wxyz: (..., 4) unit quaternions, scalar first; normalised at birth.
+        xyz: (..., 3) translation in metres.
+
+    Raises:
+        ShapeError: shapes that do not fit, a quaternion of length zero, or values that are infinite.
+            NaN is allowed: a missing pose is NaN.
+    """
+
+    wxyz: Array
+    xyz: Array
+
+    def __post_init__(self) -> None:
+        wxyz = frozen(self.wxyz, np.float64, "SE3.wxyz")
+        xyz = frozen(self.xyz, np.float64, "SE3.xyz")
+        if wxyz.shape[-1:] != (4,) or xyz.shape[-1:] != (3,) or wxyz.shape[:-1] != xyz.shape[:-1]:
+            raise ShapeError(f"SE3: expected wxyz (..., 4) and xyz (..., 3), got {wxyz.shape} and {xyz.shape}")
+        if np.isinf(wxyz).any() or np.isinf(xyz).any():
+            raise ShapeError("SE3: expected finite values (or NaN for missing), got infinity")
+        norm = np.linalg.norm(wxyz, axis=-1, keepdims=True)
+        if (norm < 1e-12).any():
+            raise ShapeError("SE3.wxyz: expected unit quaternions, got one of length 0")
+        unit = wxyz / norm
+        unit.setflags(write=False)
+        object.__setattr__(self, "wxyz", unit)
+        object.__setattr__(self, "xyz", xyz)
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Leading axes; () for a single transform."""
+        return self.xyz.shape[:-1]
+
+    @staticmethod
+    def identity(batch: tuple[int, ...] = ()) -> SE3:
+        """The transform that moves nothing."""
+        return SE3(np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*batch, 4)), np.zeros((*batch, 3)))
+
+    @staticmethod
+    def from_matrix(rotation: Any, xyz: Any) -> SE3:
+        """From (..., 3, 3) rotation matrices and (..., 3) translations; the matrices are taken as orthonormal."""
+        return SE3(wxyz_from_matrix(np.asarray(rotation, np.float64)), xyz)
+
+    @staticmethod
+    def from_rotvec(rotvec_rad: Any, xyz: Any) -> SE3:
+        """From (..., 3) rotation vectors (axis times angle, Rodrigues) and (..., 3) translations."""
+        return SE3(wxyz_from_rotvec(np.asarray(rotvec_rad, np.float64)), xyz)
+
+    def matrix(self) -> Array:
+        """(..., 3, 3) rotation matrices."""
+        w, x, y, z = np.moveaxis(self.wxyz, -1, 0)
+        rows = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    def matrix4(self) -> Array:
+        """(..., 4, 4) homogeneous matrices."""
+        full = np.zeros((*self.batch, 4, 4))
+        full[..., :3, :3] = self.matrix()
+        full[..., :3, 3] = self.xyz
+        full[..., 3, 3] = 1.0
+        return full
+
+    def rotvec(self) -> Array:
+        """(..., 3) rotation vectors in radians, angle in [0, pi]."""
+        wxyz = np.where(self.wxyz[..., :1] < 0, -self.wxyz, self.wxyz)
+        sine = np.linalg.norm(wxyz[..., 1:], axis=-1, keepdims=True)
+        angle = 2 * np.arctan2(sine, wxyz[..., :1])
+        scale = np.where(sine > _SMALL_ANGLE_RAD, angle / np.where(sine > 0, sine, 1.0), 2.0)
+        return np.asarray(wxyz[..., 1:] * scale)
+
+    def inverse(self) -> SE3:
+        """b_from_a of a_from_b."""
+        wxyz = self.wxyz * np.array([1.0, -1.0, -1.0, -1.0])
+        rotation_back = np.swapaxes(self.matrix(), -1, -2)
+        return SE3(wxyz, -(rotation_back @ self.xyz[..., None])[..., 0])
+
+    @overload
+    def __matmul__(self, other: SE3) -> SE3: ...
+    @overload
+    def __matmul__(self, other: Array) -> Array: ...
+    def __matmul__(self, other: SE3 | Array) -> SE3 | Array:
+        """Compose with another transform, or move points (..., 3).
+
+        A single transform moves points of any shape. A batch (B...) moves points (B..., 3), one each.
+        """
+        if isinstance(other, SE3):
+            wxyz = quaternion_product(self.wxyz, other.wxyz)
+            return SE3(wxyz, (self.matrix() @ other.xyz[..., None])[..., 0] + self.xyz)
+        points = np.asarray(other, np.float64)
+        if points.shape[-1:] != (3,):
+            raise ShapeError(f"SE3 @ points: expected points (..., 3), got shape {points.shape}")
+        if not self.batch:
+            return np.asarray(points @ self.matrix().T + self.xyz)
+        return np.asarray((self.matrix() @ points[..., None])[..., 0] + self.xyz)
+
+    def __getitem__(self, index: Any) -> SE3:
+        """Pick from the leading axes."""
+        if not self.batch:
+            raise ShapeError("SE3[...]: a single transform has no axis to pick from")
+        keys = index if isinstance(index, tuple) else (index,)
+        return SE3(self.wxyz[(*keys, ..., slice(None))], self.xyz[(*keys, ..., slice(None))])
+
+
+def quaternion_product(left: Array, right: Array) -> Array:
+    """Hamilton product of wxyz quaternions (..., 4)."""
+    w1, x1, y1, z1 = np.moveaxis(left, -1, 0)
+    w2, x2, y2, z2 = np.moveaxis(right, -1, 0)
+    parts = (
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+    )
+    return np.stack(parts, axis=-1)
+
+
+def wxyz_from_rotvec(rotvec_rad: Array) -> Array:
+    """Unit quaternions (..., 4) of rotation vectors (..., 3)."""
+    angle = np.linalg.norm(rotvec_rad, axis=-1, keepdims=True)
+    # sin(a/2)/a, by its series where the quotient would lose digits
+    safe = np.where(angle > _SMALL_ANGLE_RAD, angle, 1.0)
+    scale = np.where(angle > _SMALL_ANGLE_RAD, np.sin(safe / 2) / safe, 0.5)
+    return np.concatenate([np.cos(angle / 2), rotvec_rad * scale], axis=-1)
+
+
+def wxyz_from_matrix(rotation: Array) -> Array:
+    """Unit quaternions (..., 4) of rotation matrices (..., 3, 3), w >= 0.
+
+    Shepperd's method: of the four ways to divide, the one with the largest divisor.
+    """
+    m = np.asarray(rotation, np.float64)
+    if m.shape[-2:] != (3, 3):
+        raise ShapeError(f"rotation: expected (..., 3, 3), got shape {m.shape}")
+    d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    squares = np.stack([1 + d0 + d1 + d2, 1 + d0 - d1 - d2, 1 - d0 + d1 - d2, 1 - d0 - d1 + d2], axis=-1)
+    yz, zx, xy = m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]
+    zy, xz, yx = m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]
+    rows = np.stack(
+        [
+            np.stack([squares[..., 0], yz - zy, zx - xz, xy - yx], axis=-1),
+            np.stack([yz - zy, squares[..., 1], xy + yx, zx + xz], axis=-1),
+            np.stack([zx - xz, xy + yx, squares[..., 2], yz + zy], axis=-1),
+            np.stack([xy - yx, zx + xz, yz + zy, squares[..., 3]], axis=-1),
+        ],
+        axis=-2,
+    )
+    best = np.argmax(np.nan_to_num(squares), axis=-1)
+    wxyz = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    wxyz = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
+    return np.asarray(np.where(wxyz[..., :1] < 0, -wxyz, wxyz))

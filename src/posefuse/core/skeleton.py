@@ -1,0 +1,171 @@
+"""Named keypoints and how they hang together. Left and right are the subject's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .arrays import Array
+from .errors import ConfigError, choices
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Keypoint names in the order of axis K, and the bones between them.
+
+    Attributes:
+        name: e.g. ``blazepose33``.
+        keypoints: snake_case names; `left_`/`right_` mark mirror pairs.
+        bones: pairs of keypoint names, drawn and held to a constant length.
+    """
+
+    name: str
+    keypoints: tuple[str, ...]
+    bones: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "keypoints", tuple(self.keypoints))
+        object.__setattr__(self, "bones", tuple((a, b) for a, b in self.bones))
+        if len(set(self.keypoints)) != len(self.keypoints):
+            raise ConfigError(f"skeleton {self.name}: keypoint names must be unique")
+        for bone in self.bones:
+            for keypoint in bone:
+                self.index(keypoint)
+
+    def __len__(self) -> int:
+        return len(self.keypoints)
+
+    def index(self, keypoint: str) -> int:
+        """Place of a keypoint on axis K; raises ConfigError for an unknown one."""
+        try:
+            return self.keypoints.index(keypoint)
+        except ValueError:
+            raise ConfigError(f"skeleton {self.name}: no keypoint {keypoint!r}; there are: {choices(self.keypoints)}") from None
+
+    def indices(self, keypoints: Sequence[str]) -> Array:
+        """Places (n,) of several keypoints."""
+        return np.array([self.index(keypoint) for keypoint in keypoints], dtype=np.intp)
+
+    @cached_property
+    def mirror(self) -> Array:
+        """(K,) index of each keypoint's left/right counterpart (itself on the midline)."""
+        return np.array(
+            [self.index(other) if (other := mirror_name(k)) in self.keypoints else i for i, k in enumerate(self.keypoints)]
+        )
+
+    @cached_property
+    def bone_indices(self) -> Array:
+        """(B, 2) keypoint indices of the bones."""
+        return np.array([[self.index(a), self.index(b)] for a, b in self.bones], dtype=np.intp).reshape(-1, 2)
+
+
+def mirror_name(keypoint: str) -> str:
+    """``left_hip`` <-> ``right_hip``; midline names stay."""
+    if keypoint.startswith("left_"):
+        return "right_" + keypoint[5:]
+    if keypoint.startswith("right_"):
+        return "left_" + keypoint[6:]
+    return keypoint
+
+
+def _both(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    sides = ("left_", "right_")
+    return tuple((side + a, side + b) for side in sides for a, b in pairs)
+
+
+_LIMBS = _both([("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")])
+_GIRDLES = (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
+_TRUNK = _both([("shoulder", "hip")])
+
+BLAZEPOSE33 = Skeleton(
+    "blazepose33",
+    (
+        "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer",
+        "left_ear", "right_ear", "left_mouth", "right_mouth", "left_shoulder", "right_shoulder", "left_elbow",
+        "right_elbow", "left_wrist", "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index",
+        "left_thumb", "right_thumb", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
+        "left_heel", "right_heel", "left_foot_index", "right_foot_index",
+    ),
+    (*_GIRDLES, *_TRUNK, *_LIMBS, ("nose", "left_ear"), ("nose", "right_ear"), ("left_mouth", "right_mouth"))
+    + _both([("wrist", "index"), ("wrist", "pinky"), ("wrist", "thumb"), ("index", "pinky")])
+    + _both([("ankle", "heel"), ("heel", "foot_index"), ("ankle", "foot_index")]),
+)  # fmt: skip
+
+COCO17 = Skeleton(
+    "coco17",
+    (
+        "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
+        "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle",
+        "right_ankle",
+    ),
+    (*_GIRDLES, *_TRUNK, *_LIMBS, ("nose", "left_ear"), ("nose", "right_ear")),
+)  # fmt: skip
+
+# what the simulator knows exactly: anatomical joint centres and surface points of one mesh
+ANATOMICAL23 = Skeleton(
+    "anatomical23",
+    (*COCO17.keypoints, "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel"),
+    COCO17.bones + _both([("ankle", "heel"), ("heel", "big_toe"), ("ankle", "big_toe"), ("big_toe", "small_toe")]),
+)
+
+BODY_25 = Skeleton(
+    "body_25",
+    (
+        "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
+        "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye",
+        "left_eye", "right_ear", "left_ear", "left_big_toe", "left_small_toe", "left_heel", "right_big_toe",
+        "right_small_toe", "right_heel",
+    ),
+    (*_GIRDLES, *_TRUNK, *_LIMBS, ("neck", "nose"), ("neck", "mid_hip"))
+    + _both([("ankle", "heel"), ("heel", "big_toe"), ("big_toe", "small_toe")]),
+)  # fmt: skip
+
+BODY_25B = Skeleton(
+    "body_25b",
+    (
+        "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
+        "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle",
+        "right_ankle", "neck", "head", "left_big_toe", "left_small_toe", "left_heel", "right_big_toe",
+        "right_small_toe", "right_heel",
+    ),
+    (*_GIRDLES, *_TRUNK, *_LIMBS, ("neck", "head"), ("nose", "neck"))
+    + _both([("ankle", "heel"), ("heel", "big_toe"), ("big_toe", "small_toe")]),
+)  # fmt: skip
+
+# the 14 joints of the paper's tables; neck and mid_hip are midpoints
+PAPER14 = Skeleton(
+    "paper14",
+    (
+        "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist", "mid_hip",
+        "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle",
+    ),
+    (("neck", "mid_hip"), *_GIRDLES, *_LIMBS),
+)  # fmt: skip
+
+SKELETONS = {s.name: s for s in (BLAZEPOSE33, COCO17, ANATOMICAL23, BODY_25, BODY_25B, PAPER14)}
+
+_MIDPOINTS = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
+_SYNONYMS = {"left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
+
+
+def pick_keypoints(xyz: Array, skeleton: Skeleton, wanted: Sequence[str]) -> Array:
+    """Coordinates (..., n, d) of `wanted` keypoints out of (..., K, d).
+
+    A keypoint the skeleton lacks is taken from its synonym (toe tip), else from the midpoint that defines it
+    (neck, mid_hip), else NaN.
+    """
+    have = {_SYNONYMS.get(k, k): i for i, k in enumerate(skeleton.keypoints)}
+    columns = []
+    for keypoint in wanted:
+        name = _SYNONYMS.get(keypoint, keypoint)
+        if name in have:
+            columns.append(xyz[..., have[name], :])
+        elif name in _MIDPOINTS and all(part in have for part in _MIDPOINTS[name]):
+            left, right = (xyz[..., have[part], :] for part in _MIDPOINTS[name])
+            columns.append((left + right) / 2)
+        else:
+            columns.append(np.full_like(xyz[..., 0, :], np.nan))
+    return np.stack(columns, axis=-2)

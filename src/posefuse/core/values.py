@@ -1,0 +1,365 @@
+"""What travels between rooms: frozen, checked once at birth.
+
+Axes: C cameras, N people, K keypoints, S segments, J joint angles, T instants. Times int64 ns on the session clock,
+mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (never (0, 0)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from .arrays import Array, check_axes, frozen
+from .errors import ShapeError
+from .rig import Rig
+from .se3 import SE3
+from .skeleton import Skeleton
+
+
+class Kind(IntEnum):
+    """How a 3D keypoint came about."""
+
+    MISSING = 0
+    FUSED = 1  # from the views of this instant alone
+    SMOOTHED = 2  # from views of this and neighbouring instants
+    INTERPOLATED = 3  # inside a gap, from both sides of it
+    PREDICTED = 4  # ahead of the newest measurement
+
+
+def _freeze(value: Any, dtypes: Mapping[str, Any]) -> None:
+    for name, dtype in dtypes.items():
+        array = frozen(getattr(value, name), dtype, f"{type(value).__name__}.{name}")
+        object.__setattr__(value, name, array)
+
+
+def _check(value: Any, axes: Mapping[str, str]) -> dict[str, int]:
+    return check_axes(type(value).__name__, {name: (getattr(value, name), text) for name, text in axes.items()})
+
+
+def _check_keypoints(value: Any, sizes: Mapping[str, int]) -> None:
+    skeleton: Skeleton = value.skeleton
+    if sizes["K"] != len(skeleton):
+        raise ShapeError(
+            f"{type(value).__name__}: skeleton {skeleton.name} has {len(skeleton)} keypoints, arrays have {sizes['K']}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image of one camera.
+
+    Attributes:
+        camera: its name.
+        seq: counts what the camera delivered, gaps included.
+        t_ns: mid-exposure on the session clock.
+        received_ns: when it reached this process, same clock.
+        image: (H, W, 3) uint8 RGB; not copied, so do not write to it.
+    """
+
+    camera: str
+    seq: int
+    t_ns: int
+    received_ns: int
+    image: Array
+
+    def __post_init__(self) -> None:
+        image = self.image
+        if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+            got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise ShapeError(f"Frame of {self.camera}: expected an RGB uint8 image (H, W, 3), got {got}")
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) in px."""
+        return self.image.shape[1], self.image.shape[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A square of the image, possibly turned, in which one person is expected.
+
+    Attributes:
+        centre_img: (2,) raw px.
+        side_px: edge length.
+        angle_rad: how far the person's up direction is turned from the image's up (-y), clockwise as seen on screen.
+    """
+
+    centre_img: Array
+    side_px: float
+    angle_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"centre_img": np.float64})
+        _check(self, {"centre_img": "2"})
+        if not (np.isfinite(self.centre_img).all() and self.side_px > 0 and np.isfinite(self.angle_rad)):
+            raise ShapeError(
+                f"Region: expected finite centre, angle and side > 0, got {self.centre_img}, {self.angle_rad}, {self.side_px}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Detections2D:
+    """Everybody one camera saw at one instant.
+
+    Attributes:
+        camera: its name. t_ns: session clock.
+        skeleton: names axis K.
+        xy_img: (P, K, 2) float32 raw distorted px; NaN where a keypoint is missing.
+        score: (P, K) float32 in [0, 1]; 0 where missing.
+        sigma_px: (P, K) float32 standard deviation of each image coordinate; NaN where missing.
+        box_img: (P, 4) float32 left, top, right, bottom.
+    """
+
+    camera: str
+    t_ns: int
+    skeleton: Skeleton
+    xy_img: Array
+    score: Array
+    sigma_px: Array
+    box_img: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, dict.fromkeys(("xy_img", "score", "sigma_px", "box_img"), np.float32))
+        sizes = _check(self, {"xy_img": "P K 2", "score": "P K", "sigma_px": "P K", "box_img": "P 4"})
+        _check_keypoints(self, sizes)
+
+    def __len__(self) -> int:
+        return len(self.xy_img)
+
+    @staticmethod
+    def nobody(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:
+        """No person seen."""
+        k = len(skeleton)
+        return Detections2D(camera, t_ns, skeleton, np.zeros((0, k, 2)), np.zeros((0, k)), np.zeros((0, k)), np.zeros((0, 4)))
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """The same people in every camera, at one instant.
+
+    Attributes:
+        t_ns: session clock. camera_names: axis C.
+        person_id: (N,) int64, stable over time.
+        xy_img: (N, C, K, 2) raw distorted px; NaN where unseen.
+        score: (N, C, K) in [0, 1]; 0 where unseen.
+        sigma_px: (N, C, K); NaN where unseen.
+    """
+
+    t_ns: int
+    skeleton: Skeleton
+    camera_names: tuple[str, ...]
+    person_id: Array
+    xy_img: Array
+    score: Array
+    sigma_px: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"person_id": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
+        sizes = _check(self, {"person_id": "N", "xy_img": "N C K 2", "score": "N C K", "sigma_px": "N C K"})
+        _check_keypoints(self, sizes)
+        if sizes["C"] != len(self.camera_names):
+            raise ShapeError(f"Views: {len(self.camera_names)} camera names, arrays have {sizes['C']} cameras")
+
+
+@dataclass(frozen=True, eq=False)
+class Pose3D:
+    """People in 3D at one instant.
+
+    Attributes:
+        t_ns: session clock.
+        person_id: (N,) int64.
+        xyz_world: (N, K, 3) metres; NaN where missing.
+        cov_world: (N, K, 3, 3) square metres; NaN where missing.
+        reproj_px: (N, K) rms distance of the used views' raw pixels to the reprojection.
+        n_views: (N, K) uint8 views used.
+        kind: (N, K) uint8 of `Kind`.
+    """
+
+    t_ns: int
+    skeleton: Skeleton
+    person_id: Array
+    xyz_world: Array
+    cov_world: Array
+    reproj_px: Array
+    n_views: Array
+    kind: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, _POSE_DTYPES)
+        _check_keypoints(self, _check(self, _POSE_AXES))
+
+
+_POSE_DTYPES = {
+    "person_id": np.int64,
+    "xyz_world": np.float64,
+    "cov_world": np.float64,
+    "reproj_px": np.float64,
+    "n_views": np.uint8,
+    "kind": np.uint8,
+}
+_POSE_AXES = {
+    "person_id": "N",
+    "xyz_world": "N K 3",
+    "cov_world": "N K 3 3",
+    "reproj_px": "N K",
+    "n_views": "N K",
+    "kind": "N K",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSequence:
+    """People in 3D over time: `Pose3D` with an axis T in front, person_id excepted.
+
+    Attributes:
+        t_ns: (T,) int64, strictly increasing.
+        person_id: (N,). xyz_world: (T, N, K, 3). cov_world: (T, N, K, 3, 3).
+        reproj_px, n_views, kind: (T, N, K).
+    """
+
+    t_ns: Array
+    skeleton: Skeleton
+    person_id: Array
+    xyz_world: Array
+    cov_world: Array
+    reproj_px: Array
+    n_views: Array
+    kind: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"t_ns": np.int64} | _POSE_DTYPES)
+        axes = {name: text if name == "person_id" else f"T {text}" for name, text in _POSE_AXES.items()}
+        _check_keypoints(self, _check(self, {"t_ns": "T"} | axes))
+        if (np.diff(self.t_ns) <= 0).any():
+            raise ShapeError("PoseSequence.t_ns: expected strictly increasing times")
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def at(self, i: int) -> Pose3D:
+        """The instant at place i of axis T."""
+        return Pose3D(
+            int(self.t_ns[i]), self.skeleton, self.person_id, self.xyz_world[i], self.cov_world[i],
+            self.reproj_px[i], self.n_views[i], self.kind[i],
+        )  # fmt: skip
+
+    @staticmethod
+    def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
+        """Stack instants of the same people (same person_id in the same order); raises ShapeError otherwise."""
+        if not poses:
+            raise ShapeError("PoseSequence: expected at least 1 pose, got 0")
+        first = poses[0]
+        if any(p.skeleton != first.skeleton or not np.array_equal(p.person_id, first.person_id) for p in poses):
+            raise ShapeError("PoseSequence: expected the same skeleton and people in every pose")
+        stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
+        return PoseSequence(np.array([p.t_ns for p in poses]), first.skeleton, first.person_id, **stacked)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A finished result: what was seen, what came out, and how it was made.
+
+    Attributes:
+        rig: the cameras used.
+        poses: the 3D result.
+        xy_img, score, sigma_px: (T, N, C, K, 2), (T, N, C, K), (T, N, C, K): the 2D it was made from, C as in `rig`.
+        provenance: plain JSON values: version, rig id, config, inputs, stage times.
+    """
+
+    rig: Rig
+    poses: PoseSequence
+    xy_img: Array
+    score: Array
+    sigma_px: Array
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _freeze(self, dict.fromkeys(("xy_img", "score", "sigma_px"), np.float32))
+        sizes = _check(self, {"xy_img": "T N C K 2", "score": "T N C K", "sigma_px": "T N C K"})
+        t, n, k = self.poses.kind.shape
+        if (sizes["T"], sizes["N"], sizes["C"], sizes["K"]) != (t, n, len(self.rig), k):
+            raise ShapeError(f"Recording: poses have (T, N, K) = {(t, n, k)} and {len(self.rig)} cameras, 2D has {sizes}")
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Segment poses and joint angles over time.
+
+    Attributes:
+        t_ns: (T,). person_id: (N,).
+        segments: S names. world_from_segment: SE3 of batch (T, N, S); NaN where undefined.
+        joints: J names, each with three angles `angle_names[j]` in its declared sequence.
+        angle_rad, sigma_rad: (T, N, J, 3); NaN where undefined.
+    """
+
+    t_ns: Array
+    person_id: Array
+    segments: tuple[str, ...]
+    world_from_segment: SE3
+    joints: tuple[str, ...]
+    angle_names: tuple[tuple[str, str, str], ...]
+    angle_rad: Array
+    sigma_rad: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"t_ns": np.int64, "person_id": np.int64, "angle_rad": np.float64, "sigma_rad": np.float64})
+        sizes = _check(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
+        if self.world_from_segment.batch != (sizes["T"], sizes["N"], len(self.segments)):
+            raise ShapeError(f"Joints.world_from_segment: expected batch (T, N, S), got {self.world_from_segment.batch}")
+        if not sizes["J"] == len(self.joints) == len(self.angle_names):
+            raise ShapeError(f"Joints: {sizes['J']} angles for {len(self.joints)} joints and {len(self.angle_names)} angle names")
+
+
+@dataclass(frozen=True, eq=False)
+class CameraTruth:
+    """What one camera would have seen exactly, at its own frame times.
+
+    Attributes:
+        t_ns: (F,) mid-exposure, session clock, strictly increasing.
+        xy_img: (F, N, K, 2) raw distorted px; NaN behind the camera.
+        visible: (F, N, K) bool: in the image and not hidden, by depth test.
+    """
+
+    camera: str
+    t_ns: Array
+    xy_img: Array
+    visible: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"t_ns": np.int64, "xy_img": np.float64, "visible": np.bool_})
+        _check(self, {"t_ns": "F", "xy_img": "F N K 2", "visible": "F N K"})
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A scene known exactly.
+
+    Attributes:
+        rig: the true cameras.
+        t_ns: (T,) session clock.
+        skeleton: anatomical keypoints. person_id: (N,).
+        xyz_world: (T, N, K, 3).
+        joints: segment poses and angles at the same times, from the body model itself; None when not asked for.
+        views: one entry per camera, in the order of the rig.
+    """
+
+    rig: Rig
+    t_ns: Array
+    skeleton: Skeleton
+    person_id: Array
+    xyz_world: Array
+    views: tuple[CameraTruth, ...]
+    joints: Joints | None = None
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"t_ns": np.int64, "person_id": np.int64, "xyz_world": np.float64})
+        sizes = _check(self, {"t_ns": "T", "person_id": "N", "xyz_world": "T N K 3"})
+        _check_keypoints(self, sizes)
+        if tuple(view.camera for view in self.views) != self.rig.names:
+            raise ShapeError("Truth.views: expected one entry per camera of the rig, in its order")
+        if any(view.visible.shape[1:] != (sizes["N"], sizes["K"]) for view in self.views):
+            raise ShapeError(f"Truth.views: expected {sizes['N']} people and {sizes['K']} keypoints in every view")

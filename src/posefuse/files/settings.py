@@ -1,0 +1,97 @@
+"""Settings files (TOML, YAML) to frozen dataclasses, with errors that name the file, the key and what is allowed."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from posefuse.core import ConfigError
+from posefuse.core.errors import choices
+
+T = TypeVar("T")
+_STRICT = ConfigDict(extra="forbid")
+
+
+def settings(cls: type[T]) -> type[T]:
+    """Class decorator: a frozen keyword-only dataclass whose every key is validated by `settings_from_mapping`.
+
+    Put ranges and units in ``Annotated[float, Gt(0)]`` and in the field's name.
+    """
+    made = dataclasses.dataclass(frozen=True, kw_only=True)(cls)
+    made.__pydantic_config__ = _STRICT  # type: ignore[attr-defined]
+    return made
+
+
+def read_settings(path: Path, cls: type[T]) -> T:
+    """Read a .toml, .yaml or .yml file; raises ConfigError in one line for anything that is not right in it."""
+    return settings_from_mapping(read_mapping(path), cls, where=str(path))
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The raw content of a .toml, .yaml or .yml file, a mapping at the top."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from None
+    try:
+        content = tomllib.loads(text) if path.suffix == ".toml" else yaml.safe_load(text)
+    except (tomllib.TOMLDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: not valid {path.suffix[1:].upper()} ({' '.join(str(error).split())})") from None
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: expected keys with values at the top, got {type(content).__name__}")
+    return content
+
+
+def settings_from_mapping(content: Mapping[str, Any], cls: type[T], where: str) -> T:
+    """Validate plain values into a `settings` class; `where` names the origin in errors."""
+    try:
+        return TypeAdapter(cls).validate_python(content)
+    except ValidationError as error:
+        raise ConfigError(f"{where}: {_first_problem(error, cls)}") from None
+
+
+def _first_problem(error: ValidationError, cls: type[Any]) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "unexpected_keyword_argument":
+        return f"unknown key {key!r}; there are: {choices(_sibling_names(cls, first['loc']))}"
+    if first["type"] in ("missing_argument", "missing_keyword_only_argument", "missing"):
+        return f"{key}: missing"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return f"{key}: {first['msg'][0].lower()}{first['msg'][1:]}, got {first['input']!r}{more}"
+
+
+def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:
+    """Names allowed beside the unknown key: follow the path down through nested settings as far as it is clear."""
+    here: Any = cls
+    for part in loc[:-1]:
+        for candidate in _settings_inside(here):
+            types = {f.name: f.type for f in dataclasses.fields(candidate)}
+            if part in types:
+                here = _resolved(candidate, str(part))
+                break
+            if part == candidate.__name__:
+                here = candidate
+                break
+    return sorted({f.name for candidate in _settings_inside(here) for f in dataclasses.fields(candidate)})
+
+
+def _resolved(cls: type[Any], name: str) -> Any:
+    from typing import get_type_hints
+
+    return get_type_hints(cls)[name]
+
+
+def _settings_inside(annotation: Any) -> list[type[Any]]:
+    """The settings classes an annotation can stand for (through unions, lists, dicts and Annotated)."""
+    from typing import get_args
+
+    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
+        return [annotation]
+    return [found for part in get_args(annotation) for found in _settings_inside(part)]

@@ -1,0 +1,1 @@
+"""Views to Pose3D of one instant: weighted least squares, robust terms, covariance."""

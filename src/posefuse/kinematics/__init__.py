@@ -1,0 +1,1 @@
+"""Pose3D to Joints: segment frames and joint angles."""

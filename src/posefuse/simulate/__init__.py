@@ -1,0 +1,1 @@
+"""A scene with exact truth to frames and detections."""

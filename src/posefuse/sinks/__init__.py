@@ -1,0 +1,1 @@
+"""Finished recordings to the files and viewers people use."""

@@ -1,0 +1,1 @@
+"""Video files, image folders and cameras to frames; one file per kind."""

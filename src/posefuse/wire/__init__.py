@@ -1,0 +1,1 @@
+"""Core values to and from messages on a network."""
