@@ -1,0 +1,48 @@
+"""Fixtures every room's tests share."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, Camera, Rig
+
+_SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Real data beside the checkout; a fresh clone has none and skips, by name."""
+    if not _SHARED.is_dir():
+        pytest.skip("real data ../shared/data is not on this machine")
+    return _SHARED
+
+
+@pytest.fixture(scope="session")
+def ring_rig() -> Callable[..., Rig]:
+    """Builder of cameras on a circle that look at a point 1 m above its centre."""
+    return _ring_rig
+
+
+def _ring_rig(
+    count: int,
+    radius_m: float = 4.5,
+    height_m: float = 2.2,
+    size_wh: tuple[int, int] = (640, 480),
+    distortion: tuple[float, ...] = (),
+) -> Rig:
+    focal = 0.9 * size_wh[0]
+    intrinsics = np.array([[focal, 0, (size_wh[0] - 1) / 2], [0, focal, (size_wh[1] - 1) / 2], [0, 0, 1]])
+    cameras = []
+    for i in range(count):
+        angle = 2 * np.pi * i / count + 0.3
+        centre = np.array([radius_m * np.cos(angle), radius_m * np.sin(angle), height_m])
+        forward = np.array([0, 0, 1.0]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        pose = SE3.from_matrix(rotation, -rotation @ centre)
+        cameras.append(Camera(f"cam{i:02d}", size_wh, intrinsics, pose, np.array(distortion)))
+    return Rig(tuple(cameras), world_set_by="test")
