@@ -1,1 +1,11 @@
 """Video files, image folders and cameras to frames; one file per kind."""
+
+from .ahead import FramesAhead
+from .grouping import FrameSet, frame_sets
+from .images import IMAGE_SUFFIXES, ImagesConfig, ImagesSource
+from .video import VIDEO_SUFFIXES, VideoConfig, VideoSource
+
+__all__ = [
+    "IMAGE_SUFFIXES", "VIDEO_SUFFIXES", "FrameSet", "FramesAhead", "ImagesConfig", "ImagesSource", "VideoConfig",
+    "VideoSource", "frame_sets",
+]  # fmt: skip

@@ -1,0 +1,78 @@
+"""Frames of several cameras that belong to the same instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from posefuse.core import Frame, SourceError
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSet:
+    """At most one frame per camera, each the nearest to one instant.
+
+    Attributes:
+        t_ns: the instant, session clock.
+        frames: axis C; None where a camera has no frame within half a period.
+    """
+
+    t_ns: int
+    frames: tuple[Frame | None, ...]
+
+
+def frame_sets(
+    streams: Mapping[str, Iterable[Frame]],
+    start_ns: int,
+    period_ns: int,
+    end_ns: int | None = None,
+    on_lost: Callable[[str, SourceError], None] | None = None,
+) -> Iterator[FrameSet]:
+    """Frame sets every `period_ns` from `start_ns` on, until all cameras have ended or `end_ns` is reached.
+
+    Cameras may begin and end at different times, drop frames or run at other rates: each gives to an instant the frame
+    nearest to it, if that is within half a period, and no frame twice. A camera that fails is reported to `on_lost` and
+    goes on as one that has ended; without `on_lost` its error is raised.
+    """
+    cursors = [_Cursor(name, iter(frames), on_lost) for name, frames in streams.items()]
+    tick = 0
+    while any(not cursor.ended for cursor in cursors):
+        t_ns = start_ns + tick * period_ns
+        if end_ns is not None and t_ns > end_ns:
+            return
+        frames = tuple(cursor.nearest(t_ns, period_ns // 2) for cursor in cursors)
+        if any(frame is not None for frame in frames) or any(not cursor.ended for cursor in cursors):
+            yield FrameSet(t_ns, frames)
+        tick += 1
+
+
+class _Cursor:
+    """Walks one camera's frames forward."""
+
+    def __init__(self, name: str, frames: Iterator[Frame], on_lost: Callable[[str, SourceError], None] | None) -> None:
+        self._name = name
+        self._frames = frames
+        self._on_lost = on_lost
+        self._next: Frame | None = None
+        self.ended = False
+        self._advance()
+
+    def nearest(self, t_ns: int, reach_ns: int) -> Frame | None:
+        """The frame nearest to t_ns within (t - reach, t + reach]; later frames stay for later instants."""
+        best: Frame | None = None
+        while self._next is not None and self._next.t_ns <= t_ns + reach_ns:
+            candidate = self._next
+            if candidate.t_ns > t_ns - reach_ns and (best is None or abs(candidate.t_ns - t_ns) <= abs(best.t_ns - t_ns)):
+                best = candidate
+            self._advance()
+        return best
+
+    def _advance(self) -> None:
+        try:
+            self._next = next(self._frames, None)
+        except SourceError as error:
+            self._next = None
+            if self._on_lost is None:
+                raise
+            self._on_lost(self._name, error)
+        self.ended = self._next is None

@@ -1,0 +1,107 @@
+"""A folder of images as a source."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from posefuse.core import Frame, SourceError
+from posefuse.core.arrays import Array
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+TIMES_FILE = "timestamps.csv"
+
+
+@dataclass(frozen=True)
+class ImagesConfig:
+    """A folder with one image per frame, in the order of their names.
+
+    Attributes:
+        path: the folder. Times come from its ``timestamps.csv`` (columns ``file``, ``t_s``) where there is one.
+        camera: name of the camera in the rig.
+        rate_hz: frame rate when the folder has no ``timestamps.csv``.
+        offset_s: added to all times.
+    """
+
+    path: Path
+    camera: str
+    rate_hz: float = 30.0
+    offset_s: float = 0.0
+
+    def build(self) -> ImagesSource:
+        """List the folder and read its first image; raises SourceError when that cannot be done."""
+        return ImagesSource(self)
+
+
+class ImagesSource:
+    """Frames of an image folder; an image that cannot be read is left out and counted in `broken_frames`."""
+
+    def __init__(self, config: ImagesConfig) -> None:
+        self._config = config
+        self.broken_frames = 0
+        if config.rate_hz <= 0:
+            raise SourceError(f"{self._where}: rate_hz: expected > 0, got {config.rate_hz}")
+        if not Path(config.path).is_dir():
+            raise SourceError(f"{self._where}: no such folder")
+        self._times_s = self._read_times()
+        first = next(self.frames(), None)
+        if first is None:
+            raise SourceError(f"{self._where}: no readable image in the folder; known: {' '.join(IMAGE_SUFFIXES)}")
+        self._size_wh = first.size_wh
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        return self._config.camera
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) of every frame in px."""
+        return self._size_wh
+
+    def times_ns(self) -> Array:
+        """(F,) int64 session times of all frames, without reading them."""
+        return np.array([round((t + self._config.offset_s) * 1e9) for _, t in self._times_s], dtype=np.int64)
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames in time order from the start."""
+        self.broken_frames = 0
+        size_wh: tuple[int, int] | None = None
+        for seq, (path, time_s) in enumerate(self._times_s):
+            image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+            if image is None:
+                self.broken_frames += 1
+                continue
+            t_ns = round((time_s + self._config.offset_s) * 1e9)
+            frame = Frame(self.camera, seq, t_ns, t_ns, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+            size_wh = size_wh or frame.size_wh
+            if frame.size_wh != size_wh:
+                raise SourceError(f"{self._where}: {path.name} is {frame.size_wh}, the first image was {size_wh} px")
+            yield frame
+
+    def close(self) -> None:
+        """Nothing stays open between frames."""
+
+    @property
+    def _where(self) -> str:
+        return f"{self._config.path}: camera {self._config.camera}"
+
+    def _read_times(self) -> list[tuple[Path, float]]:
+        folder = Path(self._config.path)
+        if not (folder / TIMES_FILE).is_file():
+            images = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
+            return [(path, i / self._config.rate_hz) for i, path in enumerate(images)]
+        try:
+            with (folder / TIMES_FILE).open(newline="", encoding="utf-8") as file:
+                times = [(folder / row["file"], float(row["t_s"])) for row in csv.DictReader(file)]
+        except (KeyError, ValueError, TypeError, UnicodeDecodeError) as error:
+            raise SourceError(f"{folder / TIMES_FILE}: expected columns file, t_s with numbers, got {error}") from None
+        if any(later[1] <= earlier[1] for earlier, later in itertools.pairwise(times)):
+            raise SourceError(f"{folder / TIMES_FILE}: expected strictly increasing t_s")
+        return times

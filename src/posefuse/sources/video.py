@@ -1,0 +1,163 @@
+"""One video file as a source, with the presentation times that are written in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
+
+from posefuse.core import Frame, SourceError
+from posefuse.core.arrays import Array
+
+VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
+
+# these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
+_ARBITRARY_START = ("mpegts", "avi", "mpeg")
+_MOST_BROKEN_IN_A_ROW = 30
+
+
+@dataclass(frozen=True)
+class VideoConfig:
+    """A video file of one camera.
+
+    Attributes:
+        path: the file.
+        camera: name of the camera in the rig.
+        offset_s: added to the file's times; positive when this file began later than the session clock.
+    """
+
+    path: Path
+    camera: str
+    offset_s: float = 0.0
+
+    def build(self) -> VideoSource:
+        """Open the file and look at its first frame; raises SourceError when that cannot be done."""
+        return VideoSource(self)
+
+
+class VideoSource:
+    """Frames of a video file with true presentation times (variable frame rate is kept as it is).
+
+    Times are those written in the file; containers whose clock starts anywhere (MPEG-TS, AVI) count from their first
+    frame. A turned phone video is turned upright as the file asks.
+    """
+
+    def __init__(self, config: VideoConfig) -> None:
+        self._config = config
+        self.broken_frames = 0
+        first = next(self._decode(), None)
+        if first is None:
+            raise SourceError(f"{config.path}: camera {config.camera}: no frame can be decoded; is the file complete?")
+        self._size_wh = first.size_wh
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        return self._config.camera
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) of every frame in px, after the file's own rotation."""
+        return self._size_wh
+
+    def times_ns(self) -> Array:
+        """(F,) int64 session times of all frames the file lists, without decoding them."""
+        with _opened(self._config) as container:
+            stream = container.streams.video[0]
+            ticks = sorted({packet.pts for packet in container.demux(stream) if packet.pts is not None})
+            if ticks and container.format.name in _ARBITRARY_START:
+                ticks = [tick - ticks[0] for tick in ticks]
+            base = Fraction(stream.time_base or 1)
+        return np.array([self._session_ns(tick * base) for tick in ticks], dtype=np.int64)
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames in time order from the start; a frame that cannot be decoded is left out and counted in `broken_frames`."""
+        self.broken_frames = 0
+        last_ns: int | None = None
+        for frame in self._decode():
+            if frame.size_wh != self._size_wh:
+                raise SourceError(f"{self._where}: frame {frame.seq} is {frame.size_wh}, the first was {self._size_wh} px")
+            if last_ns is not None and frame.t_ns <= last_ns:
+                self.broken_frames += 1
+                continue
+            last_ns = frame.t_ns
+            yield frame
+
+    def close(self) -> None:
+        """Nothing stays open between calls of `frames`."""
+
+    @property
+    def _where(self) -> str:
+        return f"{self._config.path}: camera {self._config.camera}"
+
+    def _session_ns(self, file_time_s: Fraction) -> int:
+        return round(file_time_s * 1_000_000_000) + round(self._config.offset_s * 1e9)
+
+    def _decode(self) -> Iterator[Frame]:
+        with _opened(self._config) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            start_s = Fraction(0)
+            seq = 0
+            for decoded in self._decoded_frames(container, stream):
+                if decoded.pts is None:
+                    self.broken_frames += 1
+                    continue
+                time_s = decoded.pts * Fraction(decoded.time_base or stream.time_base or 1)
+                if seq == 0 and container.format.name in _ARBITRARY_START:
+                    start_s = time_s
+                t_ns = self._session_ns(time_s - start_s)
+                yield Frame(self.camera, seq, t_ns, t_ns, _upright(decoded))
+                seq += 1
+
+    def _decoded_frames(self, container: av.container.InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
+        """Decode packet by packet, so that a broken one costs only itself."""
+        in_a_row = 0
+        packets = container.demux(stream)
+        while True:
+            try:
+                packet = next(packets)
+                decoded = packet.decode()
+            except StopIteration:
+                return
+            except av.error.FFmpegError as error:
+                self.broken_frames += 1
+                in_a_row += 1
+                if in_a_row > _MOST_BROKEN_IN_A_ROW:
+                    raise SourceError(f"{self._where}: {in_a_row} broken packets in a row ({error.strerror})") from None
+                continue
+            if decoded:
+                in_a_row = 0
+            for frame in decoded:
+                if frame.is_corrupt:
+                    self.broken_frames += 1
+                else:
+                    yield frame
+
+
+def _opened(config: VideoConfig) -> av.container.InputContainer:
+    where = f"{config.path}: camera {config.camera}"
+    if not Path(config.path).is_file():
+        raise SourceError(f"{where}: no such video file")
+    try:
+        container = av.open(str(config.path))
+    except (av.error.FFmpegError, OSError) as error:
+        reason = error.strerror or type(error).__name__
+        raise SourceError(f"{where}: not a video that can be opened ({reason}); is the file complete?") from None
+    if not container.streams.video:
+        container.close()
+        raise SourceError(f"{where}: the file holds no video stream")
+    return container
+
+
+def _upright(decoded: VideoFrame) -> Array:
+    """RGB image (H, W, 3), turned by the file's display rotation."""
+    image = decoded.to_ndarray(format="rgb24")
+    turns = round(decoded.rotation / 90) % 4
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
