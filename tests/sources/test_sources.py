@@ -49,7 +49,7 @@ def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Pat
 
 
 def test_transport_stream_counts_from_its_first_frame(tmp_path: Path) -> None:
-    source = VideoConfig(write_video(tmp_path / "a.ts", [0.0, 0.04, 0.08]), "cam").build()
+    source = VideoConfig(write_video(tmp_path / "a.ts", [i / 25 for i in range(40)]), "cam").build()
     times_ns = [f.t_ns for f in source.frames()]
     assert times_ns[0] == 0
     assert np.array_equal(source.times_ns()[: len(times_ns)], times_ns)
