@@ -16,7 +16,7 @@ SIZE_WH = (64, 48)
 
 
 def write_video(path: Path, times_s: list[float], size_wh: tuple[int, int] = SIZE_WH) -> Path:
-    """A clip whose frame i has brightness 10 * i, at exactly these times."""
+    """A clip whose frame i has brightness 10 * i % 250, at exactly these times."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=30)
         stream.width, stream.height = size_wh
@@ -24,7 +24,7 @@ def write_video(path: Path, times_s: list[float], size_wh: tuple[int, int] = SIZ
         stream.time_base = stream.codec_context.time_base = Fraction(1, 90_000)
         stream.codec_context.options = {"crf": "10"}
         for i, time_s in enumerate(times_s):
-            frame = av.VideoFrame.from_ndarray(np.full((size_wh[1], size_wh[0], 3), 10 * i, np.uint8), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(np.full((size_wh[1], size_wh[0], 3), 10 * i % 250, np.uint8), format="rgb24")
             frame.pts, frame.time_base = round(time_s * 90_000), stream.time_base
             container.mux(stream.encode(frame))
         container.mux(stream.encode())

@@ -1,0 +1,104 @@
+"""How far an estimate is from the truth, joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import InputError, PoseSequence, Truth
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import PAPER14, pick_keypoints
+
+
+@dataclass(frozen=True)
+class JointErrors:
+    """Position errors of named joints over a recording, all people together.
+
+    Attributes:
+        joints: names, axis K below.
+        mean_mm, sd_mm, median_mm, p95_mm: (K,) over the instants at which the joint was estimated; NaN if never.
+        found: (K,) share of instants with an estimate.
+    """
+
+    joints: tuple[str, ...]
+    mean_mm: Array
+    sd_mm: Array
+    median_mm: Array
+    p95_mm: Array
+    found: Array
+
+    @property
+    def mpjpe_mm(self) -> float:
+        """Mean over joints of the mean error (the paper's "average")."""
+        return float(np.nanmean(self.mean_mm)) if np.isfinite(self.mean_mm).any() else float("nan")
+
+
+def joint_errors(estimate: PoseSequence, truth: Truth, joints: Sequence[str] = PAPER14.keypoints) -> JointErrors:
+    """MPJPE per joint (paper, eq. 1) of the estimate against the truth at the estimate's own times.
+
+    The truth is interpolated linearly between its instants; instants outside them do not count. People are paired by
+    the smallest mean distance.
+
+    Raises:
+        InputError: no instant in common.
+    """
+    inside = (estimate.t_ns >= truth.t_ns[0]) & (estimate.t_ns <= truth.t_ns[-1])
+    if not inside.any():
+        raise InputError("truth and estimate have no instant in common: check the clocks of the session")
+    true_xyz = _at_times(truth, estimate.t_ns[inside])
+    wanted = pick_keypoints(true_xyz, truth.skeleton, joints)
+    got = pick_keypoints(estimate.xyz_world[inside], estimate.skeleton, joints)
+    distance_mm = 1000 * _paired_distance_m(got, wanted)
+    return summary(joints, distance_mm)
+
+
+def summary(joints: Sequence[str], distance_mm: Array) -> JointErrors:
+    """Statistics of distances (..., K) in mm over all leading axes; NaN is a missing estimate."""
+    flat = distance_mm.reshape(-1, distance_mm.shape[-1])
+    columns = [column[np.isfinite(column)] for column in flat.T]
+
+    def each(statistic: object) -> Array:
+        return np.array([statistic(c) if len(c) else np.nan for c in columns])  # type: ignore[operator]
+
+    return JointErrors(
+        tuple(joints),
+        each(np.mean),
+        each(np.std),
+        each(np.median),
+        each(lambda c: np.percentile(c, 95)),
+        np.array([len(c) / max(len(flat), 1) for c in columns]),
+    )
+
+
+def _at_times(truth: Truth, t_ns: Array) -> Array:
+    """(T, N, K, 3) truth at other times within its own."""
+    later = (
+        np.clip(np.searchsorted(truth.t_ns, t_ns), 1, len(truth.t_ns) - 1) if len(truth.t_ns) > 1 else np.zeros(len(t_ns), int)
+    )
+    earlier = np.maximum(later - 1, 0)
+    span = np.maximum(truth.t_ns[later] - truth.t_ns[earlier], 1)
+    share = ((t_ns - truth.t_ns[earlier]) / span)[:, None, None, None]
+    return np.asarray(truth.xyz_world[earlier] * (1 - share) + truth.xyz_world[later] * share)
+
+
+def _paired_distance_m(got: Array, wanted: Array) -> Array:
+    """(T, N_true, K) distances, each true person paired with its nearest estimated one; NaN where there is none."""
+    n_got, n_true = got.shape[1], wanted.shape[1]
+    all_pairs = np.linalg.norm(got[:, :, None] - wanted[:, None], axis=-1)
+    with np.errstate(all="ignore"):
+        cost = np.array([[_mean(all_pairs[:, i, j]) for j in range(n_true)] for i in range(n_got)]).reshape(n_got, n_true)
+    distance = np.full((got.shape[0], n_true, got.shape[2]), np.nan)
+    for _ in range(min(n_got, n_true)):
+        if not np.isfinite(cost).any():
+            break
+        i, j = np.unravel_index(np.nanargmin(cost), cost.shape)
+        distance[:, j] = all_pairs[:, i, j]
+        cost[i, :] = cost[:, j] = np.nan
+    return distance
+
+
+def _mean(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else float("nan")
