@@ -1,0 +1,45 @@
+# Everything a newcomer needs: `make demo`, `make test`. A second run installs nothing.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+EXTRAS := dev,sim,viewer,ros
+READY  := $(VENV)/.ready-$(shell cat pyproject.toml constraints.txt tools/install.sh | cksum | cut -d' ' -f1)
+
+.PHONY: help setup demo test test-slow check bench demo-clip clean
+
+help:
+	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
+	@echo "make test       set up, then run the tests"
+	@echo "make test-slow  the minutes-long studies"
+	@echo "make check      lint, format, types"
+	@echo "make bench      every figure of docs/benchmarks.md"
+	@echo "make demo-clip  render the bundled clip anew with the simulator"
+
+setup: $(READY)
+
+$(READY): pyproject.toml constraints.txt tools/install.sh
+	PYTHON=$(PYTHON) bash tools/install.sh $(VENV) $(EXTRAS)
+	@rm -f $(VENV)/.ready-* && touch $@
+
+demo: setup
+	$(BIN)/posefuse track examples/demo --out out/demo --force
+
+test: setup
+	$(BIN)/python -m pytest
+
+test-slow: setup
+	$(BIN)/python -m pytest -m slow
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: setup
+	$(BIN)/python bench/run.py
+
+demo-clip: setup
+	$(BIN)/posefuse simulate examples/scenes/demo.yaml --out examples/demo --force
+
+clean:
+	rm -rf out build dist .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,90 @@
+"""The tree is the architecture: rooms import downwards only, and heavy packages only where they are used."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SRC = Path(__file__).resolve().parents[2] / "src" / "posefuse"
+LINES = (
+    ("core",),
+    ("wire", "files"),
+    ("sources", "detect", "associate", "fuse", "track", "kinematics", "sinks", "simulate"),
+    ("calibrate", "evaluate"),
+    ("app",),
+)
+LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
+OPTIONAL = ("torch", "anny", "mujoco", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy")
+SLOW = ("cv2", "numba", "openvino", "scipy", "pyarrow", "ezc3d")
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(SRC).parts[0]
+
+
+def imported_names(path: Path) -> set[str]:
+    """Absolute dotted names a file imports, relative imports resolved."""
+    package = ["posefuse", *path.relative_to(SRC).parts[:-1]]
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            prefix = ".".join([*base, *([node.module] if node.module else [])])
+            names.add(prefix)
+            names.update(f"{prefix}.{alias.name}" for alias in node.names)
+    return names
+
+
+def forbidden(room: str, names: set[str]) -> set[str]:
+    rooms = {name.split(".")[1] for name in names if name.startswith("posefuse.")} & set(LEVEL)
+    return {other for other in rooms if other != room and LEVEL[other] >= LEVEL[room]}
+
+
+FILES = sorted(path for path in SRC.rglob("*.py") if len(path.relative_to(SRC).parts) > 1)
+
+
+def test_every_room_is_known() -> None:
+    assert {p.name for p in SRC.iterdir() if p.is_dir() and p.name != "__pycache__"} == set(LEVEL)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(SRC)))
+def test_imports_go_down_only(path: Path) -> None:
+    bad = forbidden(room_of(path), imported_names(path))
+    assert not bad, f"{path.relative_to(SRC)} must not import {sorted(bad)}"
+
+
+def test_the_import_guard_can_fail() -> None:
+    assert forbidden("fuse", {"posefuse.track.smooth"}) == {"track"}
+    assert forbidden("core", {"posefuse.files.rig"}) == {"files"}
+    assert forbidden("app", {"posefuse.fuse", "posefuse.core"}) == set()
+
+
+def test_core_needs_numpy_only() -> None:
+    for path in (SRC / "core").rglob("*.py"):
+        tops = {name.split(".")[0] for name in imported_names(path)} - {"posefuse", "numpy", ""}
+        assert tops <= set(sys.stdlib_module_names), f"{path.name} imports {sorted(tops - set(sys.stdlib_module_names))}"
+
+
+def test_nothing_is_called_utils() -> None:
+    banned = {"utils", "common", "helpers", "manager", "misc"}
+    assert not [path for path in SRC.rglob("*") if path.stem in banned]
+
+
+def modules_after(statement: str) -> set[str]:
+    code = f"{statement}\nimport sys\nprint(' '.join(sorted({{m.split('.')[0] for m in sys.modules}})))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(run.stdout.splitlines()[-1].split())
+
+
+def test_help_imports_nothing_heavy() -> None:
+    loaded = modules_after("from posefuse.app import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass")
+    assert "posefuse" in loaded
+    assert not loaded & {*OPTIONAL, *SLOW}
+
+
+def test_importing_posefuse_is_light() -> None:
+    assert not modules_after("import posefuse") & {*OPTIONAL, *SLOW}
