@@ -1,0 +1,103 @@
+"""Values are checked once at birth and cannot be written afterwards."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.core import (
+    Detections2D,
+    Frame,
+    Kind,
+    Pose3D,
+    PoseSequence,
+    Recording,
+    Region,
+    ShapeError,
+    Views,
+)
+from posefuse.core.skeleton import BODY_25, COCO17, PAPER14, SKELETONS, Skeleton, mirror_name, pick_keypoints
+
+N, C, K = 2, 3, len(COCO17)
+
+
+def pose(t_ns: int = 5, people: int = N) -> Pose3D:
+    shape = (people, K)
+    return Pose3D(
+        t_ns, COCO17, np.arange(people), np.ones((*shape, 3)), np.ones((*shape, 3, 3)), np.ones(shape), np.full(shape, 3),
+        np.full(shape, Kind.FUSED),
+    )  # fmt: skip
+
+
+def views() -> Views:
+    return Views(7, COCO17, ("a", "b", "c"), np.arange(N), np.zeros((N, C, K, 2)), np.zeros((N, C, K)), np.ones((N, C, K)))
+
+
+def test_arrays_are_copied_and_read_only() -> None:
+    xyz = np.ones((N, K, 3))
+    made = replace(pose(), xyz_world=xyz)
+    xyz[:] = 7
+    assert (made.xyz_world == 1).all()
+    with pytest.raises(ValueError, match="read-only"):
+        made.xyz_world[0, 0, 0] = 2
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: replace(pose(), xyz_world=np.ones((N, K, 2))), "axis 3 of size 3"),
+        (lambda: replace(pose(), n_views=np.ones((N + 1, K))), "axis N of size 2"),
+        (lambda: replace(pose(), skeleton=BODY_25), "body_25 has 25 keypoints"),
+        (lambda: replace(views(), camera_names=("a", "b")), "2 camera names"),
+        (lambda: replace(views(), score=np.ones((N, C))), "expected axes"),
+        (lambda: replace(views(), score="high"), "expected an array"),
+        (lambda: Frame("a", 0, 0, 0, np.zeros((4, 5), np.uint8)), "RGB uint8"),
+        (lambda: Frame("a", 0, 0, 0, np.zeros((4, 5, 3), np.float32)), "RGB uint8"),
+        (lambda: Region(np.array([1.0, np.nan]), 5.0), "finite"),
+        (lambda: Region(np.array([1.0, 2.0]), 0.0), "side > 0"),
+        (lambda: PoseSequence.from_poses([]), "at least 1"),
+        (lambda: PoseSequence.from_poses([pose(5), pose(5)]), "strictly increasing"),
+        (lambda: PoseSequence.from_poses([pose(5), pose(6, people=1)]), "same skeleton and people"),
+    ],
+)
+def test_what_does_not_fit_is_refused(make, message: str) -> None:
+    with pytest.raises(ShapeError, match=message):
+        make()
+
+
+def test_a_sequence_is_its_poses() -> None:
+    sequence = PoseSequence.from_poses([pose(5), pose(9)])
+    assert len(sequence) == 2
+    assert sequence.xyz_world.shape == (2, N, K, 3)
+    assert np.array_equal(sequence.at(1).xyz_world, pose(9).xyz_world)
+    assert sequence.at(1).t_ns == 9
+
+
+def test_a_recording_fits_its_rig(ring_rig) -> None:
+    poses = PoseSequence.from_poses([pose(5), pose(9)])
+    two_d = {"xy_img": np.zeros((2, N, C, K, 2)), "score": np.zeros((2, N, C, K)), "sigma_px": np.zeros((2, N, C, K))}
+    assert Recording(ring_rig(3), poses, **two_d).provenance == {}
+    with pytest.raises(ShapeError, match="4 cameras"):
+        Recording(ring_rig(4), poses, **two_d)
+
+
+def test_nobody_is_an_empty_detection() -> None:
+    assert len(Detections2D.nobody("a", 0, COCO17)) == 0
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+def test_mirroring_twice_is_nothing_and_swaps_sides(skeleton: Skeleton) -> None:
+    assert np.array_equal(skeleton.mirror[skeleton.mirror], np.arange(len(skeleton)))
+    for i, keypoint in enumerate(skeleton.keypoints):
+        assert skeleton.keypoints[skeleton.mirror[i]] == mirror_name(keypoint)
+
+
+def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
+    xyz = np.random.default_rng(0).normal(size=(4, K, 3))
+    picked = pick_keypoints(xyz, COCO17, ["left_knee", "neck", "left_heel"])
+    assert np.array_equal(picked[:, 0], xyz[:, COCO17.index("left_knee")])
+    assert np.allclose(picked[:, 1], (xyz[:, 5] + xyz[:, 6]) / 2)
+    assert np.isnan(picked[:, 2]).all()
+    toe = pick_keypoints(np.arange(33 * 3.0).reshape(33, 3), SKELETONS["blazepose33"], ["left_big_toe"])
+    assert np.array_equal(toe[0], [93, 94, 95])
+    assert set(PAPER14.keypoints) <= {*BODY_25.keypoints}
