@@ -1,0 +1,64 @@
+"""One instant: Views to Pose3D."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posefuse.core import Kind, Pose3D, Rig, ShapeError, Views
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+
+from .settings import FuseSettings
+from .sides import solve_untangled
+from .triangulate import Triangulated, plain_weight, solve_all, solve_robust, solve_weighted, stated_sigma
+
+
+def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
+    """3D pose of everybody in `views`, each keypoint from this instant's views alone.
+
+    Args:
+        views: C cameras named as in `rig`, in its order.
+        rig: the cameras.
+        settings: weights and thresholds.
+        previous: the pose one instant before, where there is one: gives ``all`` its segment axes, and decides which side
+            is left when as many views say one thing as the other. Matched by person_id.
+
+    Returns:
+        Pose3D: kind FUSED, or MISSING (NaN) where fewer than two usable views agree.
+
+    Raises:
+        ShapeError: cameras that are not the rig's.
+    """
+    if views.camera_names != rig.names:
+        raise ShapeError(f"fuse: views come from cameras {choices(views.camera_names)}, the rig has {choices(rig.names)}")
+    xy = np.array(views.xy_img)
+    score = np.nan_to_num(views.score)
+    sigma = stated_sigma(score, views.sigma_px, settings)
+    before = _matched(views, previous)
+    solved = _solve(views, rig, xy, score, sigma, before, settings)
+    kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))
+    return Pose3D(
+        views.t_ns, views.skeleton, views.person_id, solved.xyz, solved.cov, solved.reproj, solved.n_views, kind
+    )  # fmt: skip
+
+
+def _solve(
+    views: Views, rig: Rig, xy: Array, score: Array, sigma: Array, before: Array | None, settings: FuseSettings
+) -> Triangulated:
+    if settings.weights == "all":
+        return solve_all(rig, xy, score, sigma, views.skeleton, before, settings)
+    if settings.weights != "robust":
+        return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
+    if settings.untangle_sides:
+        return solve_untangled(rig, xy, score, sigma, views.skeleton, before, settings)
+    return solve_robust(rig, xy, score, sigma, settings)[0]
+
+
+def _matched(views: Views, previous: Pose3D | None) -> Array | None:
+    """(N, K, 3) the previous points of the same people; NaN for newcomers."""
+    if previous is None or previous.skeleton != views.skeleton:
+        return None
+    places = {int(person): i for i, person in enumerate(previous.person_id)}
+    missing = np.full((len(views.skeleton), 3), np.nan)
+    rows = [previous.xyz_world[places[int(p)]] if int(p) in places else missing for p in views.person_id]
+    return np.array(rows).reshape(-1, len(views.skeleton), 3)

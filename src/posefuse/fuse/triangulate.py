@@ -1,0 +1,158 @@
+"""Raw pixels of several calibrated cameras to 3D points with covariance: the array door to fusion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import ConfigError, Rig, ShapeError, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+
+from .packed import packed_rig
+from .settings import WEIGHTS, FuseSettings, Weights
+from .weights import full_weight, score_weight
+
+_DEFAULTS = FuseSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Triangulated:
+    """Points in 3D; unpacks as ``xyz, cov, reproj = triangulate(...)``.
+
+    Attributes:
+        xyz: (..., K, 3) world metres; NaN where fewer than two usable views agree.
+        cov: (..., K, 3, 3) square metres; NaN where missing.
+        reproj: (..., K) rms distance in raw px of the used views to the reprojection.
+        n_views: (..., K) uint8 views used; 0 where missing.
+    """
+
+    xyz: Array
+    cov: Array
+    reproj: Array
+    n_views: Array
+
+    def __iter__(self) -> Iterator[Array]:
+        return iter((self.xyz, self.cov, self.reproj))
+
+
+def triangulate(
+    rig: Rig,
+    xy_img: Any,
+    score: Any = None,
+    sigma_px: Any = None,
+    weights: Weights = "robust",
+    *,
+    skeleton: Skeleton | None = None,
+    settings: FuseSettings = _DEFAULTS,
+) -> Triangulated:
+    """Triangulate keypoints; each leading index is one person at one instant.
+
+    Args:
+        rig: C cameras.
+        xy_img: (..., C, K, 2) raw distorted px; NaN where unseen.
+        score: (..., C, K) in [0, 1]; None: 1 wherever xy_img is finite. NaN counts as 0, and 0 as unseen.
+        sigma_px: (..., C, K) standard deviation of each image coordinate; where None or NaN it is
+            ``settings.sigma_full_score_px / score``.
+        weights: ``robust``, ``score``, ``none`` or ``all``; see `FuseSettings`. ``all`` needs `skeleton`.
+        skeleton: names axis K.
+        settings: thresholds; its own `weights` is not looked at.
+
+    Returns:
+        Triangulated: see there.
+
+    Raises:
+        ShapeError: axes that do not fit the rig or each other.
+        ConfigError: unknown `weights`, or ``all`` without `skeleton`.
+    """
+    if weights not in WEIGHTS:
+        raise ConfigError(f"triangulate: weights: expected one of {choices(WEIGHTS)}, got {weights!r}")
+    xy, score, sigma = _checked(rig, xy_img, score, sigma_px, settings)
+    lead = xy.shape[:-3]
+    grouped = (xy.reshape(-1, *xy.shape[-3:]), score.reshape(-1, *xy.shape[-3:-1]), sigma.reshape(-1, *xy.shape[-3:-1]))
+    if weights == "robust":
+        solved = solve_robust(rig, *grouped, settings)[0]
+    elif weights == "all":
+        if skeleton is None:
+            raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
+        solved = solve_all(rig, *grouped, skeleton, None, settings)
+    else:
+        solved = solve_weighted(rig, *grouped, plain_weight(weights, grouped[0], grouped[1], settings))
+    return Triangulated(*(part.reshape(*lead, *part.shape[1:]) for part in vars(solved).values()))
+
+
+def _checked(rig: Rig, xy_img: Any, score: Any, sigma_px: Any, settings: FuseSettings) -> tuple[Array, Array, Array]:
+    """Writable float64 (..., C, K, 2), and (..., C, K) score and sigma without NaN."""
+    xy = np.array(xy_img, np.float64, order="C")
+    if xy.ndim < 3 or xy.shape[-1] != 2 or xy.shape[-3] != len(rig):
+        raise ShapeError(f"triangulate: xy_img: expected (..., C, K, 2) with C = {len(rig)} cameras, got shape {xy.shape}")
+    planes = []
+    for name, value in (("score", score), ("sigma_px", sigma_px)):
+        plane = np.full(xy.shape[:-1], np.nan) if value is None else np.array(value, np.float64, order="C")
+        if plane.shape != xy.shape[:-1]:
+            raise ShapeError(f"triangulate: {name}: expected (..., C, K) = {xy.shape[:-1]}, got shape {plane.shape}")
+        planes.append(plane)
+    filled = np.isfinite(xy[..., 0]).astype(np.float64) if score is None else np.nan_to_num(planes[0], copy=False)
+    return xy, filled, stated_sigma(filled, planes[1], settings)
+
+
+def stated_sigma(score: Array, sigma_px: Array, settings: FuseSettings) -> Array:
+    """sigma_px, and sigma_full_score_px / score where it is NaN."""
+    with np.errstate(divide="ignore"):
+        return np.where(np.isnan(sigma_px), settings.sigma_full_score_px / score, sigma_px)
+
+
+def plain_weight(weights: Weights, xy_img: Array, score: Array, settings: FuseSettings) -> Array:
+    """The weights that need no pose: ``none`` is 1 for whatever was seen, ``score`` is w_s."""
+    return (score > 0).astype(np.float64) if weights == "none" else score_weight(score, settings)
+
+
+def solve_robust(
+    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings
+) -> tuple[Triangulated, Array, Array]:
+    """Groups (G, C, K, ...) to points, and with them |e|^2 (G, C, K) of every view and the robust loss (G, K)."""
+    from . import kernels
+
+    solved = _empty(sigma.shape)
+    square, cost = np.empty(sigma.shape), np.empty((sigma.shape[0], sigma.shape[2]))
+    usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
+    kernels.solve_robust(packed_rig(rig), xy_img, usable, solved.xyz, solved.cov, solved.reproj, solved.n_views, square, cost)
+    return solved, square, cost
+
+
+def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:
+    """Groups (G, C, K, ...) to points by the paper's weighted least squares with given weights (G, C, K)."""
+    from . import kernels
+
+    solved = _empty(sigma.shape)
+    kernels.solve_linear(packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
+    return solved
+
+
+def solve_all(
+    rig: Rig,
+    xy_img: Array,
+    score: Array,
+    sigma: Array,
+    skeleton: Skeleton,
+    previous_world: Array | None,
+    settings: FuseSettings,
+) -> Triangulated:
+    """The paper's ``all``: distances and segment axes from `previous_world` (G, K, 3), else from a first pass by score."""
+    about = solve_weighted(rig, xy_img, score, sigma, score_weight(score, settings)).xyz
+    if previous_world is not None:
+        about = np.where(np.isnan(previous_world), about, previous_world)
+    return solve_weighted(rig, xy_img, score, sigma, full_weight(rig, skeleton, score, about, settings))
+
+
+def _empty(shape: tuple[int, ...]) -> Triangulated:
+    groups, _, keypoints = shape
+    return Triangulated(
+        np.empty((groups, keypoints, 3)),
+        np.empty((groups, keypoints, 3, 3)),
+        np.empty((groups, keypoints)),
+        np.zeros((groups, keypoints), np.uint8),
+    )
