@@ -6,6 +6,7 @@ from .errors import (
     ConfigError,
     DependencyError,
     InputError,
+    MessageError,
     ModelError,
     PosefuseError,
     ShapeError,
@@ -31,6 +32,6 @@ from .values import (
 
 __all__ = [
     "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraTruth", "ConfigError", "DependencyError", "Detections2D",
-    "Detector", "Frame", "InputError", "Joints", "Kind", "ModelError", "Pose3D", "PoseSequence", "PosefuseError",
+    "Detector", "Frame", "InputError", "Joints", "Kind", "MessageError", "ModelError", "Pose3D", "PoseSequence", "PosefuseError",
     "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "Views",
 ]  # fmt: skip

@@ -27,6 +27,10 @@ class SourceError(InputError):
     """A camera, video or image folder that cannot be opened or read."""
 
 
+class MessageError(InputError):
+    """A message from the network or a bag that is malformed, too large or of the wrong kind."""
+
+
 class ModelError(PosefuseError):
     """A network model that is missing, wrong or cannot be fetched."""
 

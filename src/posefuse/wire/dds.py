@@ -1,0 +1,302 @@
+"""A ROS 2 node without ROS: Cyclone DDS underneath, ROS 2's names, types and announcements on top.
+
+Messages are written and read as ready-made CDR bytes (`intake.encode`, `intake.decode`). What makes other ROS 2
+programs and tools see this node in full: topics named ``rt/...``, types named ``pkg::msg::dds_::Type_``, the user data
+``enclave=/;`` on the participant and ``typehash=RIHS01_...;`` on each endpoint (REP-2016), and the list of nodes and
+their endpoints on ``ros_discovery_info`` (the design document "Node to Participant mapping" of ROS 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from posefuse.core import ConfigError, DependencyError, SourceError
+
+from .idl import idl_class
+from .intake import decode, encode
+from .topics import Topic
+from .types import message, optional_module, type_hash
+
+GRAPH = Topic("ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo", depth=1, latched=True)
+TESTED_CYCLONEDDS = "11.0.1"
+_LATCHED_WRITERS = 100
+_MAX_TAKE = 256
+_MAX_GRAPH_BYTES = 2**20
+
+
+@dataclass(frozen=True)
+class Network:
+    """Where a node talks.
+
+    Attributes:
+        domain_id: ROS_DOMAIN_ID; nodes of different domains do not hear each other (0 to 232).
+        local_only: nothing leaves this machine.
+        interface: name of a network interface; empty lets Cyclone DDS choose.
+        peers: addresses of other machines, for networks without multicast.
+        multicast: find others by multicast too.
+        fragment_bytes: largest UDP payload of one fragment. The default suits wired networks and Fast DDS readers;
+            on links that lose packets take about 1300, so that one lost packet costs one fragment.
+    """
+
+    domain_id: int = 0
+    local_only: bool = False
+    interface: str = ""
+    peers: tuple[str, ...] = ()
+    multicast: bool = True
+    fragment_bytes: int = 65000
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.domain_id <= 232:
+            raise ConfigError(f"network: domain_id: expected 0 to 232, got {self.domain_id}")
+        if not 500 <= self.fragment_bytes <= 65000:
+            raise ConfigError(f"network: fragment_bytes: expected 500 to 65000, got {self.fragment_bytes}")
+        if self.local_only and (self.peers or self.interface):
+            raise ConfigError("network: local_only excludes peers and interface; leave one of them out")
+
+
+def domain_xml(network: Network) -> str:
+    """Cyclone DDS configuration. Peers are always asked at their unicast ports, this machine included."""
+    interface = "lo" if network.local_only else network.interface
+    chosen = f"name={quoteattr(interface)}" if interface else 'autodetermine="true"'
+    multicast = network.multicast and not network.local_only
+    peers = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in dict.fromkeys(("localhost", *network.peers)))
+    return (
+        '<CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">'
+        f"<General><Interfaces><NetworkInterface {chosen}/></Interfaces>"
+        f"<AllowMulticast>{'default' if multicast else 'false'}</AllowMulticast>"
+        f"<MaxMessageSize>{network.fragment_bytes + 500}B</MaxMessageSize>"
+        f"<FragmentSize>{network.fragment_bytes}B</FragmentSize></General>"
+        "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>31</MaxAutoParticipantIndex>"
+        # a peer that was cut off is found again within about this time
+        f"<SPDPInterval>1s</SPDPInterval><Peers>{peers}</Peers></Discovery>"
+        '<Internal><SocketReceiveBufferSize max="4MB"/></Internal>'
+        "</Domain></CycloneDDS>"
+    )
+
+
+class Sample(NamedTuple):
+    """One message as it came.
+
+    Attributes:
+        raw: CDR bytes. sent_ns: when the writer sent it, by the writer's clock (Unix epoch).
+    """
+
+    raw: bytes
+    sent_ns: int
+
+
+class Reader:
+    """The messages of one topic, newest `depth` kept. Made by `RosNode.reader`."""
+
+    def __init__(self, topic: Topic, entity: Any) -> None:
+        self.topic = topic
+        self.entity = entity
+
+    def take(self) -> list[Sample]:
+        """What has come since the last call, oldest first; does not wait."""
+        from cyclonedds._clayer import ddspy_take
+        from cyclonedds.core import InstanceState, SampleState, ViewState
+
+        found = ddspy_take(self.entity._ref, SampleState.Any | ViewState.Any | InstanceState.Any, _MAX_TAKE)
+        if isinstance(found, int):
+            raise SourceError(f"topic {self.topic.name}: Cyclone DDS could not read (code {found})")
+        return [Sample(bytes(raw), int(info.source_timestamp)) for raw, info in found if info.valid_data]
+
+    def writers(self) -> int:
+        """How many matching writers are there now."""
+        return len(self.entity.get_matched_publications())
+
+
+class Writer:
+    """Sends messages on one topic. Made by `RosNode.writer`."""
+
+    def __init__(self, topic: Topic, entity: Any) -> None:
+        self.topic = topic
+        self.entity = entity
+
+    def write(self, raw: bytes) -> None:
+        """Send CDR bytes. Never waits for readers: of a slow one's backlog only the newest `depth` are kept."""
+        from cyclonedds._clayer import ddspy_write
+
+        code = ddspy_write(self.entity._ref, raw)
+        if code < 0:
+            raise SourceError(f"topic {self.topic.name}: Cyclone DDS could not write {len(raw)} bytes (code {code})")
+
+    def readers(self) -> int:
+        """How many matching readers are there now; 0 means that nobody listens."""
+        return len(self.entity.get_matched_subscriptions())
+
+
+@dataclass
+class RosNode:
+    """One ROS 2 node, with its own DDS domain in this process.
+
+    Attributes:
+        name: as in ``ros2 node list``. network: where it talks.
+
+    Raises:
+        DependencyError: Cyclone DDS or rosbags is missing, or Cyclone DDS is another version than the one tested.
+        SourceError: the domain cannot be opened (unknown interface, another node of this process uses the domain id).
+    """
+
+    name: str
+    network: Network = field(default_factory=Network)
+
+    def __post_init__(self) -> None:
+        optional_module("rosbags")
+        _require_tested_cyclonedds()
+        from cyclonedds.core import DDSException, WaitSet
+        from cyclonedds.domain import Domain, DomainParticipant
+        from cyclonedds.qos import Policy, Qos
+
+        self._writers: dict[str, Writer] = {}
+        self._readers: dict[str, Reader] = {}
+        self._conditions: dict[str, Any] = {}
+        try:
+            self._domain = Domain(self.network.domain_id, domain_xml(self.network))
+            self._participant = DomainParticipant(self.network.domain_id, qos=Qos(Policy.Userdata(b"enclave=/;")))
+        except DDSException as error:
+            where = f"node {self.name}: DDS domain {self.network.domain_id} on interface {self.network.interface or 'automatic'}"
+            raise SourceError(f"{where} cannot be opened ({error}); is the interface there, the domain used twice?") from None
+        self._waitset = WaitSet(self._participant)
+        self._graph_writer = self._open_writer(GRAPH)
+        self._graph_reader = self._open_reader(GRAPH)
+        self._peers: dict[bytes, tuple[str, ...]] = {}
+        self._announce()
+
+    def writer(self, topic: Topic) -> Writer:
+        """The writer of `topic`, made and announced on first use."""
+        if topic.name not in self._writers:
+            self._writers[topic.name] = self._open_writer(topic)
+            self._announce()
+        return self._writers[topic.name]
+
+    def reader(self, topic: Topic) -> Reader:
+        """The reader of `topic`, made and announced on first use; `wait` wakes up for it."""
+        from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
+
+        if topic.name not in self._readers:
+            reader = self._open_reader(topic)
+            condition = ReadCondition(reader.entity, SampleState.Any | ViewState.Any | InstanceState.Any)
+            self._waitset.attach(condition)
+            self._readers[topic.name], self._conditions[topic.name] = reader, condition
+            self._announce()
+        return self._readers[topic.name]
+
+    def forget(self, name: str) -> None:
+        """Close the writer of a topic that is no more, e.g. of a body that has left."""
+        if self._writers.pop(name, None) is not None:
+            self._announce()
+
+    def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
+        """Send one message (`topics.Outlet`)."""
+        self.writer(topic).write(encode(msg))
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until any reader has messages; False when the time is over."""
+        return bool(self._waitset.wait(int(timeout_s * 1e9)))
+
+    def topics(self) -> dict[str, set[str]]:
+        """ROS topics others publish, with their types (``pkg/msg/Type``)."""
+        from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+
+        found: dict[str, set[str]] = {}
+        for sample in BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).read(1024):
+            if sample.topic_name.startswith("rt/"):
+                found.setdefault(sample.topic_name[2:], set()).add(
+                    sample.type_name.replace("::dds_::", "/").replace("::", "/").rstrip("_")
+                )
+        return found
+
+    def nodes(self) -> set[str]:
+        """Full names of the ROS 2 nodes heard so far, this one included."""
+        for sample in self._graph_reader.take():
+            info = decode(sample.raw, GRAPH.type_name, _MAX_GRAPH_BYTES)
+            names = tuple(n.node_namespace.rstrip("/") + "/" + n.node_name for n in info.node_entities_info_seq)
+            self._peers[bytes(info.gid.data)] = names
+        return {name for names in self._peers.values() for name in names}
+
+    def close(self) -> None:
+        """Leave the network; safe to call twice."""
+        self._conditions.clear()
+        self._readers.clear()
+        self._writers.clear()
+        for attribute in ("_waitset", "_graph_reader", "_graph_writer", "_participant", "_domain"):
+            if hasattr(self, attribute):
+                delattr(self, attribute)
+
+    def __enter__(self) -> RosNode:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _open_writer(self, topic: Topic) -> Writer:
+        from cyclonedds.pub import DataWriter
+
+        return Writer(topic, DataWriter(self._participant, self._topic(topic), qos=_qos(topic, topic.depth)))
+
+    def _open_reader(self, topic: Topic) -> Reader:
+        from cyclonedds.sub import DataReader
+
+        # all writers of a topic without keys share one history here, so one latched message each must fit
+        depth = max(topic.depth, _LATCHED_WRITERS) if topic.latched else topic.depth
+        return Reader(topic, DataReader(self._participant, self._topic(topic), qos=_qos(topic, depth)))
+
+    def _topic(self, topic: Topic) -> Any:
+        from cyclonedds.topic import Topic as DdsTopic
+
+        wire_name = topic.name if topic is GRAPH else f"rt{topic.name}"
+        return DdsTopic(self._participant, wire_name, idl_class(topic.type_name))
+
+    def _announce(self) -> None:
+        """Tell who this node is and which endpoints are its own."""
+        namespace, _, name = self.name.strip("/").rpartition("/")
+        node = message(
+            "rmw_dds_common/msg/NodeEntitiesInfo",
+            node_namespace=f"/{namespace}",
+            node_name=name,
+            reader_gid_seq=_gids([r.entity for r in self._readers.values()]),
+            writer_gid_seq=_gids([w.entity for w in self._writers.values()]),
+        )
+        (gid,) = _gids([self._participant])
+        info = message("rmw_dds_common/msg/ParticipantEntitiesInfo", gid=gid, node_entities_info_seq=[node])
+        self._graph_writer.write(encode(info))
+
+
+def _gids(entities: Sequence[Any]) -> list[Any]:
+    return [message("rmw_dds_common/msg/Gid", data=np.frombuffer(entity.guid.bytes, np.uint8)) for entity in entities]
+
+
+def _qos(topic: Topic, depth: int) -> Any:
+    from cyclonedds.qos import Policy, Qos
+    from cyclonedds.util import duration
+
+    return Qos(
+        Policy.Reliability.Reliable(duration(milliseconds=100)) if topic.reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if topic.latched else Policy.Durability.Volatile,
+        Policy.History.KeepLast(depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(f"typehash={type_hash(topic.type_name)};".encode()),
+    )
+
+
+def _require_tested_cyclonedds() -> None:
+    """Raw bytes go through names the wheel keeps private: only the version they were tested with will do."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        found = version("cyclonedds")
+    except PackageNotFoundError:
+        found = "none"
+    if found != TESTED_CYCLONEDDS:
+        raise DependencyError(
+            f"cyclonedds: expected version {TESTED_CYCLONEDDS}, got {found}; install it with: pip install 'posefuse[ros]'"
+        )
+    optional_module("cyclonedds._clayer")

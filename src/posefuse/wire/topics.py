@@ -1,0 +1,72 @@
+"""Topics: where messages of one type go, and how."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from . import camera_messages, messages
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A ROS topic.
+
+    Attributes:
+        name: with its leading slash, e.g. ``/humans/bodies/tracked``.
+        type_name: ``pkg/msg/Type``.
+        depth: how many of the newest messages a writer or reader keeps.
+        reliable: lost messages are sent again.
+        latched: who comes late still gets the last message (ROS 2: transient local).
+    """
+
+    name: str
+    type_name: str
+    depth: int = 10
+    reliable: bool = True
+    latched: bool = False
+
+
+class Outlet(Protocol):
+    """Anything messages can be given to: a ROS 2 node, a ROS 1 node, a recording."""
+
+    def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
+        """Send `msg`, which belongs to the instant `t_ns` (Unix epoch)."""
+        ...
+
+
+# depth: on a topic without keys all cameras share one history at the reader
+DETECTIONS = Topic("/posefuse/detections", messages.DETECTIONS_TYPE, depth=64)
+POSE = Topic("/posefuse/pose", messages.POSE_TYPE, depth=4)
+TF = Topic("/tf", "tf2_msgs/msg/TFMessage", depth=100)
+TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", depth=1, latched=True)
+MARKERS = Topic("/posefuse/markers", "visualization_msgs/msg/MarkerArray", depth=2)
+DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+TRACKED = Topic("/humans/bodies/tracked", "hri_msgs/msg/IdsList", depth=1, latched=True)
+
+
+def camera_info(camera: str) -> Topic:
+    """Intrinsics of one camera."""
+    return Topic(f"/posefuse/{ros_name(camera)}/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, latched=True)
+
+
+def preview(camera: str) -> Topic:
+    """Small JPEG images of one camera; a writer without readers need not send."""
+    return Topic(f"/posefuse/{ros_name(camera)}/preview/compressed", camera_messages.COMPRESSED_TYPE, depth=1, reliable=False)
+
+
+def body(body_id: str, part: str) -> Topic:
+    """A REP-155 topic of one body: ``joint_states``, ``skeleton2d`` or ``roi``."""
+    types = {
+        "joint_states": "sensor_msgs/msg/JointState",
+        "skeleton2d": "hri_msgs/msg/Skeleton2D",
+        "roi": "sensor_msgs/msg/RegionOfInterest",
+        "joint_angles": messages.JOINT_ANGLES_TYPE,
+    }
+    return Topic(f"/humans/bodies/{body_id}/{part}", types[part], depth=4)
+
+
+def ros_name(text: str) -> str:
+    """`text` as one part of a ROS name: letters, digits and underscores, not starting with a digit."""
+    cleaned = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in text) or "_"
+    return f"_{cleaned}" if cleaned[0].isdigit() else cleaned

@@ -1,0 +1,85 @@
+"""ROS message types without ROS: the standard ones, `hri_msgs` of REP-155, and our own `posefuse_msgs`.
+
+Definitions are read from the .msg files beside this module; bytes and type hashes come from the library `rosbags`.
+A message is a plain object whose attributes are the fields; `message(type_name, **fields)` makes one.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from posefuse.core import DependencyError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+DEFINITIONS = Path(__file__).parent / "msg"
+# longest list a stranger may announce in a message; ours stay far below it, images are the largest
+MAX_LIST = 64 * 2**20
+
+
+def optional_module(name: str) -> ModuleType:
+    """Import a package of the extra ``ros``; raises DependencyError that says how to get it."""
+    from importlib import import_module
+
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.split(".")[0]
+        raise DependencyError(f"{package}: not usable ({error}); install it with: pip install 'posefuse[ros]'") from None
+
+
+@cache
+def ros2_types() -> Typestore:
+    """ROS 2 (Jazzy) types with ours added. CDR bytes are the same in every ROS 2."""
+    return _store("ROS2_JAZZY")
+
+
+@cache
+def ros1_types() -> Typestore:
+    """ROS 1 (Noetic) types with ours added."""
+    return _store("ROS1_NOETIC")
+
+
+def ours() -> dict[str, str]:
+    """Text of each .msg file of this package by type name, e.g. ``posefuse_msgs/msg/Pose3D``."""
+    return {
+        f"{path.parent.name}/msg/{path.stem}": path.read_text(encoding="utf-8") for path in sorted(DEFINITIONS.glob("*/*.msg"))
+    }
+
+
+def _store(name: str) -> Typestore:
+    typesys = optional_module("rosbags.typesys")
+    base = optional_module(f"rosbags.typesys.stores.{name.lower()}")
+    from rosbags.typesys.store import Typestore
+
+    store = Typestore(base, max_sequence_length=MAX_LIST)
+    found: dict[str, Any] = {}
+    for type_name, text in ours().items():
+        found.update(typesys.get_types_from_msg(text, type_name))
+    store.register(found)
+    return store
+
+
+def message(type_name: str, **fields: Any) -> Any:
+    """A ROS 2 message of `type_name` (``pkg/msg/Type``); raises TypeError for a field that is missing or unknown."""
+    return ros2_types().types[type_name](**fields)
+
+
+def dds_type_name(type_name: str) -> str:
+    """``pkg/msg/Type`` as ROS 2 writes it on the wire: ``pkg::msg::dds_::Type_``."""
+    package, kind, name = type_name.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def type_hash(type_name: str) -> str:
+    """RIHS01 hash (REP-2016), which ROS 2 tools compare between peers."""
+    return str(ros2_types().hash_rihs01(type_name))
+
+
+def definition(type_name: str) -> str:
+    """Full text of a type with all it is made of, as bags carry it."""
+    return str(ros2_types().generate_msgdef(type_name, ros_version=2)[0])
