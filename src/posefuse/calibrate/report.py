@@ -1,0 +1,72 @@
+"""Checks that stand between a calibration and its use: each passed or failed, in words and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from posefuse.core import CalibrationError
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that has to hold.
+
+    Attributes:
+        name: short, stable (``connectivity``, ``halves agree``).
+        passed: whether it holds.
+        detail: what was found, where, and the limit.
+        remedy: what to do when it does not hold.
+    """
+
+    name: str
+    passed: bool
+    detail: str
+    remedy: str = ""
+
+    @property
+    def line(self) -> str:
+        """Detail, and the remedy when there is something to remedy."""
+        return self.detail if self.passed or not self.remedy else f"{self.detail}; {self.remedy}"
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationReport:
+    """What a calibration says about itself.
+
+    Attributes:
+        subject: what was calibrated.
+        checks: in the order they were made.
+        notes: what was left out on the way (markers, views), one line each.
+        numbers: measured figures with their unit in the name, for tables.
+    """
+
+    subject: str
+    checks: tuple[Check, ...]
+    notes: tuple[str, ...] = ()
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        """The checks that do not hold."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    def require(self) -> None:
+        """Raise RefusedCalibration naming the checks that do not hold; silent when all do."""
+        if self.failed:
+            raise RefusedCalibration(self)
+
+    def text(self) -> str:
+        """The report in lines for a terminal."""
+        lines = [f"{'pass' if check.passed else 'FAIL'}  {check.name}: {check.line}" for check in self.checks]
+        return "\n".join([self.subject, *lines, *(f"note  {note}" for note in self.notes)])
+
+
+class RefusedCalibration(CalibrationError):
+    """A calibration whose own checks do not hold; carries the report."""
+
+    def __init__(self, report: CalibrationReport) -> None:
+        first, *others = report.failed
+        more = f" (also failed: {', '.join(check.name for check in others)})" if others else ""
+        super().__init__(f"{report.subject}: {first.name}: {first.line}{more}")
+        self.report = report

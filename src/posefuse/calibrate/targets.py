@@ -1,0 +1,171 @@
+"""What is held in front of the cameras: markers and boards, and where their corners lie.
+
+A target is made of patches, each a rigid flat piece with numbered corners. Loose square markers are one patch each,
+named by their id, and where they sit on the prop is unknown; a board is a single patch, number 0, of known geometry.
+Patch axes: x right, y up, z out of the printed face, metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from posefuse.core import ConfigError
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+
+DICTIONARIES = tuple(sorted(name for name in vars(cv2.aruco) if name.startswith("DICT_") and name == name.upper()))
+BOARD_PATCH = 0
+
+
+def dictionary_of(name: str) -> Any:
+    """OpenCV's predefined dictionary; raises ConfigError naming those that exist."""
+    if name not in DICTIONARIES:
+        raise ConfigError(f"marker dictionary: unknown name {name!r}; there are: {choices(DICTIONARIES)}")
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def _check_positive(owner: str, **values: float) -> None:
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ConfigError(f"{owner}: {name}: expected > 0, got {value}")
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Square ArUco markers of one side length, anywhere on a rigid prop whose geometry nobody measured.
+
+    Attributes:
+        side_m: outer edge of the black square.
+        dictionary: OpenCV's name, e.g. ``DICT_4X4_50``.
+        ids: markers that belong to the target; empty takes all of the dictionary.
+        inverted: white squares on black.
+    """
+
+    side_m: float
+    dictionary: str = "DICT_4X4_50"
+    ids: tuple[int, ...] = ()
+    inverted: bool = False
+
+    def __post_init__(self) -> None:
+        _check_positive("markers", side_m=self.side_m)
+        dictionary_of(self.dictionary)
+
+    def corners(self, patch: int) -> Array:
+        """(4, 3) corners of a marker in its own frame: top left, top right, bottom right, bottom left."""
+        return np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * (self.side_m / 2)
+
+    @property
+    def known_geometry(self) -> bool:
+        """Whether all corners lie on one patch."""
+        return False
+
+
+@dataclass(frozen=True)
+class Charuco:
+    """Chessboard with ArUco markers in its white squares.
+
+    Attributes:
+        columns, rows: squares across and down.
+        square_m, marker_m: edges of a square and of a marker.
+        inverted: colours exchanged. legacy: OpenCV's layout before version 4.6 (matters for an even number of rows).
+    """
+
+    columns: int
+    rows: int
+    square_m: float
+    marker_m: float
+    dictionary: str = "DICT_4X4_50"
+    inverted: bool = False
+    legacy: bool = False
+
+    def __post_init__(self) -> None:
+        _check_positive("charuco", square_m=self.square_m, marker_m=self.marker_m, columns=self.columns - 1, rows=self.rows - 1)
+        if self.marker_m >= self.square_m:
+            raise ConfigError(f"charuco: marker_m: expected less than square_m {self.square_m}, got {self.marker_m}")
+        dictionary_of(self.dictionary)
+
+    def corners(self, patch: int) -> Array:
+        """((columns-1)*(rows-1), 3) inner corners, row by row from the top left; the origin is the bottom left of the board."""
+        return _grid(self.columns - 1, self.rows - 1, self.square_m) + np.array([self.square_m, self.square_m, 0])
+
+    @property
+    def known_geometry(self) -> bool:
+        """Whether all corners lie on one patch."""
+        return True
+
+    def board(self) -> Any:
+        """OpenCV's description of the same board."""
+        made = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary_of(self.dictionary))
+        made.setLegacyPattern(self.legacy)
+        return made
+
+
+@dataclass(frozen=True)
+class Chessboard:
+    """Plain chessboard of columns x rows inner corners.
+
+    Nothing tells its two ends apart when seen turned by half a turn, so it serves intrinsics and not extrinsics.
+    """
+
+    columns: int
+    rows: int
+    square_m: float
+
+    def __post_init__(self) -> None:
+        _check_positive("chessboard", square_m=self.square_m, columns=self.columns - 2, rows=self.rows - 2)
+
+    def corners(self, patch: int) -> Array:
+        """(columns*rows, 3) inner corners, row by row from the top left."""
+        return _grid(self.columns, self.rows, self.square_m)
+
+    @property
+    def known_geometry(self) -> bool:
+        """Whether all corners lie on one patch."""
+        return True
+
+
+@dataclass(frozen=True)
+class ArucoBoard:
+    """Grid of ArUco markers with ids counting up row by row.
+
+    Attributes:
+        columns, rows: markers across and down. side_m: edge of a marker. gap_m: white between two.
+        first_id: id of the top left marker.
+    """
+
+    columns: int
+    rows: int
+    side_m: float
+    gap_m: float
+    dictionary: str = "DICT_4X4_50"
+    first_id: int = 0
+    inverted: bool = False
+
+    def __post_init__(self) -> None:
+        _check_positive("aruco board", side_m=self.side_m, gap_m=self.gap_m, columns=self.columns, rows=self.rows)
+        dictionary_of(self.dictionary)
+
+    def corners(self, patch: int) -> Array:
+        """(4*columns*rows, 3) corners, four per marker, markers row by row from the top left."""
+        step = self.side_m + self.gap_m
+        centres = _grid(self.columns, self.rows, step)
+        square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * (self.side_m / 2)
+        return np.asarray((centres[:, None] + square).reshape(-1, 3))
+
+    @property
+    def known_geometry(self) -> bool:
+        """Whether all corners lie on one patch."""
+        return True
+
+
+Target = Markers | Charuco | Chessboard | ArucoBoard
+
+
+def _grid(columns: int, rows: int, step_m: float) -> Array:
+    """(columns*rows, 3) points row by row from the top left; the last row lies on y = 0."""
+    row, column = np.divmod(np.arange(columns * rows), columns)
+    return np.stack([column, rows - 1 - row, np.zeros_like(row)], axis=-1) * step_m
