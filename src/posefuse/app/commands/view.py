@@ -1,0 +1,26 @@
+"""`posefuse view`: look at a result."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.app.terminal import Terminal
+
+SUMMARY = "look at a result in the Rerun viewer"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The result folder."""
+    parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
+
+
+def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Open the viewer; it stays open after the command ends."""
+    from posefuse.sinks import view_recording
+
+    recording_path = view_recording(args.result)
+    terminal.note(f"viewer opened on {recording_path}")
+    return {"viewed": recording_path}
