@@ -1,1 +1,12 @@
-"""Pose3D to Joints: segment frames and joint angles."""
+"""Pose3D to Joints: segment frames (ISB axes) and joint angles, live and recorded."""
+
+from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
+from .joints import JointTracker, joints_from_poses, reasons_from_poses, segment_axes
+from .reasons import Reason
+from .settings import JointSettings
+from .sides import check_sides
+
+__all__ = [
+    "JOINTS", "JOINT_NAMES", "SEGMENTS", "SEGMENT_NAMES", "JointSettings", "JointTracker", "Reason", "check_sides",
+    "joints_from_poses", "reasons_from_poses", "segment_axes", "undefined_angles", "undefined_segments",
+]  # fmt: skip

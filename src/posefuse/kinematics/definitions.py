@@ -1,0 +1,246 @@
+"""What the segments and joints are: which points span each frame, and each joint's declared sequence.
+
+Axes are those of the ISB (Wu & Cavanagh 1995; Wu et al. 2002, 2005): X anterior, Y proximal (superior), Z to the
+subject's right, on both sides of the body. The paper's segment frames (Z along the segment, Y mediolateral) are a
+fixed permutation of these: its (X, Y, Z) is our (X, -Z, Y).
+
+A frame needs two vectors: the first is one of its axes exactly, the second fixes the turn about it. Both are differences
+of points (or of midpoints of two points), so that errors propagate in closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from posefuse.core import Skeleton
+from posefuse.core.arrays import Array
+
+X, Y, Z = 0, 1, 2
+AXIS_NAMES = ("X", "Y", "Z")
+
+POINTS = (
+    "left_hip", "right_hip", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist",
+    "right_wrist", "left_index", "right_index", "left_pinky", "right_pinky", "left_knee", "right_knee", "left_ankle",
+    "right_ankle", "left_heel", "right_heel", "left_toe", "right_toe", "nose", "left_ear", "right_ear",
+)  # fmt: skip
+
+# a landmark a skeleton does not name: the mean of two that it does, or one of another name
+_STAND_INS = {
+    "left_toe": (("left_big_toe", "left_small_toe"), ("left_big_toe",), ("left_foot_index",)),
+    "right_toe": (("right_big_toe", "right_small_toe"), ("right_big_toe",), ("right_foot_index",)),
+}
+_MIDPOINTS = {
+    "mid_hip": ("left_hip", "right_hip"),
+    "neck": ("left_shoulder", "right_shoulder"),
+    "mid_ear": ("left_ear", "right_ear"),
+}
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One body segment.
+
+    Attributes:
+        name: its name.
+        origin: point or midpoint its frame sits at.
+        first: (from, to, axis): this vector is that axis exactly.
+        second: (from, to, axis): this vector, made normal to the first, is that axis.
+        limb: place among `LIMBS` when the turn about the first axis comes from the plane of a limb, else -1.
+    """
+
+    name: str
+    origin: str
+    first: tuple[str, str, int]
+    second: tuple[str, str, int]
+    limb: int = -1
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The landmarks it needs, midpoints resolved."""
+        names = (self.origin, *self.first[:2], *self.second[:2])
+        return tuple(dict.fromkeys(part for name in names for part in _MIDPOINTS.get(name, (name,))))
+
+
+@dataclass(frozen=True)
+class Limb:
+    """Two segments that share the normal of their plane as Z axis.
+
+    Attributes:
+        name: name. parent: segment the last good plane is carried with.
+        proximal, middle, distal: its three points.
+        bend: +1 where the lower segment bends forward (elbow), -1 backward (knee).
+    """
+
+    name: str
+    parent: str
+    proximal: str
+    middle: str
+    distal: str
+    bend: int
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint: child relative to parent.
+
+    Attributes:
+        name: its name.
+        parent, child: segments; parent ``ground`` is the world (X forward = world x, Y up, Z right).
+        sequence: axes of the three successive rotations, in parent, moving and child axes.
+        angle_names: what each angle is called; positive as named.
+        sign: what each angle of the sequence is multiplied by (left sides are mirrored across the sagittal plane before).
+        zero: in words, where all angles are zero.
+        determined: which of the three the keypoints determine when all segments are known.
+    """
+
+    name: str
+    parent: str
+    child: str
+    sequence: str
+    angle_names: tuple[str, str, str]
+    sign: tuple[int, int, int]
+    zero: str
+    determined: tuple[bool, bool, bool] = (True, True, True)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether it is on the left side."""
+        return self.name.startswith("left_")
+
+
+LIMBS = (
+    Limb("left_arm", "thorax", "left_shoulder", "left_elbow", "left_wrist", 1),
+    Limb("right_arm", "thorax", "right_shoulder", "right_elbow", "right_wrist", 1),
+    Limb("left_leg", "pelvis", "left_hip", "left_knee", "left_ankle", -1),
+    Limb("right_leg", "pelvis", "right_hip", "right_knee", "right_ankle", -1),
+)
+
+
+def _side_segments(side: str, other_first: bool, arm: int, leg: int) -> tuple[Segment, ...]:
+    s, e, w = f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"
+    h, k, a = f"{side}_hip", f"{side}_knee", f"{side}_ankle"
+    index, pinky, heel, toe = f"{side}_index", f"{side}_pinky", f"{side}_heel", f"{side}_toe"
+    # palms forward in the anatomical position: the index is on the outside
+    across = (index, pinky) if other_first else (pinky, index)
+    return (
+        Segment(f"{side}_upper_arm", s, (e, s, Y), (e, w, X), arm),
+        Segment(f"{side}_forearm", e, (w, e, Y), (e, s, X), arm),
+        Segment(f"{side}_hand", w, (f"{side}_knuckles", w, Y), (*across, Z)),
+        Segment(f"{side}_thigh", h, (k, h, Y), (a, k, X), leg),
+        Segment(f"{side}_shank", k, (a, k, Y), (h, k, X), leg),
+        Segment(f"{side}_foot", a, (heel, toe, X), (heel, a, Y)),
+    )
+
+
+_MIDPOINTS |= {f"{side}_knuckles": (f"{side}_index", f"{side}_pinky") for side in ("left", "right")}
+
+SEGMENTS = (
+    Segment("pelvis", "mid_hip", ("left_hip", "right_hip", Z), ("mid_hip", "neck", Y)),
+    Segment("thorax", "neck", ("mid_hip", "neck", Y), ("left_shoulder", "right_shoulder", Z)),
+    Segment("head", "mid_ear", ("left_ear", "right_ear", Z), ("mid_ear", "nose", X)),
+    *_side_segments("left", True, 0, 2),
+    *_side_segments("right", False, 1, 3),
+)
+
+_PLANE = "; turned by the common plane of the limb, so the other two are zero by construction"
+_HIP = "thigh along the pelvis Y axis, limb plane sagittal"
+
+
+def _side_joints(side: str) -> tuple[Joint, ...]:
+    def one(name: str, parent: str, child: str, *rest: object) -> Joint:
+        return Joint(f"{side}_{name}", parent, child, *rest)  # type: ignore[arg-type]
+
+    ball = ("flexion", "adduction", "internal_rotation")
+    return (
+        one("shoulder", "thorax", f"{side}_upper_arm", "YXY", ("plane_of_elevation", "elevation", "internal_rotation"),
+            (1, 1, 1), "arm hanging (elevation); plane 0 is abduction, 90 degrees forward flexion"),
+        one("arm", "thorax", f"{side}_upper_arm", "ZXY", ball, (1, 1, 1), "arm hanging, elbow bending forward"),
+        one("elbow", f"{side}_upper_arm", f"{side}_forearm", "ZXY", ("flexion", "carrying", "pronation"), (1, 1, 1),
+            "arm straight" + _PLANE, (True, False, False)),
+        one("wrist", f"{side}_forearm", f"{side}_hand", "YZX", ("pronation", "flexion", "ulnar_deviation"), (1, 1, 1),
+            "hand in line with the forearm, palm facing the way the elbow bends"),
+        one("hip", "pelvis", f"{side}_thigh", "ZXY", ball, (1, 1, 1), _HIP),
+        one("knee", f"{side}_thigh", f"{side}_shank", "ZXY", ball, (-1, 1, 1), "leg straight" + _PLANE, (True, False, False)),
+        one("ankle", f"{side}_shank", f"{side}_foot", "ZXY", ("dorsiflexion", "inversion", "internal_rotation"), (1, 1, 1),
+            "line heel to toe normal to the shank"),
+    )  # fmt: skip
+
+
+JOINTS = (
+    Joint("pelvis", "ground", "pelvis", "YXZ", ("rotation_left", "obliquity_right_down", "tilt_forward"), (1, 1, -1),
+          "facing world x, hips level, trunk upright; tilt is that of the line from mid-hip to neck"),
+    Joint("trunk", "pelvis", "thorax", "ZXY", ("flexion", "bend_right", "rotation_left"), (-1, 1, 1),
+          "shoulder line parallel to hip line; flexion is zero by construction", (False, True, True)),
+    Joint("neck", "thorax", "head", "ZXY", ("flexion", "bend_right", "rotation_left"), (-1, 1, 1),
+          "ears and nose level with the trunk upright"),
+    *_side_joints("left"),
+    *_side_joints("right"),
+)  # fmt: skip
+
+SEGMENT_NAMES = tuple(segment.name for segment in SEGMENTS)
+JOINT_NAMES = tuple(joint.name for joint in JOINTS)
+ANGLE_NAMES = tuple(joint.angle_names for joint in JOINTS)
+SEQUENCES = ("ZXY", "YXY", "YXZ", "YZX")
+
+
+def _pair(name: str) -> tuple[int, int]:
+    first, second = _MIDPOINTS.get(name, (name, name))
+    return POINTS.index(first), POINTS.index(second)
+
+
+# tables for the compiled code
+SEGMENT_PAIRS = np.array([[_pair(n) for n in (s.origin, *s.first[:2], *s.second[:2])] for s in SEGMENTS])
+SEGMENT_AXES = np.array([[s.first[2], s.second[2], s.limb, s.name.endswith(("forearm", "shank"))] for s in SEGMENTS])
+LIMB_POINTS = np.array([[POINTS.index(n) for n in (limb.proximal, limb.middle, limb.distal)] for limb in LIMBS])
+LIMB_PARENT = np.array([SEGMENT_NAMES.index(limb.parent) for limb in LIMBS])
+LIMB_BEND = np.array([limb.bend for limb in LIMBS])
+GROUND = -1
+JOINT_SEGMENTS = np.array(
+    [[GROUND if j.parent == "ground" else SEGMENT_NAMES.index(j.parent), SEGMENT_NAMES.index(j.child)] for j in JOINTS]
+)
+JOINT_SEQUENCE = np.array([SEQUENCES.index(j.sequence) for j in JOINTS])
+JOINT_MIRRORED = np.array([j.mirrored for j in JOINTS])
+JOINT_SIGN = np.array([j.sign for j in JOINTS], np.float64)
+JOINT_DETERMINED = np.array([j.determined for j in JOINTS])
+
+
+def _sources(point: str, skeleton: Skeleton) -> tuple[str, ...]:
+    """The one or two keypoints a landmark is the mean of; () when the skeleton cannot give it."""
+    for names in (*_STAND_INS.get(point, ()), (point,)):
+        if all(name in skeleton.keypoints for name in names):
+            return names
+    return ()
+
+
+@cache
+def landmark_pairs(skeleton: Skeleton) -> Array:
+    """(P, 2) keypoint indices whose mean is each of `POINTS` (twice the same for one keypoint); -1 where there is none."""
+    rows = []
+    for point in POINTS:
+        names = _sources(point, skeleton)
+        rows.append([skeleton.index(names[0]), skeleton.index(names[-1])] if names else [-1, -1])
+    return np.array(rows)
+
+
+def undefined_segments(skeleton: Skeleton) -> dict[str, str]:
+    """Segments whose frame this skeleton cannot give, each with the reason."""
+    lacking = {p for p in POINTS if not _sources(p, skeleton)}
+    missing = {s.name: [p for p in s.points if p in lacking] for s in SEGMENTS}
+    return {name: f"needs {', '.join(points)}, which {skeleton.name} does not have" for name, points in missing.items() if points}
+
+
+def undefined_angles(skeleton: Skeleton) -> dict[str, str]:
+    """Angles ``joint.angle`` that can never come out of this skeleton, each with the reason."""
+    lost = undefined_segments(skeleton)
+    reasons = {}
+    for joint in JOINTS:
+        for name, determined in zip(joint.angle_names, joint.determined, strict=True):
+            segment = next((s for s in (joint.child, joint.parent) if s in lost), None)
+            if segment:
+                reasons[f"{joint.name}.{name}"] = f"segment {segment} {lost[segment]}"
+            elif not determined:
+                reasons[f"{joint.name}.{name}"] = "not determined by joint centres: " + joint.zero.split("; ")[-1]
+    return reasons

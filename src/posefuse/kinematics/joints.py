@@ -1,0 +1,210 @@
+"""3D poses to segment frames and joint angles, recorded and live."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from posefuse.core import SE3, Joints, Pose3D, PoseSequence, ShapeError, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.core.se3 import wxyz_from_matrix
+
+from . import kernels
+from .definitions import (
+    ANGLE_NAMES,
+    JOINT_DETERMINED,
+    JOINT_MIRRORED,
+    JOINT_NAMES,
+    JOINT_SEGMENTS,
+    JOINT_SEQUENCE,
+    JOINT_SIGN,
+    JOINTS,
+    LIMB_BEND,
+    LIMB_PARENT,
+    LIMB_POINTS,
+    LIMBS,
+    POINTS,
+    SEGMENT_AXES,
+    SEGMENT_NAMES,
+    SEGMENT_PAIRS,
+    landmark_pairs,
+    undefined_angles,
+)
+from .settings import JointSettings
+from .sides import check_sides
+
+_HINGE_MEMORY_S = 0.2
+GROUND = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
+
+
+def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> Joints:
+    """Segment frames and joint angles of a recording, the planes of straight limbs carried from both sides in time.
+
+    Angles are continuous over time (unwrapped), radians, flexion positive on both sides; `sigma_rad` is propagated from
+    `cov_world`, whose keypoints are taken as independent of each other. What is not defined is NaN;
+    `reasons_from_poses` says why.
+
+    Raises:
+        InputError: left and right of a person are plainly swapped (see `check_sides`).
+    """
+    return reasons_from_poses(sequence, settings)[0]
+
+
+def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> tuple[Joints, Array]:
+    """As `joints_from_poses`, with (T, N, J, 3) uint8 of `Reason` for every angle."""
+    settings = settings or JointSettings()
+    if settings.sides_checked:
+        check_sides(sequence)
+    work = _Workspace(sequence.skeleton, settings)
+    shape = sequence.xyz_world.shape[:2]
+    rotation = np.full((*shape, len(SEGMENT_NAMES), 3, 3), np.nan)
+    origin = np.full((*shape, len(SEGMENT_NAMES), 3), np.nan)
+    angles, sigmas = np.full((2, *shape, len(JOINT_NAMES), 3), np.nan)
+    reasons = np.zeros((*shape, len(JOINT_NAMES), 3), np.uint8)
+    for n in range(shape[1]):
+        planes = _smoothed_planes(sequence, n, work)
+        last = np.full((len(JOINT_NAMES), 3), np.nan)
+        for i in range(shape[0]):
+            work.read(sequence.xyz_world[i, n], sequence.cov_world[i, n])
+            work.solve(planes[i])
+            kernels.unwrap(work.angles, last)
+            rotation[i, n], origin[i, n] = work.rotation, work.origins()
+            angles[i, n], sigmas[i, n], reasons[i, n] = work.angles, work.sigmas, work.reasons
+    return _joints(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), reasons
+
+
+class JointTracker:
+    """Frames and angles of live poses. Remembers, per person, the limb planes and the turn each angle is on."""
+
+    def __init__(self, skeleton: Skeleton, settings: JointSettings | None = None) -> None:
+        self.skeleton = skeleton
+        self._work = _Workspace(skeleton, settings or JointSettings())
+        self._memories: dict[int, _Memory] = {}
+
+    def step(self, pose: Pose3D) -> Joints:
+        """Joints of one instant (T = 1). People that are gone are forgotten.
+
+        Raises:
+            ShapeError: another skeleton than the tracker was made for.
+        """
+        if pose.skeleton != self.skeleton:
+            raise ShapeError(f"JointTracker.step: expected skeleton {self.skeleton.name}, got {pose.skeleton.name}")
+        count, work = len(pose.person_id), self._work
+        rotation = np.empty((1, count, len(SEGMENT_NAMES), 3, 3))
+        origin = np.empty((1, count, len(SEGMENT_NAMES), 3))
+        angles, sigmas = np.empty((2, 1, count, len(JOINT_NAMES), 3))
+        memories = {}
+        for n, person in enumerate(pose.person_id.tolist()):
+            memory = self._memories.get(person) or _Memory(pose.t_ns)
+            work.read(pose.xyz_world[n], pose.cov_world[n])
+            work.step_planes(memory.planes, (pose.t_ns - memory.t_ns) * 1e-9)
+            work.solve(work.updated)
+            kernels.unwrap(work.angles, memory.angles)
+            rotation[0, n], origin[0, n] = work.rotation, work.origins()
+            angles[0, n], sigmas[0, n] = work.angles, work.sigmas
+            memory.t_ns = pose.t_ns
+            memories[person] = memory
+        self._memories = memories
+        return _joints(np.array([pose.t_ns]), pose.person_id, rotation, origin, angles, sigmas)
+
+
+def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) -> SE3:
+    """ISB frames (T, N, S) alone, S as `SEGMENT_NAMES`; NaN where undefined. The long axis of a limb is Y.
+
+    The paper's orthogonality weight wants its Z axis, which is this Y for every segment it names.
+    """
+    return joints_from_poses(sequence, settings).world_from_segment
+
+
+def _joints(t_ns: Array, person_id: Array, rotation: Array, origin: Array, angles: Array, sigmas: Array) -> Joints:
+    frames = SE3(wxyz_from_matrix(rotation), np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin))
+    return Joints(t_ns, person_id, SEGMENT_NAMES, frames, JOINT_NAMES, ANGLE_NAMES, angles, sigmas)
+
+
+@dataclass
+class _Memory:
+    t_ns: int
+    planes: Array = field(default_factory=lambda: np.full((len(LIMBS), kernels.MEMORY_SIZE), np.nan))
+    angles: Array = field(default_factory=lambda: np.full((len(JOINTS), 3), np.nan))
+
+
+class _Workspace:
+    """The arrays one person's frame passes through; overwritten by each call, so that nothing is allocated live."""
+
+    def __init__(self, skeleton: Skeleton, settings: JointSettings) -> None:
+        self.settings = settings
+        self.pairs = landmark_pairs(skeleton)
+        impossible = undefined_angles(skeleton)
+        self.determined = JOINT_DETERMINED & np.array(
+            [[f"{joint.name}.{name}" not in impossible for name in joint.angle_names] for joint in JOINTS]
+        )
+        s, q, p = len(SEGMENT_NAMES), len(JOINT_NAMES), len(POINTS)
+        self.points, self.points_cov = np.empty((p, 3)), np.empty((p, 3, 3))
+        self.rotation, self.by_first, self.by_second = np.empty((3, s, 3, 3))
+        self.turn_var = np.empty(s)
+        self.expected, self.updated = np.empty((2, len(LIMBS), kernels.PLANE_SIZE))
+        self.angles, self.sigmas = np.empty((2, q, 3))
+        self.reasons = np.zeros((q, 3), np.uint8)
+        self.weights = np.empty((q, p, 3, 3))
+        self.limits = np.array([np.sin(settings.lock_rad), settings.sigma_limit_rad])
+
+    def read(self, xyz_world: Array, cov_world: Array) -> None:
+        kernels.gather(xyz_world, cov_world, self.pairs, self.settings.unknown_sigma_m**2, self.points, self.points_cov)
+
+    def step_planes(self, memory: Array, elapsed_s: float) -> None:
+        grown = self.settings.turn_rate_rad_sqrt_s**2 * abs(elapsed_s)
+        # a hinge that is not ideal errs the same way frame after frame: it must not average out
+        repeats = max(1.0, _HINGE_MEMORY_S / max(abs(elapsed_s), 1e-3))
+        kernels.step_planes(
+            self.points, self.points_cov, LIMB_POINTS, LIMB_BEND, LIMB_PARENT, SEGMENT_PAIRS, SEGMENT_AXES, memory, grown,
+            self.settings.hinge_play_rad**2 * repeats, self.expected, self.updated,
+        )  # fmt: skip
+
+    def solve(self, planes: Array) -> None:
+        kernels.solve(
+            self.points, self.points_cov, planes, SEGMENT_PAIRS, SEGMENT_AXES, LIMB_BEND, JOINT_SEGMENTS, JOINT_SEQUENCE,
+            JOINT_MIRRORED, JOINT_SIGN, self.determined, GROUND, self.limits, self.rotation, self.by_first, self.by_second,
+            self.turn_var, self.angles, self.sigmas, self.reasons, self.weights,
+        )  # fmt: skip
+
+    def origins(self) -> Array:
+        return self.points[SEGMENT_PAIRS[:, 0]].mean(axis=1)
+
+
+def _smoothed_planes(sequence: PoseSequence, person: int, work: _Workspace) -> Array:
+    """(T, L, PLANE_SIZE) limb planes from the past, the present and the future together."""
+    t_s = sequence.t_ns * 1e-9
+    passes = []
+    for order in (range(len(t_s)), range(len(t_s) - 1, -1, -1)):
+        memory = _Memory(0).planes
+        before = t_s[order[0]] if len(order) else 0.0
+        expected, updated = np.empty((2, len(t_s), len(LIMBS), kernels.PLANE_SIZE))
+        for i in order:
+            work.read(sequence.xyz_world[i, person], sequence.cov_world[i, person])
+            work.step_planes(memory, t_s[i] - before)
+            before = t_s[i]
+            expected[i], updated[i] = work.expected, work.updated
+        passes.append((expected, updated))
+    return _merged_planes(passes[0][1], passes[1][0])
+
+
+def _merged_planes(past: Array, future: Array) -> Array:
+    """Planes (..., PLANE_SIZE) weighted by their inverse variances; a missing one counts nothing.
+
+    A normal guessed from the parent alone is no evidence: it counts only where neither side has any.
+    """
+    weights = []
+    for planes in (past, future):
+        var = planes[..., 3]
+        known = np.isfinite(var) & (var < kernels.UNKNOWN_VAR)
+        weights.append(np.where(known, 1.0 / np.maximum(np.where(known, var, 1.0), 1e-12), 0.0))
+    total = weights[0] + weights[1]
+    merged = past.copy()
+    seen = total > 0
+    normal = sum(np.nan_to_num(p[..., :3]) * w[..., None] for p, w in zip((past, future), weights, strict=True))[seen]
+    merged[seen, :3] = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    merged[seen, 3] = 1.0 / total[seen]
+    alone = ~seen & np.isnan(past[..., 3])
+    merged[alone, :4] = future[alone, :4]
+    return merged

@@ -1,0 +1,242 @@
+"""Angles put into a figure come out again; laws of frames and angles; stated rules where they are not defined."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import SKELETONS, InputError, PoseSequence, ShapeError
+from posefuse.kinematics import (
+    JOINT_NAMES,
+    JointSettings,
+    JointTracker,
+    Reason,
+    joints_from_poses,
+    reasons_from_poses,
+    undefined_angles,
+)
+
+EXACT = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=10.0)
+BENT = {
+    "pelvis": (20.0, 5.0, 12.0),
+    "trunk": (0.0, 8.0, -15.0),
+    "neck": (14.0, -6.0, 25.0),
+    "left_arm": (35.0, -22.0, 18.0),
+    "right_arm": (-25.0, -40.0, 30.0),
+    "left_elbow": (75.0, 0.0, 0.0),
+    "right_elbow": (48.0, 0.0, 0.0),
+    "left_wrist": (35.0, 20.0, -12.0),
+    "right_wrist": (60.0, -25.0, 9.0),
+    "left_hip": (40.0, 11.0, -9.0),
+    "right_hip": (-15.0, -8.0, 14.0),
+    "left_knee": (62.0, 0.0, 0.0),
+    "right_knee": (31.0, 0.0, 0.0),
+    "left_ankle": (-18.0, 7.0, 5.0),
+    "right_ankle": (12.0, -9.0, -6.0),
+}
+
+
+def degrees_of(joints, name, i=0, n=0):
+    return np.degrees(joints.angle_rad[i, n, joints.joints.index(name)])
+
+
+@pytest.mark.parametrize("root", [np.eye(3), Rotation.from_euler("xyz", [130, 20, -70], degrees=True).as_matrix()])
+def test_angles_put_in_come_out(posed, root):
+    joints = joints_from_poses(posed([BENT], root=root), EXACT)
+    for name, expected in BENT.items():
+        if name == "pelvis" and not np.allclose(root, np.eye(3)):
+            continue
+        got = degrees_of(joints, name)
+        defined = np.isfinite(got)
+        assert defined.any(), name
+        np.testing.assert_allclose(got[defined], np.array(expected)[defined], atol=1e-5, err_msg=name)
+
+
+def test_shoulder_follows_isb_plane_and_elevation(posed):
+    abducted, forward = {"right_arm": (0, -70, 0), "right_elbow": (40, 0, 0)}, {"left_arm": (60, 0, 0), "left_elbow": (40, 0, 0)}
+    right = degrees_of(joints_from_poses(posed([abducted]), EXACT), "right_shoulder")
+    left = degrees_of(joints_from_poses(posed([forward]), EXACT), "left_shoulder")
+    np.testing.assert_allclose(right[:2], [0, 70], atol=1e-5)
+    np.testing.assert_allclose(left[:2], [90, 60], atol=1e-5)
+
+
+def test_shoulder_sequence_agrees_with_scipy(posed):
+    frames = joints_from_poses(posed([BENT]), EXACT)
+    rotation = frames.world_from_segment.matrix()[0, 0]
+    thorax, arm = (rotation[frames.segments.index(s)] for s in ("thorax", "right_upper_arm"))
+    plane, elevation, turn = degrees_of(frames, "right_shoulder")
+    rebuilt = Rotation.from_euler("YXY", [plane, -elevation, turn], degrees=True).as_matrix()
+    np.testing.assert_allclose(rebuilt, thorax.T @ arm, atol=1e-8)
+
+
+def test_moving_the_world_changes_only_the_pelvis(posed):
+    sequence = posed([BENT])
+    turn = Rotation.from_euler("xyz", [40, -150, 75], degrees=True).as_matrix()
+    moved = PoseSequence(
+        sequence.t_ns, sequence.skeleton, sequence.person_id, sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0],
+        turn @ sequence.cov_world @ turn.T, sequence.reproj_px, sequence.n_views, sequence.kind,
+    )  # fmt: skip
+    before, after = joints_from_poses(sequence), joints_from_poses(moved)
+    np.testing.assert_allclose(after.angle_rad[:, :, 1:], before.angle_rad[:, :, 1:], atol=1e-9)
+    np.testing.assert_allclose(after.sigma_rad[:, :, 1:], before.sigma_rad[:, :, 1:], rtol=1e-6)
+    np.testing.assert_allclose(after.world_from_segment.matrix(), turn @ before.world_from_segment.matrix(), atol=1e-9)
+
+
+def test_mirroring_the_subject_swaps_the_sides(posed):
+    sequence = posed([BENT])
+    xyz = sequence.xyz_world[:, :, sequence.skeleton.mirror] * [1, -1, 1]
+    mirrored = PoseSequence(
+        sequence.t_ns, sequence.skeleton, sequence.person_id, xyz, sequence.cov_world, sequence.reproj_px,
+        sequence.n_views, sequence.kind,
+    )  # fmt: skip
+    before, after = joints_from_poses(sequence, EXACT), joints_from_poses(mirrored, EXACT)
+    for name in JOINT_NAMES:
+        if name.startswith("left_"):
+            other = name.replace("left_", "right_")
+            np.testing.assert_allclose(degrees_of(after, name), degrees_of(before, other), atol=1e-6, err_msg=name)
+    np.testing.assert_allclose(degrees_of(after, "neck"), degrees_of(before, "neck") * [1, -1, -1], atol=1e-6)
+
+
+def test_sigma_is_the_spread_of_angles_of_noisy_points(posed):
+    rng = np.random.default_rng(4)
+    sigma_m, count = 0.0005, 2000
+    clean = posed([BENT])
+    truth = joints_from_poses(clean, EXACT)
+    spread = rng.normal(size=(count, *clean.xyz_world.shape[1:])) * sigma_m * [1, 2, 0.5]
+    xyz = clean.xyz_world + spread
+    cov = np.broadcast_to(np.diag((sigma_m * np.array([1, 2, 0.5])) ** 2), (*xyz.shape, 3))
+    errors, stated = [], None
+    for i in range(count):
+        tracker = JointTracker(clean.skeleton, EXACT)
+        one = PoseSequence(
+            clean.t_ns, clean.skeleton, [0], xyz[i : i + 1], cov[:1], *([clean.n_views * 1.0] + [clean.n_views] * 2)
+        )
+        joints = tracker.step(one.at(0))
+        errors.append(joints.angle_rad[0, 0] - truth.angle_rad[0, 0])
+        stated = joints.sigma_rad[0, 0]
+    seen = np.std(errors, axis=0)
+    defined = np.isfinite(stated)
+    assert defined.sum() > 30
+    np.testing.assert_allclose(seen[defined] / stated[defined], 1.0, atol=0.12)
+
+
+def test_angles_stay_continuous_through_straight_knees_and_whole_turns(posed):
+    t = np.linspace(0, 4, 401)
+    frames = [
+        {"pelvis": (200 * s, 0, 0), "left_hip": (25 * np.sin(6 * s), 2, 5), "left_knee": (30 - 30 * np.cos(6 * s), 0, 0)}
+        for s in t
+    ]
+    joints = joints_from_poses(posed(frames))
+    for name in ("pelvis", "left_hip", "left_knee"):
+        angles = degrees_of(joints, name, slice(None))
+        defined = np.isfinite(angles).all(axis=0)
+        assert np.abs(np.diff(angles[:, defined], axis=0)).max() < 4, name
+    turned = degrees_of(joints, "pelvis", slice(None))
+    assert turned[-1, 0] - turned[0, 0] == pytest.approx(800, abs=1e-3)
+    np.testing.assert_allclose(degrees_of(joints, "left_knee", slice(None))[:, 0], 30 - 30 * np.cos(6 * t), atol=0.05)
+
+
+def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
+    rng = np.random.default_rng(1)
+    frames = [{"left_knee": (60.0 if i < 30 else 0.5, 0, 0), "left_hip": (20, 0, 10)} for i in range(90)]
+    clean = posed(frames, sigma_m=0.01)
+    xyz = clean.xyz_world + rng.normal(size=clean.xyz_world.shape) * 0.01
+    noisy = PoseSequence(clean.t_ns, clean.skeleton, [0], xyz, clean.cov_world, clean.reproj_px, clean.n_views, clean.kind)
+    tracker = JointTracker(clean.skeleton)
+    live = [tracker.step(noisy.at(i)) for i in range(90)]
+    turn = np.array([degrees_of(j, "left_hip")[2] for j in live])
+    sigma = np.degrees([j.sigma_rad[0, 0, JOINT_NAMES.index("left_hip"), 2] for j in live])
+    carried = slice(35, 60)
+    assert np.abs(np.diff(turn[carried])).max() < 8
+    assert sigma[59] > 1.5 * sigma[29]
+    assert np.abs(turn[carried] - 10).max() < 3 * np.nanmax(sigma[carried])
+
+
+def test_live_equals_recorded_when_the_planes_are_clear(posed):
+    frames = [{**BENT, "left_knee": (40 + i, 0, 0)} for i in range(20)]
+    sequence = posed(frames, sigma_m=1e-6)
+    tracker = JointTracker(sequence.skeleton, EXACT)
+    live = np.concatenate([tracker.step(sequence.at(i)).angle_rad for i in range(20)])
+    np.testing.assert_allclose(live, joints_from_poses(sequence, EXACT).angle_rad, atol=1e-6)
+
+
+def test_each_skeleton_says_what_it_cannot_give():
+    paper = undefined_angles(SKELETONS["paper14"])
+    assert "needs nose, left_ear, right_ear" in paper["neck.flexion"].replace(
+        "left_ear, right_ear, nose", "nose, left_ear, right_ear"
+    )
+    assert "left_heel" in paper["left_ankle.dorsiflexion"]
+    assert "not determined by joint centres" in paper["right_knee.internal_rotation"]
+    assert "left_knee.flexion" not in paper
+    assert "left_wrist.pronation" not in undefined_angles(SKELETONS["blazepose33"])
+
+
+@pytest.mark.parametrize("skeleton", sorted(SKELETONS))
+def test_what_a_skeleton_promises_is_there(posed, skeleton):
+    joints, reasons = reasons_from_poses(posed([BENT], skeleton), EXACT)
+    impossible = undefined_angles(SKELETONS[skeleton])
+    for q, name in enumerate(joints.joints):
+        for a, angle in enumerate(joints.angle_names[q]):
+            wanted = Reason.NOT_DETERMINED if f"{name}.{angle}" in impossible else Reason.DEFINED
+            assert reasons[0, 0, q, a] == wanted, (name, angle)
+            assert np.isfinite(joints.angle_rad[0, 0, q, a]) == (wanted == Reason.DEFINED)
+
+
+def test_a_missing_keypoint_takes_only_what_needs_it(posed):
+    sequence = posed([BENT])
+    xyz = sequence.xyz_world.copy()
+    xyz[:, :, sequence.skeleton.index("left_ankle")] = np.nan
+    holed = PoseSequence(
+        sequence.t_ns, sequence.skeleton, [0], xyz, sequence.cov_world, sequence.reproj_px, sequence.n_views, sequence.kind
+    )
+    joints, reasons = reasons_from_poses(holed, EXACT)
+    knee, hip = joints.joints.index("left_knee"), joints.joints.index("left_hip")
+    assert reasons[0, 0, knee, 0] == Reason.MISSING
+    np.testing.assert_allclose(degrees_of(joints, "left_hip")[:2], BENT["left_hip"][:2], atol=1e-5)
+    assert reasons[0, 0, hip, 2] == Reason.STRAIGHT_LIMB
+    np.testing.assert_allclose(degrees_of(joints, "right_hip"), BENT["right_hip"], atol=1e-5)
+
+
+def test_gimbal_lock_is_named_and_its_middle_angle_kept(posed):
+    joints, reasons = reasons_from_poses(posed([{**BENT, "right_arm": (0.0, 0.5, 0.0)}]), EXACT)
+    shoulder = joints.joints.index("right_shoulder")
+    assert [Reason(r) for r in reasons[0, 0, shoulder]] == [Reason.GIMBAL_LOCK, Reason.DEFINED, Reason.GIMBAL_LOCK]
+    assert degrees_of(joints, "right_shoulder")[1] == pytest.approx(0.5, abs=1e-4)
+    assert np.isfinite(degrees_of(joints, "right_arm")).all()
+
+
+def test_an_upside_down_person_has_the_same_angles(posed):
+    handstand = Rotation.from_euler("x", 180, degrees=True).as_matrix()
+    upright, inverted = joints_from_poses(posed([BENT]), EXACT), joints_from_poses(posed([BENT], root=handstand), EXACT)
+    np.testing.assert_allclose(inverted.angle_rad[:, :, 1:], upright.angle_rad[:, :, 1:], atol=1e-9)
+
+
+def test_swapped_sides_are_refused(posed):
+    sequence = posed([BENT] * 10)
+    swapped = PoseSequence(
+        sequence.t_ns, sequence.skeleton, [7], sequence.xyz_world[:, :, sequence.skeleton.mirror], sequence.cov_world,
+        sequence.reproj_px, sequence.n_views, sequence.kind,
+    )  # fmt: skip
+    with pytest.raises(InputError, match="person 7: left and right look swapped"):
+        joints_from_poses(swapped)
+    assert np.isfinite(joints_from_poses(swapped, JointSettings(sides_checked=False)).angle_rad).any()
+
+
+def test_nobody_and_all_missing_give_empty_and_nan(posed):
+    sequence = posed([BENT] * 3)
+    nan = PoseSequence(
+        sequence.t_ns, sequence.skeleton, [0], sequence.xyz_world * np.nan, sequence.cov_world * np.nan, sequence.reproj_px,
+        sequence.n_views, sequence.kind,
+    )  # fmt: skip
+    assert np.isnan(joints_from_poses(nan).angle_rad).all()
+    nobody = PoseSequence(
+        sequence.t_ns,
+        sequence.skeleton,
+        [],
+        *(getattr(sequence, f)[:, :0] for f in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")),
+    )
+    assert joints_from_poses(nobody).angle_rad.shape == (3, 0, len(JOINT_NAMES), 3)
+
+
+def test_the_tracker_refuses_another_skeleton(posed):
+    with pytest.raises(ShapeError, match="expected skeleton coco17, got blazepose33"):
+        JointTracker(SKELETONS["coco17"]).step(posed([BENT]).at(0))
