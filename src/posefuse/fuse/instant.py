@@ -33,7 +33,7 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
         raise ShapeError(f"fuse: views come from cameras {choices(views.camera_names)}, the rig has {choices(rig.names)}")
     xy = np.array(views.xy_img)
     score = np.nan_to_num(views.score)
-    sigma = stated_sigma(score, views.sigma_px, settings)
+    sigma = stated_sigma(xy, score, views.sigma_px, settings)
     before = _matched(views, previous)
     solved = _solve(views, rig, xy, score, sigma, before, settings)
     kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))

@@ -23,9 +23,11 @@ GATE = 13.8  # 99.9 %: all views within it need no consensus search
 USED = 19.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
 RANK = 1e-10  # smallest over largest eigenvalue of the information below which the rays are one ray
 PRIOR_DOF = 8.0  # how many residuals the stated sigma is worth when residuals contradict it
-RESCALE = 4.0  # squared ratio of seen to stated noise from which the stated sigma is taken as wrong
-LOW_QUANTILE = 0.3  # of squared residuals; still among the inliers when half of the views are wrong
+RESCALE = 2.0  # squared ratio of seen to stated noise from which the stated sigma is taken as wrong
+MIN_POINTS = 5  # of three or more views, to judge the stated sigma by
 MAX_TRIALS = 120
+ATTEMPTS = 5
+MAX_SCALE = 10.0  # beyond it the views are taken to be wrong rather than the stated sigma
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 
@@ -417,11 +419,21 @@ def gather(cams, xy_img, sigma, scale, k, views):
 
 
 @njit(**_JIT)
-def noise_ratio(square, many):
-    """Squared ratio of seen to stated noise from a low quantile of squared residuals; 1 when there are too few."""
-    if many < 12:
-        return 1.0
-    return np.sort(square[:many])[int(LOW_QUANTILE * many)] / (-2.0 * math.log(1.0 - LOW_QUANTILE))
+def middle_residual(squares, n):
+    """Middle one of n squared residuals (sorted in place), in units of what it is when the stated sigma is right.
+
+    At least the third: any two rays nearly meet, so the two smallest say little. Unlike a sum it stays among the good
+    views when half of eight are wrong.
+    """
+    for i in range(1, n):
+        value = squares[i]
+        j = i
+        while j > 0 and squares[j - 1] > value:
+            squares[j] = squares[j - 1]
+            j -= 1
+        squares[j] = value
+    middle = max(3, (n + 1) // 2)
+    return squares[middle - 1] / (-2.0 * math.log(1.0 - middle / (n + 1.0)) * (1.0 - 1.5 / n))
 
 
 @njit(**_JIT)
@@ -463,11 +475,11 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
     """
     groups, count, keypoints = sigma.shape
     views, work = np.empty((count, 7)), np.empty((3, 9))
-    pool, p, other = np.empty(count * keypoints), np.empty(3), np.empty(3)
+    pool, squares, p, other = np.empty(keypoints), np.empty(count), np.empty(3), np.empty(3)
     chi2, dof = np.empty(keypoints), np.empty(keypoints)
     for g in range(groups):
         scale = 1.0
-        for attempt in range(3):
+        for attempt in range(ATTEMPTS):
             many = 0
             chi2[:], dof[:] = 0.0, 0.0
             square[g], xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan, math.nan
@@ -482,19 +494,21 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
                     s = squared_residual(cams, views[i], p[0], p[1], p[2])
                     square[g, int(views[i, 6]), k] = s
                     cost[g, k] += loss(s)
-                    if n > 2:
-                        pool[many] = s / (1.0 - 1.5 / n)
-                        many += 1
+                    squares[i] = s
+                if n > 2:
+                    pool[many] = middle_residual(squares, n)
+                    many += 1
                 used, px, total = finish_robust(cams, views, n, p, xy_img[g], k, work, cov[g, k])
                 if used == 0:
                     cov[g, k] = math.nan
                     continue
                 xyz[g, k], reproj[g, k], n_views[g, k] = p, px, used
                 chi2[k], dof[k] = total, 2.0 * used - 3.0
-            ratio = noise_ratio(pool, many)
-            if ratio < RESCALE or attempt == 2 or not math.isfinite(ratio):
+            ratio = np.median(pool[:many]) if many >= MIN_POINTS else 1.0
+            wider = scale * math.sqrt(ratio)
+            if ratio < RESCALE or attempt == ATTEMPTS - 1 or not wider < MAX_SCALE:
                 break
-            scale *= math.sqrt(ratio)
+            scale = wider
         inflate(cov[g], chi2, dof, 1.0 / (scale * scale))
 
 

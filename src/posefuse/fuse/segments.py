@@ -33,9 +33,9 @@ _MEMBERS = {
 }
 
 # keypoint -> segment
-SEGMENT_OF: dict[str, str] = {
-    name: "trunk" for name in ("neck", "mid_hip", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
-} | {f"{side}_{member}": f"{side}_{limb}" for side in _SIDES for limb, members in _MEMBERS.items() for member in members}
+SEGMENT_OF: dict[str, str] = dict.fromkeys(
+    ("neck", "mid_hip", "left_shoulder", "right_shoulder", "left_hip", "right_hip"), "trunk"
+) | {f"{side}_{member}": f"{side}_{limb}" for side in _SIDES for limb, members in _MEMBERS.items() for member in members}
 
 
 @lru_cache(maxsize=16)

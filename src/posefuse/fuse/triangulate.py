@@ -56,7 +56,7 @@ def triangulate(
         xy_img: (..., C, K, 2) raw distorted px; NaN where unseen.
         score: (..., C, K) in [0, 1]; None: 1 wherever xy_img is finite. NaN counts as 0, and 0 as unseen.
         sigma_px: (..., C, K) standard deviation of each image coordinate; where None or NaN it is
-            ``settings.sigma_full_score_px / score``.
+            taken from the extent of the K keypoints in that view and the score, see `FuseSettings.sigma_share`.
         weights: ``robust``, ``score``, ``none`` or ``all``; see `FuseSettings`. ``all`` needs `skeleton`.
         skeleton: names axis K.
         settings: thresholds; its own `weights` is not looked at.
@@ -96,13 +96,19 @@ def _checked(rig: Rig, xy_img: Any, score: Any, sigma_px: Any, settings: FuseSet
             raise ShapeError(f"triangulate: {name}: expected (..., C, K) = {xy.shape[:-1]}, got shape {plane.shape}")
         planes.append(plane)
     filled = np.isfinite(xy[..., 0]).astype(np.float64) if score is None else np.nan_to_num(planes[0], copy=False)
-    return xy, filled, stated_sigma(filled, planes[1], settings)
+    return xy, filled, stated_sigma(xy, filled, planes[1], settings)
 
 
-def stated_sigma(score: Array, sigma_px: Array, settings: FuseSettings) -> Array:
-    """sigma_px, and sigma_full_score_px / score where it is NaN."""
+def stated_sigma(xy_img: Array, score: Array, sigma_px: Array, settings: FuseSettings) -> Array:
+    """sigma_px (..., C, K), and where it is NaN what `FuseSettings.sigma_share` makes of the body's size and the score."""
+    unstated = np.isnan(sigma_px)
+    if not unstated.any():
+        return sigma_px
+    seen = np.isfinite(xy_img)
+    extent = np.where(seen, xy_img, -np.inf).max(axis=-2) - np.where(seen, xy_img, np.inf).min(axis=-2)
+    full = np.maximum(settings.sigma_share * extent.max(axis=-1), settings.sigma_min_px)
     with np.errstate(divide="ignore"):
-        return np.where(np.isnan(sigma_px), settings.sigma_full_score_px / score, sigma_px)
+        return np.where(unstated, full[..., None] / score, sigma_px)
 
 
 def plain_weight(weights: Weights, xy_img: Array, score: Array, settings: FuseSettings) -> Array:
