@@ -135,13 +135,13 @@ def pose_from_message(msg: Any) -> tuple[Pose3D, dict[str, int]]:
     return pose, _stages(msg)
 
 
-def messages_from_joints(joints: Joints, world_frame: str) -> list[Any]:
-    """`posefuse_msgs/JointAngles` of each person at the last instant of `joints`."""
+def messages_from_joints(joints: Joints, world_frame: str, t_ns: int) -> list[Any]:
+    """`posefuse_msgs/JointAngles` of each person at the last instant of `joints`, stamped `t_ns`."""
     names = [f"{joint}/{angle}" for joint, angles in zip(joints.joints, joints.angle_names, strict=True) for angle in angles]
     return [
         message(
             JOINT_ANGLES_TYPE,
-            header=header(int(joints.t_ns[-1]), world_frame),
+            header=header(t_ns, world_frame),
             person_id=int(person),
             name=names,
             angle_rad=joints.angle_rad[-1, n].ravel(),

@@ -1,0 +1,214 @@
+"""Recordings as MCAP with ROS 2 types: they open in Foxglove, `ros2 bag play` and every MCAP library.
+
+Messages are kept in the order they were published, so a replay sees what the live run saw, in its order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from posefuse.core import SE3, Detections2D, InputError, MessageError, Pose3D, Rig, SourceError
+from posefuse.core.errors import choices
+
+from . import topics
+from .camera_messages import CAMERA_INFO_TYPE, camera_from_info
+from .intake import decode, encode
+from .messages import detections_from_message, optical_frame, pose_from_message
+from .topics import Topic
+from .types import definition, optional_module, ros2_types
+
+_MAX_MESSAGE_BYTES = 2**28
+_CHUNK_BYTES = 2**18
+
+
+class Recorder:
+    """Writes messages to one .mcap file as they come (`topics.Outlet`).
+
+    The file is whole after `close`; cut off before that it still holds all but the last part of a second or so.
+
+    Raises:
+        InputError: the file cannot be made, or is there already.
+    """
+
+    def __init__(self, path: Path) -> None:
+        writer = optional_module("mcap.writer")
+        self.path = path
+        try:
+            self._file = path.open("xb")
+        except FileExistsError:
+            raise InputError(f"{path}: is there already; choose another name or move it away") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        self._writer = writer.Writer(self._file, chunk_size=_CHUNK_BYTES, compression=writer.CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="posefuse")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
+        self._open = True
+
+    def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
+        """Record one message of the instant `t_ns`."""
+        self.write(topic, encode(msg), t_ns, t_ns)
+
+    def write(self, topic: Topic, raw: bytes, logged_ns: int, sent_ns: int) -> None:
+        """Record ready-made CDR bytes, e.g. as they came from a `dds.Reader`."""
+        channel = self._channels.get(topic.name)
+        if channel is None:
+            channel = self._channels[topic.name] = self._register(topic)
+        seq = self._counts[topic.name] = self._counts.get(topic.name, -1) + 1
+        self._writer.add_message(channel, logged_ns, raw, sent_ns, seq)
+
+    def close(self) -> None:
+        """Finish the file; safe to call twice."""
+        if self._open:
+            self._open = False
+            self._writer.finish()
+            self._file.close()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _register(self, topic: Topic) -> int:
+        schema = self._schemas.get(topic.type_name)
+        if schema is None:
+            text = definition(topic.type_name).encode()
+            schema = self._schemas[topic.type_name] = self._writer.register_schema(topic.type_name, "ros2msg", text)
+        metadata = {"offered_qos_profiles": _qos_yaml(topic)}
+        return int(self._writer.register_channel(topic.name, "cdr", schema, metadata))
+
+
+class Recorded(NamedTuple):
+    """One message of a recording.
+
+    Attributes:
+        topic: its name. msg: the message. logged_ns: when it was recorded (Unix epoch).
+    """
+
+    topic: str
+    msg: Any
+    logged_ns: int
+
+
+def read_mcap(path: Path, names: Collection[str] | None = None, cut_ok: bool = False) -> Iterator[Recorded]:
+    """Messages of a ROS 2 .mcap file in the order they were written; `names` picks topics.
+
+    Types this package knows are checked against the file's own definition of them; others are skipped.
+
+    Raises:
+        SourceError: no such file, no MCAP file, or one that ends in the middle (unless `cut_ok`).
+        MessageError: a message that is malformed, or of a type whose definition is not ours.
+    """
+    stream_reader, exceptions = optional_module("mcap.stream_reader"), optional_module("mcap.exceptions")
+    schemas: dict[int, Any] = {}
+    channels: dict[int, Any] = {}
+    checked: set[int] = set()
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be opened ({error.strerror})") from None
+    with file:
+        records = stream_reader.StreamReader(file, record_size_limit=_MAX_MESSAGE_BYTES).records
+        while True:
+            try:
+                record = next(records, None)
+            except exceptions.EndOfFile:
+                if cut_ok:
+                    return
+                raise SourceError(f"{path}: ends in the middle, the recording was cut off") from None
+            except (exceptions.McapError, ValueError) as error:
+                raise SourceError(f"{path}: cannot be read as MCAP ({error})") from None
+            if record is None:
+                return
+            kind = type(record).__name__
+            if kind == "Schema":
+                schemas[record.id] = record
+            elif kind == "Channel":
+                channels[record.id] = record
+            elif kind == "Message":
+                channel = channels[record.channel_id]
+                schema = schemas.get(channel.schema_id)
+                if (names is not None and channel.topic not in names) or not _known(schema, channel):
+                    continue
+                if schema.id not in checked:
+                    _check_definition(path, schema)
+                    checked.add(schema.id)
+                yield Recorded(channel.topic, decode(record.data, schema.name, _MAX_MESSAGE_BYTES), record.log_time)
+
+
+def read_detections(path: Path, cut_ok: bool = False) -> Iterator[tuple[Detections2D, dict[str, int]]]:
+    """Recorded 2D poses with their stages, in the order they arrived."""
+    for recorded in read_mcap(path, {topics.DETECTIONS.name}, cut_ok):
+        yield detections_from_message(recorded.msg)
+
+
+def read_poses(path: Path, cut_ok: bool = False) -> Iterator[tuple[Pose3D, dict[str, int]]]:
+    """Recorded 3D poses with their stages, in the order they went out."""
+    for recorded in read_mcap(path, {topics.POSE.name}, cut_ok):
+        yield pose_from_message(recorded.msg)
+
+
+def read_rig(path: Path, cut_ok: bool = False) -> Rig:
+    """The cameras of a recording, from its `camera_info` topics and static transforms; names as ROS writes them.
+
+    Raises:
+        SourceError: it holds no camera, or one without a pose.
+    """
+    infos: dict[str, Any] = {}
+    poses: dict[str, SE3] = {}
+    for _, msg, _ in read_mcap(path, None, cut_ok):
+        if msg.__msgtype__ == CAMERA_INFO_TYPE:
+            infos[msg.header.frame_id] = msg
+        elif msg.__msgtype__ == topics.TF_STATIC.type_name:
+            poses |= {tf.child_frame_id: _pose(tf.transform) for tf in msg.transforms}
+    suffix = optical_frame("")
+    lost = sorted(infos.keys() - poses.keys())
+    if not infos or lost:
+        missing = f"no pose in /tf_static for {choices(lost)}" if lost else "no camera_info"
+        raise SourceError(f"{path}: the rig cannot be read: {missing}; give the rig file instead")
+    cameras = (camera_from_info(frame.removesuffix(suffix), msg, poses[frame].inverse()) for frame, msg in infos.items())
+    return Rig(tuple(cameras), world_set_by="recording")
+
+
+def _pose(transform: Any) -> SE3:
+    q, p = transform.rotation, transform.translation
+    return SE3(np.array([q.w, q.x, q.y, q.z]), np.array([p.x, p.y, p.z]))
+
+
+def _known(schema: Any, channel: Any) -> bool:
+    return schema is not None and channel.message_encoding == "cdr" and schema.name in ros2_types().fielddefs
+
+
+def _check_definition(path: Path, schema: Any) -> None:
+    """Fields of a recorded type must be ours in name, type and order; comments and constants may differ."""
+    typesys = optional_module("rosbags.typesys")
+    fault = f"{path}: {schema.name} was recorded with another definition of that type"
+    try:
+        recorded = typesys.get_types_from_msg(schema.data.decode(), schema.name)
+    except (typesys.TypesysError, UnicodeDecodeError) as error:
+        raise MessageError(f"{fault} ({error})") from None
+    ours = ros2_types().fielddefs
+    for name, (_, fields) in recorded.items():
+        if name not in ours or [tuple(f) for f in fields] != [tuple(f) for f in ours[name][1]]:
+            raise MessageError(f"{fault}: {name} differs; convert the recording or use the version that made it")
+
+
+def _qos_yaml(topic: Topic) -> str:
+    """How `ros2 bag play` should offer the topic (rosbag2 metadata version 9)."""
+    return (
+        f"- history: keep_last\n  depth: {topic.depth}\n"
+        f"  reliability: {'reliable' if topic.reliable else 'best_effort'}\n"
+        f"  durability: {'transient_local' if topic.latched else 'volatile'}\n"
+        "  deadline:\n    sec: 9223372036\n    nsec: 854775807\n"
+        "  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n"
+        "  liveliness: automatic\n"
+        "  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n"
+        "  avoid_ros_namespace_conventions: false\n"
+    )

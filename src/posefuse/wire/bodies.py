@@ -1,0 +1,152 @@
+"""Bodies as ROS for Human-Robot Interaction wants them (REP-155): link frames and joint positions of its human model.
+
+Axes of every link: x forward, y to the subject's left, z up while standing with hanging arms (REP-103). The joints are
+those of the reference URDF (package `human_description`):
+
+- shoulder ``Rz(-s y) Rx(s p) Rz(s r)``, hip ``Rz(-y) Rx(s p) Ry(-r)``, s = 1 left, -1 right; head ``Rx(r) Rz(y) Ry(-p)``;
+- elbow and knee turn about -y: flexing an elbow is positive, flexing a knee negative.
+
+Hip centres do not show how the pelvis is tilted about the line through them: the body's z points to the middle of the
+shoulders and the joint ``waist`` is 0. Limbs are expressed in the body frame, so their directions come out of that URDF
+as they were measured. A straight limb shows no plane to turn in; within 15 degrees of straight its plane goes over
+smoothly to the one it has when the limb is swung there from hanging, without twist.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import SE3, Pose3D
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import pick_keypoints
+
+LINKS = (
+    "body", "torso", "head", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_wrist", "r_wrist",
+    "l_hip", "r_hip", "l_knee", "r_knee", "l_ankle", "r_ankle",
+)  # fmt: skip
+JOINTS = (
+    "waist", "r_head", "y_head", "p_head",
+    "l_y_shoulder", "r_y_shoulder", "l_p_shoulder", "r_p_shoulder", "l_r_shoulder", "r_r_shoulder", "l_elbow", "r_elbow",
+    "l_y_hip", "r_y_hip", "l_p_hip", "r_p_hip", "l_r_hip", "r_r_hip", "l_knee", "r_knee",
+)  # fmt: skip
+_STRAIGHT = float(np.sin(np.deg2rad(15.0)))
+_PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "ear")
+_WANTED = tuple(f"{side}_{part}" for part in _PARTS for side in ("left", "right")) + ("nose",)
+# +1 left, -1 right: the URDF's `reflect`
+_SIDE = np.array([1.0, -1.0])
+_EX, _EZ = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """People at one instant as the REP-155 human model.
+
+    Attributes:
+        world_from_link: batch (N, L), links in the order of `LINKS`; NaN where not seen.
+        position_rad: (N, J) in the order of `JOINTS`; NaN where not seen.
+    """
+
+    world_from_link: SE3
+    position_rad: Array
+
+
+def bodies_from_pose(pose: Pose3D) -> Bodies:
+    """Links and joints of everybody; a person whose hips or shoulders are missing has none."""
+    points = pick_keypoints(pose.xyz_world, pose.skeleton, _WANTED)
+    at = {part: points[:, 2 * i : 2 * i + 2] for i, part in enumerate(_PARTS)}
+    middle = {part: at[part].mean(axis=1) for part in ("hip", "shoulder", "ear")}
+    spine = middle["shoulder"] - middle["hip"]
+    body = _axes(y=at["hip"][:, 0] - at["hip"][:, 1], z=spine)
+    torso = _axes(y=at["shoulder"][:, 0] - at["shoulder"][:, 1], z=spine)
+    head = _head_axes(at["ear"][:, 0] - at["ear"][:, 1], points[:, -1] - middle["ear"])
+    upper_arm, elbow = _limb(body, at["shoulder"], at["elbow"], at["wrist"], 1.0)
+    thigh, knee = _limb(body, at["hip"], at["knee"], at["ankle"], -1.0)
+    trunk = body[:, None]
+    forearm, shank = _about_y(upper_arm, -elbow), _about_y(thigh, -knee)
+    rotation = np.concatenate(
+        [np.stack([body, torso, head], axis=1)]
+        + [trunk @ upper_arm, trunk @ forearm, trunk @ forearm, trunk @ thigh, trunk @ shank, trunk @ shank],
+        axis=1,
+    )
+    xyz = np.concatenate(
+        [np.stack([middle["hip"], middle["shoulder"], middle["ear"]], axis=1)] + [at[part] for part in _PARTS[:-1]], axis=1
+    )
+    seen = (
+        np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(xyz).all(axis=-1) & np.isfinite(body).all(axis=(-1, -2))[:, None]
+    )
+    links = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], xyz, np.nan))
+    angles = [np.where(np.isfinite(spine[:, :1]), 0.0, np.nan), _head_angles(body, head)]
+    angles += [*_shoulder_angles(upper_arm), elbow, *_hip_angles(thigh), knee]
+    return Bodies(links, np.where(seen[:, :1], np.concatenate(angles, axis=1), np.nan))
+
+
+def _unit(vectors: Array) -> Array:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
+
+
+def _axes(y: Array, z: Array) -> Array:
+    """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
+    up = _unit(z)
+    forward = _unit(np.cross(y, up))
+    return np.stack([forward, np.cross(up, forward), up], axis=-1)
+
+
+def _head_axes(left: Array, nose: Array) -> Array:
+    """(N, 3, 3): y along the ears, x towards the nose."""
+    y = _unit(left)
+    x = _unit(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> tuple[Array, Array]:
+    """Frames (N, 2, 3, 3) of left and right upper segments in body axes, z pointing up the limb, and joint angles (N, 2).
+
+    `bends` is 1 where the lower segment swings forward (elbow), -1 where it swings back (knee).
+    """
+    u, v = _unit((middle - near) @ body), _unit((far - middle) @ body)
+    along = (u * v).sum(axis=-1, keepdims=True)
+    across = bends * (v - along * u)
+    sine = np.linalg.norm(across, axis=-1, keepdims=True)
+    x = _unit(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
+    frame = np.stack([x, np.cross(-u, x), -u], axis=-1)
+    return frame, bends * np.arctan2(sine, along)[..., 0]
+
+
+def _untwisted_forward(u: Array) -> Array:
+    """Where the body's x goes when a hanging limb is swung by the shortest way into direction u."""
+    # Rodrigues' formula for the rotation from -z to u; straight up it is the limit of swinging through the front
+    axis = np.cross(-_EZ, u)
+    denominator = np.maximum(1 - u[..., 2:], 1e-9)
+    return np.asarray(_EX + np.cross(axis, _EX) + np.cross(axis, np.cross(axis, _EX)) / denominator)
+
+
+def _about_y(frame: Array, angle_rad: Array) -> Array:
+    """`frame` (..., 3, 3) turned about its own y."""
+    c, s = np.cos(angle_rad)[..., None], np.sin(angle_rad)[..., None]
+    x, y, z = frame[..., 0], frame[..., 1], frame[..., 2]
+    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+
+
+def _shoulder_angles(m: Array) -> list[Array]:
+    """y, p, r (N, 2) each of m = Rz(-s y) Rx(s p) Rz(s r), p >= 0; y = 0 where only their sum is defined."""
+    sine = np.hypot(m[..., 0, 2], m[..., 1, 2])
+    hanging = sine < 1e-9
+    yaw = np.where(hanging, 0.0, np.arctan2(_SIDE * m[..., 0, 2], -_SIDE * m[..., 1, 2]))
+    roll = np.where(hanging, np.arctan2(m[..., 1, 0], m[..., 0, 0]), np.arctan2(_SIDE * m[..., 2, 0], _SIDE * m[..., 2, 1]))
+    return [-_SIDE * yaw, np.arctan2(sine, m[..., 2, 2]), _SIDE * roll]
+
+
+def _hip_angles(m: Array) -> list[Array]:
+    """y, p, r (N, 2) each of m = Rz(-y) Rx(s p) Ry(-r)."""
+    pitch = np.arcsin(np.clip(m[..., 2, 1], -1, 1))
+    return [np.arctan2(m[..., 0, 1], m[..., 1, 1]), _SIDE * pitch, np.arctan2(m[..., 2, 0], m[..., 2, 2])]
+
+
+def _head_angles(body: Array, head: Array) -> Array:
+    """r, y, p (N, 3) of body_from_head = Rx(r) Rz(y) Ry(-p)."""
+    m = np.swapaxes(body, -1, -2) @ head
+    yaw = np.arcsin(np.clip(-m[..., 0, 1], -1, 1))
+    return np.stack([np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0])], axis=-1)

@@ -1,0 +1,121 @@
+"""What RViz and Foxglove draw: people as spheres and bones, cameras as pyramids."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import Kind, Pose3D, Rig
+from posefuse.core.arrays import Array
+
+from .messages import header
+from .types import message
+
+_LINE_LIST, _SPHERE_LIST, _TEXT = 5, 7, 9
+_FORGET_AFTER_NS = 500_000_000
+_KEYPOINT_M, _BONE_M, _LINE_M, _TEXT_M = 0.045, 0.02, 0.006, 0.12
+_PYRAMID_DEPTH_M = 0.25
+_LEFT, _RIGHT, _MIDDLE = (0.16, 0.47, 0.84), (0.87, 0.33, 0.19), (0.93, 0.93, 0.93)
+_PREDICTED_ALPHA = 0.45
+
+
+def person_markers(pose: Pose3D, world_frame: str) -> Any:
+    """`MarkerArray`: bones and keypoints of everybody (left blue, right red, predicted see-through), ids above heads."""
+    k = pose.skeleton.keypoints
+    colours = np.array([_LEFT if n.startswith("left_") else _RIGHT if n.startswith("right_") else _MIDDLE for n in k])
+    markers = []
+    for n, person in enumerate(map(int, pose.person_id)):
+        xyz = pose.xyz_world[n]
+        seen = np.isfinite(xyz).all(axis=-1)
+        rgba = np.column_stack([colours, np.where(pose.kind[n] == Kind.PREDICTED, _PREDICTED_ALPHA, 1.0)])
+        bones = pose.skeleton.bone_indices
+        ends = bones[seen[bones].all(axis=-1)].ravel()
+        markers.append(_marker(pose.t_ns, world_frame, "bones", person, _LINE_LIST, _BONE_M, xyz[ends], rgba[ends]))
+        markers.append(_marker(pose.t_ns, world_frame, "keypoints", person, _SPHERE_LIST, _KEYPOINT_M, xyz[seen], rgba[seen]))
+        if seen.any():
+            top = np.append(xyz[seen, :2].mean(axis=0), xyz[seen, 2].max() + 2 * _TEXT_M)
+            markers.append(_text(pose.t_ns, world_frame, "id", person, top, str(person)))
+    return message("visualization_msgs/msg/MarkerArray", markers=markers)
+
+
+def camera_markers(rig: Rig, t_ns: int, world_frame: str) -> Any:
+    """`MarkerArray`: a pyramid and the name of each camera."""
+    markers = []
+    for c, camera in enumerate(rig):
+        w, h = camera.size_wh
+        corners = np.array([[0, 0], [w - 1, 0], [w - 1, h - 1], [0, h - 1]])
+        # through an ideal lens: where a strong lens has no inverse there would be no corner
+        rays = np.linalg.solve(camera.K, np.column_stack([corners, np.ones(4)]).T).T * _PYRAMID_DEPTH_M
+        tip, rim = camera.centre_world, camera.cam_from_world.inverse() @ rays
+        lines = np.concatenate([[tip, rim[i], rim[i], rim[(i + 1) % 4]] for i in range(4)])
+        grey = np.tile([*_MIDDLE, 1.0], (len(lines), 1))
+        markers.append(_marker(t_ns, world_frame, "cameras", c, _LINE_LIST, _LINE_M, lines, grey, forget=False))
+        label = tip + [0, 0, 1.5 * _TEXT_M]
+        markers.append(_text(t_ns, world_frame, "camera_names", c, label, camera.name, forget=False))
+    return message("visualization_msgs/msg/MarkerArray", markers=markers)
+
+
+def _marker(
+    t_ns: int, frame: str, ns: str, number: int, kind: int, size_m: float, xyz: Array, rgba: Array, forget: bool = True
+) -> Any:
+    points = [message("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in xyz.tolist()]
+    colours = [_colour(*row) for row in rgba.tolist()]
+    return _plain(t_ns, frame, ns, number, kind, (size_m,) * 3, np.zeros(3), points, colours, "", forget)
+
+
+def _text(t_ns: int, frame: str, ns: str, number: int, xyz: Array, text: str, forget: bool = True) -> Any:
+    return _plain(t_ns, frame, ns, number, _TEXT, (0.0, 0.0, _TEXT_M), xyz, [], [], text, forget)
+
+
+def _plain(
+    t_ns: int,
+    frame: str,
+    ns: str,
+    number: int,
+    kind: int,
+    scale: tuple[float, float, float],
+    xyz: Array,
+    points: list[Any],
+    colours: list[Any],
+    text: str,
+    forget: bool,
+) -> Any:
+    x, y, z = map(float, xyz)
+    empty = np.zeros(0, np.uint8)
+    pose = message(
+        "geometry_msgs/msg/Pose",
+        position=message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    return message(
+        "visualization_msgs/msg/Marker",
+        header=header(t_ns, frame),
+        ns=ns,
+        id=number,
+        type=kind,
+        action=0,
+        pose=pose,
+        scale=message("geometry_msgs/msg/Vector3", x=scale[0], y=scale[1], z=scale[2]),
+        color=_colour(*_MIDDLE, 1.0),
+        lifetime=message("builtin_interfaces/msg/Duration", sec=0, nanosec=_FORGET_AFTER_NS if forget else 0),
+        frame_locked=False,
+        points=points,
+        colors=colours,
+        texture_resource="",
+        texture=message(
+            "sensor_msgs/msg/CompressedImage",
+            header=header(0, ""),
+            format="",
+            data=empty,
+        ),
+        uv_coordinates=[],
+        text=text,
+        mesh_resource="",
+        mesh_file=message("visualization_msgs/msg/MeshFile", filename="", data=empty),
+        mesh_use_embedded_materials=False,
+    )
+
+
+def _colour(r: float, g: float, b: float, a: float) -> Any:
+    return message("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=a)
