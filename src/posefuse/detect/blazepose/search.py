@@ -1,0 +1,57 @@
+"""Where to look for people in a whole image: as it is, then turned, then closer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from posefuse.core import Region
+
+# a camera tilted less than this needs no view of its own
+_UPRIGHT_RAD = np.deg2rad(15.0)
+_ZOOMS = (1.6, 2.5)
+_OVERLAP = 0.4
+
+
+def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
+    """Squares to look at, stage by stage until somebody is found.
+
+    Args:
+        size_wh: of the image.
+        up_rad: where gravity's up is in the picture, clockwise from the image's up; 0 when unknown.
+
+    Yields:
+        The whole image as it is; turned upright by gravity; turned by quarters; and tiles of it, ever smaller.
+    """
+    tilted = abs(up_rad) > _UPRIGHT_RAD
+    yield [_whole(size_wh, 0.0)]
+    if tilted:
+        yield [_whole(size_wh, up_rad)]
+    yield [_whole(size_wh, up_rad + quarter * np.pi / 2) for quarter in (1, 3, 2)]
+    for zoom in _ZOOMS:
+        yield _tiles(size_wh, max(size_wh) / zoom, up_rad)
+    if tilted:
+        for zoom in _ZOOMS:
+            yield _tiles(size_wh, max(size_wh) / zoom, 0.0)
+
+
+def _whole(size_wh: tuple[int, int], angle_rad: float) -> Region:
+    width, height = size_wh
+    cosine, sine = abs(np.cos(angle_rad)), abs(np.sin(angle_rad))
+    side = max(width * cosine + height * sine, width * sine + height * cosine)
+    wrapped = float(np.arctan2(np.sin(angle_rad), np.cos(angle_rad)))
+    return Region(np.array([(width - 1) / 2, (height - 1) / 2]), float(side), wrapped)
+
+
+def _tiles(size_wh: tuple[int, int], side_px: float, angle_rad: float) -> list[Region]:
+    """Overlapping squares that cover the image, from the middle outwards."""
+    lines = []
+    for length in size_wh:
+        room = max(length - side_px, 0.0)
+        count = int(np.ceil(room / (side_px * (1 - _OVERLAP)))) + 1
+        lines.append((length - 1) / 2 + np.linspace(-room / 2, room / 2, count) if count > 1 else np.array([(length - 1) / 2]))
+    centres = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+    middle = (np.array(size_wh) - 1) / 2
+    order = np.argsort(np.linalg.norm(centres - middle, axis=-1), kind="stable")
+    return [Region(centre, side_px, angle_rad) for centre in centres[order]]

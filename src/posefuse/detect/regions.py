@@ -1,0 +1,128 @@
+"""Square, turned regions of an image that hold one person, and the crops networks see through them.
+
+A region comes from the person detector, from keypoints of the previous frame, or from the fused 3D pose projected into the
+view, so a camera whose detector sees nobody still contributes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from posefuse.core import Camera, Region, Skeleton
+from posefuse.core.arrays import Array
+
+# side of the region = 2 * this * farthest keypoint from the middle of the hips
+REACH = 1.15
+_LEAST_KEYPOINTS = 4
+_LEAST_RADIUS_PX = 8.0
+_UP_STEP_M = 0.1
+
+
+def region_from_keypoints(xy_img: Any, skeleton: Skeleton, up_img: Any = None) -> Region | None:
+    """Region about a person's keypoints (K, 2), upright by the spine.
+
+    Args:
+        xy_img: raw px; NaN where missing.
+        skeleton: names axis K; needs hips and shoulders.
+        up_img: (2,) direction of up in the image for when the spine is not seen; None: the image's own.
+
+    Returns:
+        Region: None when fewer than four keypoints are known.
+    """
+    xy = np.asarray(xy_img, np.float64)
+    known = np.isfinite(xy).all(-1)
+    if known.sum() < _LEAST_KEYPOINTS:
+        return None
+    hips = _middle(xy, skeleton, ("left_hip", "right_hip"))
+    shoulders = _middle(xy, skeleton, ("left_shoulder", "right_shoulder"))
+    centre = hips if np.isfinite(hips).all() else (xy[known].min(0) + xy[known].max(0)) / 2
+    up = shoulders - hips
+    if not np.isfinite(up).all() or not up.any():
+        up = np.array([0.0, -1.0]) if up_img is None else np.asarray(up_img, np.float64)
+    radius = max(float(np.linalg.norm(xy[known] - centre, axis=-1).max()), _LEAST_RADIUS_PX)
+    return Region(centre, 2 * REACH * radius, float(np.arctan2(up[0], -up[1])))
+
+
+def region_from_pose(camera: Camera, xyz_world: Any, skeleton: Skeleton) -> Region | None:
+    """Region in which a camera sees a 3D pose (K, 3) in world metres; NaN where missing.
+
+    Upright by the spine, or by gravity where the spine is unknown.
+
+    Returns:
+        Region: None when the person is behind the camera, out of the picture, or hardly known.
+    """
+    xyz = np.asarray(xyz_world, np.float64)
+    xy = camera.project(xyz)
+    region = region_from_keypoints(xy, skeleton, _gravity_up(camera, xyz))
+    if region is None:
+        return None
+    half = region.side_px / 2
+    inside = (region.centre_img > -half) & (region.centre_img < np.array(camera.size_wh) + half)
+    return region if inside.all() else None
+
+
+def up_angle_rad(camera: Camera) -> float:
+    """How far the world's up is turned from the image's up (-y) in the picture's middle, clockwise as seen on screen.
+
+    0 for a camera that looks straight up or down, where the picture has no up.
+    """
+    axis_world = camera.cam_from_world.inverse().matrix() @ np.array([0.0, 0.0, 1.0])
+    up_cam = camera.cam_from_world.matrix() @ (np.array([0.0, 0.0, 1.0]) - axis_world[2] * axis_world)
+    return float(np.arctan2(up_cam[0], -up_cam[1])) if np.hypot(up_cam[0], up_cam[1]) > _UP_STEP_M else 0.0
+
+
+def _gravity_up(camera: Camera, xyz_world: Array) -> Array | None:
+    known = np.isfinite(xyz_world).all(-1)
+    if not known.any():
+        return None
+    foot = xyz_world[known].mean(0)
+    up = camera.project(foot + [0.0, 0.0, _UP_STEP_M]) - camera.project(foot)
+    return up if np.isfinite(up).all() and up.any() else None
+
+
+def _middle(xy: Array, skeleton: Skeleton, names: tuple[str, str]) -> Array:
+    """(2,) middle of two keypoints, the one that is known, or NaN."""
+    pair = xy[skeleton.indices(names)]
+    known = np.isfinite(pair).all(-1)
+    return pair[known].mean(0) if known.any() else np.full(2, np.nan)
+
+
+def crop_from_img(region: Region, side_px: int) -> Array:
+    """(2, 3) affine map from raw px to px of an upright square crop of `side_px`; pixel centres at integers in both."""
+    scale = side_px / region.side_px
+    cosine, sine = np.cos(region.angle_rad), np.sin(region.angle_rad)
+    turn = scale * np.array([[cosine, sine], [-sine, cosine]])
+    return np.hstack([turn, ((side_px - 1) / 2 - turn @ region.centre_img)[:, None]])
+
+
+def img_from_crop(region: Region, side_px: int, xy_crop: Any) -> Array:
+    """Raw px (..., 2) of crop px (..., 2)."""
+    affine = crop_from_img(region, side_px)
+    return np.asarray((np.asarray(xy_crop, np.float64) - affine[:, 2]) @ np.linalg.inv(affine[:, :2]).T)
+
+
+def cut(image: Array, region: Region, side_px: int) -> Array:
+    """The upright crop (side_px, side_px, 3) uint8; black outside the image.
+
+    Shrinks by area first and turns after, so that fine texture does not alias into the crop.
+    """
+    affine = crop_from_img(region, side_px)
+    shrink = int(region.side_px / side_px)
+    if shrink < 2:
+        return cv2.warpAffine(image, affine, (side_px, side_px), flags=cv2.INTER_LINEAR)
+    reach = region.side_px / 2 * (abs(np.cos(region.angle_rad)) + abs(np.sin(region.angle_rad))) + shrink
+    height, width = image.shape[:2]
+    left, top = np.clip(np.floor(region.centre_img - reach).astype(int), 0, [width, height])
+    right, bottom = np.clip(np.ceil(region.centre_img + reach).astype(int), 0, [width, height])
+    wide, high = (right - left) // shrink, (bottom - top) // shrink
+    if wide < 1 or high < 1:
+        return np.zeros((side_px, side_px, 3), np.uint8)
+    part = image[top : top + high * shrink, left : left + wide * shrink]
+    small = cv2.resize(part, (int(wide), int(high)), interpolation=cv2.INTER_AREA)
+    # a pixel of `small` covers `shrink` pixels, so its centre lies (shrink - 1) / 2 further than the first of them
+    offset = np.array([left, top]) + (shrink - 1) / 2
+    shrunk = np.hstack([affine[:, :2] * shrink, (affine[:, 2] + affine[:, :2] @ offset)[:, None]])
+    return cv2.warpAffine(small, shrunk, (side_px, side_px), flags=cv2.INTER_LINEAR)
