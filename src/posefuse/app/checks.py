@@ -69,7 +69,11 @@ def _disk() -> Check:
     writable = os.access(nearest, os.W_OK)
     free_gb = shutil.disk_usage(nearest).free / 1e9
     return Check(
-        "model cache", writable, True, f"{folder} ({free_gb:.0f} GB free)", "make it writable, or set POSEFUSE_CACHE to a folder that is"
+        "model cache",
+        writable,
+        True,
+        f"{folder} ({free_gb:.0f} GB free)",
+        "make it writable, or set POSEFUSE_CACHE to a folder that is",
     )
 
 

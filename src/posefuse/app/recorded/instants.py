@@ -57,7 +57,8 @@ def common_timeline(times_ns: Mapping[str, Array], rate_hz: float | None, start_
     count = (last_ns + period_ns // 2 - first_ns) // period_ns + 1
     if count < 1:
         raise SourceError(
-            f"nothing recorded from {start_s} to {end_s} s; the recording runs from {min(starts) / 1e9:.3f} to {max(ends) / 1e9:.3f} s"
+            f"nothing recorded from {start_s} to {end_s} s; the recording runs from {min(starts) / 1e9:.3f} to "
+            f"{max(ends) / 1e9:.3f} s"
         )
     return Timeline(first_ns, period_ns, int(count))
 
