@@ -124,9 +124,16 @@ def _models() -> list[Check]:
 
 
 def _rendering() -> list[Check]:
-    from posefuse.simulate.render import gl_backends
+    from posefuse.core import DependencyError
+    from posefuse.simulate.render.backend import BACKENDS, working_backend
 
-    return [Check(f"rendering by {b.name}", b.works, False, b.detail, b.cure) for b in gl_backends()]
+    checks = []
+    for backend in BACKENDS:
+        try:
+            checks.append(Check(f"rendering by {backend}", True, False, working_backend(backend)))
+        except DependencyError as error:
+            checks.append(Check(f"rendering by {backend}", False, False, "no", str(error)))
+    return checks
 
 
 def _display() -> Check:

@@ -8,5 +8,9 @@ from posefuse.core import Detector, Rig
 
 
 def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
-    """Build the detector plug-in."""
-    return build_plugin("detectors", choice.name, choice.options)
+    """Build the detector plug-in; one that takes `up_rad` is told where up is in each camera's picture."""
+    from posefuse.detect import up_angle_rad
+
+    known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}
+    detector: Detector = build_plugin("detectors", choice.name, choice.options, known)
+    return detector

@@ -36,8 +36,10 @@ def list_plugins(kind: str) -> list[Plugin]:
     return [_loaded(kind, entry) for entry in sorted(entry_points(group=GROUPS[kind]), key=lambda entry: entry.name)]
 
 
-def build_plugin(kind: str, name: str, options: Mapping[str, Any]) -> Any:
+def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
     """Build the plug-in `name` with its config made from `options`.
+
+    `known` are facts of the session by option name; a plug-in that has such an option gets it, unless the user set it.
 
     Raises:
         ConfigError: no such plug-in, or options it does not take.
@@ -49,7 +51,8 @@ def build_plugin(kind: str, name: str, options: Mapping[str, Any]) -> Any:
     plugin = _loaded(kind, entries[name])
     if plugin.config is None:
         raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
-    return settings_from_mapping(options, plugin.config, where=f"{kind} {name}").build()
+    fitting = {key: value for key, value in (known or {}).items() if key in option_names(plugin)}
+    return settings_from_mapping({**fitting, **options}, plugin.config, where=f"{kind} {name}").build()
 
 
 def option_names(plugin: Plugin) -> list[str]:
