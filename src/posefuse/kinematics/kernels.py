@@ -370,10 +370,7 @@ def joint_angles(
                         relative[i, j] = -relative[i, j]
         lock = cardan(relative, sequence[q], angles[q], axes)
         free = lock > limits[0]
-        if free:
-            rates = np.linalg.inv(axes)
-        else:
-            rates = np.linalg.pinv(axes)
+        rates = np.linalg.inv(axes) if free else np.linalg.pinv(axes)
         for a in range(3):
             for i in range(3):
                 if mirrored[q] and i != 2:
@@ -444,8 +441,8 @@ def step_planes(
 
 @njit(**_JIT)
 def solve(
-    points, points_cov, planes, pairs, axes, bends, joint_segments, sequence, mirrored, sign, determined, ground, limits, rotation,
-    by_first, by_second, turn_var, angles, sigmas, reasons, weights,
+    points, points_cov, planes, pairs, axes, bends, joint_segments, sequence, mirrored, sign, determined, ground, limits,
+    rotation, by_first, by_second, turn_var, angles, sigmas, reasons, weights,
 ):  # fmt: skip
     """Frames, then angles; frames whose turn is less certain than the limit become NaN afterwards."""
     segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_second, turn_var)
