@@ -1,0 +1,224 @@
+"""Robust least squares for bundle adjustment: Levenberg-Marquardt with the Schur complement.
+
+Unknowns are few global blocks (cameras, markers, lenses) and many small local ones (prop poses, points), each of which
+touches no other local one. Every observation is one image point. Deterministic: fixed order of all sums.
+Method: Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment - a modern synthesis" (2000), sections 6.1 and 4.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from posefuse.core.arrays import Array
+
+State = TypeVar("State")
+
+_MOST_ITERATIONS = 60
+_LEAST_GAIN = 1e-7
+_DAMPING_START, _DAMPING_MOST = 1e-4, 1e8
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Global unknowns of one kind, as seen by the observations.
+
+    Attributes:
+        jacobian: (N, 2, p) change of each predicted point. index: (N,) which of the kind. count: how many there are.
+        prior: (count, p) inverse variance that pulls a step's total towards `offset`; 0 for none.
+        offset: (count, p) present distance from the prior's mean.
+    """
+
+    jacobian: Array
+    index: Array
+    count: int
+    prior: Array | None = None
+    offset: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The problem about one state.
+
+    Attributes:
+        residual: (N, 2) predicted minus observed, in standard deviations; NaN rows (behind a camera) count as far off.
+        blocks: global unknowns. local_jacobian: (N, 2, q). local_index: (N,).
+    """
+
+    residual: Array
+    blocks: tuple[Block, ...]
+    local_jacobian: Array
+    local_index: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem(Generic[State]):
+    """What the solver needs to know.
+
+    Attributes:
+        residual: state -> (N, 2). linearise: state -> Linearised. step: (state, per block (count, p), local (L, q)) -> state.
+        prior_cost: state -> cost of the priors.
+        free: per block (count, p) bool; held unknowns are False.
+        local_count: L. group: (N,) observations of one group (a marker in an image) share one robust weight.
+        group_count: number of groups. cauchy: scale of the robust loss in standard deviations; inf for least squares.
+    """
+
+    residual: Callable[[State], Array]
+    linearise: Callable[[State], Linearised]
+    step: Callable[[State, list[Array], Array], State]
+    free: tuple[Array, ...]
+    local_count: int
+    group: Array
+    group_count: int
+    cauchy: float
+    prior_cost: Callable[[State], float] = field(default=lambda state: 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution(Generic[State]):
+    """Where the solver stopped.
+
+    Attributes:
+        state: the unknowns. residual: (N, 2) there. weight: (N,) robust weights there.
+        covariance: (G, G) of the free global unknowns, in the order of the blocks, for unit observation noise.
+        iterations: steps tried. converged: whether the cost had stopped falling.
+    """
+
+    state: State
+    residual: Array
+    weight: Array
+    covariance: Array
+    iterations: int
+    converged: bool
+
+
+def grouped_sum(values: Array, index: Array, count: int) -> Array:
+    """(count, ...) sums of values (N, ...) by index (N,)."""
+    chooser = csr_matrix((np.ones(len(index)), (index, np.arange(len(index)))), shape=(count, len(index)))
+    return np.asarray(chooser @ values.reshape(len(index), -1)).reshape(count, *values.shape[1:])
+
+
+def solve(problem: Problem[State], start: State, most_iterations: int = _MOST_ITERATIONS) -> Solution[State]:
+    """Minimise the robust cost from a start that is roughly right."""
+    state, damping = start, _DAMPING_START
+    residual = problem.residual(state)
+    cost = _cost(problem, residual) + problem.prior_cost(state)
+    converged, iteration = False, 0
+    while iteration < most_iterations and not converged:
+        system = _System(problem, problem.linearise(state), _weights(problem, residual))
+        while iteration < most_iterations:
+            iteration += 1
+            global_steps, local_steps = system.steps(damping)
+            trial = problem.step(state, global_steps, local_steps)
+            trial_residual = problem.residual(trial)
+            trial_cost = _cost(problem, trial_residual) + problem.prior_cost(trial)
+            if trial_cost <= cost:
+                converged = cost - trial_cost <= _LEAST_GAIN * cost
+                state, residual, cost = trial, trial_residual, trial_cost
+                damping = max(damping / 6, 1e-9)
+                break
+            damping *= 5
+            if damping > _DAMPING_MOST:
+                converged = True
+                break
+    weight = _weights(problem, residual)
+    covariance = _System(problem, problem.linearise(state), weight).covariance()
+    return Solution(state, residual, weight, covariance, iteration, converged)
+
+
+def _group_square(problem: Problem[State], residual: Array) -> tuple[Array, Array]:
+    """Mean square per coordinate (groups,) and number of points (groups,); points behind a camera are 1e3 sigma off."""
+    square = np.nan_to_num((residual**2).sum(axis=1), nan=1e6) / 2
+    points = np.bincount(problem.group, minlength=problem.group_count)
+    return np.bincount(problem.group, square, problem.group_count) / np.maximum(points, 1), points
+
+
+def _cost(problem: Problem[State], residual: Array) -> float:
+    square, points = _group_square(problem, residual)
+    if np.isinf(problem.cauchy):
+        return float((points * square).sum())
+    scale = problem.cauchy**2
+    return float((points * scale * np.log1p(square / scale)).sum())
+
+
+def _weights(problem: Problem[State], residual: Array) -> Array:
+    """Robust weight (N,) of each point, one per group; 0 for points behind a camera."""
+    square, _ = _group_square(problem, residual)
+    weight = 1 / (1 + square / problem.cauchy**2) if np.isfinite(problem.cauchy) else np.ones_like(square)
+    return np.where(np.isfinite(residual).all(axis=1), weight[problem.group], 0.0)
+
+
+class _System:
+    """Normal equations with the local unknowns eliminated."""
+
+    def __init__(self, problem: Problem[State], linear: Linearised, weight: Array) -> None:
+        self._sizes = [(block.count, block.jacobian.shape[2]) for block in linear.blocks]
+        self._free = np.concatenate([free.ravel() for free in problem.free])
+        starts = np.cumsum([0] + [count * p for count, p in self._sizes])
+        self._starts = starts
+        total, locals_ = int(starts[-1]), problem.local_count
+        weighted = [np.nan_to_num(block.jacobian) * weight[:, None, None] for block in linear.blocks]
+        plain = [np.nan_to_num(block.jacobian) for block in linear.blocks]
+        local = np.nan_to_num(linear.local_jacobian)
+        residual = np.nan_to_num(linear.residual)
+        q = local.shape[2]
+        self._A = np.zeros((total, total))
+        self._g = np.zeros(total)
+        self._B = np.zeros((locals_, total, q))
+        for i, block in enumerate(linear.blocks):
+            (n, p), s = self._sizes[i], starts[i]
+            for j in range(i, len(linear.blocks)):
+                (m, r), u = self._sizes[j], starts[j]
+                both = grouped_sum(_outer(weighted[i], plain[j]), block.index * m + linear.blocks[j].index, n * m)
+                square = both.reshape(n, m, p, r).transpose(0, 2, 1, 3).reshape(n * p, m * r)
+                self._A[s : s + n * p, u : u + m * r] = square
+                self._A[u : u + m * r, s : s + n * p] = square.T
+            self._g[s : s + n * p] = grouped_sum((weighted[i] * residual[:, :, None]).sum(axis=1), block.index, n).ravel()
+            mixed = grouped_sum(_outer(weighted[i], local), linear.local_index * n + block.index, locals_ * n)
+            self._B[:, s : s + n * p] = mixed.reshape(locals_, n * p, q)
+            if block.prior is not None and block.offset is not None:
+                self._A[range(s, s + n * p), range(s, s + n * p)] += block.prior.ravel()
+                self._g[s : s + n * p] += (block.prior * block.offset).ravel()
+        self._C = grouped_sum(_outer(local * weight[:, None, None], local), linear.local_index, locals_)
+        self._h = grouped_sum((local * (weight[:, None] * residual)[:, :, None]).sum(axis=1), linear.local_index, locals_)
+        self._A = self._A[np.ix_(self._free, self._free)]
+        self._g, self._B = self._g[self._free], self._B[:, self._free]
+
+    def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
+        """Schur complement, its right side, and inverse local blocks."""
+        q = self._C.shape[1]
+        diagonal = np.einsum("lii->li", self._C)
+        # a local block nothing observes any more stays where it is
+        damped = self._C + np.eye(q) * (damping * diagonal + 1e-12 * diagonal.max(initial=1.0))[:, None, :]
+        inverse = np.linalg.inv(damped)
+        A = self._A + np.diag(damping * np.diag(self._A) + 1e-12 * np.diag(self._A).max(initial=1.0))
+        through = self._B @ inverse
+        flat_B = self._B.transpose(1, 0, 2).reshape(self._B.shape[1], -1)
+        flat_through = through.transpose(1, 0, 2).reshape(self._B.shape[1], -1)
+        return A - flat_through @ flat_B.T, self._g - flat_through @ self._h.ravel(), inverse
+
+    def steps(self, damping: float) -> tuple[list[Array], Array]:
+        """Steps of every global block (count, p) and of the local unknowns (L, q)."""
+        schur, right, inverse = self._reduced(damping)
+        step = np.zeros(len(self._free))
+        step[self._free] = -np.linalg.solve(schur, right)
+        pulled = self._h + np.einsum("lgq,g->lq", self._B, step[self._free])
+        local = -(inverse @ pulled[..., None])[..., 0]
+        parts = [step[s : s + n * p].reshape(n, p) for s, (n, p) in zip(self._starts, self._sizes, strict=False)]
+        return parts, local
+
+    def covariance(self) -> Array:
+        """(G, G) of the free global unknowns for unit noise; infinite where the data say nothing."""
+        schur, _, _ = self._reduced(0.0)
+        values, vectors = np.linalg.eigh((schur + schur.T) / 2)
+        floor = 1e-11 * max(values.max(initial=0.0), 1e-300)
+        return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)
+
+
+def _outer(left: Array, right: Array) -> Array:
+    """(N, p, r) left^T right of Jacobians (N, 2, p) and (N, 2, r)."""
+    return np.asarray(np.swapaxes(left, 1, 2) @ right)

@@ -1,0 +1,217 @@
+"""Bundle adjustment of cameras that watch one moving rigid prop (after Sarmadi et al. 2019, section 3.4).
+
+Unknown: the pose of every patch (marker) on the prop, of the prop at every instant, of every camera; on request each
+camera's clock (offset and drift) and lens. Held: the first camera at the origin and one patch on the prop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from .bundle import Block, Linearised, Problem, Solution, solve
+from .projection import LENS_PARAMETERS, Lenses
+from .rotations import Poses, hat
+from .snapshots import Snapshots
+
+_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX = 2.0, 0.05
+_CAUCHY = 3.0
+_DELAY_SCALE_S = np.array([1e-3, 1e-5])
+
+
+@dataclass(frozen=True, eq=False)
+class PropState:
+    """All unknowns.
+
+    Attributes:
+        cam_from_world: (C,). world_from_prop: (T,). prop_from_patch: (M,).
+        delay_s: (C, 2) clock offset in s and drift in s/s, as in `snapshots`.
+        lens_delta: (C, 6) correction of `LENS_PARAMETERS`.
+    """
+
+    cam_from_world: Poses
+    world_from_prop: Poses
+    prop_from_patch: Poses
+    delay_s: Array
+    lens_delta: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """What may move besides the poses.
+
+    Attributes:
+        reference: camera whose pose and clock are held. patch: patch that is held on the prop.
+        offset, drift: clocks of the other cameras. lens_sigma: (6,) standard errors of the given lenses, None holds them.
+    """
+
+    reference: int
+    patch: int
+    offset: bool = False
+    drift: bool = False
+    lens_sigma: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PropSolution:
+    """Where the solve stopped.
+
+    Attributes:
+        state: unknowns. sigma_px: robust spread of a corner coordinate.
+        residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
+        camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference.
+        delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
+        iterations: steps tried.
+    """
+
+    state: PropState
+    sigma_px: float
+    residual_px: Array
+    weight: Array
+    camera_covariance: Array
+    delay_sigma_s: Array
+    iterations: int
+
+
+def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
+    """Two robust solves: one with a wide loss to come near, one with the loss scaled by the spread found.
+
+    `corners` (M, n, 3): corners of each patch in its own frame. `start.delay_s` is the delay the snapshots were taken
+    with; the clock columns move them along their image velocity from there.
+    """
+    first = solve(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, 1.0), start)
+    sigma = _spread(first.residual * _ROUGH_SIGMA_PX, first.weight)
+    second = solve(_problem(seen, corners, cameras, start, freedom, sigma, _CAUCHY), first.state)
+    residual = second.residual * sigma
+    spread = _spread(residual, second.weight)
+    return _summary(second, residual, spread, (spread / sigma) ** 2, freedom)
+
+
+def _spread(residual_px: Array, weight: Array) -> float:
+    """Robust standard deviation of a coordinate."""
+    usable = residual_px[np.isfinite(residual_px).all(axis=1) & (weight > 0)]
+    return max(float(1.4826 * np.median(np.abs(usable))), _LEAST_SIGMA_PX) if len(usable) else _ROUGH_SIGMA_PX
+
+
+def _summary(solution: Solution[PropState], residual_px: Array, sigma_px: float, scale: float, freedom: Freedom) -> PropSolution:
+    count = len(solution.state.cam_from_world)
+    free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
+    full = np.zeros((len(free), len(free)))
+    full[np.ix_(free, free)] = solution.covariance * scale
+    cameras = np.stack([full[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(count)])
+    clock = 6 * count + 6 * len(solution.state.prop_from_patch)
+    variance = np.diag(full)[clock : clock + 2 * count].reshape(count, 2)
+    return PropSolution(
+        solution.state, sigma_px, residual_px, solution.weight, cameras, np.sqrt(variance) * _DELAY_SCALE_S, solution.iterations
+    )
+
+
+def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
+    cameras = np.ones((len(state.cam_from_world), 6), bool)
+    cameras[freedom.reference] = False
+    patches = np.ones((len(state.prop_from_patch), 6), bool)
+    patches[freedom.patch] = False
+    clocks = np.zeros((len(cameras), 2), bool)
+    clocks[:, 0], clocks[:, 1] = freedom.offset, freedom.drift
+    clocks[freedom.reference] = False
+    lens = np.full((len(cameras), len(LENS_PARAMETERS)), freedom.lens_sigma is not None)
+    return cameras, patches, clocks, lens
+
+
+def _problem(
+    seen: Snapshots,
+    corners: Array,
+    cameras: tuple[Camera, ...],
+    start: PropState,
+    freedom: Freedom,
+    sigma_px: float,
+    cauchy: float,
+) -> Problem[PropState]:
+    model = _Model(seen, corners, cameras, start.delay_s, freedom, sigma_px)
+    return Problem(
+        model.residual, model.linearise, model.step, _free(start, freedom), len(start.world_from_prop), seen.group,
+        seen.group_count, cauchy, model.prior_cost,
+    )  # fmt: skip
+
+
+class _Model:
+    """Residuals and Jacobians of the corners."""
+
+    def __init__(
+        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], delay_s: Array, freedom: Freedom, sigma_px: float
+    ) -> None:
+        self._seen, self._cameras, self._freedom, self._sigma = seen, cameras, freedom, sigma_px
+        self._xyz_patch = corners[seen.patch, seen.corner]
+        self._delay_s = delay_s
+        lens_sigma = freedom.lens_sigma
+        self._lens_prior = np.zeros(len(LENS_PARAMETERS)) if lens_sigma is None else 1 / lens_sigma**2
+
+    def residual(self, state: PropState) -> Array:
+        return self._predict(state)[0]
+
+    def prior_cost(self, state: PropState) -> float:
+        return float((self._lens_prior * state.lens_delta**2).sum())
+
+    def step(self, state: PropState, blocks: list[Array], local: Array) -> PropState:
+        camera, patch, clock, lens = blocks
+        return replace(
+            state,
+            cam_from_world=state.cam_from_world.stepped(camera),
+            prop_from_patch=state.prop_from_patch.stepped(patch),
+            delay_s=state.delay_s + clock * _DELAY_SCALE_S,
+            lens_delta=state.lens_delta + lens,
+            world_from_prop=state.world_from_prop.stepped(local),
+        )
+
+    def _predict(self, state: PropState) -> tuple[Array, Array, Array, Array, Array, Lenses]:
+        seen = self._seen
+        prop = state.prop_from_patch[seen.patch].move(self._xyz_patch)
+        world = state.world_from_prop[seen.instant].move(prop)
+        cam = state.cam_from_world[seen.camera].move(world)
+        lenses = Lenses(self._cameras, state.lens_delta)
+        px, jacobian = lenses.project(seen.camera, cam)
+        late = (state.delay_s - self._delay_s)[seen.camera]
+        late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.instant]
+        residual = (px - seen.xy_img - seen.velocity_px_s * late_s[:, None]) / self._sigma
+        return residual, jacobian / self._sigma, prop, world, cam, lenses
+
+    def linearise(self, state: PropState) -> Linearised:
+        seen = self._seen
+        residual, d_cam, prop, world, cam, lenses = self._predict(state)
+        R_cam = state.cam_from_world.R[seen.camera]
+        R_prop = state.world_from_prop.R[seen.instant]
+        d_world = d_cam @ R_cam
+        d_prop = d_world @ R_prop
+        turned_cam = cam - state.cam_from_world.t[seen.camera]
+        turned_world = world - state.world_from_prop.t[seen.instant]
+        turned_prop = prop - state.prop_from_patch.t[seen.patch]
+        blocks = (
+            Block(_pose_jacobian(d_cam, turned_cam), seen.camera, len(state.cam_from_world)),
+            Block(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
+            Block(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
+            self._lens_block(state, lenses, cam),
+        )
+        return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.instant)
+
+    def _clock_jacobian(self) -> Array:
+        per_offset = -self._seen.velocity_px_s / self._sigma
+        per_drift = per_offset * self._seen.t_s[self._seen.instant][:, None]
+        return np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S
+
+    def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> Block:
+        count = len(state.cam_from_world)
+        if self._freedom.lens_sigma is None:
+            jacobian = np.zeros((len(cam), 2, len(LENS_PARAMETERS)))
+        else:
+            jacobian = lenses.lens_jacobian(self._seen.camera, cam) / self._sigma
+        prior = np.tile(self._lens_prior, (count, 1))
+        return Block(jacobian, self._seen.camera, count, prior, state.lens_delta)
+
+
+def _pose_jacobian(d_point: Array, turned: Array) -> Array:
+    """(N, 2, 6) by a left rotation vector and a shift, given (N, 2, 3) by the point and the rotated point (N, 3)."""
+    return np.concatenate([-d_point @ hat(turned), d_point], axis=2)

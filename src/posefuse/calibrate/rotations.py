@@ -1,0 +1,79 @@
+"""Stacks of rotation matrices and rigid motions, as the solvers use them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import SE3
+from posefuse.core.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Rigid transforms as matrices: R (..., 3, 3) and t (..., 3). Names of variables read a_from_b."""
+
+    R: Array
+    t: Array
+
+    @staticmethod
+    def identity(count: int) -> Poses:
+        """`count` transforms that move nothing."""
+        return Poses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+
+    @staticmethod
+    def from_se3(pose: SE3) -> Poses:
+        """The same transform(s) as matrices."""
+        return Poses(pose.matrix(), pose.xyz)
+
+    def se3(self) -> SE3:
+        """The same transform(s) as the shared value."""
+        return SE3.from_matrix(self.R, self.t)
+
+    def __matmul__(self, other: Poses) -> Poses:
+        return Poses(self.R @ other.R, (self.R @ other.t[..., None])[..., 0] + self.t)
+
+    def __getitem__(self, index: object) -> Poses:
+        return Poses(self.R[index], self.t[index])  # type: ignore[index]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def inverse(self) -> Poses:
+        """b_from_a of a_from_b."""
+        back = np.swapaxes(self.R, -1, -2)
+        return Poses(back, -(back @ self.t[..., None])[..., 0])
+
+    def move(self, xyz: Array) -> Array:
+        """Points (..., 3), one per transform (or broadcast)."""
+        return np.asarray((self.R @ xyz[..., None])[..., 0] + self.t)
+
+    def stepped(self, step: Array) -> Poses:
+        """Turned by rotation vectors step[..., :3] from the left, origin shifted by step[..., 3:]."""
+        turn = SE3.from_rotvec(step[..., :3], np.zeros_like(step[..., :3])).matrix()
+        return Poses(turn @ self.R, self.t + step[..., 3:])
+
+
+def stacked(poses: list[Poses]) -> Poses:
+    """Single transforms as one stack."""
+    return Poses(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]))
+
+
+def hat(v: Array) -> Array:
+    """(..., 3, 3) matrices of the cross product with vectors (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return np.asarray(out - np.swapaxes(out, -1, -2))
+
+
+def angle_between(R_a: Array, R_b: Array) -> Array:
+    """Angle (...) in rad of the rotation from one matrix to the other."""
+    cosine = (np.einsum("...ij,...ij->...", R_a, R_b) - 1) / 2
+    return np.asarray(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def mean_rotation(R: Array, weights: Array) -> Array:
+    """(3, 3) weighted chordal mean of rotations (N, 3, 3)."""
+    u, _, vt = np.linalg.svd(np.einsum("n,nij->ij", weights, R))
+    return np.asarray(u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt)
