@@ -103,7 +103,7 @@ def stated_sigma(xy_img: Array, score: Array, sigma_px: Array, settings: FuseSet
     """sigma_px (..., C, K), and where it is NaN what `FuseSettings.sigma_share` makes of the body's size and the score."""
     unstated = np.isnan(sigma_px)
     if not unstated.any():
-        return sigma_px
+        return np.array(sigma_px)
     seen = np.isfinite(xy_img)
     extent = np.where(seen, xy_img, -np.inf).max(axis=-2) - np.where(seen, xy_img, np.inf).min(axis=-2)
     full = np.maximum(settings.sigma_share * extent.max(axis=-1), settings.sigma_min_px)
