@@ -8,7 +8,7 @@ those of the reference URDF (package `human_description`):
 
 Hip centres do not show how the pelvis is tilted about the line through them: the body's z points to the middle of the
 shoulders and the joint ``waist`` is 0. Limbs are expressed in the body frame, so their directions come out of that URDF
-as they were measured. A straight limb shows no plane to turn in; within 15 degrees of straight its plane goes over
+as they were measured. A straight limb shows no plane to turn in; within 10 degrees of straight its plane goes over
 smoothly to the one it has when the limb is swung there from hanging, without twist.
 """
 
@@ -31,7 +31,7 @@ JOINTS = (
     "l_y_shoulder", "r_y_shoulder", "l_p_shoulder", "r_p_shoulder", "l_r_shoulder", "r_r_shoulder", "l_elbow", "r_elbow",
     "l_y_hip", "r_y_hip", "l_p_hip", "r_p_hip", "l_r_hip", "r_r_hip", "l_knee", "r_knee",
 )  # fmt: skip
-_STRAIGHT = float(np.sin(np.deg2rad(15.0)))
+_STRAIGHT = float(np.sin(np.deg2rad(10.0)))
 _PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "ear")
 _WANTED = tuple(f"{side}_{part}" for part in _PARTS for side in ("left", "right")) + ("nose",)
 # +1 left, -1 right: the URDF's `reflect`
@@ -77,7 +77,7 @@ def bodies_from_pose(pose: Pose3D) -> Bodies:
         np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(xyz).all(axis=-1) & np.isfinite(body).all(axis=(-1, -2))[:, None]
     )
     links = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], xyz, np.nan))
-    angles = [np.where(np.isfinite(spine[:, :1]), 0.0, np.nan), _head_angles(body, head)]
+    angles = [np.where(np.isfinite(spine[:, :1]), 0.0, np.nan), np.where(seen[:, 2:3], _head_angles(body, head), np.nan)]
     angles += [*_shoulder_angles(upper_arm), elbow, *_hip_angles(thigh), knee]
     return Bodies(links, np.where(seen[:, :1], np.concatenate(angles, axis=1), np.nan))
 

@@ -40,8 +40,8 @@ _ENCODINGS = {
 def info_from_camera(camera: Camera, t_ns: int) -> Any:
     """`sensor_msgs/CameraInfo` of one camera; its pose travels as tf (`transform_from_camera`)."""
     d = camera.distortion
-    if camera.model == "fisheye":
-        model, d = "equidistant", d if len(d) else np.zeros(4)
+    if camera.model == "fisheye" and len(d):
+        model = "equidistant"
     elif len(d) > 5:
         model = "rational_polynomial"
     else:
@@ -77,7 +77,8 @@ def camera_from_info(name: str, msg: Any, cam_from_world: SE3) -> Camera:
             (msg.width, msg.height),
             np.asarray(msg.k).reshape(3, 3),
             cam_from_world,
-            np.asarray(msg.d),
+            # ROS has no word for "no distortion" but zeros
+            np.asarray(msg.d) if np.any(msg.d) else np.zeros(0),
             models[msg.distortion_model],
         )
     except PosefuseError as error:

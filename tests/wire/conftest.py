@@ -1,0 +1,101 @@
+"""Random but valid values, every axis a different size."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, SKELETONS, Detections2D, Joints, Pose3D, Skeleton
+
+ODD = Skeleton("seven", tuple(f"k{i}" for i in range(7)))
+
+
+@pytest.fixture
+def some_detections() -> Callable[..., Detections2D]:
+    def make(
+        people: int = 3, skeleton: Skeleton = SKELETONS["blazepose33"], seed: int = 0, t_ns: int = 1_700_000_000_123_456_789
+    ):
+        rng = np.random.default_rng(seed)
+        k = len(skeleton)
+        xy = rng.uniform(0, 600, (people, k, 2))
+        score, sigma = rng.uniform(0, 1, (people, k)), rng.uniform(1, 9, (people, k))
+        lost = rng.random((people, k)) < 0.2
+        xy[lost], score[lost], sigma[lost] = np.nan, 0, np.nan
+        return Detections2D("cam 3/left", t_ns, skeleton, xy, score, sigma, rng.uniform(0, 600, (people, 4)))
+
+    return make
+
+
+@pytest.fixture
+def some_pose() -> Callable[..., Pose3D]:
+    def make(people: int = 2, skeleton: Skeleton = SKELETONS["coco17"], seed: int = 0, t_ns: int = 1_700_000_000_123_456_789):
+        rng = np.random.default_rng(seed)
+        k = len(skeleton)
+        half = rng.normal(size=(people, k, 3, 3)) * 0.02
+        cov = half @ np.swapaxes(half, -1, -2)
+        cov = (cov + np.swapaxes(cov, -1, -2)) / 2
+        xyz = rng.normal(size=(people, k, 3))
+        reproj, views = rng.uniform(0, 5, (people, k)), rng.integers(0, 9, (people, k))
+        kind = rng.integers(0, 5, (people, k))
+        lost = rng.random((people, k)) < 0.2
+        xyz[lost], cov[lost], reproj[lost], views[lost], kind[lost] = np.nan, np.nan, np.nan, 0, 0
+        return Pose3D(t_ns, skeleton, np.array([40, 7, 11][:people]), xyz, cov, reproj, views, kind)
+
+    return make
+
+
+@pytest.fixture
+def standing() -> Callable[..., Pose3D]:
+    """A person who stands at the origin and looks along +x; `moved` overrides keypoints."""
+
+    def make(**moved: tuple[float, float, float]) -> Pose3D:
+        right = {
+            "shoulder": (0, -0.2, 1.4), "elbow": (0, -0.2, 1.1), "wrist": (0, -0.2, 0.85), "hip": (0, -0.1, 0.9),
+            "knee": (0, -0.1, 0.5), "ankle": (0, -0.1, 0.1), "ear": (0, -0.08, 1.6), "eye": (0.08, -0.03, 1.63),
+        }  # fmt: skip
+        at = {"nose": (0.1, 0.0, 1.6)}
+        for part, (x, y, z) in right.items():
+            at |= {f"right_{part}": (x, y, z), f"left_{part}": (x, -y, z)}
+        at |= moved
+        skeleton = SKELETONS["coco17"]
+        xyz = np.array([[at[name] for name in skeleton.keypoints]], float)
+        k = len(skeleton)
+        cov = np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
+        return Pose3D(5_000_000_000, skeleton, [1], xyz, cov, np.ones((1, k)), np.full((1, k), 3), np.ones((1, k)))
+
+    return make
+
+
+@pytest.fixture
+def some_joints() -> Joints:
+    rng = np.random.default_rng(3)
+    return Joints(
+        np.array([4_000_000_000, 5_000_000_000]),
+        np.array([40, 7]),
+        ("pelvis", "left_thigh", "left_shank"),
+        SE3(rng.normal(size=(2, 2, 3, 4)), rng.normal(size=(2, 2, 3, 3))),
+        ("left_hip", "left_knee", "left_ankle", "neck"),
+        (("flexion", "adduction", "rotation"),) * 4,
+        rng.normal(size=(2, 2, 4, 3)),
+        rng.uniform(0.01, 0.1, (2, 2, 4, 3)),
+    )
+
+
+class Kept:
+    """An outlet that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.sent = []
+
+    def publish(self, topic, msg, t_ns):
+        assert msg.__msgtype__ == topic.type_name
+        self.sent.append(SimpleNamespace(topic=topic, msg=msg, t_ns=t_ns))
+
+    def on(self, name):
+        return [s.msg for s in self.sent if s.topic.name == name]
+
+
+@pytest.fixture
+def kept() -> Kept:
+    return Kept()
