@@ -1,0 +1,107 @@
+"""Writing H.264 films that carry the true time of every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+
+import av
+import numpy as np
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+
+TIME_BASE = Fraction(1, 1_000_000)
+_PRESET = "veryfast"
+_KEYFRAME_EVERY = 60
+
+
+class VideoWriter:
+    """Frames to one .mp4 (H.264, no frame reordering), each with its own presentation time to the microsecond.
+
+    4:2:0 colour, or 4:4:4 where a side is odd. Use as a context manager; the file is complete after `close`.
+
+    Args:
+        path: where; an existing file is replaced.
+        size_wh: (width, height) of every frame in px.
+        rate_hz: nominal rate, for players and rate control; times need not follow it.
+        crf: x264's constant rate factor, 0 (lossless) to 51.
+
+    Raises:
+        InputError: the file cannot be written, naming it.
+    """
+
+    def __init__(self, path: Path, size_wh: tuple[int, int], rate_hz: float, crf: int = 23) -> None:
+        self._path, self._size_wh = path, size_wh
+        self._last_pts = -1
+        try:
+            self._container = av.open(str(path), "w", format="mp4")
+        except (av.error.FFmpegError, OSError) as error:
+            raise InputError(f"{path}: cannot be written ({error})") from None
+        # one thread: several writers share the machine, and the bytes do not depend on the number of cores
+        options = {"crf": str(crf), "preset": _PRESET, "threads": "1"}
+        stream = self._container.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=options)
+        stream.width, stream.height = size_wh
+        stream.pix_fmt = "yuv444p" if size_wh[0] % 2 or size_wh[1] % 2 else "yuv420p"
+        stream.time_base = stream.codec_context.time_base = TIME_BASE
+        stream.codec_context.max_b_frames = 0
+        stream.codec_context.gop_size = _KEYFRAME_EVERY
+        self._stream = stream
+
+    def __enter__(self) -> VideoWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def write(self, image: Array, t_ns: int) -> None:
+        """Add one RGB uint8 frame (H, W, 3); raises InputError for a wrong size or a time not after the last one's."""
+        if image.shape != (self._size_wh[1], self._size_wh[0], 3) or image.dtype != np.uint8:
+            raise InputError(f"{self._path}: expected RGB uint8 frames of {self._size_wh} px, got {image.dtype} {image.shape}")
+        pts = round(t_ns / 1000)
+        if pts <= self._last_pts:
+            raise InputError(f"{self._path}: expected times from 0 on, each later than {self._last_pts} us, got {pts} us")
+        self._last_pts = pts
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+        frame.pts, frame.time_base = pts, TIME_BASE
+        self._mux(frame)
+
+    def close(self) -> None:
+        """Finish the file; safe to call twice."""
+        if self._container is not None:
+            if self._last_pts >= 0:
+                self._mux(None)
+            self._container.close()
+            self._container = None
+
+    def _mux(self, frame: av.VideoFrame | None) -> None:
+        try:
+            for packet in self._stream.encode(frame):
+                self._container.mux(packet)
+        except (av.error.FFmpegError, OSError) as error:
+            raise InputError(f"{self._path}: cannot be written ({error})") from None
+
+
+def join_videos(parts: Sequence[Path], path: Path) -> None:
+    """Put films of one encoding, one after the other in time, into one .mp4 without encoding again; keeps their times.
+
+    Raises:
+        InputError: a part cannot be read, or the file cannot be written.
+    """
+    try:
+        with av.open(str(path), "w", format="mp4") as joined:
+            stream = None
+            for part in parts:
+                with av.open(str(part)) as container:
+                    source = container.streams.video[0]
+                    if stream is None:
+                        stream = joined.add_stream_from_template(source)
+                        stream.time_base = TIME_BASE
+                    for packet in container.demux(source):
+                        if packet.dts is not None:
+                            packet.stream = stream
+                            joined.mux(packet)
+    except (av.error.FFmpegError, OSError) as error:
+        raise InputError(f"{path}: cannot be joined from {len(parts)} parts ({error})") from None

@@ -1,0 +1,159 @@
+"""A scene brought to life: people who can be asked where they are, boxes, props, the exact rig, every camera's shots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import SE3, ConfigError, Rig
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import ANATOMICAL23
+
+from .body import Body, build_body
+from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
+from .motion import Person, build_person
+from .paths import CarriedPath, poses_in_hand, poses_on_path
+from .props import Prop, prop_from_settings
+from .scene import Scene, check_scene
+from .shots import Shots, shots_of
+from .surroundings import Box, boxes_of
+
+_ROOM_MARGIN_M = 1.0
+_LEAST_ROOM_M = 8.0
+_BODY_RADIUS_M = 0.25
+_CHECK_STEP_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """What a scene file stands for. Times of all questions are seconds of session time.
+
+    Attributes:
+        scene: the settings. room_size_m: (x, y) of the floor.
+        placed: cameras as set. rig: the exact cameras. shots: what each exposes when, in the order of the rig.
+        bodies, people: N of each. boxes: occluders. props: P calibration objects.
+    """
+
+    scene: Scene
+    room_size_m: tuple[float, float]
+    placed: tuple[PlacedCamera, ...]
+    rig: Rig
+    shots: tuple[Shots, ...]
+    bodies: tuple[Body, ...]
+    people: tuple[Person, ...]
+    boxes: tuple[Box, ...]
+    props: tuple[Prop, ...]
+
+    @property
+    def t_ns(self) -> Array:
+        """(T,) the nominal frame times, at which the truth is written."""
+        count = max(1, int(np.ceil(self.scene.duration_s * self.scene.rate_hz - 1e-9)))
+        t_s = self.scene.start_s + np.arange(count) / self.scene.rate_hz
+        return np.round(t_s * 1e9).astype(np.int64)
+
+    def bones(self, t_s: Array) -> list[Array]:
+        """For each person the bone poses (T, B, 4, 4) in the world."""
+        return [person.at(self._since_start(t_s)).world_from_bone for person in self.people]
+
+    def keypoints(self, t_s: Array) -> Array:
+        """(T, N, K, 3) anatomical keypoints of all people in world metres."""
+        seen = [person.at(self._since_start(t_s)).keypoints_world for person in self.people]
+        return np.stack(seen, axis=1) if seen else np.zeros((len(t_s), 0, len(ANATOMICAL23), 3))
+
+    def prop_poses(self, t_s: Array) -> list[SE3]:
+        """For each prop its world poses (T,)."""
+        return [self._prop_pose(i, prop, t_s) for i, prop in enumerate(self.props)]
+
+    def _prop_pose(self, i: int, prop: Prop, t_s: Array) -> SE3:
+        since_start = self._since_start(t_s)
+        if not isinstance(prop.path, CarriedPath):
+            return poses_on_path(prop.path, since_start, self.scene.seed * 1000 + i)
+        body, person = self.bodies[prop.path.person], self.people[prop.path.person]
+        hand, bone_from_prop = _grip(body, prop.path)
+        return poses_in_hand(person.at(since_start).world_from_bone, hand, bone_from_prop)
+
+    def _since_start(self, t_s: Array) -> Array:
+        return np.asarray(t_s, np.float64) - self.scene.start_s
+
+
+def live_scene(scene: Scene) -> LiveScene:
+    """Build everything; raises ConfigError for what cannot be (camera in a person, a path off the floor, no frame)."""
+    check_scene(scene)
+    placed = placed_cameras(scene.cameras)
+    rig = rig_from_cameras(placed)
+    shots = tuple(
+        shots_of(camera.name, i, camera.sensor, scene.rate_hz, scene.start_s, scene.duration_s, scene.seed)
+        for i, camera in enumerate(placed)
+    )
+    bodies = tuple(build_body(person.body) for person in scene.people)
+    people = tuple(
+        build_person(body, person.motion, scene.seed * 1000 + i)
+        for i, (body, person) in enumerate(zip(bodies, scene.people, strict=True))
+    )
+    live = LiveScene(
+        scene, _room_size(scene, rig), placed, rig, shots, bodies, people, boxes_of(scene.occluders, scene.seed),
+        tuple(prop_from_settings(prop) for prop in scene.props),
+    )  # fmt: skip
+    _check_places(live)
+    return live
+
+
+def _room_size(scene: Scene, rig: Rig) -> tuple[float, float]:
+    if scene.room.size_m is not None:
+        return scene.room.size_m
+    reach = np.maximum(2 * (np.abs(rig.centres_world()[:, :2]).max(axis=0) + _ROOM_MARGIN_M), _LEAST_ROOM_M)
+    return float(reach[0]), float(reach[1])
+
+
+def _check_places(live: LiveScene) -> None:
+    half = np.array(live.room_size_m) / 2
+    t_s = live.scene.start_s + np.arange(0, live.scene.duration_s, _CHECK_STEP_S)
+    keypoints = live.keypoints(t_s)
+    for camera, centre in zip(live.rig, live.rig.centres_world(), strict=True):
+        if live.scene.room.walls != "none" and (np.abs(centre[:2]) > half).any():
+            raise ConfigError(
+                f"camera {camera.name}: stands at {_point(centre)} m, outside the room of {_point(2 * half)} m; "
+                "make room.size_m larger, or room.walls: none"
+            )
+        for i, box in enumerate(live.boxes):
+            if box.contains(centre):
+                raise ConfigError(
+                    f"camera {camera.name}: stands at {_point(centre)} m, inside box {i} of the occluders; move one"
+                )
+        _check_not_in_a_person(camera.name, centre, keypoints, t_s)
+    for i in range(keypoints.shape[1]):
+        outside = (np.abs(keypoints[:, i, :, :2]) > half).any(axis=(1, 2))
+        if outside.any():
+            raise ConfigError(
+                f"people.{i}: leaves the floor of {_point(2 * half)} m at {t_s[outside][0]:.1f} s; "
+                "make room.size_m larger or the path smaller"
+            )
+
+
+def _check_not_in_a_person(camera: str, centre: Array, keypoints: Array, t_s: Array) -> None:
+    if not keypoints.size:
+        return
+    near = np.linalg.norm(keypoints - centre, axis=-1).min(axis=2) < _BODY_RADIUS_M
+    if near.any():
+        instant, person = np.argwhere(near)[0]
+        raise ConfigError(
+            f"camera {camera}: stands at {_point(centre)} m, inside or touching people.{person} at {t_s[instant]:.1f} s; "
+            f"keep {_BODY_RADIUS_M} m between them"
+        )
+
+
+def _grip(body: Body, path: CarriedPath) -> tuple[int, SE3]:
+    """The bone that ends the forearm, and where on it the prop sits: beyond the wrist, upright at rest."""
+    rest = body.keypoints(body.world_from_bone_rest[None])[0]
+    elbow, wrist = (rest[ANATOMICAL23.index(f"{path.side}_{joint}")] for joint in ("elbow", "wrist"))
+    along = (wrist - elbow) / np.linalg.norm(wrist - elbow)
+    place = wrist + path.beyond_wrist_m * along
+    hand = int(np.argmin(np.linalg.norm(body.world_from_bone_rest[:, :3, 3] - (wrist + 0.03 * along), axis=-1)))
+    bone = body.world_from_bone_rest[hand]
+    bone_from_world = SE3.from_matrix(bone[:3, :3], bone[:3, 3]).inverse()
+    return hand, bone_from_world @ SE3(np.array([1.0, 0, 0, 0]), place)
+
+
+def _point(values: Array) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in values) + ")"

@@ -1,0 +1,1 @@
+"""The scene drawn: OpenGL without a screen, real lenses and shutters, several processes."""

@@ -1,0 +1,79 @@
+"""OpenGL without a screen: which of EGL and OSMesa works here.
+
+A driver that is half installed can abort the whole process, so each is tried in a process of its own.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from posefuse.core import DependencyError
+
+BACKENDS = ("egl", "osmesa")
+_PROBE_LIMIT_S = 120
+_DEBIAN = "Debian/Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (EGL) or libosmesa6 (OSMesa)"
+
+
+@functools.cache
+def working_backend(wanted: str | None = None) -> str:
+    """``egl`` or ``osmesa``, whichever draws first (only `wanted` is tried when it is given).
+
+    Raises:
+        DependencyError: neither works, with the reason of each and the packages to install; or the extra is missing.
+    """
+    reasons = []
+    for backend in (wanted,) if wanted else BACKENDS:
+        reason = _why_not(backend)
+        if reason is None:
+            return backend
+        reasons.append(f"{backend}: {reason}")
+    if any("No module named" in reason for reason in reasons):
+        raise DependencyError(f"rendering needs the extra sim: pip install 'posefuse[sim]' ({reasons[0]})")
+    raise DependencyError(f"rendering needs OpenGL without a screen, and none works ({'; '.join(reasons)}). {_DEBIAN}")
+
+
+def gl_environment(backend: str, environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment in which MuJoCo uses `backend`, drawing on one core (processes share the machine)."""
+    return {**environment, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend, "LP_NUM_THREADS": "0"}
+
+
+def gl_context(backend: str, width: int, height: int) -> Any:
+    """A current OpenGL context of this process; raises DependencyError when it cannot be made."""
+    os.environ.update(gl_environment(backend, {}))
+    try:
+        context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
+        context.make_current()
+    except (ImportError, RuntimeError, AttributeError, OSError) as error:
+        raise DependencyError(f"OpenGL by {backend} cannot be started here ({error}). {_DEBIAN}") from None
+    return context
+
+
+def _why_not(backend: str) -> str | None:
+    """None when a process with this backend can draw, else the last line of what it said."""
+    command = [sys.executable, "-c", f"from posefuse.simulate.render.backend import _draw_once; _draw_once({backend!r})"]
+    try:
+        done = subprocess.run(
+            command, env=gl_environment(backend, os.environ), capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f"no picture within {_PROBE_LIMIT_S} s"
+    if done.returncode == 0:
+        return None
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    return lines[-1] if lines else f"the process ended with code {done.returncode}"
+
+
+def _draw_once(backend: str) -> None:
+    import mujoco
+
+    context = gl_context(backend, 16, 16)
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+    drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    drawing.free()
+    context.free()

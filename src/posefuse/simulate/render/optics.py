@@ -1,0 +1,92 @@
+"""The real lens: an ideal picture wide enough to hold all the lens sees, and the map that bends it.
+
+OpenGL draws ideal pinhole pictures only. A `SourceView` is such a picture in the plane x/z, y/z of the camera; every
+pixel of the wanted image is looked up in it at `Camera.norm_from_px` of its centre. Pixel centres are at integers, so a
+picture of w px covers -0.5 ... w - 0.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import Camera, ConfigError
+from posefuse.core.arrays import Array
+
+_WIDEST_DEG = 78.0
+_LARGEST_PX = 4096
+_MARGIN_PX = 2
+_MOST_MAGNIFIED = 2.0
+_SQUARE = 1e-9
+
+
+@dataclass(frozen=True)
+class SourceView:
+    """An ideal picture with square pixels.
+
+    Attributes:
+        left, top: x/z and y/z of its outer top left corner. step: x/z from one pixel to the next.
+        width, height: in px.
+    """
+
+    left: float
+    top: float
+    step: float
+    width: int
+    height: int
+
+    def px_from_norm(self, xy_norm: Array) -> Array:
+        """Pixels (..., 2) of this picture, centres at integers, of x/z, y/z (..., 2)."""
+        return np.asarray((xy_norm - [self.left, self.top]) / self.step - 0.5)
+
+    def cut(self, column: int, row: int, width: int, height: int) -> SourceView:
+        """The part of it that begins at pixel (column, row)."""
+        return SourceView(self.left + column * self.step, self.top + row * self.step, self.step, width, height)
+
+
+@dataclass(frozen=True, eq=False)
+class Optics:
+    """How a camera's image is made from an ideal picture.
+
+    Attributes:
+        view: the ideal picture.
+        map_px: (H, W, 2) float32 place of every image pixel in it, NaN where the lens shows nothing; None: they are equal.
+    """
+
+    view: SourceView
+    map_px: Array | None
+
+
+def optics_of(camera: Camera) -> Optics:
+    """Source picture and map; raises ConfigError when the lens sees further aside than can be rendered."""
+    width, height = camera.size_wh
+    fx, fy, skew = camera.K[0, 0], camera.K[1, 1], camera.K[0, 1]
+    if not camera.distortion.any() and camera.model == "pinhole" and abs(fx - fy) < _SQUARE * fx and skew == 0:
+        view = SourceView((-0.5 - camera.K[0, 2]) / fx, (-0.5 - camera.K[1, 2]) / fx, 1 / fx, width, height)
+        return Optics(view, None)
+    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+    norm = camera.norm_from_px(np.stack([columns, rows], axis=-1))
+    seen = np.isfinite(norm).all(axis=-1)
+    if not seen.any():
+        raise ConfigError(f"camera {camera.name}: the lens model has no inverse anywhere in the image; check distortion and K")
+    low, high = norm[seen].min(axis=0), norm[seen].max(axis=0)
+    widest_deg = np.rad2deg(np.arctan(np.abs([low, high]).max()))
+    if widest_deg > _WIDEST_DEG:
+        raise ConfigError(
+            f"camera {camera.name}: its lens sees {widest_deg:.0f} deg off the optical axis; the simulator renders up to "
+            f"{_WIDEST_DEG:.0f} deg: use a longer focal length, a smaller image, or less distortion"
+        )
+    step = _finest_step(norm, max(fx, fy))
+    step = max(step, float((high - low).max()) / (_LARGEST_PX - 2 * _MARGIN_PX - 1))
+    size = np.ceil((high - low) / step).astype(int) + 1 + 2 * _MARGIN_PX
+    first = low - (_MARGIN_PX + 0.5) * step
+    view = SourceView(float(first[0]), float(first[1]), step, int(size[0]), int(size[1]))
+    return Optics(view, view.px_from_norm(norm).astype(np.float32))
+
+
+def _finest_step(norm: Array, focal_px: float) -> float:
+    """Step of x/z at which the source is nowhere coarser than the image, within reason."""
+    steps = np.concatenate([np.abs(np.diff(norm[..., 0], axis=1)).ravel(), np.abs(np.diff(norm[..., 1], axis=0)).ravel()])
+    finest = float(np.nanmin(np.where(steps > 0, steps, np.nan)))
+    return max(finest, 1 / (focal_px * _MOST_MAGNIFIED))

@@ -1,0 +1,103 @@
+"""A scene in this process's OpenGL: move its bodies, draw ideal pictures, depths and who is where."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import SE3
+from posefuse.core.arrays import Array
+
+from .backend import gl_context
+from .model import RenderModel
+from .optics import SourceView
+
+_NEAR_M = 0.05
+_FAR_M = 80.0
+_MOST_GEOMS = 2000
+NOBODY = -1
+
+
+class Stage:
+    """One model in one OpenGL context. Not for use from several threads."""
+
+    def __init__(self, model: RenderModel, backend: str) -> None:
+        import mujoco
+
+        self._mujoco = mujoco
+        self._described = model
+        self._model = mujoco.MjModel.from_xml_string(model.xml, dict(model.assets))
+        self._data = mujoco.MjData(self._model)
+        size = self._model.vis.global_
+        self._context = gl_context(backend, size.offwidth, size.offheight)
+        self._drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
+        self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+        self._scene = mujoco.MjvScene(self._model, maxgeom=_MOST_GEOMS)
+        self._option = mujoco.MjvOption()
+        self._camera = mujoco.MjvCamera()
+
+    def close(self) -> None:
+        """Free the OpenGL context; safe to call twice."""
+        if self._context is not None:
+            self._drawing.free()
+            self._context.free()
+            self._context = None
+
+    def place(self, poses: Array) -> None:
+        """Move all bodies to (M, 7) world poses: x y z in metres, then a wxyz quaternion."""
+        self._data.mocap_pos[:] = poses[:, :3]
+        self._data.mocap_quat[:] = poses[:, 3:]
+        self._mujoco.mj_kinematics(self._model, self._data)
+        self._mujoco.mj_camlight(self._model, self._data)
+        every = self._mujoco.mjtCatBit.mjCAT_ALL.value
+        self._mujoco.mjv_updateScene(self._model, self._data, self._option, None, self._camera, every, self._scene)
+
+    def draw(self, view: SourceView, cam_from_world: SE3) -> tuple[Array, Array]:
+        """RGB (h, w, 3) uint8 and distance along the optical axis (h, w) float32 in metres."""
+        rectangle = self._aim(view, cam_from_world)
+        rgb = np.empty((view.height, view.width, 3), np.uint8)
+        nearness = np.empty((view.height, view.width), np.float32)
+        self._mujoco.mjr_render(rectangle, self._scene, self._drawing)
+        self._mujoco.mjr_readPixels(rgb, nearness, rectangle, self._drawing)
+        # reversed depth: 1 at the near plane, 0 at the far one
+        depth = _FAR_M * _NEAR_M / (_NEAR_M + nearness * (_FAR_M - _NEAR_M))
+        return rgb[::-1], depth[::-1]
+
+    def draw_people(self, view: SourceView, cam_from_world: SE3) -> Array:
+        """(h, w) place of the person seen in each pixel, -1 where there is none."""
+        flags = self._mujoco.mjtRndFlag
+        before = self._scene.flags.copy()
+        self._scene.flags[[flags.mjRND_SEGMENT.value, flags.mjRND_IDCOLOR.value]] = 1
+        rectangle = self._aim(view, cam_from_world)
+        rgb = np.empty((view.height, view.width, 3), np.uint8)
+        self._mujoco.mjr_render(rectangle, self._scene, self._drawing)
+        self._mujoco.mjr_readPixels(rgb, None, rectangle, self._drawing)
+        self._scene.flags[:] = before
+        numbers = rgb[::-1].astype(np.int32) @ np.array([1, 256, 65536], np.int32)
+        return self._person_of_number()[numbers]
+
+    def _person_of_number(self) -> Array:
+        """(geoms + 1,) who a segmentation number stands for; 0 is the background."""
+        people = np.full(self._scene.ngeom + 1, NOBODY)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.segid >= 0 and geom.objtype == self._mujoco.mjtObj.mjOBJ_SKIN:
+                people[geom.segid + 1] = self._described.skin_person[geom.objid]
+        return people
+
+    def _aim(self, view: SourceView, cam_from_world: SE3) -> Any:
+        world_from_cam = cam_from_world.inverse()
+        axes = world_from_cam.matrix()
+        centre = view.left + view.step * view.width / 2
+        # OpenGL looks along -z with y up; its image plane is flipped against ours
+        for camera in self._scene.camera:
+            camera.pos[:] = world_from_cam.xyz
+            camera.forward[:] = axes[:, 2]
+            camera.up[:] = -axes[:, 1]
+            camera.orthographic = 0
+            camera.frustum_near, camera.frustum_far = _NEAR_M, _FAR_M
+            camera.frustum_center = centre * _NEAR_M
+            camera.frustum_top = -view.top * _NEAR_M
+            camera.frustum_bottom = -(view.top + view.step * view.height) * _NEAR_M
+        return self._mujoco.MjrRect(0, 0, view.width, view.height)
