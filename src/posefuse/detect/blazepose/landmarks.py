@@ -45,7 +45,7 @@ def landmarks_from_outputs(landmarks: Array, presence: Array, heatmaps: Array, c
     batch, cells = heatmaps.shape[:2]
     cell_px = side_px / cells
     values = landmarks.reshape(batch, -1, _VALUES)[:, :count].astype(np.float64)
-    regressed = values[..., :2] / cell_px - 0.5
+    regressed = values[..., :2] / cell_px
     step = np.arange(-_WINDOW_CELLS, _WINDOW_CELLS + 1)
     at = np.rint(regressed).astype(int)[..., None] + step
     inside = (at >= 0) & (at < cells)
@@ -64,8 +64,9 @@ def landmarks_from_outputs(landmarks: Array, presence: Array, heatmaps: Array, c
     refined = np.where((peak >= _LEAST_PEAK)[..., None], centre, regressed)
     return Landmarks(
         presence=presence.reshape(batch).astype(np.float64),
-        # cell centres to crop px: both grids cover the same square
-        xy_crop=(refined + 0.5) * cell_px - 0.5,
+        # the network draws a keypoint at crop coordinate 4 i (from the crop's corner) into cell i, not between cells:
+        # otherwise crops and their mirror images disagree by one cell
+        xy_crop=refined * cell_px - 0.5,
         visibility=_sigmoid(values[..., 3]),
         peak=peak,
         spread_px=np.sqrt(variance / safe / 2) * cell_px,
