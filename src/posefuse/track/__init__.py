@@ -1,1 +1,7 @@
-"""Pose3D and single views over time to Pose3D: the only room with memory."""
+"""Pose3D over time: recorded data smoothed, gaps bridged, bones held to one length."""
+
+from .bones import bone_lengths
+from .sequence import sequence_from_poses
+from .smooth import SmoothSettings, cutoff_hz, smooth
+
+__all__ = ["SmoothSettings", "bone_lengths", "cutoff_hz", "sequence_from_poses", "smooth"]

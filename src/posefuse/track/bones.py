@@ -1,0 +1,97 @@
+"""Bones keep their length: a soft prior that holds the keypoints of one instant together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posefuse.core import Skeleton
+from posefuse.core.arrays import Array
+
+_MIN_INSTANTS = 10
+_ITERATIONS = 3
+_CHUNK = 256
+# of the absolute deviation to the standard deviation of a Gaussian
+_MAD_TO_SIGMA = 1.4826
+
+
+def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_min_m: float) -> tuple[Array, Array]:
+    """Length (B,) of each bone over a recording and how constant it was, as a standard deviation (B,), in metres.
+
+    Args:
+        xyz, cov, used: (T, K, 3), (T, K, 3, 3), (T, K) bool: which instants count.
+        skeleton: its bones.
+        sigma_min_m: the least spread that is believed.
+
+    Returns:
+        NaN for a bone seen in fewer than ten instants. The length is the median, less what noise across the bone adds to
+        a distance; the spread is that of the lengths beyond what the covariances explain.
+    """
+    one, two = skeleton.bone_indices.T
+    span = xyz[:, one] - xyz[:, two]
+    distance = np.linalg.norm(span, axis=-1)
+    along = span / np.where(distance > 1e-9, distance, np.nan)[..., None]
+    both = cov[:, one] + cov[:, two]
+    variance = np.einsum("tbi,tbij,tbj->tb", along, both, along)
+    across = np.trace(both, axis1=-2, axis2=-1) - variance
+    counts = used[:, one] & used[:, two] & np.isfinite(distance)
+    length = np.where(counts, distance - across / (2 * np.where(distance > 1e-9, distance, np.nan)), np.nan)
+    enough = counts.sum(axis=0) >= _MIN_INSTANTS
+    centre, spread = np.full(len(one), np.nan), np.full(len(one), np.nan)
+    if enough.any():
+        centre[enough] = np.nanmedian(length[:, enough], axis=0)
+        seen = _MAD_TO_SIGMA * np.nanmedian(np.abs(length[:, enough] - centre[enough]), axis=0)
+        noise = np.nanmedian(np.where(counts, variance, np.nan)[:, enough], axis=0)
+        spread[enough] = np.sqrt(np.maximum(seen**2 - noise, sigma_min_m**2))
+    return centre, spread
+
+
+def hold_bones(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_min_m: float) -> tuple[Array, Array]:
+    """One person's keypoints (T, K, 3) and covariances (T, K, 3, 3), given also that bones keep their length.
+
+    Iterated extended Kalman update of each instant with one pseudo-measurement per bone, |a - b| = length with its spread
+    (`bone_lengths`): the Gauss-Newton minimum of the keypoints' Mahalanobis distances plus the bones' squared errors.
+    Missing keypoints stay missing, and bones that end in one say nothing.
+    """
+    length, spread = bone_lengths(xyz, cov, used, skeleton, sigma_min_m)
+    known = np.flatnonzero(np.isfinite(length) & (length > 0.02))
+    if not len(known):
+        return xyz, cov
+    ends = skeleton.bone_indices[known]
+    held, narrowed = xyz.copy(), cov.copy()
+    for start in range(0, len(xyz), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        held[part], narrowed[part] = _hold(xyz[part], cov[part], ends, length[known], spread[known])
+    return held, narrowed
+
+
+def _hold(xyz: Array, cov: Array, ends: Array, length: Array, spread: Array) -> tuple[Array, Array]:
+    there = np.isfinite(xyz).all(axis=-1) & np.isfinite(cov).all(axis=(-1, -2))
+    prior = np.where(there[..., None], xyz, 0.0)
+    prior_cov = np.where(there[..., None, None], cov, 0.0)
+    held = prior
+    for _ in range(_ITERATIONS):
+        slope, distance = _bone_slopes(held, there, ends)
+        # J P and J P J^T + R, block by block: covariances of different keypoints are independent
+        pushed = np.einsum("tbki,tkij->tbkj", slope, prior_cov)
+        innovation = np.einsum("tbki,tcki->tbc", pushed, slope) + np.diag(spread**2)
+        expected = distance + np.einsum("tbki,tki->tb", slope, prior - held)
+        error = np.where(distance > 0, length - expected, 0.0)
+        held = prior + np.einsum("tbki,tb->tki", pushed, np.linalg.solve(innovation, error[..., None])[..., 0])
+    count = len(xyz)
+    flat = pushed.reshape(count, len(ends), -1)
+    weighted = np.linalg.solve(innovation, flat).reshape(pushed.shape)
+    narrowed = prior_cov - np.einsum("tbki,tbkj->tkij", pushed, weighted)
+    return np.where(there[..., None], held, np.nan), np.where(there[..., None, None], narrowed, np.nan)
+
+
+def _bone_slopes(xyz: Array, there: Array, ends: Array) -> tuple[Array, Array]:
+    """d|a - b| / d(keypoints) (T, B, K, 3) and |a - b| (T, B); both 0 where an end is missing."""
+    span = xyz[:, ends[:, 0]] - xyz[:, ends[:, 1]]
+    distance = np.linalg.norm(span, axis=-1)
+    both = there[:, ends[:, 0]] & there[:, ends[:, 1]] & (distance > 1e-6)
+    unit = np.where(both[..., None], span / np.where(both, distance, 1.0)[..., None], 0.0)
+    slope = np.zeros((len(xyz), len(ends), xyz.shape[1], 3))
+    rows = np.arange(len(ends))
+    slope[:, rows, ends[:, 0]] = unit
+    slope[:, rows, ends[:, 1]] = -unit
+    return slope, np.where(both, distance, 0.0)
