@@ -104,7 +104,7 @@ def _brown_inverse(bent: Array, k: Array) -> Array:
         return np.where(left < _ACCEPTED_NORM, xy, np.nan)
 
 
-def _tilt_matrix(tau_x_rad: float, tau_y_rad: float) -> Array:
+def tilt_matrix(tau_x_rad: float, tau_y_rad: float) -> Array:
     """Scheimpflug homography of a sensor tilted about its x, then its y axis (as OpenCV defines it)."""
     cx, sx, cy, sy = np.cos(tau_x_rad), np.sin(tau_x_rad), np.cos(tau_y_rad), np.sin(tau_y_rad)
     about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
@@ -117,13 +117,13 @@ def _tilt_matrix(tau_x_rad: float, tau_y_rad: float) -> Array:
 def _tilted(xy: Array, coefficients: Array) -> Array:
     if len(coefficients) < 14:
         return xy
-    return _homography(xy, _tilt_matrix(float(coefficients[12]), float(coefficients[13])))
+    return _homography(xy, tilt_matrix(float(coefficients[12]), float(coefficients[13])))
 
 
 def _untilted(xy: Array, coefficients: Array) -> Array:
     if len(coefficients) < 14:
         return xy
-    return _homography(xy, np.linalg.inv(_tilt_matrix(float(coefficients[12]), float(coefficients[13]))))
+    return _homography(xy, np.linalg.inv(tilt_matrix(float(coefficients[12]), float(coefficients[13]))))
 
 
 def _homography(xy: Array, matrix: Array) -> Array:

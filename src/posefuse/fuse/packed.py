@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core import Camera, Rig
 from posefuse.core.arrays import Array
-from posefuse.core.lens import _tilt_matrix
+from posefuse.core.lens import tilt_matrix
 
 # columns of a packed camera; kernels.py indexes them by these numbers
 ROTATION, TRANSLATION, INTRINSIC, LENS, TILT, UNTILT, MODEL, CENTRE, WIDTH = 0, 9, 12, 17, 29, 38, 47, 48, 51
@@ -29,7 +29,7 @@ def _packed_camera(camera: Camera) -> Array:
     row[LENS : LENS + min(12, len(camera.distortion))] = camera.distortion[:12]
     row[TILT:UNTILT] = row[UNTILT:MODEL] = np.eye(3).ravel()
     if len(camera.distortion) == 14:
-        tilt = _tilt_matrix(float(camera.distortion[12]), float(camera.distortion[13]))
+        tilt = tilt_matrix(float(camera.distortion[12]), float(camera.distortion[13]))
         row[TILT:UNTILT] = tilt.ravel()
         row[UNTILT:MODEL] = np.linalg.inv(tilt).ravel()
     row[MODEL] = _model(camera)
