@@ -61,11 +61,13 @@ class Rig:
         """12 hex digits over all that changes a projection: equal rigs have equal ids on every machine."""
         digest = hashlib.sha256()
         for camera in self.cameras:
+            # trailing zeros bend nothing in a pinhole lens, and some file formats write five places always
+            lens = np.trim_zeros(camera.distortion, "b") if camera.model == "pinhole" else camera.distortion
             numbers = np.concatenate(
                 [
                     np.asarray(camera.size_wh, np.float64),
                     camera.K.ravel(),
-                    camera.distortion,
+                    lens,
                     camera.cam_from_world.matrix().ravel(),
                     camera.cam_from_world.xyz,
                     [camera.readout_s],

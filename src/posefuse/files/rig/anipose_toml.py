@@ -1,0 +1,76 @@
+"""Anipose and Pose2Sim calibration TOML, the default: one table per camera.
+
+``x_cam = R x_world + t`` in OpenCV axes, R as a rotation vector (Rodrigues), metres. Keys both tools ignore carry what
+they do not know: ``readout_s`` per camera, ``world_set_by`` and ``residual_px`` in ``[metadata]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import CalibrationError, Camera, Rig
+
+from . import parts
+from .toml_text import toml_text
+
+NAME = "toml"
+HOLDS = "Anipose / Pose2Sim *.toml"
+# tables of Anipose and Pose2Sim files that are not cameras
+_NOT_CAMERAS = ("metadata", "capture_volume", "charuco", "checkerboard")
+
+
+def matches(path: Path, content: Any) -> bool:
+    """Whether this is such a file."""
+    return path.suffix == ".toml" and "cameras" not in content
+
+
+def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
+    """The rig of a parsed file."""
+    tables = {key: value for key, value in content.items() if key not in _NOT_CAMERAS and isinstance(value, Mapping)}
+    cameras = [camera_from_table(f"{path}: camera {t.get('name', key)}", str(t.get("name", key)), t) for key, t in tables.items()]
+    about = content.get("metadata", {})
+    return parts.rig(path, cameras, about if isinstance(about, Mapping) else {})
+
+
+def camera_from_table(where: str, name: str, table: Mapping[str, Any]) -> Camera:
+    """One camera of this format or of caliscope's, which shares its keys."""
+    return parts.camera(
+        where,
+        name=name,
+        size=parts.entry(where, table, "size"),
+        matrix=parts.entry(where, table, "matrix"),
+        distortion=parts.entry(where, table, "distortions"),
+        rotation=parts.entry(where, table, "rotation"),
+        translation=parts.entry(where, table, "translation"),
+        fisheye=table.get("fisheye", False),
+        readout_s=table.get("readout_s", 0.0),
+    )
+
+
+def table_from_camera(camera: Camera) -> dict[str, Any]:
+    """The keys of one camera, without its rotation's Anipose form (a vector) changed."""
+    table: dict[str, Any] = {
+        "name": camera.name,
+        "size": list(camera.size_wh),
+        "matrix": parts.rows(camera.K),
+        "distortions": parts.rows(camera.distortion),
+        "rotation": parts.rows(camera.cam_from_world.rotvec()),
+        "translation": parts.rows(camera.cam_from_world.xyz),
+        "fisheye": camera.model == "fisheye",
+    }
+    return table | ({"readout_s": camera.readout_s} if camera.readout_s else {})
+
+
+def text_from(rig: Rig) -> str:
+    """The file of a rig."""
+    tables: dict[tuple[str, ...], dict[str, Any]] = {}
+    for camera in rig:
+        key = f"cam_{camera.name}" if camera.name in _NOT_CAMERAS else camera.name
+        if (key,) in tables:
+            raise CalibrationError(f"camera {camera.name}: its name cannot stand in this format beside {key}; rename one")
+        tables[(key,)] = table_from_camera(camera)
+    about = parts.about_rig(rig)
+    tables[("metadata",)] = {"adjusted": False, "error": about.get("residual_px", 0.0), **about}
+    return toml_text(tables)

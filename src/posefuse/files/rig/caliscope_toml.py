@@ -1,0 +1,57 @@
+"""caliscope's ``camera_array.toml``: tables ``[cameras.N]``, ``x_cam = R x_world + t``, R as a 3x3 matrix, metres.
+
+caliscope knows cameras by number (``cam_id``, once ``port``) and names their videos ``cam_N``, so the cameras are called so
+here. Cameras it was told to ignore, or has not placed, are left out. Its ``fisheye``, ``error`` (px) and ``ignore`` are its own
+keys; ``name``, ``readout_s`` and the table ``[posefuse]`` are ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import CalibrationError, Rig
+
+from . import parts
+from .anipose_toml import camera_from_table, table_from_camera
+from .toml_text import toml_text
+
+NAME = "caliscope"
+HOLDS = "caliscope camera_array.toml"
+
+
+def matches(path: Path, content: Any) -> bool:
+    """Whether this is such a file."""
+    return path.suffix == ".toml" and isinstance(content.get("cameras"), Mapping)
+
+
+def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
+    """The rig of a parsed file."""
+    cameras = []
+    for key, table in content["cameras"].items():
+        number = table.get("cam_id", table.get("port", key)) if isinstance(table, Mapping) else key
+        name = str(table.get("name", f"cam_{number}")) if isinstance(table, Mapping) else str(key)
+        where = f"{path}: camera {name}"
+        if not isinstance(table, Mapping):
+            raise CalibrationError(f"{where}: expected a table of keys, got {type(table).__name__}")
+        placed = "rotation" in table and "translation" in table
+        if not table.get("ignore", False) and placed:
+            cameras.append(camera_from_table(where, name, table))
+    if not cameras:
+        raise CalibrationError(
+            f"{path}: expected at least 1 camera with rotation and translation, got 0 of {len(content['cameras'])}"
+        )
+    about = content.get("posefuse", {})
+    return parts.rig(path, cameras, about if isinstance(about, Mapping) else {})
+
+
+def text_from(rig: Rig) -> str:
+    """The file of a rig."""
+    tables: dict[tuple[str, ...], dict[str, Any]] = {}
+    for i, camera in enumerate(rig):
+        number = {"cam_id": i, "rotation_count": 0, "ignore": False}
+        matrix = {"rotation": parts.rows(camera.cam_from_world.matrix())}
+        tables["cameras", str(i)] = number | table_from_camera(camera) | matrix
+    tables[("posefuse",)] = parts.about_rig(rig)
+    return toml_text(tables)

@@ -1,0 +1,151 @@
+"""Qualisys Track Manager calibration (``.qca.txt``, XML).
+
+What its numbers mean, found by comparing such a file with the same rig in OpenCV's terms and with photographs of a board
+through the same lenses:
+
+- ``transform``: the camera's centre x, y, z in millimetres; r11..r33 row by row turn world axes into camera axes whose y
+  points up and z backwards, so ``R_opencv = diag(1, -1, -1) r``.
+- ``intrinsic``: focal lengths, principal point and sensor limits in 64ths of a pixel, skew too.
+- ``radialDistortion1..3`` and ``tangentalDistortion1..2`` are OpenCV's k1 k2 k3 p1 p2 as they are. They act on x/z, y/z and
+  have no unit; converters that divide them by 64 as well flatten the lens.
+- ``fov_video``: first and last column and row of the image; the intrinsics count from the sensor's first pixel.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import CalibrationError, Camera, Rig
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+
+from . import parts
+
+NAME = "qualisys"
+HOLDS = "Qualisys *.qca.txt"
+SUBPIXELS = 64.0
+_MM = 1000.0
+_OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
+_RADIAL = ("radialDistortion1", "radialDistortion2", "radialDistortion3")
+_TANGENTIAL = ("tangentalDistortion1", "tangentalDistortion2")
+
+
+def matches(path: Path, content: Any) -> bool:
+    """Whether this is such a file."""
+    return isinstance(content, ET.Element) and content.tag == "calibration"
+
+
+def rig_from(path: Path, content: ET.Element) -> Rig:
+    """The rig of a parsed file; cameras that are switched off (``active="0"``) are left out."""
+    elements = [element for element in content.iter("camera") if element.get("active", "1") != "0"]
+    about: dict[str, Any] = {"world_set_by": content.get("world-set-by", "Qualisys")}
+    if content.get("residual-px") is not None:
+        about["residual_px"] = _number(f"{path}", content, "residual-px")
+    return parts.rig(path, [_camera(path, element) for element in elements], about)
+
+
+def _camera(path: Path, element: ET.Element) -> Camera:
+    name = element.get("serial", "")
+    where = f"{path}: camera {name}"
+    transform, intrinsic, view = (_child(where, element, tag) for tag in ("transform", "intrinsic", "fov_video"))
+    r = np.array([[_number(where, transform, f"r{row}{column}") for column in (1, 2, 3)] for row in (1, 2, 3)])
+    rotation = _OPENCV_FROM_QUALISYS @ parts.rotation_matrix(where, r)
+    centre_m = np.array([_number(where, transform, axis) for axis in "xyz"]) / _MM
+    left, right, top, bottom = (_number(where, view, side) for side in ("left", "right", "top", "bottom"))
+    matrix = np.eye(3)
+    matrix[0, 0], matrix[1, 1] = (_number(where, intrinsic, f"focalLength{axis}") / SUBPIXELS for axis in "UV")
+    matrix[0, 1] = _number(where, intrinsic, "skew") / SUBPIXELS
+    matrix[0, 2] = _number(where, intrinsic, "centerPointU") / SUBPIXELS - left
+    matrix[1, 2] = _number(where, intrinsic, "centerPointV") / SUBPIXELS - top
+    return parts.camera(
+        where,
+        name=name,
+        size=(right - left + 1, bottom - top + 1),
+        matrix=matrix,
+        distortion=_distortion(where, intrinsic),
+        rotation=rotation,
+        translation=-rotation @ centre_m,
+    )
+
+
+def _distortion(where: str, intrinsic: ET.Element) -> Array:
+    """k1 k2 p1 p2 k3, as short as OpenCV's order allows."""
+    k1, k2, k3 = (_number(where, intrinsic, key) for key in _RADIAL)
+    p1, p2 = (_number(where, intrinsic, key) for key in _TANGENTIAL)
+    coefficients = np.array([k1, k2, p1, p2, k3])
+    return coefficients if k3 else coefficients[:4]
+
+
+def text_from(rig: Rig) -> str:
+    """The file of a rig.
+
+    Raises:
+        CalibrationError: a camera this format cannot hold (fisheye, rolling shutter, more than five coefficients).
+    """
+    root = ET.Element("calibration", {"source": "posefuse", "type": "regular", "world-set-by": rig.world_set_by})
+    residual = parts.about_rig(rig).get("residual_px")
+    if residual is not None:
+        root.set("residual-px", repr(residual))
+    cameras = ET.SubElement(root, "cameras")
+    for camera in rig:
+        _check_holds(camera)
+        cameras.append(_element(camera))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
+
+
+def _check_holds(camera: Camera) -> None:
+    k = camera.distortion
+    problems = {
+        "a fisheye lens": camera.model != "pinhole",
+        "a rolling shutter": camera.readout_s != 0,
+        "more than 5 distortion coefficients": bool(k[5:].any()),
+    }
+    for problem, found in problems.items():
+        if found:
+            raise CalibrationError(f"camera {camera.name}: a Qualisys file cannot hold {problem}; write a .toml instead")
+
+
+def _element(camera: Camera) -> ET.Element:
+    width, height = camera.size_wh
+    element = ET.Element("camera", {"active": "1", "serial": camera.name, "viewrotation": "0"})
+    view = {"left": "0", "top": "0", "right": str(width - 1), "bottom": str(height - 1)}
+    for tag in ("fov_marker", "fov_marker_max", "fov_video", "fov_video_max"):
+        ET.SubElement(element, tag, view)
+    r = _OPENCV_FROM_QUALISYS @ camera.cam_from_world.matrix()
+    centre_mm = camera.centre_world * _MM
+    turn = {f"r{i + 1}{j + 1}": repr(float(r[i, j])) for i in range(3) for j in range(3)}
+    ET.SubElement(element, "transform", turn | {axis: repr(float(centre_mm[i])) for i, axis in enumerate("xyz")})
+    k1, k2, p1, p2, k3 = np.concatenate([camera.distortion, np.zeros(5)])[:5]
+    lens = dict(zip((*_RADIAL, *_TANGENTIAL), (k1, k2, k3, p1, p2), strict=True))
+    matrix = camera.K * SUBPIXELS
+    values = {
+        "focalLengthU": matrix[0, 0],
+        "focalLengthV": matrix[1, 1],
+        "centerPointU": matrix[0, 2],
+        "centerPointV": matrix[1, 2],
+        "skew": matrix[0, 1],
+        "sensorMinU": 0.0,
+        "sensorMaxU": (width - 1) * SUBPIXELS,
+        "sensorMinV": 0.0,
+        "sensorMaxV": (height - 1) * SUBPIXELS,
+        **lens,
+    }
+    ET.SubElement(element, "intrinsic", {key: repr(float(value)) for key, value in values.items()})
+    return element
+
+
+def _child(where: str, element: ET.Element, tag: str) -> ET.Element:
+    child = element.find(tag)
+    if child is None:
+        raise CalibrationError(f"{where}: <{tag}> is missing; there are: {choices(part.tag for part in element)}")
+    return child
+
+
+def _number(where: str, element: ET.Element, key: str) -> float:
+    text = parts.entry(f"{where}: <{element.tag}>", element.attrib, key)
+    return float(parts.numbers(f"{where}: {key}", text, ()))
