@@ -37,7 +37,7 @@ def test_a_camera_comes_back_and_projects_alike(count, model, said):
         {"distortion_model": "thin_prism"},
         {"binning_x": 2},
         {"k": np.zeros(9)},
-        {"d": np.zeros(3)},
+        {"d": np.ones(3)},
         {"width": 0},
         {"d": np.full(5, np.nan)},
     ],

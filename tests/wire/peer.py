@@ -1,0 +1,183 @@
+"""A stranger on the network: Cyclone DDS with types written by hand, nothing of posefuse. Run as a program.
+
+peer.py look DOMAIN XML      what it sees of the node that publishes /tf, as JSON
+peer.py shout DOMAIN XML     sends wrong and good messages on /posefuse/detections until it is stopped
+"""
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication
+from cyclonedds.core import Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.annotations import final
+from cyclonedds.idl.types import array, bounded_str, float32, float64, int32, sequence, uint8, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+
+@final
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@final
+@dataclass
+class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
+    stamp: Time
+    frame_id: str
+
+
+@final
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@final
+@dataclass
+class Quaternion(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):
+    x: float64
+    y: float64
+    z: float64
+    w: float64
+
+
+@final
+@dataclass
+class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
+    translation: Vector3
+    rotation: Quaternion
+
+
+@final
+@dataclass
+class TransformStamped(IdlStruct, typename="geometry_msgs.msg.dds_.TransformStamped_"):
+    header: Header
+    child_frame_id: str
+    transform: Transform
+
+
+@final
+@dataclass
+class TFMessage(IdlStruct, typename="tf2_msgs.msg.dds_.TFMessage_"):
+    transforms: sequence[TransformStamped]
+
+
+@final
+@dataclass
+class Gid(IdlStruct, typename="rmw_dds_common.msg.dds_.Gid_"):
+    data: array[uint8, 16]
+
+
+@final
+@dataclass
+class NodeInfo(IdlStruct, typename="rmw_dds_common.msg.dds_.NodeEntitiesInfo_"):
+    node_namespace: bounded_str[256]
+    node_name: bounded_str[256]
+    reader_gid_seq: sequence[Gid]
+    writer_gid_seq: sequence[Gid]
+
+
+@final
+@dataclass
+class Graph(IdlStruct, typename="rmw_dds_common.msg.dds_.ParticipantEntitiesInfo_"):
+    gid: Gid
+    node_entities_info_seq: sequence[NodeInfo]
+
+
+@final
+@dataclass
+class Stage(IdlStruct, typename="posefuse_msgs.msg.dds_.Stage_"):
+    name: str
+    stamp: Time
+
+
+@final
+@dataclass
+class Detections2D(IdlStruct, typename="posefuse_msgs.msg.dds_.Detections2D_"):
+    header: Header
+    camera: str
+    skeleton: str
+    keypoints: sequence[str]
+    people: uint32
+    xy_px: sequence[float32]
+    score: sequence[float32]
+    sigma_px: sequence[float32]
+    box_px: sequence[float32]
+    stages: sequence[Stage]
+
+
+RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
+XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)
+
+
+def look(participant):
+    latched = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(100))
+    tf = DataReader(participant, Topic(participant, "rt/tf", TFMessage), qos=Qos(RELIABLE))
+    static = DataReader(participant, Topic(participant, "rt/tf_static", TFMessage), qos=latched)
+    graph = DataReader(participant, Topic(participant, "ros_discovery_info", Graph), qos=latched)
+    moving = next(tf.take_iter(timeout=duration(seconds=20)))
+    standing = next(static.take_iter(timeout=duration(seconds=20)))
+    infos = [next(graph.take_iter(timeout=duration(seconds=20)))]
+    writers = {
+        p.topic_name: {
+            "gid": str(p.key),
+            "participant": str(p.participant_key),
+            "type": p.type_name,
+            "user_data": bytes(p.qos[Policy.Userdata].data).decode(),
+        }
+        for p in BuiltinDataReader(participant, BuiltinTopicDcpsPublication).read(1000)
+        if p.topic_name.startswith("rt/")
+    }
+    participants = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant).read(100)
+    user_data = {str(p.key): bytes(p.qos[Policy.Userdata].data).decode() for p in participants if Policy.Userdata in p.qos}
+    nodes = [
+        {
+            "participant": bytes(info.gid.data).hex(),
+            "name": node.node_namespace + " " + node.node_name,
+            "writers": [bytes(gid.data).hex() for gid in node.writer_gid_seq],
+        }
+        for info in infos
+        for node in info.node_entities_info_seq
+    ]
+    first = moving.transforms[0]
+    found = {
+        "writers": writers,
+        "participants": user_data,
+        "nodes": nodes,
+        "tf": [first.header.frame_id, first.child_frame_id, first.header.stamp.sec, first.transform.translation.z],
+        "tf_static": [t.child_frame_id for t in standing.transforms],
+    }
+    print(json.dumps(found), flush=True)
+
+
+def shout(participant):
+    topic = Topic(participant, "rt/posefuse/detections", Detections2D)
+    writer = DataWriter(participant, topic, qos=Qos(RELIABLE, Policy.History.KeepLast(100), XCDR1))
+    good = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [1.0, 2.0, 3.0, 4.0], [0.5, 1.0],
+                        [1.0, 1.0], [0.0, 0.0, 9.0, 9.0], [Stage("captured", Time(5, 6))])  # fmt: skip
+    many = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 4_000_000_000, [], [], [], [], [])
+    big = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [0.5] * 600_000, [], [], [], [])
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        writer.write(good)
+        writer.write(many)
+        writer.write(big)
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    what, domain_id, xml = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+    domain = Domain(domain_id, xml)
+    {"look": look, "shout": shout}[what](DomainParticipant(domain_id))
