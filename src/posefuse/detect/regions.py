@@ -19,6 +19,7 @@ REACH = 1.15
 _LEAST_KEYPOINTS = 4
 _LEAST_RADIUS_PX = 8.0
 _UP_STEP_M = 0.1
+_FINEST = 3
 
 
 def region_from_keypoints(xy_img: Any, skeleton: Skeleton, up_img: Any = None) -> Region | None:
@@ -107,22 +108,8 @@ def img_from_crop(region: Region, side_px: int, xy_crop: Any) -> Array:
 def cut(image: Array, region: Region, side_px: int) -> Array:
     """The upright crop (side_px, side_px, 3) uint8; black outside the image.
 
-    Shrinks by area first and turns after, so that fine texture does not alias into the crop.
+    A large region is sampled more finely and then averaged, so that fine texture does not alias into the crop.
     """
-    affine = crop_from_img(region, side_px)
-    shrink = int(region.side_px / side_px)
-    if shrink < 2:
-        return cv2.warpAffine(image, affine, (side_px, side_px), flags=cv2.INTER_LINEAR)
-    reach = region.side_px / 2 * (abs(np.cos(region.angle_rad)) + abs(np.sin(region.angle_rad))) + shrink
-    height, width = image.shape[:2]
-    left, top = np.clip(np.floor(region.centre_img - reach).astype(int), 0, [width, height])
-    right, bottom = np.clip(np.ceil(region.centre_img + reach).astype(int), 0, [width, height])
-    wide, high = (right - left) // shrink, (bottom - top) // shrink
-    if wide < 1 or high < 1:
-        return np.zeros((side_px, side_px, 3), np.uint8)
-    part = image[top : top + high * shrink, left : left + wide * shrink]
-    small = cv2.resize(part, (int(wide), int(high)), interpolation=cv2.INTER_AREA)
-    # a pixel of `small` covers `shrink` pixels, so its centre lies (shrink - 1) / 2 further than the first of them
-    offset = np.array([left, top]) + (shrink - 1) / 2
-    shrunk = np.hstack([affine[:, :2] * shrink, (affine[:, 2] + affine[:, :2] @ offset)[:, None]])
-    return cv2.warpAffine(small, shrunk, (side_px, side_px), flags=cv2.INTER_LINEAR)
+    finer = int(np.clip(round(region.side_px / side_px / 2), 1, _FINEST))
+    sampled = cv2.warpAffine(image, crop_from_img(region, side_px * finer), (side_px * finer, side_px * finer), flags=cv2.INTER_LINEAR)
+    return sampled if finer == 1 else cv2.resize(sampled, (side_px, side_px), interpolation=cv2.INTER_AREA)
