@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -82,6 +82,16 @@ class VideoWriter:
                 self._container.mux(packet)
         except (av.error.FFmpegError, OSError) as error:
             raise InputError(f"{self._path}: cannot be written ({error})") from None
+
+
+def read_video(path: Path) -> Iterator[tuple[int, Array]]:
+    """(time in ns, RGB image (H, W, 3)) of every frame of a film `VideoWriter` made; raises InputError when it cannot."""
+    try:
+        with av.open(str(path)) as container:
+            for frame in container.decode(video=0):
+                yield round(frame.pts * frame.time_base * 1_000_000_000), frame.to_ndarray(format="rgb24")
+    except (av.error.FFmpegError, OSError) as error:
+        raise InputError(f"{path}: cannot be read as a film ({error})") from None
 
 
 def join_videos(parts: Sequence[Path], path: Path) -> None:

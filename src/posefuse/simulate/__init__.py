@@ -1,1 +1,11 @@
-"""A scene with exact truth to frames and detections."""
+"""A scene with exact truth to frames and detections.
+
+A scene file (`read_scene`) becomes a session with films and truth (`simulate`), its truth alone (`truth_of`), or frames
+for a pipeline (`SimulatedSource`). Does not use `kinematics`: angles come from the body model itself.
+"""
+
+from .exact import truth_of
+from .scene import Scene, read_scene
+from .session import SessionPaths, simulate
+
+__all__ = ["Scene", "SessionPaths", "read_scene", "simulate", "truth_of"]

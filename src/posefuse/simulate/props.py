@@ -172,10 +172,10 @@ def _cube(prop: ArucoCube) -> Prop:
         uv.append((square_uv + [i % 3, i // 3]) / [3, 2])
         faces.append(np.array([[0, 2, 1], [0, 3, 2]]) + 4 * i)
         corners.append(_square(prop.marker_m / 2, half * normal, right, up))
-    atlas = np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])])
+    atlas, used = _power_of_two(np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])]))
     return Prop(
         prop.name, prop.kind, prop.dictionary, ids, np.array(corners), np.zeros((0, 3)),
-        np.concatenate(vertices), np.concatenate(uv), np.concatenate(faces), atlas, prop.path,
+        np.concatenate(vertices), np.concatenate(uv) * used, np.concatenate(faces), atlas, prop.path,
     )  # fmt: skip
 
 
@@ -194,6 +194,7 @@ def _board(prop: CharucoBoard) -> Prop:
     full_m = size_m + 2 * prop.margin_m
     half_uv = full_m / prop.square_m * square_px / np.array([width, height]) / 2
     vertices, uv, faces = _plate(full_m[0], full_m[1], half_uv)
+    texture, used = _power_of_two(_rgb(picture))
 
     # OpenCV's board has its origin at the top left, y down
     def centred(points: Array) -> Array:
@@ -202,7 +203,7 @@ def _board(prop: CharucoBoard) -> Prop:
 
     return Prop(
         prop.name, prop.kind, prop.dictionary, board.getIds().ravel(), centred(np.array(board.getObjPoints())),
-        centred(board.getChessboardCorners()), vertices, uv, faces, _rgb(picture), prop.path,
+        centred(board.getChessboardCorners()), vertices, uv * used, faces, texture, prop.path,
     )  # fmt: skip
 
 
@@ -251,6 +252,17 @@ def _dictionary(name: str, dictionary_name: str, highest_id: int) -> cv2.aruco.D
             f"prop {name}: {dictionary_name} has {len(dictionary.bytesList)} markers, marker {highest_id} is needed"
         )
     return dictionary
+
+
+def _power_of_two(picture: Array) -> tuple[Array, Array]:
+    """The picture padded to sides that halve without a rest, and the share (2,) of width and height it fills.
+
+    OpenGL draws small textures from ones halved again and again; a rest would move what is printed on them.
+    """
+    height, width = picture.shape[:2]
+    full_height, full_width = (1 << (side - 1).bit_length() for side in (height, width))
+    padding = ((0, full_height - height), (0, full_width - width), (0, 0))
+    return np.pad(picture, padding, constant_values=_PAPER_WHITE), np.array([width / full_width, height / full_height])
 
 
 def _rgb(grey: Array) -> Array:

@@ -20,20 +20,25 @@ _PROBE_LIMIT_S = 120
 _DEBIAN = "Debian/Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (EGL) or libosmesa6 (OSMesa)"
 
 
-@functools.cache
-def working_backend(wanted: str | None = None) -> str:
-    """``egl`` or ``osmesa``, whichever draws first (only `wanted` is tried when it is given).
+def working_backend() -> str:
+    """``egl`` or ``osmesa``, whichever draws first; only the one MUJOCO_GL names, when it names one of them.
 
     Raises:
         DependencyError: neither works, with the reason of each and the packages to install; or the extra is missing.
     """
+    wanted = os.environ.get("MUJOCO_GL", "")
+    return _first_working((wanted,) if wanted in BACKENDS else BACKENDS)
+
+
+@functools.cache
+def _first_working(candidates: tuple[str, ...]) -> str:
     reasons = []
-    for backend in (wanted,) if wanted else BACKENDS:
+    for backend in candidates:
         reason = _why_not(backend)
         if reason is None:
             return backend
         reasons.append(f"{backend}: {reason}")
-    if any("No module named" in reason for reason in reasons):
+    if "No module named" in reasons[0]:
         raise DependencyError(f"rendering needs the extra sim: pip install 'posefuse[sim]' ({reasons[0]})")
     raise DependencyError(f"rendering needs OpenGL without a screen, and none works ({'; '.join(reasons)}). {_DEBIAN}")
 

@@ -87,6 +87,8 @@ class Stage:
         return people
 
     def _aim(self, view: SourceView, cam_from_world: SE3) -> Any:
+        # another stage of this thread may have drawn in between
+        self._context.make_current()
         world_from_cam = cam_from_world.inverse()
         axes = world_from_cam.matrix()
         centre = view.left + view.step * view.width / 2
