@@ -1,4 +1,4 @@
-"""Where the cameras are, from a moving prop or board that nobody measured beyond the side of its squares."""
+"""Where the cameras are, from a moving prop or board: solve, check, set the world, or refuse by name."""
 
 from __future__ import annotations
 
@@ -6,87 +6,281 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import CalibrationError, Camera
+from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
-from .bootstrap import (
-    PropShape,
-    PropViews,
-    camera_edges,
-    prop_shape,
-    prop_track,
-    prop_views,
-    strong_camera_edges,
-)
-from .coverage import linked_groups
+from . import checks
+from .clocks import rough_offsets
+from .coverage import Coverage, coverage
+from .locate import aligned
 from .observations import Observations
-from .planar import planar_views
+from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
 from .projection import Lenses
-from .prop_solve import Freedom, PropSolution, PropState, solve_prop
-from .rotations import Poses, stacked
-from .snapshots import Snapshots, pick_instants, snapshots
-from .targets import Markers, Target
-from .voting import tree
+from .prop_solve import Freedom, solve_prop
+from .report import CalibrationReport, Check, RefusedCalibration
+from .rotations import Poses
+from .snapshots import middle_ns
+from .targets import Chessboard, Target
+from .world import UpFromCameras, WorldRule
 
-_LEAST_INSTANTS = 8
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to solve.
-
-    Attributes:
-        instants: key instants used at most.
-        clocks: ``together`` (cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock).
-        most_offset_s: largest offset searched for.
-        refine_lenses: let focal length, principal point and the first two radial terms move a little.
-    """
-
-    instants: int = 240
-    clocks: str = "together"
-    most_offset_s: float = 0.3
-    refine_lenses: bool = False
+_HALF_BLOCKS = 2
+_OUT_OF_STEP_S = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class PropResult:
-    """A solved rig before any check, in the frame of its reference camera."""
+class Calibration:
+    """A rig that passed its checks, and what it came from.
 
-    seen: Snapshots
-    solution: PropSolution
-    shape: PropShape
-    reference: int
-    corners: Array
-    notes: tuple[str, ...]
+    Attributes:
+        rig: in the world asked for. report: the checks. coverage: of the recording.
+        position_sigma_m: (C,) standard error of each camera's place against the reference camera.
+        delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) and their standard errors: a frame that camera c
+            stamped s was taken at s - offset - drift * (s - middle).
+        t_ns: (T,) key instants. world_from_prop: (T,) the prop there. prop_from_patch: per marker id.
+        camera, xy_img, residual_px: (N,), (N, 2), (N, 2) corners used and predicted minus observed.
+    """
+
+    rig: Rig
+    report: CalibrationReport
+    coverage: Coverage
+    position_sigma_m: Array
+    delay_s: Array
+    delay_sigma_s: Array
+    t_ns: Array
+    world_from_prop: SE3
+    prop_from_patch: dict[int, SE3]
+    camera: Array
+    xy_img: Array
+    residual_px: Array
 
 
-def target_corners(target: Target, patches: Array) -> Array:
-    """(M, n, 3) corners of each patch in its own frame."""
-    return np.stack([target.corners(int(patch)) for patch in patches])
+def calibrate_extrinsics(
+    observations: Observations,
+    cameras: tuple[Camera, ...],
+    target: Target,
+    options: Options | None = None,
+    world: WorldRule | None = None,
+    upside_down: tuple[str, ...] = (),
+) -> Calibration:
+    """Camera poses from a moving target.
+
+    Args:
+        observations: of all cameras; those without a view of the target make it fail by name.
+        cameras: intrinsics (their poses are not used), any order.
+        target: loose markers on a rigid prop, a ChArUco board or an ArUco board.
+        options: how to solve. world: how the world frame is set; without one, up is guessed from the cameras.
+        upside_down: cameras that really hang upside down.
+
+    Raises:
+        CalibrationError: input that cannot be used. RefusedCalibration (one of them, with the report): a check fails.
+    """
+    options = options or Options()
+    intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
+    _check_input(observations, intrinsics, target)
+    observations = aligned(observations, intrinsics)
+    done = [checks.check_seen(observations), checks.check_doubled(observations)]
+    _stop_if_failed(done)
+    solved = _solve(observations, intrinsics.cameras, target, options, done)
+    distance_m = _usual_distance_m(solved)
+    done += _solution_checks(observations, intrinsics.cameras, target, options, solved, distance_m)
+    rig = _rig(intrinsics.cameras, solved)
+    rule = world or UpFromCameras()
+    new_from_old = rule.new_from_old(rig)
+    rig = replace(rig.moved(new_from_old), world_set_by=rule.words)
+    done += world_checks(rig, rule.has_floor, upside_down)
+    report = CalibrationReport("extrinsics", tuple(done), _notes(solved), _numbers(solved, rig, distance_m))
+    report.require()
+    return _calibration(observations, rig, report, solved, new_from_old)
 
 
-def solve_extrinsics(observations: Observations, cameras: tuple[Camera, ...], target: Target, delay_s: Array, options: Options) -> PropResult:
-    """Bootstrap and bundle adjustment at key instants, cameras' clocks starting from `delay_s` (C, 2)."""
-    instants = pick_instants(observations, options.instants, delay_s, prefer_slow=options.clocks == "together")
-    seen = snapshots(observations, instants, delay_s)
-    corners = target_corners(target, seen.patches)
-    lenses = Lenses(cameras)
-    views = planar_views(seen, corners, lenses)
-    side = target.side_m if isinstance(target, Markers) else 1.0
-    shape = prop_shape(views, len(seen.patches), side)
-    in_images = prop_views(seen, views, shape, corners, lenses)
-    edges = camera_edges(in_images, len(cameras))
-    reference, placed = tree(len(cameras), strong_camera_edges(edges))
-    if len(placed) < len(cameras):
-        missing = [observations.cameras[i] for i in range(len(cameras)) if i not in placed]
-        raise CalibrationError(f"unlinked {missing} {[(k, e.agreeing, e.share) for k, e in edges.items()]}")
-    cam_from_world = stacked([placed[i] for i in range(len(cameras))]).inverse()
-    track = prop_track(seen, in_images, shape, corners, lenses, cam_from_world)
-    used = np.isfinite(track.t).all(axis=1)
-    keep = used[seen.instant] & np.isin(seen.patch, list(shape.prop_from_patch))
-    seen = seen.rows(keep)
-    patch = stacked([shape.prop_from_patch.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(len(seen.patches))])
-    start = PropState(cam_from_world, Poses(track.R, np.nan_to_num(track.t)), patch, delay_s, np.zeros((len(cameras), 6)))
-    freedom = Freedom(reference, shape.root, options.clocks != "together", options.clocks == "drift", None)
-    solution = solve_prop(seen, corners, cameras, start, freedom)
-    return PropResult(seen, solution, shape, reference, corners, ())
+def _check_input(observations: Observations, intrinsics: Rig, target: Target) -> None:
+    if isinstance(target, Chessboard):
+        raise CalibrationError("extrinsics: a plain chessboard looks the same from both ends; use a ChArUco board or markers")
+    if len(intrinsics) < 2:
+        raise CalibrationError(f"extrinsics: expected at least 2 cameras, got {len(intrinsics)}")
+    without = [name for name in intrinsics.names if name not in observations.cameras]
+    if without:
+        raise CalibrationError(
+            f"extrinsics: no observations of camera {', '.join(without)}; there are: {', '.join(observations.cameras)}"
+        )
+
+
+def _stop_if_failed(done: list[Check]) -> None:
+    CalibrationReport("extrinsics", tuple(done)).require()
+
+
+def _solve(
+    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, done: list[Check]
+) -> Solved:
+    delay_s = starting_clocks(observations, cameras, target, options)
+    seen = key_snapshots(observations, options, delay_s)
+    if len(seen.camera) == 0:
+        alone = Check("cameras are linked", False, "no two cameras ever see the target at the same time",
+                      "hold it where two cameras see it; are the recordings on one clock?")  # fmt: skip
+        raise RefusedCalibration(CalibrationReport("extrinsics", (*done, alone)))
+    links, in_images = link(observations, cameras, target, seen)
+    present = np.zeros((len(seen.t_s), len(cameras)), np.int64)
+    present[seen.instant, seen.camera] = 1
+    linked = checks.check_links(observations.cameras, links, present.T @ present)
+    done.append(_with_clock_hint(linked, observations, cameras, target, options))
+    _stop_if_failed(done)
+    solved = solve_linked(observations, cameras, target, options, seen, links, in_images, delay_s)
+    enough = checks.check_amount(solved)
+    done.append(enough)
+    _stop_if_failed(done)
+    return solved
+
+
+def _with_clock_hint(
+    check: Check, observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options
+) -> Check:
+    """A failed check of cameras taken as synchronised, with the offset that would explain it."""
+    if check.passed or options.clocks != "together":
+        return check
+    late = rough_offsets(observations, cameras, target, options.most_offset_s)
+    late = late - np.nanmedian(late) if np.isfinite(late).any() else late
+    far = [f"{camera.name} {value * 1e3:+.0f} ms" for camera, value in zip(cameras, late, strict=True)
+           if abs(value) > _OUT_OF_STEP_S]  # fmt: skip
+    if not far:
+        return check
+    return replace(
+        check, remedy=f"the paths of the prop fit best with clocks out of step ({', '.join(far)}): use clocks = offset"
+    )
+
+
+def _solution_checks(
+    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved, distance_m: float
+) -> list[Check]:
+    state = solved.solution.state
+    done = [
+        checks.check_facing(solved),
+        _with_clock_hint(checks.check_fit(cameras, solved), observations, cameras, target, options),
+        checks.check_still(cameras, solved),
+        _with_clock_hint(checks.check_cameras_agree(cameras, solved), observations, cameras, target, options),
+        checks.check_determined(cameras, solved, distance_m),
+        _halves(observations, cameras, target, options, solved, distance_m),
+        checks.check_apart(cameras, state.cam_from_world),
+    ]
+    if options.clocks == "together":
+        freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+        free = solve_prop(solved.seen, solved.corners, cameras, state, freedom)
+        done.append(checks.check_clocks(cameras, free.state.delay_s[:, 0], free.delay_sigma_s[:, 0]))
+    return done
+
+
+def _halves(
+    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved, distance_m: float
+) -> Check:
+    """Solve the first and the second half of the recording from scratch; where a camera lacks one, every other stretch."""
+    sigma_m = checks.position_sigma_m(solved)
+    story = ""
+    for stretches in (_HALF_BLOCKS, 5 * _HALF_BLOCKS):
+        found: list[Poses] = []
+        for half in (0, 1):
+            part = _stretches(observations, stretches, half)
+            poses, story = _half_poses(part, cameras, target, options, solved)
+            if poses is None:
+                break
+            found.append(poses)
+        if len(found) == _HALF_BLOCKS:
+            return checks.check_halves(cameras, (found[0], found[1]), sigma_m, distance_m)
+    return Check("halves agree", False, f"half of the data is not enough to solve: {story}",
+                 "wave the prop longer, so that every camera sees it in both halves")  # fmt: skip
+
+
+def _stretches(observations: Observations, count: int, half: int) -> Observations:
+    """Every second of `count` equal stretches of time, beginning with number `half`."""
+    first, last = int(observations.t_ns.min()), int(observations.t_ns.max()) + 1
+    number = (observations.t_ns - first) * count // (last - first)
+    return observations.rows(number % 2 == half)
+
+
+def _half_poses(
+    part: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
+) -> tuple[Poses | None, str]:
+    delay_s = solved.solution.state.delay_s
+    together = replace(options, clocks="together", instants=max(options.instants // 2, 8))
+    if set(np.unique(part.camera)) != set(range(len(cameras))):
+        return None, "a camera sees nothing in it"
+    seen = key_snapshots(part, together, delay_s)
+    if len(seen.camera) == 0:
+        return None, "no shared views"
+    links, in_images = link(part, cameras, target, seen)
+    if len(links.placed) < len(cameras):
+        lost = [camera.name for i, camera in enumerate(cameras) if i not in links.placed]
+        return None, f"{', '.join(lost)} not linked"
+    return solve_linked(part, cameras, target, together, seen, links, in_images, delay_s).solution.state.cam_from_world, ""
+
+
+def _usual_distance_m(solved: Solved) -> float:
+    """Median distance of the corners from the cameras."""
+    seen, state = solved.seen, solved.solution.state
+    in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.instant])
+    return float(np.median(np.linalg.norm(in_cam, axis=1)))
+
+
+def _rig(cameras: tuple[Camera, ...], solved: Solved) -> Rig:
+    state = solved.solution.state
+    lenses = Lenses(cameras, state.lens_delta)
+    pose = state.cam_from_world.se3()
+    placed = tuple(
+        replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i), cam_from_world=pose[i])
+        for i, camera in enumerate(cameras)
+    )
+    good = solved.inlier[solved.seen.group]
+    rms = float(np.sqrt((solved.solution.residual_px[good] ** 2).sum(axis=1).mean()))
+    return Rig(placed, residual_px=rms)
+
+
+def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -> list[Check]:
+    """Checks that need the world: cameras above the floor, images upright."""
+    up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
+    up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)
+    done = [checks.check_upright(rig.cameras, up_cam)]
+    if has_floor:
+        height = rig.centres_world()[:, 2]
+        worst = int(np.argmin(height))
+        done.append(
+            Check("cameras are above the floor", bool(height[worst] > 0),
+                  f"the lowest is {rig.names[worst]} at {height[worst]:.2f} m",
+                  "the tile lies face down, is described mirrored, or is not on the floor"),
+        )  # fmt: skip
+    return done
+
+
+def _notes(solved: Solved) -> tuple[str, ...]:
+    notes = [f"marker {patch} left out: {reason}" for patch, reason in sorted(solved.dropped.items())]
+    share = float(solved.inlier.mean())
+    if share < 1:
+        notes.append(f"{1 - share:.1%} of the marker views disagree and count little")
+    return tuple(notes)
+
+
+def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
+    sigma = checks.position_sigma_m(solved)
+    numbers = {
+        "residual_px": rig.residual_px,
+        "sigma_px": solved.solution.sigma_px,
+        "instants": float(len(np.unique(solved.seen.instant))),
+        "usual_distance_m": distance_m,
+    }
+    for i, name in enumerate(rig.names):
+        numbers[f"{name}_position_sigma_mm"] = float(sigma[i] * 1e3)
+        numbers[f"{name}_offset_ms"] = float(solved.solution.state.delay_s[i, 0] * 1e3)
+    return numbers
+
+
+def _calibration(
+    observations: Observations, rig: Rig, report: CalibrationReport, solved: Solved, new_from_old: SE3
+) -> Calibration:
+    state, seen = solved.solution.state, solved.seen
+    used = np.unique(seen.instant)
+    moved = Poses.from_se3(new_from_old)
+    prop = Poses(moved.R[None], moved.t[None]) @ state.world_from_prop[used]
+    patches = np.unique(seen.patch)
+    return Calibration(
+        rig, report, coverage(observations), checks.position_sigma_m(solved), state.delay_s, solved.solution.delay_sigma_s,
+        np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle_ns(observations), prop.se3(),
+        {int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches},
+        seen.camera, seen.xy_img, solved.solution.residual_px,
+    )  # fmt: skip

@@ -45,12 +45,13 @@ class Freedom:
     """What may move besides the poses.
 
     Attributes:
-        reference: camera whose pose and clock are held. patch: patch that is held on the prop.
+        reference: camera whose pose and clock are held; None holds all cameras.
+        patch: patch that is held on the prop; None holds all patches.
         offset, drift: clocks of the other cameras. lens_sigma: (6,) standard errors of the given lenses, None holds them.
     """
 
-    reference: int
-    patch: int
+    reference: int | None
+    patch: int | None
     offset: bool = False
     drift: bool = False
     lens_sigma: Array | None = None
@@ -111,13 +112,13 @@ def _summary(solution: Solution[PropState], residual_px: Array, sigma_px: float,
 
 
 def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
-    cameras = np.ones((len(state.cam_from_world), 6), bool)
-    cameras[freedom.reference] = False
-    patches = np.ones((len(state.prop_from_patch), 6), bool)
-    patches[freedom.patch] = False
-    clocks = np.zeros((len(cameras), 2), bool)
-    clocks[:, 0], clocks[:, 1] = freedom.offset, freedom.drift
-    clocks[freedom.reference] = False
+    cameras, clocks = np.zeros((len(state.cam_from_world), 6), bool), np.zeros((len(state.cam_from_world), 2), bool)
+    patches = np.zeros((len(state.prop_from_patch), 6), bool)
+    if freedom.reference is not None:
+        others = np.arange(len(cameras)) != freedom.reference
+        cameras[others], clocks[others] = True, (freedom.offset, freedom.drift)
+    if freedom.patch is not None:
+        patches[np.arange(len(patches)) != freedom.patch] = True
     lens = np.full((len(cameras), len(LENS_PARAMETERS)), freedom.lens_sigma is not None)
     return cameras, patches, clocks, lens
 

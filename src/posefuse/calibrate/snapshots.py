@@ -6,7 +6,6 @@ which also gives the image velocity that ties a camera's clock to the geometry.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -191,8 +190,3 @@ def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
         pair_count += both[best]
         time_count[section[best]] += 1
     return np.array(sorted(taken), dtype=np.int64)
-
-
-def spoken(names: Sequence[str]) -> str:
-    """Names for a message."""
-    return ", ".join(names)

@@ -59,6 +59,11 @@ class Markers:
         return np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * (self.side_m / 2)
 
     @property
+    def scale_m(self) -> float:
+        """The length everything else is measured by: edge of a marker."""
+        return self.side_m
+
+    @property
     def known_geometry(self) -> bool:
         """Whether all corners lie on one patch."""
         return False
@@ -93,6 +98,11 @@ class Charuco:
         return _grid(self.columns - 1, self.rows - 1, self.square_m) + np.array([self.square_m, self.square_m, 0])
 
     @property
+    def scale_m(self) -> float:
+        """The length everything else is measured by: edge of a square."""
+        return self.square_m
+
+    @property
     def known_geometry(self) -> bool:
         """Whether all corners lie on one patch."""
         return True
@@ -121,6 +131,11 @@ class Chessboard:
     def corners(self, patch: int) -> Array:
         """(columns*rows, 3) inner corners, row by row from the top left."""
         return _grid(self.columns, self.rows, self.square_m)
+
+    @property
+    def scale_m(self) -> float:
+        """The length everything else is measured by: edge of a square."""
+        return self.square_m
 
     @property
     def known_geometry(self) -> bool:
@@ -157,12 +172,22 @@ class ArucoBoard:
         return np.asarray((centres[:, None] + square).reshape(-1, 3))
 
     @property
+    def scale_m(self) -> float:
+        """The length everything else is measured by: edge of a marker."""
+        return self.side_m
+
+    @property
     def known_geometry(self) -> bool:
         """Whether all corners lie on one patch."""
         return True
 
 
 Target = Markers | Charuco | Chessboard | ArucoBoard
+
+
+def patch_corners(target: Target, patches: Array) -> Array:
+    """(M, n, 3) corners of each patch of a target in its own frame."""
+    return np.stack([target.corners(int(patch)) for patch in patches])
 
 
 def _grid(columns: int, rows: int, step_m: float) -> Array:
