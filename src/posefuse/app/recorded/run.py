@@ -18,7 +18,6 @@ from posefuse.core.errors import choices
 from .clock import StageClock
 from .following import Seen, follow
 from .instants import ImageInstants, Timeline, common_timeline
-from .pose2d import pose2d_instants
 from .second_pass import ViewSequence, poses_over_time, views_over_time
 
 Progress = Callable[[int, int], None]
@@ -110,6 +109,8 @@ def _images(session: Session, config: TrackConfig, warn: Warn) -> tuple[Rig, Ima
 
 
 def _pose2d(session: Session, config: TrackConfig) -> tuple[Rig, Any, Timeline]:
+    from .pose2d import pose2d_instants
+
     return pose2d_instants(session, config)
 
 
