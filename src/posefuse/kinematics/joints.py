@@ -56,7 +56,7 @@ def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = 
     settings = settings or JointSettings()
     if settings.sides_checked:
         check_sides(sequence)
-    work = _Workspace(sequence.skeleton, settings)
+    work = Workspace(sequence.skeleton, settings)
     shape = sequence.xyz_world.shape[:2]
     rotation = np.full((*shape, len(SEGMENT_NAMES), 3, 3), np.nan)
     origin = np.full((*shape, len(SEGMENT_NAMES), 3), np.nan)
@@ -71,7 +71,7 @@ def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = 
             kernels.unwrap(work.angles, last)
             rotation[i, n], origin[i, n] = work.rotation, work.origins()
             angles[i, n], sigmas[i, n], reasons[i, n] = work.angles, work.sigmas, work.reasons
-    return _joints(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), reasons
+    return joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), reasons
 
 
 class JointTracker:
@@ -79,7 +79,7 @@ class JointTracker:
 
     def __init__(self, skeleton: Skeleton, settings: JointSettings | None = None) -> None:
         self.skeleton = skeleton
-        self._work = _Workspace(skeleton, settings or JointSettings())
+        self._work = Workspace(skeleton, settings or JointSettings())
         self._memories: dict[int, _Memory] = {}
 
     def step(self, pose: Pose3D) -> Joints:
@@ -106,7 +106,7 @@ class JointTracker:
             memory.t_ns = pose.t_ns
             memories[person] = memory
         self._memories = memories
-        return _joints(np.array([pose.t_ns]), pose.person_id, rotation, origin, angles, sigmas)
+        return joints_value(np.array([pose.t_ns]), pose.person_id, rotation, origin, angles, sigmas)
 
 
 def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) -> SE3:
@@ -117,7 +117,8 @@ def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) 
     return joints_from_poses(sequence, settings).world_from_segment
 
 
-def _joints(t_ns: Array, person_id: Array, rotation: Array, origin: Array, angles: Array, sigmas: Array) -> Joints:
+def joints_value(t_ns: Array, person_id: Array, rotation: Array, origin: Array, angles: Array, sigmas: Array) -> Joints:
+    """Joints of raw arrays over (T, N); a frame that is NaN has no origin either."""
     frames = SE3(wxyz_from_matrix(rotation), np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin))
     return Joints(t_ns, person_id, SEGMENT_NAMES, frames, JOINT_NAMES, ANGLE_NAMES, angles, sigmas)
 
@@ -129,7 +130,7 @@ class _Memory:
     angles: Array = field(default_factory=lambda: np.full((len(JOINTS), 3), np.nan))
 
 
-class _Workspace:
+class Workspace:
     """The arrays one person's frame passes through; overwritten by each call, so that nothing is allocated live."""
 
     def __init__(self, skeleton: Skeleton, settings: JointSettings) -> None:
@@ -150,9 +151,11 @@ class _Workspace:
         self.limits = np.array([np.sin(settings.lock_rad), settings.sigma_limit_rad])
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:
+        """Take in keypoints (K, 3) and covariances (K, 3, 3)."""
         kernels.gather(xyz_world, cov_world, self.pairs, self.settings.unknown_sigma_m**2, self.points, self.points_cov)
 
     def step_planes(self, memory: Array, elapsed_s: float) -> None:
+        """Move the limb planes (`memory`) to the points taken in; leaves `expected` and `updated`."""
         grown = self.settings.turn_rate_rad_sqrt_s**2 * abs(elapsed_s)
         # a hinge that is not ideal errs the same way frame after frame: it must not average out
         repeats = max(1.0, _HINGE_MEMORY_S / max(abs(elapsed_s), 1e-3))
@@ -162,17 +165,32 @@ class _Workspace:
         )  # fmt: skip
 
     def solve(self, planes: Array) -> None:
+        """Frames and angles of the points taken in, limbs turned by `planes` (L, PLANE_SIZE)."""
         kernels.solve(
             self.points, self.points_cov, planes, SEGMENT_PAIRS, SEGMENT_AXES, LIMB_BEND, JOINT_SEGMENTS, JOINT_SEQUENCE,
             JOINT_MIRRORED, JOINT_SIGN, self.determined, GROUND, self.limits, self.rotation, self.by_first, self.by_second,
             self.turn_var, self.angles, self.sigmas, self.reasons, self.weights,
         )  # fmt: skip
 
+    def drop_uncertain(self) -> None:
+        """Angles whose standard deviation has grown past the limit become NaN."""
+        lost = ~(self.sigmas <= self.settings.sigma_limit_rad)
+        self.angles[lost] = np.nan
+        self.sigmas[lost] = np.nan
+
+    def frames_alone(self, xyz_world: Array) -> Array:
+        """(S, 3, 3) frames of one instant without any memory; limbs whose plane is not clear are NaN."""
+        self.read(xyz_world, np.full((len(xyz_world), 3, 3), np.nan))
+        self.step_planes(_Memory(0).planes, 0.0)
+        self.solve(self.updated)
+        return np.array(self.rotation)
+
     def origins(self) -> Array:
+        """(S, 3) origins of the frames."""
         return self.points[SEGMENT_PAIRS[:, 0]].mean(axis=1)
 
 
-def _smoothed_planes(sequence: PoseSequence, person: int, work: _Workspace) -> Array:
+def _smoothed_planes(sequence: PoseSequence, person: int, work: Workspace) -> Array:
     """(T, L, PLANE_SIZE) limb planes from the past, the present and the future together."""
     t_s = sequence.t_ns * 1e-9
     passes = []

@@ -19,7 +19,7 @@ def forward_votes(sequence: PoseSequence) -> Array:
 
     Clues: each foot's toe and the nose lie in front; knees bend backward and elbows forward.
     """
-    points = _landmarks(sequence)
+    points = landmarks(sequence)
     right = points["right_hip"] - points["left_hip"]
     up = points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]
     front = np.cross(up, right)
@@ -47,7 +47,8 @@ def check_sides(sequence: PoseSequence) -> None:
             )
 
 
-def _landmarks(sequence: PoseSequence) -> dict[str, Array]:
+def landmarks(sequence: PoseSequence) -> dict[str, Array]:
+    """Each of `POINTS` over time (T, N, 3); NaN where the skeleton or the recording lacks it."""
     pairs = landmark_pairs(sequence.skeleton)
     xyz = np.concatenate([sequence.xyz_world, np.full_like(sequence.xyz_world[:, :, :1], np.nan)], axis=2)
     points = (xyz[:, :, pairs[:, 0]] + xyz[:, :, pairs[:, 1]]) / 2

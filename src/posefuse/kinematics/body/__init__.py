@@ -1,0 +1,8 @@
+"""One skeleton of constant segment lengths, fitted to 3D points or to the rays of all views, causally or offline."""
+
+from .fit import BodyFit, fit_poses, fit_views
+from .model import Body, Length, bodies_from_poses
+from .settings import BodySettings
+from .tracker import BodyTracker
+
+__all__ = ["Body", "BodyFit", "BodySettings", "BodyTracker", "Length", "bodies_from_poses", "fit_poses", "fit_views"]

@@ -1,0 +1,181 @@
+"""The causal filter of one body, and the smoother that runs back over its history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+
+from ..definitions import SEGMENT_NAMES
+from ..joints import Workspace
+from . import kernels
+from .model import Body
+from .packed import HABIT_S, SLACK_S, Packed, packed_from_body
+from .settings import BodySettings
+from .tree import BALL, NODE_SEGMENT
+
+_LOST_S = 1.0
+_FIRST_ITERATIONS = 30
+_FIRST_SD = 1.0
+_SPEED_SD = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What was seen of one body's keypoints (axis A as in `Body.keypoint`) at one instant.
+
+    Attributes:
+        t_ns: session clock.
+        xyz, cov: (A, 3), (A, 3, 3) world points to start from and, if `by_rays` is off, to fit; NaN where missing.
+        projections, xy, inverse_var: (C, 3, 4), (A, C, 2), (A, C) undistorted pixels and 1 / sigma^2, 0 where unseen.
+    """
+
+    t_ns: int
+    xyz: Array
+    cov: Array
+    projections: Array
+    xy: Array
+    inverse_var: Array
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A body at one instant: `q`, `rot`, `velocity` (D,) and `cov` (2D, 2D), see `kernels`."""
+
+    q: Array
+    rot: Array
+    velocity: Array
+    cov: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One step of the filter as the smoother needs it; `expected` and `transition` are None at a start."""
+
+    t_ns: int
+    state: State
+    expected: State | None
+    transition: tuple[Array, Array, Array] | None
+
+
+class BodyFilter:
+    """Follows one body. Remembers the last state; forgets it after a second without any measurement."""
+
+    def __init__(self, body: Body, settings: BodySettings, workspace: Workspace) -> None:
+        self.body, self.settings = body, settings
+        self.packed: Packed = packed_from_body(body, settings)
+        self._workspace = workspace
+        self._last: Moment | None = None
+        self._seen_ns = 0
+
+    def step(self, seen: Measurement) -> Moment | None:
+        """The body at this instant; None while it has not been seen well enough to start."""
+        information = _information(seen.cov) if not len(seen.projections) else np.zeros_like(seen.cov)
+        usable = (information[:, 0, 0] > 0) | (seen.inverse_var > 0).any(axis=1)
+        if self._last is not None and (seen.t_ns - self._seen_ns) * 1e-9 > _LOST_S:
+            self._last = None
+        moment = self._start(seen, information) if self._last is None else self._next(self._last, seen, information)
+        self._last = moment
+        if usable.any():
+            self._seen_ns = seen.t_ns
+        return moment
+
+    def _start(self, seen: Measurement, information: Array) -> Moment | None:
+        guess = self._guess(seen)
+        if guess is None:
+            return None
+        q, rot = guess
+        size = self.packed.size
+        first = np.eye(size) / _FIRST_SD**2
+        slack = self.packed.slack_var > 0
+        first[slack, slack] = 1 / self.packed.slack_var[slack]
+        hessian = self._fit(q, rot, first, seen, information, 1.0, 1.0, _FIRST_ITERATIONS)
+        cov = np.zeros((2 * size, 2 * size))
+        cov[:size, :size] = np.linalg.inv(hessian)
+        cov[size:, size:] = np.diag(np.where(slack, 1e-12, _SPEED_SD**2))
+        return Moment(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
+
+    def _next(self, last: Moment, seen: Measurement, information: Array) -> Moment:
+        p, s = self.packed, self.settings
+        elapsed_s = (seen.t_ns - last.t_ns) * 1e-9
+        q, rot, velocity, cov = (a.copy() for a in (last.state.q, last.state.rot, last.state.velocity, last.state.cov))
+        transition = kernels.predict(
+            p.kind, p.dof, p.slack_var, p.accel, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov
+        )
+        expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
+        prior = np.linalg.inv(cov[: p.size, : p.size])
+        repeats = max(1.0, s.noise_memory_s / elapsed_s)
+        hessian = self._fit(q, rot, prior, seen, information, repeats, HABIT_S / elapsed_s, s.iterations)
+        step = kernels.difference(p.kind, p.dof, q, rot, expected.q, expected.rot)
+        kernels.absorb(cov, prior, np.linalg.inv(hessian), step, velocity)
+        return Moment(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
+
+    def _fit(
+        self, q: Array, rot: Array, prior: Array, seen: Measurement, information: Array, repeats: float, habit: float, steps: int
+    ) -> Array:
+        p = self.packed
+        hessian, _ = kernels.gauss_newton(
+            p.parent, p.kind, p.axis, p.offset, p.dof, p.limits, p.mirrored, p.node, p.local, q.copy(), rot.copy(), prior,
+            p.preferred_sd * np.sqrt(max(1.0, habit)), seen.xyz, information / repeats, seen.projections, seen.xy,
+            seen.inverse_var / repeats, self.settings.robust_dof, steps, q, rot,
+        )  # fmt: skip
+        return hessian
+
+    def _guess(self, seen: Measurement) -> tuple[Array, Array] | None:
+        """Angles straight from the segment frames of the points; None without a pelvis."""
+        work, body, p = self._workspace, self.body, self.packed
+        xyz = np.full((len(body.skeleton), 3), np.nan)
+        xyz[body.keypoint] = seen.xyz
+        rotation = work.frames_alone(xyz)
+        if np.isnan(rotation[SEGMENT_NAMES.index("pelvis")]).any():
+            return None
+        hips = [body.skeleton.index(f"{side}_hip") for side in ("left", "right")]
+        q, rot = np.zeros(len(body.nodes)), np.tile(np.eye(3), (len(body.nodes), 1, 1))
+        q[:3] = xyz[hips].mean(axis=0)
+        frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
+        for n, node in enumerate(body.nodes):
+            kernels.forward(p.parent, p.kind, p.axis, p.offset, q, rot, frame, origin)
+            segment = NODE_SEGMENT.get(node.name)
+            if segment is None or np.isnan(rotation[SEGMENT_NAMES.index(segment)]).any():
+                continue
+            relative = frame[n].T @ rotation[SEGMENT_NAMES.index(segment)]
+            if node.kind == BALL:
+                rot[n] = relative
+            elif node.axis == 2:
+                q[n] = np.arctan2(-relative[0, 1], relative[1, 1])
+        return q, rot
+
+
+def smoothed(filter_: BodyFilter, moments: list[Moment | None]) -> list[State | None]:
+    """States of a whole recording given all of it, from the filter's moments in time order."""
+    p = filter_.packed
+    out: list[State | None] = [None] * len(moments)
+    for i in range(len(moments) - 1, -1, -1):
+        moment = moments[i]
+        if moment is None:
+            continue
+        after = moments[i + 1] if i + 1 < len(moments) else None
+        later = out[i + 1] if i + 1 < len(moments) else None
+        if after is None or later is None or after.expected is None or after.transition is None:
+            out[i] = moment.state
+            continue
+        change = np.concatenate(
+            [
+                kernels.difference(p.kind, p.dof, later.q, later.rot, after.expected.q, after.expected.rot),
+                later.velocity - after.expected.velocity,
+            ]
+        )
+        step, cov = kernels.smooth_step(moment.state.cov, *after.transition, after.expected.cov, later.cov, change)
+        q, rot = moment.state.q.copy(), moment.state.rot.copy()
+        kernels.retract(p.kind, p.dof, step[: p.size], q, rot)
+        out[i] = replace(moment.state, q=q, rot=rot, velocity=moment.state.velocity + step[p.size :], cov=cov)
+    return out
+
+
+def _information(cov: Array) -> Array:
+    """Inverse (A, 3, 3) of covariances; 0 where a point is missing."""
+    known = np.isfinite(cov).all(axis=(-1, -2))
+    safe = np.where(known[:, None, None], cov, np.eye(3)) + 1e-12 * np.eye(3)
+    return np.where(known[:, None, None], np.linalg.inv(safe), 0.0)

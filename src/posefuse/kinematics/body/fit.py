@@ -1,0 +1,116 @@
+"""The whole-body fit of a finished recording: filter forward, smooth backward."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import Joints, Kind, PoseSequence, Recording
+from posefuse.core.arrays import Array
+
+from ..definitions import JOINT_NAMES
+from ..joints import Workspace, joints_value
+from ..settings import JointSettings
+from .filter import BodyFilter, Measurement, smoothed
+from .model import Body, bodies_from_poses
+from .result import Reader, empty_joints
+from .settings import BodySettings
+from .tracker import rays_of
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFit:
+    """A recording explained by one skeleton per person.
+
+    Attributes:
+        poses: the keypoints of the fitted skeletons, gaps filled, with their covariance. Points the tree does not carry, and
+            instants before a person could be fitted, are as they were.
+        joints: angles and frames with the uncertainty of the fit.
+        bodies: each person's skeleton, by person_id; `Body.lengths` has the segment lengths with their spread.
+    """
+
+    poses: PoseSequence
+    joints: Joints
+    bodies: Mapping[int, Body]
+
+
+def fit_poses(
+    sequence: PoseSequence,
+    settings: BodySettings | None = None,
+    bodies: Mapping[int, Body] | None = None,
+    joint_settings: JointSettings | None = None,
+) -> BodyFit:
+    """Fit each person's skeleton to 3D points weighted by their covariance.
+
+    Iterated extended Kalman filter on the tree (Gauss-Newton per instant, Student-t noise) and Rauch-Tung-Striebel smoother.
+
+    Raises:
+        InputError: a person was never seen well enough to have a skeleton; left and right are swapped.
+    """
+    none = np.zeros((0, 3, 4))
+
+    def measured(i: int, n: int, at: Array) -> Measurement:
+        empty = np.zeros((len(at), 0))
+        xyz, cov = sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at]
+        return Measurement(int(sequence.t_ns[i]), xyz, cov, none, empty[..., None] + [0, 0], empty)
+
+    return _fit(sequence, measured, settings, bodies, joint_settings)
+
+
+def fit_views(
+    recording: Recording,
+    settings: BodySettings | None = None,
+    bodies: Mapping[int, Body] | None = None,
+    joint_settings: JointSettings | None = None,
+) -> BodyFit:
+    """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
+
+    The recording's own 3D gives lengths and the start. Raises as `fit_poses`.
+    """
+    sequence, rig = recording.poses, recording.rig
+    projections = rig.projections()
+
+    def measured(i: int, n: int, at: Array) -> Measurement:
+        xy, inverse_var = rays_of(
+            rig,
+            recording.xy_img[i, n][:, at].astype(np.float64),
+            recording.score[i, n][:, at],
+            recording.sigma_px[i, n][:, at].astype(np.float64),
+        )
+        xyz, cov = sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at]
+        return Measurement(int(sequence.t_ns[i]), xyz, cov, projections, xy, inverse_var)
+
+    return _fit(sequence, measured, settings, bodies, joint_settings)
+
+
+def _fit(sequence: PoseSequence, measured, settings, bodies, joint_settings) -> BodyFit:  # type: ignore[no-untyped-def]
+    settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
+    bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
+    work = Workspace(sequence.skeleton, joint_settings)
+    xyz, cov, kind = sequence.xyz_world.copy(), sequence.cov_world.copy(), sequence.kind.copy()
+    rotation, origin, angles, sigmas = empty_joints(len(sequence), len(sequence.person_id), len(JOINT_NAMES))
+    for n, person in enumerate(sequence.person_id.tolist()):
+        if person not in bodies:
+            continue
+        at = bodies[person].keypoint
+        filter_ = BodyFilter(bodies[person], settings, work)
+        states = smoothed(filter_, [filter_.step(measured(i, n, at)) for i in range(len(sequence))])
+        reader = Reader(filter_, work)
+        for i, state in enumerate(states):
+            if state is None:
+                continue
+            fitted = reader.read(state)
+            xyz[i, n, at], cov[i, n, at] = fitted.xyz, fitted.cov
+            kind[i, n, at] = np.where(kind[i, n, at] == Kind.MISSING, Kind.INTERPOLATED, Kind.SMOOTHED)
+            rotation[i, n], origin[i, n], angles[i, n], sigmas[i, n] = (
+                fitted.rotation,
+                fitted.origin,
+                fitted.angles,
+                fitted.sigmas,
+            )
+    poses = PoseSequence(
+        sequence.t_ns, sequence.skeleton, sequence.person_id, xyz, cov, sequence.reproj_px, sequence.n_views, kind
+    )
+    return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), bodies)

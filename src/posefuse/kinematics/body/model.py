@@ -1,0 +1,233 @@
+"""A person's own skeleton: segment lengths and the places of keypoints, estimated from a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import InputError, PoseSequence, Skeleton
+from posefuse.core.arrays import Array
+
+from ..definitions import SEGMENT_NAMES, landmark_pairs
+from ..joints import joints_from_poses
+from ..settings import JointSettings
+from ..sides import landmarks
+from .settings import BodySettings
+from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, TEMPLATES, Node
+
+_FEWEST = 5
+_SD_FROM_MAD = 1.4826
+_BONES = ("upper_arm", "forearm", "thigh", "shank")
+_ENDS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"), "shank": ("knee", "ankle")}
+
+
+@dataclass(frozen=True)
+class Length:
+    """A segment length: robust mean and spread over time, metres. A large spread means soft tissue or bad keypoints."""
+
+    value_m: float
+    spread_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One person's skeleton, ready to be fitted.
+
+    Attributes:
+        skeleton: names the keypoints.
+        nodes: the joints of the tree that the keypoints can move.
+        offset: (nodes, 3) origin of each in its parent's frame, metres.
+        keypoint, keypoint_node, keypoint_local: (A,), (A,), (A, 3): keypoints of the tree, the node each is fixed to, where.
+        lengths: named segment lengths.
+    """
+
+    skeleton: Skeleton
+    nodes: tuple[Node, ...]
+    offset: Array
+    keypoint: Array
+    keypoint_node: Array
+    keypoint_local: Array
+    lengths: dict[str, Length]
+
+    def node(self, name: str) -> int:
+        """Place of a node."""
+        return [node.name for node in self.nodes].index(name)
+
+
+def bodies_from_poses(
+    sequence: PoseSequence, settings: BodySettings | None = None, joint_settings: JointSettings | None = None
+) -> dict[int, Body]:
+    """Each person's skeleton, by person_id, from all the instants they were seen.
+
+    Lengths are medians over time, freed of the part that noise adds (a noisy distance is too long on average). What a
+    detector calls a hip or shoulder lies at a constant offset from the joint centre; such offsets become part of the
+    skeleton and cannot be told apart from it.
+
+    Raises:
+        InputError: hips, knees or shoulders were seen together in too few instants.
+    """
+    settings = settings or BodySettings()
+    frames = joints_from_poses(sequence, joint_settings).world_from_segment
+    rotation = frames.matrix()
+    return {int(person): _body(sequence, n, rotation[:, n], settings) for n, person in enumerate(sequence.person_id)}
+
+
+def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> Body:
+    points = {name: xyz[:, person] for name, xyz in landmarks(sequence).items()}
+    noise = _point_noise(sequence, person)
+    frame = {name: rotation[:, SEGMENT_NAMES.index(name)] for name in SEGMENT_NAMES}
+    lengths = _lengths(points, noise, settings.symmetric)
+    if "pelvis" not in lengths or "trunk" not in lengths:
+        raise InputError(
+            f"person {sequence.person_id[person]}: a body needs both hips and both shoulders in at least {_FEWEST} instants of "
+            f"{len(sequence)}; see which keypoints were found"
+        )
+    offsets = _offsets(points, frame, lengths)
+    nodes = _reachable(offsets)
+    places = _attached(sequence, person, frame, points, offsets, {node.name for node in nodes})
+    nodes = _needed(nodes, {node for node, _ in places.values()})
+    names = [node.name for node in nodes]
+    offset = np.array([offsets[node.offset] if node.offset else np.zeros(3) for node in nodes])
+    at = np.array([names.index(node) for node, _ in places.values()], np.intp)
+    local = np.array([place for _, place in places.values()]).reshape(-1, 3)
+    return Body(sequence.skeleton, nodes, offset, np.array(list(places), np.intp), at, local, lengths)
+
+
+def _point_noise(sequence: PoseSequence, person: int) -> float:
+    cov = sequence.cov_world[:, person]
+    traces = np.trace(cov, axis1=-2, axis2=-1) / 3
+    return float(np.nanmedian(traces)) if np.isfinite(traces).any() else 0.0
+
+
+def _robust(values: Array) -> tuple[Array, Array]:
+    middle = np.nanmedian(values, axis=0)
+    return middle, _SD_FROM_MAD * np.nanmedian(np.abs(values - middle), axis=0)
+
+
+def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dict[str, Length]:
+    spans = {"pelvis": points["right_hip"] - points["left_hip"], "shoulders": points["right_shoulder"] - points["left_shoulder"]}
+    spans["trunk"] = (points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]) / 2
+    for side in ("left", "right"):
+        for bone, (upper, lower) in _ENDS.items():
+            spans[f"{side}_{bone}"] = points[f"{side}_{upper}"] - points[f"{side}_{lower}"]
+    lengths = {}
+    for name, span in spans.items():
+        distance = np.linalg.norm(span, axis=-1)
+        if np.isfinite(distance).sum() < _FEWEST:
+            continue
+        middle, spread = _robust(distance)
+        ends_var = noise_var * (1.0 if name == "trunk" else 2.0)
+        # two directions across the bone add their variance to the squared length
+        lengths[name] = Length(float(np.sqrt(max(middle**2 - 2 * ends_var, (0.5 * middle) ** 2))), float(spread))
+    if symmetric:
+        for bone in _BONES:
+            pair = [lengths[f"{side}_{bone}"] for side in ("left", "right") if f"{side}_{bone}" in lengths]
+            if len(pair) == 2:
+                shared = (pair[0].value_m + pair[1].value_m) / 2
+                for side, one in zip(("left", "right"), pair, strict=True):
+                    lengths[f"{side}_{bone}"] = Length(shared, one.spread_m)
+    return lengths
+
+
+def _offsets(points: dict[str, Array], frame: dict[str, Array], lengths: dict[str, Length]) -> dict[str, Array]:
+    """Origins of the nodes in their parents' frames; what cannot be told is left out."""
+    out = {"neck": np.array([0, lengths["trunk"].value_m, 0])}
+    for side, sign in (("left", -0.5), ("right", 0.5)):
+        out[f"{side}_hip"] = np.array([0, 0, sign * lengths["pelvis"].value_m])
+        out[f"{side}_shoulder"] = np.array([0, 0, sign * lengths["shoulders"].value_m])
+        for bone, (_, lower) in _ENDS.items():
+            if f"{side}_{bone}" in lengths:
+                out[f"{side}_{lower}"] = np.array([0, -lengths[f"{side}_{bone}"].value_m, 0])
+    ears = (points["left_ear"] + points["right_ear"]) / 2
+    neck = (points["left_shoulder"] + points["right_shoulder"]) / 2
+    in_thorax = np.einsum("tij,ti->tj", frame["thorax"], ears - neck)
+    relative = np.einsum("tij,tik->tjk", frame["thorax"], frame["head"])
+    seen = np.isfinite(in_thorax).all(axis=-1) & np.isfinite(relative).all(axis=(-1, -2))
+    if seen.sum() >= _FEWEST:
+        out["head"], out["ears"] = _pivot(in_thorax[seen], relative[seen])
+    return out
+
+
+def _pivot(in_parent: Array, relative: Array) -> tuple[Array, Array]:
+    """Least-squares a (parent) and b (child) with in_parent = a + relative @ b: the centre a head nods about.
+
+    A head that hardly moved leaves it open: a weak preference for the middle between neck and ears decides.
+    """
+    count = len(in_parent)
+    half = np.median(in_parent, axis=0) / 2
+    weight = 0.1 * np.sqrt(count)
+    rows = np.concatenate(
+        [np.concatenate([np.broadcast_to(np.eye(3), relative.shape), relative], axis=2).reshape(-1, 6), weight * np.eye(6)]
+    )
+    child = np.einsum("tji,j->ti", relative, half).mean(axis=0)
+    wanted = np.concatenate([in_parent.ravel(), weight * np.concatenate([half, child])])
+    solution = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    return solution[:3], solution[3:]
+
+
+def _reachable(offsets: dict[str, Array]) -> tuple[Node, ...]:
+    """The nodes whose place is known, and whose parents' are."""
+    kept: list[Node] = []
+    names = {""}
+    for node in NODES:
+        if node.parent in names and (not node.offset or node.offset in offsets):
+            kept.append(node)
+            names.add(node.name)
+    return tuple(kept)
+
+
+def _needed(nodes: tuple[Node, ...], used: set[str]) -> tuple[Node, ...]:
+    """Without the branches that carry no keypoint."""
+    wanted = set(used)
+    for node in reversed(nodes):
+        if node.name in wanted:
+            wanted.add(node.parent)
+    return tuple(node for node in nodes if node.name in wanted)
+
+
+def _attached(
+    sequence: PoseSequence,
+    person: int,
+    frame: dict[str, Array],
+    points: dict[str, Array],
+    offsets: dict[str, Array],
+    names: set[str],
+) -> dict[int, tuple[str, Array]]:
+    """Node and local place (3,) of each keypoint the tree carries."""
+    origins = _template_origins(points)
+    places: dict[int, tuple[str, Array]] = {}
+    for index, keypoint in enumerate(sequence.skeleton.keypoints):
+        if AT_ORIGIN.get(keypoint) in names:
+            places[index] = AT_ORIGIN[keypoint], np.zeros(3)
+        elif TEMPLATES.get(keypoint) in names:
+            node = TEMPLATES[keypoint]
+            seen = np.einsum("tij,ti->tj", frame[NODE_SEGMENT[node]], sequence.xyz_world[:, person, index] - origins[node])
+            if np.isfinite(seen).all(axis=-1).sum() >= _FEWEST:
+                places[index] = node, _robust(seen)[0] + (offsets["ears"] if node == "head" else 0.0)
+    return places
+
+
+def _template_origins(points: dict[str, Array]) -> dict[str, Array]:
+    def middle(name: str) -> Array:
+        return (points[f"left_{name}"] + points[f"right_{name}"]) / 2
+
+    origins = {"head": middle("ear"), "stretch": middle("shoulder"), "pelvis": middle("hip")}
+    for side in ("left", "right"):
+        origins |= {f"{side}_hand": points[f"{side}_wrist"], f"{side}_ankle": points[f"{side}_ankle"]}
+    return origins
+
+
+def degrees_of_freedom(nodes: tuple[Node, ...]) -> Array:
+    """(nodes,) first place of each node's freedom in the state."""
+    sizes = [3 if node.kind == BALL else 1 for node in nodes]
+    return np.concatenate([[0], np.cumsum(sizes)])
+
+
+def landmark_rows(body: Body) -> Array:
+    """(P, 2) rows of `body.keypoint` whose mean is each landmark; -1 where the tree does not carry it."""
+    row = {int(k): i for i, k in enumerate(body.keypoint)}
+    pairs = landmark_pairs(body.skeleton)
+    rows = np.array([[row.get(int(a), -1), row.get(int(b), -1)] for a, b in pairs])
+    rows[(rows < 0).any(axis=1)] = -1
+    return rows

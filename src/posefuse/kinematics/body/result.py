@@ -1,0 +1,78 @@
+"""A fitted body's state to keypoints, segment frames and angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+
+from ..definitions import LIMBS, SEGMENT_NAMES
+from ..joints import Workspace
+from ..kernels import PLANE_SIZE, unwrap
+from . import kernels
+from .filter import BodyFilter, State
+from .model import landmark_rows
+
+_LIMB_NODE = {"left_arm": "left_shoulder", "right_arm": "right_shoulder", "left_leg": "left_hip", "right_leg": "right_hip"}
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """One person at one instant: keypoints of the tree (A, ...), frames (S, ...) and angles (J, 3)."""
+
+    xyz: Array
+    cov: Array
+    rotation: Array
+    origin: Array
+    angles: Array
+    sigmas: Array
+
+
+class Reader:
+    """Reads states of one body. Remembers only which turn each angle is on."""
+
+    def __init__(self, filter_: BodyFilter, workspace: Workspace) -> None:
+        self._packed, self._body, self._work = filter_.packed, filter_.body, workspace
+        self._rows = landmark_rows(filter_.body)
+        nodes, points = len(self._body.nodes), len(self._body.keypoint)
+        self._frame, self._origin = np.empty((nodes, 3, 3)), np.empty((nodes, 3))
+        self._points, self._jacobians = np.empty((points, 3)), np.empty((points, 3, self._packed.size))
+        names = [node.name for node in self._body.nodes]
+        self._limb_nodes = [names.index(node) if (node := _LIMB_NODE[limb.name]) in names else -1 for limb in LIMBS]
+        self._last = np.full((len(workspace.angles), 3), np.nan)
+
+    def read(self, state: State) -> Fitted:
+        """Everything the state says, with the uncertainty it has."""
+        p, work, size = self._packed, self._work, self._packed.size
+        kernels.keypoints(
+            p.parent, p.kind, p.axis, p.offset, p.dof, p.node, p.local, state.q, state.rot, self._frame, self._origin,
+            self._points, self._jacobians,
+        )  # fmt: skip
+        cov_state = np.ascontiguousarray(state.cov[:size, :size])
+        cov = self._jacobians @ cov_state @ np.swapaxes(self._jacobians, -1, -2)
+        xyz = np.full((len(self._body.skeleton), 3), np.nan)
+        xyz[self._body.keypoint] = self._points
+        work.read(xyz, np.zeros((len(xyz), 3, 3)))
+        work.solve(self._planes(cov_state))
+        kernels.add_point_variance(work.weights, self._rows, self._jacobians, cov_state, work.sigmas)
+        work.drop_uncertain()
+        unwrap(work.angles, self._last)
+        return Fitted(self._points.copy(), cov, work.rotation.copy(), work.origins(), work.angles.copy(), work.sigmas.copy())
+
+    def _planes(self, cov: Array) -> Array:
+        """The limb planes as the tree itself holds them, straight or not."""
+        planes = np.full((len(LIMBS), PLANE_SIZE), np.nan)
+        for i, node in enumerate(self._limb_nodes):
+            if node >= 0:
+                turn = self._packed.dof[node] + 1
+                planes[i] = [*self._frame[node][:, 2], cov[turn, turn], np.inf, 0.0]
+        return planes
+
+
+def empty_joints(times: int, people: int, joints: int) -> tuple[Array, Array, Array, Array]:
+    """NaN arrays for rotation, origin, angles and sigmas over (T, N)."""
+    shape = (times, people, len(SEGMENT_NAMES))
+    angles, sigmas = np.full((2, times, people, joints, 3), np.nan)
+    return np.full((*shape, 3, 3), np.nan), np.full((*shape, 3), np.nan), angles, sigmas

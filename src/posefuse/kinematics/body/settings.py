@@ -1,0 +1,34 @@
+"""Settings of the whole-body fit."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from annotated_types import Ge, Gt
+
+from posefuse.files.settings import settings
+
+
+@settings
+class BodySettings:
+    """How the skeleton may move and how far its points are trusted.
+
+    Attributes:
+        symmetric: left and right segments share one length.
+        joint_limits: keep joints inside the range of a human (softly).
+        turn_accel_rad_s15: white angular acceleration of every joint, square root of its spectral density.
+        move_accel_m_s15: the same of the pelvis position.
+        velocity_memory_s: after this time without a measurement a velocity has fallen to 1/e.
+        noise_memory_s: errors of keypoints this close in time are taken as the same error, which must not average out.
+        robust_dof: degrees of freedom of the Student-t noise; small forgives outliers.
+        iterations: Gauss-Newton steps at most per instant.
+    """
+
+    symmetric: bool = True
+    joint_limits: bool = True
+    turn_accel_rad_s15: Annotated[float, Gt(0)] = 8.0
+    move_accel_m_s15: Annotated[float, Gt(0)] = 1.5
+    velocity_memory_s: Annotated[float, Gt(0)] = 0.3
+    noise_memory_s: Annotated[float, Ge(0)] = 0.03
+    robust_dof: Annotated[float, Gt(0)] = 5.0
+    iterations: Annotated[int, Ge(1)] = 6

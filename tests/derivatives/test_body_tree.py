@@ -1,0 +1,104 @@
+"""The tree's Jacobians and manifold operations against finite differences and scipy."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.kinematics.body import kernels
+
+BALL, HINGE, SLIDE = kernels.BALL, kernels.HINGE, kernels.SLIDE
+PARENT = np.array([-1, 0, 1, 2, 1])
+KIND = np.array([SLIDE, BALL, HINGE, SLIDE, HINGE])
+AXIS = np.array([1, 0, 2, 0, 1])
+DOF = np.array([0, 1, 4, 5, 6, 7])
+
+
+@pytest.fixture
+def state():
+    rng = np.random.default_rng(8)
+    q = rng.normal(size=5) * 0.6
+    rot = Rotation.from_rotvec(rng.normal(size=(5, 3))).as_matrix()
+    return q, rot, rng.normal(size=(5, 3)), rng.normal(size=(2, 3))
+
+
+def places(q, rot, offset, local):
+    frame, origin = np.empty((5, 3, 3)), np.empty((5, 3))
+    kernels.forward(PARENT, KIND, AXIS, offset, q, rot, frame, origin)
+    return np.stack([kernels.place(frame, origin, node, local[i]) for i, node in enumerate((3, 4))]), frame, origin
+
+
+def moved(step, q, rot):
+    q, rot = q.copy(), rot.copy()
+    kernels.retract(KIND, DOF, step, q, rot)
+    return q, rot
+
+
+def test_point_derivatives_equal_finite_differences(state):
+    q, rot, offset, local = state
+    points, frame, origin = places(q, rot, offset, local)
+    for p, node in enumerate((3, 4)):
+        columns, values = np.empty(7, np.int64), np.empty((7, 3))
+        count = kernels.derivative(PARENT, KIND, AXIS, DOF, frame, node, points[p], origin, columns, values)
+        dense = np.zeros((7, 3))
+        dense[columns[:count]] = values[:count]
+        for d in range(7):
+            step = np.eye(7)[d] * 1e-6
+            ahead, back = (places(*moved(sign * step, q, rot), offset, local)[0][p] for sign in (1, -1))
+            np.testing.assert_allclose(dense[d], (ahead - back) / 2e-6, atol=1e-8)
+
+
+def test_exponential_and_logarithm_agree_with_scipy():
+    rng = np.random.default_rng(3)
+    for scale in (1e-9, 1e-4, 0.5, 3.0):
+        v = rng.normal(size=3)
+        v *= scale / np.linalg.norm(v)
+        r = kernels.exp3(v)
+        np.testing.assert_allclose(r, Rotation.from_rotvec(v).as_matrix(), atol=1e-12)
+        np.testing.assert_allclose(kernels.log3(r), v, rtol=1e-6, atol=1e-12)
+
+
+def test_a_half_turn_has_a_logarithm():
+    half = Rotation.from_rotvec(np.pi * np.array([0.6, 0.0, -0.8])).as_matrix()
+    np.testing.assert_allclose(Rotation.from_rotvec(kernels.log3(half)).as_matrix(), half, atol=1e-7)
+
+
+def test_difference_undoes_retract(state):
+    q, rot, _, _ = state
+    step = np.random.default_rng(5).normal(size=7) * 0.5
+    np.testing.assert_allclose(kernels.difference(KIND, DOF, *moved(step, q, rot), q, rot), step, atol=1e-10)
+
+
+def test_ray_gradient_is_that_of_the_robust_cost():
+    rng = np.random.default_rng(6)
+    projections = rng.normal(size=(3, 3, 4))
+    projections[:, 2] = [0.1, 0.05, 0.02, 4.0]
+    x, xy, inverse_var, robust = rng.normal(size=3), rng.normal(size=(3, 2)), np.array([2.0, 0.0, 5.0]), 4.0
+
+    def cost(x):
+        total = 0.0
+        for c in range(3):
+            u, v, w = projections[c] @ [*x, 1.0]
+            squared = ((xy[c] - np.array([u, v]) / w) ** 2).sum() * inverse_var[c]
+            total += (robust + 2) / 2 * np.log1p(squared / robust)
+        return total
+
+    gradient, information = np.zeros(3), np.zeros((3, 3))
+    kernels.ray_information(x, projections, xy, inverse_var, robust, gradient, information)
+    numeric = [(cost(x + h) - cost(x - h)) / 2e-6 for h in np.eye(3) * 1e-6]
+    np.testing.assert_allclose(-gradient, numeric, rtol=1e-6)
+    assert (np.linalg.eigvalsh(information) > 0).all()
+
+
+def test_predict_spreads_the_covariance_as_its_transition_says(state):
+    q, rot, _, _ = state
+    rng = np.random.default_rng(7)
+    cov = rng.normal(size=(14, 14))
+    cov = cov @ cov.T
+    before, velocity = cov.copy(), rng.normal(size=7)
+    slack = np.array([0, 0, 0, 0, 0, 0.04, 0])
+    keep, drift, fade = kernels.predict(KIND, DOF, slack, np.zeros(7), 0.02, 0.3, 0.5, q.copy(), rot.copy(), velocity, cov)
+    transition = np.block([[np.diag(keep), np.diag(drift)], [np.zeros((7, 7)), np.diag(fade)]])
+    expected = transition @ before @ transition.T
+    expected[5, 5] += 0.04 * (1 - keep[5] ** 2)
+    expected[12, 12] = 1e-12
+    np.testing.assert_allclose(cov, expected, atol=1e-10)

@@ -1,0 +1,160 @@
+"""The whole-body fit: recovers lengths and motion, fills gaps honestly, respects limits, live as recorded."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import InputError, Kind, PoseSequence, Recording, Views
+from posefuse.kinematics import JOINT_NAMES, joints_from_poses
+from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views
+
+WHITE = BodySettings(noise_memory_s=0.0, robust_dof=1e6)
+SIGMA_M = 0.012
+RATE_HZ = 50.0
+HIDDEN = ("left_wrist", "left_index", "left_pinky")
+LENGTH_M = {"left_thigh": 0.43, "right_shank": 0.41, "left_forearm": 0.26, "right_upper_arm": 0.31, "pelvis": 0.26, "trunk": 0.52}
+
+
+def walk(t: float) -> dict:
+    w = 2 * np.pi * t
+    return {
+        "pelvis": (15 * t, 3 * np.sin(w), 5.0), "trunk": (0, 2 * np.sin(w), 5 * np.cos(w)), "neck": (10.0, 3.0, 5 * np.sin(w)),
+        "left_hip": (25 * np.sin(w), 3, 5), "right_hip": (-25 * np.sin(w), 3, 5), "left_knee": (35 - 25 * np.cos(w), 0, 0),
+        "right_knee": (35 + 25 * np.cos(w), 0, 0), "left_arm": (-25 * np.sin(w), -8, 10), "right_arm": (25 * np.sin(w), -8, 10),
+        "left_elbow": (40 + 10 * np.sin(w), 0, 0), "right_elbow": (30, 0, 0), "left_ankle": (10 * np.sin(w), 2, 2),
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def noisy(posed):
+    """(clean, noisy) 3 s of walking; the left hand is missing for half a second."""
+    clean = posed([walk(i / RATE_HZ) for i in range(150)], sigma_m=SIGMA_M, rate_hz=RATE_HZ)
+    xyz = clean.xyz_world + np.random.default_rng(0).normal(size=clean.xyz_world.shape) * SIGMA_M
+    cov, kind = clean.cov_world.copy(), clean.kind.copy()
+    for name in HIDDEN:
+        at = clean.skeleton.index(name)
+        xyz[60:85, :, at], cov[60:85, :, at], kind[60:85, :, at] = np.nan, np.nan, Kind.MISSING
+    return clean, PoseSequence(clean.t_ns, clean.skeleton, [0], xyz, cov, clean.reproj_px, clean.n_views, kind)
+
+
+@pytest.fixture(scope="module")
+def fitted(noisy):
+    return fit_poses(noisy[1], WHITE)
+
+
+def test_lengths_are_those_of_the_figure(fitted):
+    for name, length_m in LENGTH_M.items():
+        assert fitted.bodies[0].lengths[name].value_m == pytest.approx(length_m, abs=0.003), name
+        assert 0 < fitted.bodies[0].lengths[name].spread_m < 3 * SIGMA_M
+
+
+def test_segments_keep_their_length(fitted):
+    skeleton = fitted.poses.skeleton
+    for upper, lower in (("left_hip", "left_knee"), ("right_elbow", "right_wrist")):
+        a, b = (fitted.poses.xyz_world[:, 0, skeleton.index(name)] for name in (upper, lower))
+        assert np.ptp(np.linalg.norm(a - b, axis=-1)) < 1e-9
+
+
+def test_the_fit_is_closer_than_the_points(noisy, fitted):
+    clean, seen = noisy
+    raw, fit = (np.linalg.norm(s.xyz_world - clean.xyz_world, axis=-1) for s in (seen, fitted.poses))
+    assert np.nanmean(fit) < 0.45 * np.nanmean(raw)
+
+
+def test_angles_of_the_fit_are_closer(noisy, fitted):
+    clean, seen = noisy
+    truth, raw = joints_from_poses(clean), joints_from_poses(seen)
+    for name in ("left_knee", "right_hip", "left_elbow", "left_ankle"):
+        q = JOINT_NAMES.index(name)
+        rmse = [np.sqrt(np.mean((j.angle_rad[:60, 0, q, 0] - truth.angle_rad[:60, 0, q, 0]) ** 2)) for j in (raw, fitted.joints)]
+        assert rmse[1] < 0.5 * rmse[0], name
+
+
+def test_its_covariance_is_honest(noisy, fitted):
+    clean, at = noisy[0], fitted.bodies[0].keypoint
+    error = (fitted.poses.xyz_world - clean.xyz_world)[:, 0, at]
+    cov = fitted.poses.cov_world[:, 0, at] + np.eye(3) * 1e-9
+    nees = np.einsum("tki,tkij,tkj->tk", error, np.linalg.inv(cov), error)
+    # the skeleton's own lengths are estimates too, and carry no covariance
+    assert 2.0 < nees.mean() < 5.0
+
+
+def test_a_gap_is_filled_and_says_so(noisy, fitted):
+    clean, wrist = noisy[0], noisy[0].skeleton.index("left_wrist")
+    gap = slice(60, 85)
+    error = np.linalg.norm(fitted.poses.xyz_world - clean.xyz_world, axis=-1)[gap, 0, wrist]
+    sigma = np.sqrt(np.trace(fitted.poses.cov_world[:, 0, wrist], axis1=-2, axis2=-1))
+    assert (fitted.poses.kind[gap, 0, wrist] == Kind.INTERPOLATED).all()
+    assert sigma[72] > 3 * sigma[30]
+    assert (error < 3 * sigma[gap]).all()
+
+
+def test_the_end_of_a_live_fit_is_the_end_of_the_recorded_one(noisy, fitted):
+    tracker = BodyTracker(fitted.bodies, WHITE)
+    live = [tracker.step(noisy[1].at(i)) for i in range(150)]
+    np.testing.assert_allclose(live[-1][0].xyz_world, fitted.poses.xyz_world[-1], atol=1e-9)
+    np.testing.assert_allclose(live[-1][1].sigma_rad[0], fitted.joints.sigma_rad[-1], rtol=1e-6)
+    assert live[70][0].kind[0, noisy[0].skeleton.index("left_wrist")] == Kind.PREDICTED
+
+
+def test_rays_see_what_points_cannot(noisy, fitted, ring_rig):
+    """A wrist seen by one camera only has no 3D point, but its ray still bounds it."""
+    clean, seen = noisy
+    rig, rng = ring_rig(4), np.random.default_rng(2)
+    xy = np.moveaxis(rig.project(clean.xyz_world), 0, 2) + rng.normal(size=(150, 1, 4, len(clean.skeleton), 2)) * 1.0
+    score = np.ones(xy.shape[:-1])
+    wrist = clean.skeleton.index("left_wrist")
+    score[60:85, :, 1:, clean.skeleton.indices(HIDDEN)] = 0
+    recording = Recording(rig, seen, np.where(score[..., None] > 0, xy, np.nan), score, np.where(score > 0, 1.0, np.nan))
+    by_rays = fit_views(recording, WHITE, fitted.bodies)
+    errors = [np.linalg.norm(f.poses.xyz_world - clean.xyz_world, axis=-1)[60:85, 0, wrist].mean() for f in (fitted, by_rays)]
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_live_rays_need_the_cameras_of_the_rig(noisy, fitted, ring_rig):
+    clean = noisy[0]
+    tracker = BodyTracker(fitted.bodies, WHITE, rig=ring_rig(2))
+    nothing = np.zeros((1, 1, len(clean.skeleton)))
+    views = Views(0, clean.skeleton, ("other",), [0], np.zeros((1, 1, len(clean.skeleton), 2)), nothing, nothing)
+    with pytest.raises(InputError, match=r"cam00, cam01.*got cameras other"):
+        tracker.step_views(clean.at(0), views)
+
+
+def test_an_outlier_moves_the_fit_little(noisy, fitted):
+    clean, seen = noisy
+    xyz, knee = seen.xyz_world.copy(), seen.skeleton.index("right_knee")
+    xyz[40, 0, knee] += [0.4, -0.3, 0.2]
+    spoiled = PoseSequence(seen.t_ns, seen.skeleton, [0], xyz, seen.cov_world, seen.reproj_px, seen.n_views, seen.kind)
+    error = {}
+    for dof in (5.0, 1e6):
+        fit = fit_poses(spoiled, BodySettings(noise_memory_s=0.0, robust_dof=dof), fitted.bodies)
+        error[dof] = np.linalg.norm(fit.poses.xyz_world[40, 0, knee] - clean.xyz_world[40, 0, knee])
+    assert error[5.0] < 0.03 < error[1e6]
+
+
+def test_limits_hold_a_knee_back(posed):
+    sequence = posed([{"left_knee": (-40, 0, 0), "left_hip": (20, 0, 0)}] * 12, sigma_m=0.03)
+    bodies = bodies_from_poses(sequence)
+    knee = JOINT_NAMES.index("left_knee")
+    flexion = {}
+    for limited in (True, False):
+        fit = fit_poses(sequence, BodySettings(joint_limits=limited), bodies)
+        flexion[limited] = np.degrees(fit.joints.angle_rad[-1, 0, knee, 0])
+    assert flexion[True] > -20 > flexion[False]
+
+
+@pytest.mark.parametrize("skeleton", ["coco17", "body_25b", "paper14", "anatomical23"])
+def test_any_skeleton_can_be_fitted(posed, skeleton):
+    sequence = posed([walk(i / RATE_HZ) for i in range(30)], skeleton, sigma_m=0.005, rate_hz=RATE_HZ)
+    fit = fit_poses(sequence)
+    error = np.linalg.norm(fit.poses.xyz_world - sequence.xyz_world, axis=-1)
+    assert np.nanmax(error) < 0.01
+
+
+def test_a_person_never_seen_has_no_body(posed):
+    sequence = posed([walk(0.0)] * 10)
+    gone = PoseSequence(
+        sequence.t_ns, sequence.skeleton, [4], sequence.xyz_world * np.nan, sequence.cov_world, sequence.reproj_px,
+        sequence.n_views, sequence.kind,
+    )  # fmt: skip
+    with pytest.raises(InputError, match="person 4: a body needs both hips and both shoulders"):
+        fit_poses(gone)
