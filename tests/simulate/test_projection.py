@@ -72,7 +72,7 @@ def test_chessboard_corners_are_where_project_says(lens, backend):
 @pytest.mark.parametrize(
     "prop",
     [
-        ArucoCube(kind="aruco_cube", side_m=0.5, marker_m=0.36, path=StillPath(kind="still", position_m=(0.1, 0, 0.6), yaw_deg=10)),
+        ArucoCube(kind="aruco_cube", side_m=0.5, marker_m=0.36, path=StillPath(kind="still", position_m=(0.1, 0, 0.6), yaw_deg=-8)),
         GroundTile(kind="ground_tile", path=StillPath(kind="still", position_m=(0, 0, 0.8))),
     ],
     ids=["cube", "tile"],
