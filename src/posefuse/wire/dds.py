@@ -178,7 +178,10 @@ class RosNode:
         return self._writers[topic.name]
 
     def reader(self, topic: Topic) -> Reader:
-        """The reader of `topic`, made and announced on first use; `wait` wakes up for it."""
+        """The reader of `topic`, made and announced on first use; `wait` wakes up for it.
+
+        It does not ask for lost messages again (but for latched ones): a repeat would hold up all newer ones.
+        """
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
 
         if topic.name not in self._readers:
@@ -240,14 +243,14 @@ class RosNode:
     def _open_writer(self, topic: Topic) -> Writer:
         from cyclonedds.pub import DataWriter
 
-        return Writer(topic, DataWriter(self._participant, self._topic(topic), qos=_qos(topic, topic.depth)))
+        return Writer(topic, DataWriter(self._participant, self._topic(topic), qos=_qos(topic, topic.depth, topic.reliable)))
 
     def _open_reader(self, topic: Topic) -> Reader:
         from cyclonedds.sub import DataReader
 
         # all writers of a topic without keys share one history here, so one latched message each must fit
         depth = max(topic.depth, _LATCHED_WRITERS) if topic.latched else topic.depth
-        return Reader(topic, DataReader(self._participant, self._topic(topic), qos=_qos(topic, depth)))
+        return Reader(topic, DataReader(self._participant, self._topic(topic), qos=_qos(topic, depth, topic.latched)))
 
     def _topic(self, topic: Topic) -> Any:
         from cyclonedds.topic import Topic as DdsTopic
@@ -274,12 +277,12 @@ def _gids(entities: Sequence[Any]) -> list[Any]:
     return [message("rmw_dds_common/msg/Gid", data=np.frombuffer(entity.guid.bytes, np.uint8)) for entity in entities]
 
 
-def _qos(topic: Topic, depth: int) -> Any:
+def _qos(topic: Topic, depth: int, reliable: bool) -> Any:
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.util import duration
 
     return Qos(
-        Policy.Reliability.Reliable(duration(milliseconds=100)) if topic.reliable else Policy.Reliability.BestEffort,
+        Policy.Reliability.Reliable(duration(milliseconds=100)) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if topic.latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(depth),
         Policy.DataRepresentation(use_cdrv0_representation=True),

@@ -1,0 +1,137 @@
+"""Poses as small datagrams for animation and XR tools: Open Sound Control 1.0, and JSON. Pure functions.
+
+OSC, one bundle per person (split where it would not fit one network packet), time tag = the pose's instant:
+
+    /posefuse/people               i...     ids of everybody, once per instant
+    /posefuse/<id>/<keypoint>      f f f f  x y z in metres, standard deviation in metres (0 when unknown)
+    /posefuse/<id>/<joint>/<angle> f        joint angle in rad
+
+JSON, one object per person and datagram: t_ns, person, skeleton, axes, keypoints {name: [x, y, z]}, sigma_m {name: s},
+angles_rad {joint/angle: value}. What is missing is left out.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from posefuse.core import ConfigError, Joints, Pose3D
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+
+# rows: the tool's x, y, z in world axes
+AXES = {
+    "z_up": np.eye(3),
+    "y_up": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "y_up_left_handed": np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]),
+}
+_MAX_PACKET = 1400
+_NTP_FROM_UNIX_S = 2_208_988_800
+_NOW = b"\0\0\0\0\0\0\0\1"
+
+Argument = int | float | str
+
+
+def osc_message(address: str, *arguments: Argument) -> bytes:
+    """One OSC message; int as ``i`` (``h`` beyond 32 bits), float as ``f``, str as ``s``.
+
+    Raises:
+        ConfigError: an address that does not start with ``/``, or text that is not ASCII.
+    """
+    if not address.startswith("/"):
+        raise ConfigError(f"OSC address: expected it to start with '/', got {address!r}")
+    tags, data = ",", b""
+    for argument in arguments:
+        if isinstance(argument, str):
+            tags, data = tags + "s", data + _text(argument)
+        elif isinstance(argument, float):
+            tags, data = tags + "f", data + struct.pack(">f", argument)
+        elif -(2**31) <= argument < 2**31:
+            tags, data = tags + "i", data + struct.pack(">i", argument)
+        else:
+            tags, data = tags + "h", data + struct.pack(">q", argument)
+    return _text(address) + _text(tags) + data
+
+
+def osc_bundle(messages: Sequence[bytes], t_ns: int) -> bytes:
+    """An OSC bundle of the instant `t_ns` (Unix epoch; "immediately" when before 1970)."""
+    seconds, rest_ns = divmod(t_ns, 1_000_000_000)
+    tag = struct.pack(">II", (seconds + _NTP_FROM_UNIX_S) % 2**32, (rest_ns << 32) // 1_000_000_000) if t_ns >= 0 else _NOW
+    return b"#bundle\0" + tag + b"".join(struct.pack(">i", len(m)) + m for m in messages)
+
+
+def osc_from_pose(pose: Pose3D, joints: Joints | None, axes: str) -> list[bytes]:
+    """Datagrams of one instant; `axes` is one of `AXES`."""
+    people = [int(person) for person in pose.person_id]
+    datagrams = [osc_bundle([osc_message("/posefuse/people", *people)], pose.t_ns)]
+    for n, person in enumerate(people):
+        messages = [
+            osc_message(f"/posefuse/{person}/{name}", *xyz, sigma) for name, xyz, sigma in _keypoints(pose, n, _turn(axes))
+        ]
+        messages += [osc_message(f"/posefuse/{person}/{name}", value) for name, value in _angles(joints, person)]
+        datagrams += [osc_bundle(part, pose.t_ns) for part in _packets(messages)]
+    return datagrams
+
+
+def json_from_pose(pose: Pose3D, joints: Joints | None, axes: str) -> list[bytes]:
+    """Datagrams of one instant, one per person; `axes` is one of `AXES`."""
+    datagrams = []
+    for n, person in enumerate(int(person) for person in pose.person_id):
+        keypoints = list(_keypoints(pose, n, _turn(axes)))
+        content = {
+            "t_ns": pose.t_ns,
+            "person": person,
+            "skeleton": pose.skeleton.name,
+            "axes": axes,
+            "keypoints": {name: [round(v, 5) for v in xyz] for name, xyz, _ in keypoints},
+            "sigma_m": {name: round(sigma, 5) for name, _, sigma in keypoints if sigma > 0},
+            "angles_rad": {name: round(value, 5) for name, value in _angles(joints, person)},
+        }
+        datagrams.append(json.dumps(content, separators=(",", ":")).encode())
+    return datagrams
+
+
+def _turn(axes: str) -> Array:
+    if axes not in AXES:
+        raise ConfigError(f"axes: {axes!r} is not known; there are: {choices(AXES)}")
+    return AXES[axes]
+
+
+def _keypoints(pose: Pose3D, n: int, turn: Array) -> Iterator[tuple[str, list[float], float]]:
+    """Name, (x, y, z) and standard deviation over the three axes of what is known of person n."""
+    xyz = pose.xyz_world[n] @ turn.T
+    sigma = np.sqrt(np.trace(pose.cov_world[n], axis1=-2, axis2=-1) / 3)
+    for name, place, spread in zip(pose.skeleton.keypoints, xyz.tolist(), sigma.tolist(), strict=True):
+        if np.isfinite(place).all():
+            yield name, place, spread if np.isfinite(spread) else 0.0
+
+
+def _angles(joints: Joints | None, person: int) -> Iterator[tuple[str, float]]:
+    if joints is None:
+        return
+    for n in np.flatnonzero(joints.person_id == person):
+        for joint, names, angles in zip(joints.joints, joints.angle_names, joints.angle_rad[-1, n].tolist(), strict=True):
+            yield from ((f"{joint}/{name}", value) for name, value in zip(names, angles, strict=True) if np.isfinite(value))
+
+
+def _packets(messages: Sequence[bytes]) -> Iterator[list[bytes]]:
+    part: list[bytes] = []
+    size = 16
+    for message in messages:
+        if part and size + 4 + len(message) > _MAX_PACKET:
+            yield part
+            part, size = [], 16
+        part.append(message)
+        size += 4 + len(message)
+    if part:
+        yield part
+
+
+def _text(value: str) -> bytes:
+    if not value.isascii():
+        raise ConfigError(f"OSC text: expected ASCII, got {value!r}")
+    raw = value.encode("ascii") + b"\0"
+    return raw + bytes(-len(raw) % 4)

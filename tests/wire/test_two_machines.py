@@ -1,0 +1,87 @@
+"""Nodes on two machines (network namespaces), without multicast, over links that lose, delay and break."""
+
+import json
+import sys
+import threading
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+
+TRAFFIC = str(Path(__file__).with_name("traffic.py"))
+DOMAIN = "77"
+
+
+def run(two, count, peers=True, while_sending=lambda: None):
+    """Numbers heard of `count` sent from machine 0 to 1, and their ages in s."""
+    a, b = two.addresses if peers else ("", "")
+    hearer = two.start(1, sys.executable, TRAFFIC, "hear", DOMAIN, a, "600")
+    sender = two.start(0, sys.executable, TRAFFIC, "send", DOMAIN, b, str(count))
+    heard = []
+    thread = threading.Thread(target=lambda: heard.extend(json.loads(line) for line in hearer.stdout))
+    thread.start()
+    try:
+        assert sender.stdout.readline() == "matched\n"
+        while_sending()
+        assert sender.stdout.readline() == "done\n"
+        sender.wait(30)
+    finally:
+        sender.kill()
+        hearer.kill()
+        thread.join()
+    return [number for number, _ in heard], [age_ns * 1e-9 for _, age_ns in heard]
+
+
+def test_two_machines_find_each_other_by_address(machines):
+    numbers, _ = run(machines, 200)
+    assert numbers[-150:] == list(range(50, 200))
+
+
+def test_two_machines_find_each_other_by_multicast(machines):
+    numbers, _ = run(machines, 200, peers=False)
+    assert numbers[-150:] == list(range(50, 200))
+
+
+def test_five_percent_loss_and_fifty_ms_delay(machines):
+    machines.loss, machines.delay_s = 0.05, 0.05
+    numbers, ages = run(machines, 400)
+    assert numbers == sorted(set(numbers))
+    # a pose takes three packets, and one lost loses it: 0.95 ** 3 arrive
+    assert 0.95**3 - 0.06 < len(numbers) / 400 < 0.95**3 + 0.06
+    assert numbers[-1] > 380
+    assert min(ages) >= 0.05
+    print(f"age p50 {np.median(ages) * 1e3:.1f} ms, p95 {np.percentile(ages, 95) * 1e3:.1f} ms")
+
+
+def test_a_link_cut_and_back(machines):
+    def cut():
+        time.sleep(1)
+        machines.cut = True
+        time.sleep(2)
+        machines.cut = False
+
+    numbers, _ = run(machines, 800, while_sending=cut)
+    assert numbers[0] == 0
+    assert numbers[-1] == 799
+    assert numbers == sorted(set(numbers))
+    gap = max(b - a for a, b in pairwise(numbers))
+    assert 150 < gap < 1000
+
+
+@pytest.mark.slow
+def test_a_link_cut_for_ten_seconds(machines):
+    """Longer than the lease: both sides forget each other and meet again."""
+
+    def cut():
+        time.sleep(1)
+        machines.cut = True
+        time.sleep(12)
+        machines.cut = False
+
+    numbers, _ = run(machines, 2500, while_sending=cut)
+    assert numbers[0] == 0
+    assert numbers[-1] == 2499
