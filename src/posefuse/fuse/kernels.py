@@ -525,7 +525,11 @@ def algebraic_row(cam, view, row, out):
 
 @njit(**_JIT)
 def linear_point(cams, views, weights, n, p, work, cov):
-    """Weighted least squares of the algebraic rows into p, its covariance by error propagation into cov."""
+    """Weighted least squares of the algebraic rows into p, its covariance by error propagation into cov.
+
+    Returns what the sum of squared whitened residuals is expected to be (2n - 3 for the best weights, more for others),
+    or NaN when the rays define no point.
+    """
     system, row, other = work[0], work[1], work[2]
     system[:] = 0.0
     for i in range(n):
@@ -538,9 +542,9 @@ def linear_point(cams, views, weights, n, p, work, cov):
                     m += 1
                 system[6 + j] -= weights[i] * row[j] * row[3]
     if not (solve3(system, 0.0, p) and invert(system, cov)):
-        return False
+        return math.nan
     # noise of the two rows of a view: depth * K J^-1 * sigma, the inverse of its whitening matrix
-    middle = np.zeros((3, 3))
+    middle, information = np.zeros((3, 3)), np.zeros((3, 3))
     for i in range(n):
         view = views[i]
         cam = cams[int(view[6])]
@@ -553,10 +557,18 @@ def linear_point(cams, views, weights, n, p, work, cov):
         nv0, nv1 = cam[15] * c, cam[15] * d
         for j in range(3):
             t0, t1 = row[j] * nu0 + other[j] * nv0, row[j] * nu1 + other[j] * nv1
+            ex, ey = (view[0] * cam[6 + j] - cam[j]) / depth, (view[1] * cam[6 + j] - cam[3 + j]) / depth
+            e0, e1 = view[2] * ex + view[3] * ey, view[4] * ex + view[5] * ey
             for jj in range(3):
                 middle[j, jj] += t0 * (row[jj] * nu0 + other[jj] * nv0) + t1 * (row[jj] * nu1 + other[jj] * nv1)
+                fx, fy = (view[0] * cam[6 + jj] - cam[jj]) / depth, (view[1] * cam[6 + jj] - cam[3 + jj]) / depth
+                information[j, jj] += e0 * (view[2] * fx + view[3] * fy) + e1 * (view[4] * fx + view[5] * fy)
     cov[:] = cov @ middle @ cov
-    return True
+    expected = 2.0 * n - 6.0
+    for j in range(3):
+        for jj in range(3):
+            expected += information[j, jj] * cov[j, jj]
+    return expected
 
 
 @njit(**_JIT)
@@ -575,10 +587,8 @@ def solve_linear(cams, xy_img, sigma, weight, xyz, cov, reproj, n_views):
                 if weight[g, c, k] > 0.0 and look(cams, c, xy_img[g, c, k], sigma[g, c, k], views[n]):
                     weights[n] = weight[g, c, k]
                     n += 1
-            if n < 2 or not linear_point(cams, views, weights, n, p, work, cov[g, k]):
-                cov[g, k] = math.nan
-                continue
-            total, px2 = 0.0, 0.0
+            expected = linear_point(cams, views, weights, n, p, work, cov[g, k]) if n > 1 else math.nan
+            total, px2 = 0.0 if math.isfinite(expected) else math.nan, 0.0
             for i in range(n):
                 total += squared_residual(cams, views[i], p[0], p[1], p[2])
                 px2 += squared_px(cams, views[i], xy_img[g, int(views[i, 6]), k], p)
@@ -586,7 +596,7 @@ def solve_linear(cams, xy_img, sigma, weight, xyz, cov, reproj, n_views):
                 cov[g, k] = math.nan
                 continue
             xyz[g, k], reproj[g, k], n_views[g, k] = p, math.sqrt(px2 / n), n
-            chi2[k], dof[k] = total, 2.0 * n - 3.0
+            chi2[k], dof[k] = total, expected
         inflate(cov[g], chi2, dof, 1.0)
 
 

@@ -6,6 +6,7 @@ exchanged back rather than thrown away.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +20,8 @@ from .triangulate import Triangulated, solve_robust
 
 # an exchange must win by this much robust loss: two clear outliers' worth, so noise never exchanges
 _GAIN = 24.0
+# and no limb may lose this much
+_OBJECTION = 6.0
 # share of a limb's keypoints in a view that must misfit before it is looked at, and fit once exchanged
 _MISFIT, _FIT = 0.3, 0.3
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
@@ -36,6 +39,39 @@ def limb_groups(skeleton: Skeleton) -> tuple[Array, ...]:
     return tuple(skeleton.indices(group) for group in (sided, arms, legs, head) if group)
 
 
+@dataclass(frozen=True, eq=False)
+class _Person:
+    """What all cameras saw of one person at one instant: xy (C, K, 2), score and sigma (C, K)."""
+
+    rig: Rig
+    skeleton: Skeleton
+    settings: FuseSettings
+    xy: Array
+    score: Array
+    sigma: Array
+
+    def exchanged(self, flips: Array, group: Array) -> tuple[Array, Array, Array]:
+        """The keypoints of `group` under each of F ways (F, C) to exchange views: (F, C, len(group), ...) each."""
+        mirror = self.skeleton.mirror[group]
+        planes = []
+        for plane in (self.xy, self.score, self.sigma):
+            mixed = np.stack([plane[:, group]] * len(flips))
+            mixed[flips] = np.broadcast_to(plane[:, mirror], mixed.shape)[flips]
+            planes.append(mixed)
+        return planes[0], planes[1], planes[2]
+
+    def fit(self, flips: Array, group: Array) -> tuple[Array, Array]:
+        """Robust loss (F, len(group)) of each way to exchange views (F, C), and the points (F, len(group), 3) it gives."""
+        solved, _, cost = solve_robust(self.rig, *self.exchanged(flips, group), self.settings)
+        return cost, solved.xyz
+
+    def exchange(self, flips: Array, group: Array) -> None:
+        """Swap the sides of `group` in the flagged views, in place."""
+        rows = np.flatnonzero(flips)[:, None]
+        for plane in (self.xy, self.score, self.sigma):
+            plane[rows, group] = plane[rows, self.skeleton.mirror[group]]
+
+
 def solve_untangled(
     rig: Rig, xy: Array, score: Array, sigma: Array, skeleton: Skeleton, before: Array | None, settings: FuseSettings
 ) -> Triangulated:
@@ -45,106 +81,70 @@ def solve_untangled(
     """
     from . import kernels
 
-    solved, square, cost = solve_robust(rig, xy, score, sigma, settings)
+    solved, square, _ = solve_robust(rig, xy, score, sigma, settings)
     if not (square > kernels.USED).any():
         return solved
+    touched = [
+        _untangle(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.xyz[g], square[g], past)
+        for g, past in enumerate([None] * len(xy) if before is None else before)
+    ]
+    return solve_robust(rig, xy, score, sigma, settings)[0] if any(touched) else solved
+
+
+def _untangle(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
+    """Exchange what is exchanged, limb group by limb group; says whether anything was."""
     touched = False
-    for g in range(len(xy)):
-        for group in limb_groups(skeleton):
-            suspects = _suspects(rig, xy[g], score[g], sigma[g], solved.xyz[g], square[g], skeleton, group)
-            if len(suspects) == 0:
-                continue
-            flips = _best_flips(
-                rig, xy[g], score[g], sigma[g], skeleton, group, before[g] if before is not None else None, settings
-            )
-            if flips.any():
-                touched = True
-                for plane in (xy[g], score[g], sigma[g]):
-                    _exchange(plane, flips, skeleton, group)
-                part, square_part, _ = solve_robust(rig, xy[g : g + 1], score[g : g + 1], sigma[g : g + 1], settings)
-                solved.xyz[g], square[g] = part.xyz[0], square_part[0]
-    return solve_robust(rig, xy, score, sigma, settings)[0] if touched else solved
+    for group in limb_groups(person.skeleton):
+        if not _suspicious(person, xyz, square, group):
+            continue
+        flips = _best_flips(person, group, before)
+        if flips.any():
+            touched = True
+            person.exchange(flips, group)
+            again, squares, _ = solve_robust(person.rig, person.xy[None], person.score[None], person.sigma[None], person.settings)
+            xyz, square = again.xyz[0], squares[0]
+    return touched
 
 
-def _exchange(plane: Array, flips: Array, skeleton: Skeleton, group: Array) -> None:
-    """Swap the sides of `group` in the flagged views of (C, K, ...), in place."""
-    rows = np.flatnonzero(flips)[:, None]
-    plane[rows, group] = plane[rows, skeleton.mirror[group]]
-
-
-def _suspects(
-    rig: Rig, xy: Array, score: Array, sigma: Array, xyz: Array, square: Array, skeleton: Skeleton, group: Array
-) -> Array:
-    """Views (indices) in which `group` misfits and, exchanged, would fit the points of the others in good part."""
+def _suspicious(person: _Person, xyz: Array, square: Array, group: Array) -> bool:
+    """Whether in some view `group` misfits and, exchanged, would fit the points of the others in good part."""
     from . import kernels
 
-    mirror = skeleton.mirror[group]
+    every = np.ones((1, len(person.rig)), bool)
+    xy, score, sigma = person.exchanged(every, group)
+    exchanged = np.empty(sigma.shape)
+    there = np.ascontiguousarray(xyz[None, group])
+    kernels.squares_of(packed_rig(person.rig), xy, np.where(score > 0, sigma, np.nan), there, exchanged)
     seen = np.isfinite(square[:, group])
-    bad = seen & (square[:, group] > kernels.USED)
-    exchanged = np.empty((1, len(xy), len(group)))
-    usable = np.where(score > 0, sigma, np.nan)
-    kernels.squares_of(
-        packed_rig(rig),
-        np.ascontiguousarray(xy[None][:, :, mirror]),
-        np.ascontiguousarray(usable[None][:, :, mirror]),
-        np.ascontiguousarray(xyz[None][:, group]),
-        exchanged,
-    )
-    fits = exchanged[0] < kernels.USED
-    count = np.maximum(seen.sum(axis=1), 1)
-    return np.flatnonzero((bad.sum(axis=1) >= np.maximum(2, _MISFIT * count)) & (fits.sum(axis=1) >= np.maximum(2, _FIT * count)))
+    misfits = (seen & (square[:, group] > kernels.USED)).sum(axis=1)
+    fits = (exchanged[0] < kernels.USED).sum(axis=1)
+    count = seen.sum(axis=1)
+    return bool(((misfits >= np.maximum(2, _MISFIT * count)) & (fits >= np.maximum(2, _FIT * count))).any())
 
 
-def _best_flips(
-    rig: Rig,
-    xy: Array,
-    score: Array,
-    sigma: Array,
-    skeleton: Skeleton,
-    group: Array,
-    before: Array | None,
-    settings: FuseSettings,
-) -> Array:
+def _best_flips(person: _Person, group: Array, before: Array | None) -> Array:
     """(C,) bool: which views to exchange, found one at a time, the most telling first: at most C rounds of C fusions."""
-    count = len(xy)
+    count = len(person.rig)
     flips = np.zeros(count, bool)
-    cost, _ = _costs(rig, xy, score, sigma, skeleton, group, flips[None], settings)
-    best = cost[0]
+    limbs = [part for limb in limb_groups(person.skeleton)[1:] if (part := np.isin(group, limb)).any()]
+    best = person.fit(flips[None], group)[0][0]
     for _ in range(count):
         trials = flips ^ np.eye(count, dtype=bool)
-        costs, _ = _costs(rig, xy, score, sigma, skeleton, group, trials, settings)
-        winner = int(np.argmin(costs))
-        if costs[winner] > best - _GAIN:
+        costs, _ = person.fit(trials, group)
+        # a body is exchanged as a whole only if no limb objects
+        worse = np.stack([costs[:, limb].sum(axis=1) - best[limb].sum() for limb in limbs]).max(axis=0)
+        total = np.where(worse < _OBJECTION, costs.sum(axis=1), np.inf)
+        winner = int(np.argmin(total))
+        if total[winner] > best.sum() - _GAIN:
             break
         best, flips = costs[winner], trials[winner]
     if not flips.any():
         return flips
     # all views exchanged fit exactly as well: the two readings differ only in which side is called left
     both = np.stack([flips, ~flips])
-    _, points = _costs(rig, xy, score, sigma, skeleton, group, both, settings)
     if before is not None:
+        _, points = person.fit(both, group)
         apart = np.linalg.norm(points - before[group], axis=-1)
         if np.isfinite(apart).any(axis=1).all():
-            return both[int(np.argmin(np.nanmedian(apart, axis=1)))]
-    return both[int(flips.sum() > count / 2)]
-
-
-def _costs(
-    rig: Rig,
-    xy: Array,
-    score: Array,
-    sigma: Array,
-    skeleton: Skeleton,
-    group: Array,
-    flips: Array,
-    settings: FuseSettings,
-) -> tuple[Array, Array]:
-    """Robust loss (F,) of each way to exchange views (F, C), and the points (F, len(group), 3) it gives."""
-    planes = []
-    for plane in (xy, score, sigma):
-        mixed = np.stack([plane[:, group]] * len(flips))
-        swapped = plane[:, skeleton.mirror[group]]
-        mixed[flips] = np.broadcast_to(swapped, mixed.shape)[flips]
-        planes.append(mixed)
-    solved, _, cost = solve_robust(rig, *planes, settings)
-    return cost.sum(axis=1), solved.xyz
+            return np.asarray(both[int(np.argmin(np.nanmedian(apart, axis=1)))])
+    return np.asarray(both[int(flips.sum() > count / 2)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -72,7 +73,8 @@ def triangulate(
         raise ConfigError(f"triangulate: weights: expected one of {choices(WEIGHTS)}, got {weights!r}")
     xy, score, sigma = _checked(rig, xy_img, score, sigma_px, settings)
     lead = xy.shape[:-3]
-    grouped = (xy.reshape(-1, *xy.shape[-3:]), score.reshape(-1, *xy.shape[-3:-1]), sigma.reshape(-1, *xy.shape[-3:-1]))
+    groups = math.prod(lead)
+    grouped = tuple(part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
     if weights == "robust":
         solved = solve_robust(rig, *grouped, settings)[0]
     elif weights == "all":

@@ -39,7 +39,7 @@ class SmoothSettings:
     max_gap_s: Annotated[float, Ge(0)] = 0.5
     outlier_sigma: Annotated[float, Gt(0)] = 6.0
     bones: bool = True
-    bone_sigma_m: Annotated[float, Gt(0)] = 0.003
+    bone_sigma_m: Annotated[float, Gt(0)] = 0.01
 
 
 def cutoff_hz(t_ns: Array, settings: SmoothSettings) -> float:

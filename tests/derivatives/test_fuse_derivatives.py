@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, Camera, Rig
+from posefuse.fuse import kernels
+from posefuse.fuse.packed import packed_rig
+
+K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
+POSE = SE3.from_rotvec([0.1, -0.2, 0.3], [0.1, 0.2, 3.0])
+BROWN = [-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, -0.01, 0.005, 0.001, -0.002, 0.003, -0.001, 0.02, -0.03]
+CAMERAS = [Camera(f"c{n}", (640, 480), K, POSE, np.array(BROWN[:n])) for n in (0, 4, 5, 8, 12, 14)] + [
+    Camera("fish", (640, 480), K, POSE, np.array([-0.03, 0.01, -0.004, 0.001]), model="fisheye")
+]
+POINTS = np.random.default_rng(0).uniform(-0.35, 0.35, (11, 2))
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: c.name)
+def test_lens_derivatives(camera):
+    packed = packed_rig(Rig((camera,)))[0]
+    step = 1e-6
+    for x, y in POINTS:
+        numeric = np.empty((2, 2))
+        for column, (dx, dy) in enumerate([(step, 0), (0, step)]):
+            ahead, behind = kernels.bend(packed, x + dx, y + dy), kernels.bend(packed, x - dx, y - dy)
+            numeric[:, column] = (np.array(ahead[:2]) - behind[:2]) / (2 * step)
+        np.testing.assert_allclose(np.reshape(kernels.bend(packed, x, y)[2:], (2, 2)), numeric, rtol=1e-6, atol=1e-5)
+
+
+def looked(rig: Rig, xy: np.ndarray, sigma: float) -> np.ndarray:
+    views = np.empty((len(rig), 7))
+    for c in range(len(rig)):
+        assert kernels.look(packed_rig(rig), c, xy[c], sigma, views[c])
+    return views
+
+
+@pytest.mark.parametrize("sigma", [50.0, 1.0])
+def test_gradient_of_the_robust_loss(ring_rig, sigma):
+    """Half the gradient of the loss, in its quadratic (large sigma) and its bounded part (small sigma)."""
+    rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
+    truth = np.array([0.3, -0.2, 1.2])
+    views = looked(rig, rig.project(truth) + np.random.default_rng(1).normal(size=(4, 2)) * 8, sigma)
+    system, scratch = np.empty(9), np.empty(9)
+    cams = packed_rig(rig)
+    kernels.normal_system(cams, views, 4, truth, system)
+    numeric = np.empty(3)
+    for i, step in enumerate(np.eye(3) * 1e-6):
+        ahead = kernels.normal_system(cams, views, 4, truth + step, scratch)
+        behind = kernels.normal_system(cams, views, 4, truth - step, scratch)
+        numeric[i] = (ahead - behind) / 4e-6
+    np.testing.assert_allclose(system[6:], numeric, rtol=1e-5)
+
+
+def test_information_is_the_second_derivative_where_residuals_vanish(ring_rig):
+    rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
+    truth = np.array([0.3, -0.2, 1.2])
+    views = looked(rig, rig.project(truth), 2.0)
+    cams, system, ahead, behind = packed_rig(rig), np.empty(9), np.empty(9), np.empty(9)
+    kernels.normal_system(cams, views, 4, truth, system)
+    numeric = np.empty((3, 3))
+    for i, step in enumerate(np.eye(3) * 1e-5):
+        kernels.normal_system(cams, views, 4, truth + step, ahead)
+        kernels.normal_system(cams, views, 4, truth - step, behind)
+        numeric[i] = (ahead[6:] - behind[6:]) / 2e-5
+    upper = numeric[np.triu_indices(3)]
+    np.testing.assert_allclose(system[:6], upper, rtol=1e-5, atol=1e-3)

@@ -1,0 +1,52 @@
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, Camera, Rig
+from posefuse.fuse import kernels, triangulate
+from posefuse.fuse.packed import packed_rig
+
+K = np.array([[700.0, 0.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
+BROWN = [-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, -0.01, 0.005, 0.001, -0.002, 0.003, -0.001, 0.02, -0.03]
+FISH = [-0.03, 0.01, -0.004, 0.001]
+
+
+@pytest.mark.parametrize("weights", ["none", "robust"])
+def test_two_clean_views_agree_with_triangulate_points(ring_rig, weights):
+    rig = Rig(ring_rig(5).cameras[:2])
+    xyz = np.random.default_rng(0).normal(size=(9, 3)) * 0.4 + [0, 0, 1]
+    xy = rig.project(xyz)
+    homogeneous = cv2.triangulatePoints(*rig.projections(), xy[0].T.copy(), xy[1].T.copy())
+    np.testing.assert_allclose(triangulate(rig, xy, weights=weights).xyz, (homogeneous[:3] / homogeneous[3]).T, atol=1e-7)
+
+
+@pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
+def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
+    packed = packed_rig(Rig((Camera("a", (640, 480), K, SE3.identity(), np.array(BROWN[:count])),)))[0]
+    xy = np.random.default_rng(1).uniform(-0.35, 0.35, (20, 2))
+    expected, _ = cv2.projectPoints(np.column_stack([xy, np.ones(20)]), np.zeros(3), np.zeros(3), K, np.array(BROWN[:count]))
+    for ideal, raw in zip(xy, expected[:, 0], strict=True):
+        np.testing.assert_allclose(kernels.bend(packed, *ideal)[:2], raw, atol=1e-9)
+        np.testing.assert_allclose(kernels.straighten(packed, *raw), ideal, atol=1e-12)
+
+
+def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
+    packed = packed_rig(Rig((Camera("a", (640, 480), K, SE3.identity(), np.array(FISH), model="fisheye"),)))[0]
+    xy = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 2))
+    expected = cv2.fisheye.distortPoints(xy[None], K, np.array(FISH))[0]
+    for ideal, raw in zip(xy, expected, strict=True):
+        np.testing.assert_allclose(kernels.bend(packed, *ideal)[:2], raw, atol=1e-9)
+        np.testing.assert_allclose(kernels.straighten(packed, *raw), ideal, atol=1e-10)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "fisheye"])
+def test_the_compiled_lens_gives_up_where_the_camera_does(model):
+    """Far outside the image there is no inverse: NaN in both, or the same ray."""
+    lens = np.array([-0.4, 0.0, 0.0, 0.0]) if model == "pinhole" else np.array([-0.3, 0.01, 0.0, 0.0])
+    camera = Camera("a", (640, 480), K, SE3.identity(), lens, model=model)
+    packed = packed_rig(Rig((camera,)))[0]
+    xy = np.random.default_rng(2).uniform(-1500, 2000, (200, 2))
+    expected = camera.norm_from_px(xy)
+    found = np.array([kernels.straighten(packed, *raw) for raw in xy])
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+    assert 0 < np.isnan(expected[:, 0]).sum() < 200
