@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", metavar="FILE", help="calibration file, relative to SESSION")
     parser.add_argument("--input", choices=("auto", "videos", "images", "pose2d"), help="which data of the session to use")
     parser.add_argument("--weights", choices=("none", "score", "all", "robust"), help="how views are weighted (default robust)")
+    parser.add_argument("--raw", action="store_true", help="every instant as it was fused: no smoothing, no bridged gaps")
     parser.add_argument("--person", type=_xy, metavar="X,Y", help="follow the one standing nearest to this place (world metres)")
     parser.add_argument("--start", type=float, metavar="S", help="begin at this time of the session, seconds")
     parser.add_argument("--end", type=float, metavar="S", help="end at this time of the session, seconds")

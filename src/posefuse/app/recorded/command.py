@@ -58,6 +58,8 @@ def settled_config(args: argparse.Namespace) -> TrackConfig:
             changes[key] = (
                 str(Path(args.rig).absolute()) if option == "rig" and Path(args.rig).exists() else getattr(args, option)
             )
+    if args.raw:
+        changes["raw"] = True
     if args.weights:
         changes["fuse"] = dataclasses.replace(config.fuse, weights=args.weights)
     if args.person:

@@ -56,7 +56,7 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
     _check_somebody(seen, rig, warn)
     with clock.stage("smooth"):
         views = views_over_time(seen)
-        poses = poses_over_time(views, rig, config.fuse, config.smooth)
+        poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth)
     provenance = {
         "posefuse": __version__,
         "rig_id": rig.id,

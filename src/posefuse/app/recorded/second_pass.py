@@ -97,11 +97,12 @@ def _to_instants(t_ns: Array, frame_t_ns: Array, xy: Array, score: Array, sigma:
         sigma[i][both] = (sigma_then[i] * (1 - share) + sigma_then[j] * share)[both]
 
 
-def poses_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> PoseSequence:
-    """Fuse every instant, then treat gaps and noise over the whole recording."""
+def poses_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None) -> PoseSequence:
+    """Fuse every instant, then (with `smoothing`) treat gaps and noise over the whole recording."""
     poses = []
     previous = None
     for i in range(len(views.t_ns)):
         previous = fuse(views.at(i), rig, fusing, previous)
         poses.append(previous)
-    return smooth(PoseSequence.from_poses(poses), smoothing)
+    fused = PoseSequence.from_poses(poses)
+    return smooth(fused, smoothing) if smoothing else fused
