@@ -16,7 +16,7 @@ from posefuse.evaluate.metrics import JointErrors, joint_errors
 from posefuse.files.truth import read_truth
 
 from .clock import StageClock
-from .outputs import write_outputs
+from .outputs import write_result
 from .run import Tracked, track_session
 
 TRUTH_FILE = Path("truth") / "truth.npz"
@@ -37,7 +37,7 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     if tracked.interrupted:
         terminal.warn(f"stopped by Ctrl-C; the first {len(tracked.recording.poses)} instants are finished and kept")
     with clock.stage("write"), terminal.progress("writing") as advance:
-        written = write_outputs(tracked.recording, session, config, args.out, advance)
+        written = write_result(tracked.recording, session, config, args.out, advance)
     errors = _errors(session, tracked.recording)
     figures = _figures(args.out, tracked, clock, written, errors)
     _show(terminal, figures, errors)
@@ -75,7 +75,7 @@ def _errors(session: Session, recording: Recording) -> JointErrors | None:
 
 
 def _figures(
-    out: Path, tracked: Tracked, clock: StageClock, written: Mapping[str, list[Path]], errors: JointErrors | None
+    out: Path, tracked: Tracked, clock: StageClock, written: list[Path], errors: JointErrors | None
 ) -> dict[str, Any]:
     recording = tracked.recording
     instants = len(recording.poses)
@@ -92,7 +92,7 @@ def _figures(
         "found": dict(tracked.found),
         "interrupted": tracked.interrupted,
         "out": out,
-        "files": {name: [path.name for path in paths] for name, paths in written.items()},
+        "files": [path.name for path in written],
     }
     if errors:
         figures["mpjpe_mm"] = errors.mpjpe_mm
@@ -118,5 +118,5 @@ def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | 
         facts[f"{stage}"] = f"{ms:.1f} ms per instant"
     facts["speed"] = f"{figures['instants_per_s']:.1f} instants/s with everything"
     facts["result in"] = str(figures["out"])
-    facts["files"] = ", ".join(name for names in figures["files"].values() for name in names)
+    facts["files"] = ", ".join(figures["files"])
     terminal.facts("Result", facts)

@@ -2,33 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import numpy as np
 
 from posefuse.app.config import TrackConfig
 from posefuse.app.plugins import build_plugin
 from posefuse.app.session import Session
-from posefuse.core import Recording
+from posefuse.core import Frame, Recording, SourceError
 from posefuse.files.atomic import atomic_folder
 from posefuse.files.recording import write_recording
+from posefuse.sinks.frames import write_outputs
+from posefuse.sources import FramesAhead, frame_sets
+
+from .run import build_source
 
 Progress = Callable[[int, int], None]
 
 
-def write_outputs(
-    recording: Recording, session: Session, config: TrackConfig, out: Path, progress: Progress
-) -> dict[str, list[Path]]:
-    """Write the result folder; returns the files by the name of what wrote them.
+def write_result(recording: Recording, session: Session, config: TrackConfig, out: Path, progress: Progress) -> list[Path]:
+    """Write the result folder; returns its files.
 
     Raises:
         PosefuseError: an output that is not there or cannot be written; nothing is left behind then.
     """
-    sinks = {name: build_plugin("sinks", name, {}) for name in config.outputs}
-    steps = len(sinks) + 1
+    sinks = [build_plugin("sinks", name, {}) for name in config.outputs]
     with atomic_folder(out) as folder:
-        written = {"recording": write_recording(folder, recording)}
-        progress(1, steps)
-        for name, sink in sinks.items():
-            written[name] = sink.write(recording, folder)
-            progress(len(written), steps)
-    return {name: [out / path.relative_to(folder) for path in paths] for name, paths in written.items()}
+        written = write_recording(folder, recording)
+        written += write_outputs(sinks, recording, folder, _frames(recording, session, config, progress))
+    return [out / path.relative_to(folder) for path in written]
+
+
+def _frames(
+    recording: Recording, session: Session, config: TrackConfig, progress: Progress
+) -> Iterator[tuple[int, tuple[Frame | None, ...]]]:
+    """The session's frames at the recording's instants, decoded again; nothing where the session has no images."""
+    inputs = [entry for entry in session.inputs if entry.camera in recording.rig.names and entry.kind != "pose2d"]
+    if not inputs:
+        return
+    t_ns = recording.poses.t_ns
+    period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
+    streams = {entry.camera: FramesAhead(build_source(entry, config)) for entry in inputs}
+    try:
+        sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_said_already)
+        for done, one in enumerate(sets, start=1):
+            yield one.t_ns, one.frames
+            progress(done, len(t_ns))
+    finally:
+        for stream in streams.values():
+            stream.close()
+
+
+def _said_already(camera: str, error: SourceError) -> None:
+    """A camera that breaks off did so in tracking too, and was reported there."""
