@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -33,6 +34,18 @@ class Outlet(Protocol):
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
         """Send `msg`, which belongs to the instant `t_ns` (Unix epoch)."""
         ...
+
+
+@dataclass(frozen=True)
+class Several:
+    """Gives every message to each of `outlets`, in order."""
+
+    outlets: Sequence[Outlet]
+
+    def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
+        """Send to all."""
+        for outlet in self.outlets:
+            outlet.publish(topic, msg, t_ns)
 
 
 # depth: on a topic without keys all cameras share one history at the reader

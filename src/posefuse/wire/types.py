@@ -6,6 +6,7 @@ A message is a plain object whose attributes are the fields; `message(type_name,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -35,13 +36,16 @@ def optional_module(name: str) -> ModuleType:
 @cache
 def ros2_types() -> Typestore:
     """ROS 2 (Jazzy) types with ours added. CDR bytes are the same in every ROS 2."""
-    return _store("ROS2_JAZZY")
+    return _store("ROS2_JAZZY", ours())
 
 
 @cache
 def ros1_types() -> Typestore:
     """ROS 1 (Noetic) types with ours added."""
-    return _store("ROS1_NOETIC")
+    texts = ours() | {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
+    # where ROS 1 had a list, its hri_msgs differ
+    texts["hri_msgs/msg/Skeleton2D"] = texts["hri_msgs/msg/Skeleton2D"].replace("[18] skeleton", "[] skeleton")
+    return _store("ROS1_NOETIC", texts)
 
 
 def ours() -> dict[str, str]:
@@ -51,14 +55,14 @@ def ours() -> dict[str, str]:
     }
 
 
-def _store(name: str) -> Typestore:
+def _store(name: str, texts: Mapping[str, str]) -> Typestore:
     typesys = optional_module("rosbags.typesys")
     base = optional_module(f"rosbags.typesys.stores.{name.lower()}")
     from rosbags.typesys.store import Typestore
 
     store = Typestore(base, max_sequence_length=MAX_LIST)
     found: dict[str, Any] = {}
-    for type_name, text in ours().items():
+    for type_name, text in texts.items():
         found.update(typesys.get_types_from_msg(text, type_name))
     store.register(found)
     return store
