@@ -1,1 +1,6 @@
-"""Finished recordings to the files and viewers people use."""
+"""Results to the world: one file per output. Those that show images take them from one pass, see `frames`."""
+
+from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs
+from .rerun import view_recording
+
+__all__ = ["FrameSets", "FrameSink", "FrameWriter", "Frames", "view_recording", "write_outputs"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from posefuse.core import CalibrationError, Camera
@@ -10,6 +12,8 @@ from posefuse.core.arrays import Array
 # black bars in compressed video are not quite 0
 _BLACK = 16.0
 _ROUNDING_PX = 1.0
+# resampling and compression blur the edge of a bar over this much
+_BLUR_PX = 3
 
 
 def fit_camera_to_video(
@@ -48,11 +52,9 @@ def fit_camera_to_video(
         return camera
     if scale or _same_proportions(camera.size_wh, size_wh):
         return camera.scaled(size_wh)
-    if image is not None:
-        left, top, right, bottom = black_bars(image)
-        inner = (size_wh[0] - left - right, size_wh[1] - top - bottom)
-        if inner != size_wh and min(inner) > 0 and _same_proportions(camera.size_wh, inner):
-            return camera.scaled(inner).cropped(-left, -top, size_wh)
+    padded = None if image is None else _letterboxed(camera, size_wh, black_bars(image))
+    if padded is not None:
+        return padded
     turned = "; the video looks turned by 90 degrees: turn it back" if size_wh == camera.size_wh[::-1] else ""
     raise CalibrationError(
         f"{_sizes(camera, size_wh)}, which may be a cut-out or a resampling{turned}; "
@@ -62,13 +64,37 @@ def fit_camera_to_video(
 
 def black_bars(image: Array) -> tuple[int, int, int, int]:
     """Width in px of the black bars at the left, top, right and bottom of an (H, W, 3) uint8 image."""
-    grey = np.asarray(image, np.float64).max(axis=-1)
-    columns = np.flatnonzero(np.percentile(grey, 90, axis=0) > _BLACK)
-    rows = np.flatnonzero(np.percentile(grey, 90, axis=1) > _BLACK)
-    if len(columns) == 0 or len(rows) == 0:
-        return 0, 0, 0, 0
-    height, width = grey.shape
-    return int(columns[0]), int(rows[0]), int(width - 1 - columns[-1]), int(height - 1 - rows[-1])
+    grey = np.asarray(image, np.float64).mean(axis=-1)
+    columns, rows = np.median(grey, axis=0), np.median(grey, axis=1)
+    return _bar(columns), _bar(rows), _bar(columns[::-1]), _bar(rows[::-1])
+
+
+def _bar(profile: Array) -> int:
+    """How many entries from the start are black; the edge is where half the brightness behind it is reached."""
+    bright = np.flatnonzero(profile > _BLACK)
+    if len(bright) == 0 or bright[0] == 0:
+        return 0
+    behind = float(np.median(profile[bright[0] + _BLUR_PX : bright[0] + 3 * _BLUR_PX + 1]))
+    return int(np.argmax(profile > max(_BLACK, behind / 2)))
+
+
+def _letterboxed(camera: Camera, size_wh: tuple[int, int], bars: tuple[int, int, int, int]) -> Camera | None:
+    """The camera if what lies between the bars is the whole calibrated image, resampled; None if it is not."""
+    left, top, right, bottom = bars
+    inner = (size_wh[0] - left - right, size_wh[1] - top - bottom)
+    if inner == size_wh or min(inner) <= 0 or not _same_proportions(camera.size_wh, inner):
+        return None
+    # the side without bars gives the factor exactly, the other only to whole px
+    factors = [inner[axis] / camera.size_wh[axis] for axis in (0, 1)]
+    factor = factors[0] if left + right == 0 else factors[1] if top + bottom == 0 else sum(factors) / 2
+    offset = []
+    for axis, (before, after) in enumerate(((left, right), (top, bottom))):
+        centred = (size_wh[axis] - factor * camera.size_wh[axis]) / 2
+        offset.append(centred if abs(before - after) <= _ROUNDING_PX else before)
+    matrix = camera.K.copy()
+    matrix[:2] *= factor
+    matrix[:2, 2] = (camera.K[:2, 2] + 0.5) * factor - 0.5 + offset
+    return replace(camera, K=matrix, size_wh=size_wh)
 
 
 def _cropped(camera: Camera, size_wh: tuple[int, int], crop: tuple[float, float]) -> Camera:

@@ -1,0 +1,157 @@
+"""How a skeleton looks in a picture: colours by side, one tile per camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import Kind, Recording, Skeleton
+from posefuse.core.arrays import Array
+
+LEFT_RGB = (255, 140, 30)
+RIGHT_RGB = (40, 160, 255)
+MIDDLE_RGB = (90, 220, 110)
+DETECTION_RGB = (255, 255, 255)
+NOTE_RGB = (255, 230, 80)
+ALARM_RGB = (255, 80, 70)
+EMPTY_RGB = (38, 40, 46)
+# sixteenths of a pixel in OpenCV's drawing calls
+_SHIFT = 4
+_FONT_PX = 22.0
+
+
+def keypoint_colours(skeleton: Skeleton) -> list[tuple[int, int, int]]:
+    """RGB per keypoint: left orange, right blue (the subject's), midline green."""
+    return [_side_colour(name) for name in skeleton.keypoints]
+
+
+def bone_colours(skeleton: Skeleton) -> list[tuple[int, int, int]]:
+    """RGB per bone: that of its side; bones across are green."""
+    colours = keypoint_colours(skeleton)
+    ends = skeleton.bone_indices.tolist()
+    return [colours[a] if colours[a] == colours[b] else _mixed(colours[a], colours[b]) for a, b in ends]
+
+
+def _side_colour(name: str) -> tuple[int, int, int]:
+    return LEFT_RGB if name.startswith("left_") else RIGHT_RGB if name.startswith("right_") else MIDDLE_RGB
+
+
+def _mixed(a: tuple[int, int, int], b: tuple[int, int, int]) -> tuple[int, int, int]:
+    sides = {a, b} - {MIDDLE_RGB}
+    return sides.pop() if len(sides) == 1 else MIDDLE_RGB
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Equal tiles in rows that hold one image each, whole and undistorted in shape.
+
+    Attributes:
+        columns: tiles per row. tile_wh: px, even. size_wh: of the whole picture, px.
+    """
+
+    columns: int
+    tile_wh: tuple[int, int]
+    size_wh: tuple[int, int]
+
+    def corner(self, place: int) -> tuple[int, int]:
+        """(left, top) px of a tile."""
+        return (place % self.columns) * self.tile_wh[0], (place // self.columns) * self.tile_wh[1]
+
+
+def grid_for(sizes_wh: list[tuple[int, int]], most_wh: tuple[int, int]) -> Grid:
+    """The arrangement inside `most_wh` px that shows images of these sizes largest, never enlarged."""
+    width, height = max(w for w, _ in sizes_wh), max(h for _, h in sizes_wh)
+    count = len(sizes_wh)
+    best_scale, best_columns = 0.0, 1
+    for columns in range(1, count + 1):
+        rows = -(-count // columns)
+        scale = min(most_wh[0] / columns / width, most_wh[1] / rows / height, 1.0)
+        if scale > best_scale:
+            best_scale, best_columns = scale, columns
+    tile = (max(2, int(width * best_scale) // 2 * 2), max(2, int(height * best_scale) // 2 * 2))
+    rows = -(-count // best_columns)
+    return Grid(best_columns, tile, (tile[0] * best_columns, tile[1] * rows))
+
+
+def fitted(image: Array | None, size_wh: tuple[int, int], tile_wh: tuple[int, int]) -> tuple[Array, float]:
+    """A tile (H, W, 3) with the image in its top left corner, as large as fits, and the scale; a plain one without image."""
+    import cv2
+
+    scale = min(tile_wh[0] / size_wh[0], tile_wh[1] / size_wh[1])
+    tile = np.full((tile_wh[1], tile_wh[0], 3), EMPTY_RGB, np.uint8)
+    if image is not None:
+        width, height = min(tile_wh[0], round(size_wh[0] * scale)), min(tile_wh[1], round(size_wh[1] * scale))
+        tile[:height, :width] = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return tile, scale
+
+
+def draw_skeleton(tile: Array, xy: Array, kind: Array, skeleton: Skeleton) -> None:
+    """Draw one person (K, 2) px, NaN where missing; what is not measured (interpolated, predicted) is drawn hollow and thin."""
+    import cv2
+
+    thick = max(1, round(tile.shape[0] / 260))
+    measured = (kind == Kind.FUSED) | (kind == Kind.SMOOTHED)
+    places = _fixed(xy)
+    for (a, b), colour in zip(skeleton.bone_indices.tolist(), bone_colours(skeleton), strict=True):
+        if places[a] is not None and places[b] is not None:
+            width = thick + 1 if measured[a] and measured[b] else 1
+            cv2.line(tile, places[a], places[b], colour, width, cv2.LINE_AA, _SHIFT)
+    for place, sure, colour in zip(places, measured, keypoint_colours(skeleton), strict=True):
+        if place is not None:
+            cv2.circle(tile, place, round((thick + 1.5) * 2**_SHIFT), colour, -1 if sure else 1, cv2.LINE_AA, _SHIFT)
+
+
+def draw_detections(tile: Array, xy: Array, score: Array) -> None:
+    """Draw raw 2D keypoints (K, 2) px of one view as small crosses; those with score 0 are not there."""
+    import cv2
+
+    arm = max(2.0, tile.shape[0] / 240) * 2**_SHIFT
+    for place, value in zip(_fixed(xy), score, strict=True):
+        if place is not None and value > 0:
+            (x, y), a = place, int(arm)
+            cv2.line(tile, (x - a, y), (x + a, y), DETECTION_RGB, 1, cv2.LINE_AA, _SHIFT)
+            cv2.line(tile, (x, y - a), (x, y + a), DETECTION_RGB, 1, cv2.LINE_AA, _SHIFT)
+
+
+def draw_text(tile: Array, text: str, line: int, colour: tuple[int, int, int] = DETECTION_RGB) -> None:
+    """Write a line of text at the top left, on a dark ground."""
+    import cv2
+
+    scale = max(0.35, min(tile.shape[0] / 640, tile.shape[1] / 420, 1.0) * 0.7)
+    height = round(_FONT_PX * scale / 0.7)
+    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    top = line * height
+    ground = tile[top : top + height, : width + 12]
+    ground[:] = ground // 3
+    cv2.putText(tile, text, (6, top + round(height * 0.75)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+
+
+def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh: tuple[int, int]) -> Array:
+    """Camera c at instant i: its image, the fused skeleton re-projected, the raw detections, and what is missing."""
+    camera, poses = recording.rig.cameras[c], recording.poses
+    size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
+    tile, scale = fitted(image, size_wh, tile_wh)
+    notes = [] if image is not None else ["no frame"]
+    for n in range(len(poses.person_id)):
+        # pixel centres are integers: the corner of the image is at -0.5
+        projected = (camera.project(poses.xyz_world[i, n]) + 0.5) * scale - 0.5
+        draw_skeleton(tile, projected, poses.kind[i, n], poses.skeleton)
+        draw_detections(tile, (recording.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.score[i, n, c])
+    if not (recording.score[i, :, c] > 0).any():
+        notes.append("nobody seen")
+    gone = int((poses.kind[i] == Kind.MISSING).sum())
+    if gone:
+        notes.append(f"{gone} of {poses.kind[i].size} keypoints missing")
+    draw_text(tile, f"{camera.name}  {poses.t_ns[i] / 1e9:.3f} s", 0)
+    for line, note in enumerate(notes):
+        draw_text(tile, note, line + 1, ALARM_RGB if note != notes[-1] or not gone else NOTE_RGB)
+    return tile
+
+
+def _fixed(xy: Array) -> list[tuple[int, int] | None]:
+    """OpenCV's fixed-point coordinates; None where missing or far outside, where they would overflow."""
+    far = 30_000
+    good = np.isfinite(xy).all(axis=-1) & (np.abs(np.nan_to_num(xy)) < far).all(axis=-1)
+    fixed = np.round(np.nan_to_num(xy).clip(-far, far) * 2**_SHIFT).astype(int)
+    return [(int(x), int(y)) if ok else None for (x, y), ok in zip(fixed, good, strict=True)]
