@@ -29,7 +29,7 @@ def test_lens_derivatives(camera):
 def looked(rig: Rig, xy: np.ndarray, sigma: float) -> np.ndarray:
     views = np.empty((len(rig), 7))
     for c in range(len(rig)):
-        assert kernels.look(packed_rig(rig), c, xy[c], sigma, views[c])
+        assert kernels.look(packed_rig(rig), c, *xy[c], sigma, views, c)
     return views
 
 

@@ -27,7 +27,7 @@ def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
     expected, _ = cv2.projectPoints(np.column_stack([xy, np.ones(20)]), np.zeros(3), np.zeros(3), K, np.array(BROWN[:count]))
     for ideal, raw in zip(xy, expected[:, 0], strict=True):
         np.testing.assert_allclose(kernels.bend(packed, *ideal)[:2], raw, atol=1e-9)
-        np.testing.assert_allclose(kernels.straighten(packed, *raw), ideal, atol=1e-12)
+        np.testing.assert_allclose(kernels.straighten(packed, *raw)[:2], ideal, atol=1e-12)
 
 
 def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
@@ -36,7 +36,7 @@ def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
     expected = cv2.fisheye.distortPoints(xy[None], K, np.array(FISH))[0]
     for ideal, raw in zip(xy, expected, strict=True):
         np.testing.assert_allclose(kernels.bend(packed, *ideal)[:2], raw, atol=1e-9)
-        np.testing.assert_allclose(kernels.straighten(packed, *raw), ideal, atol=1e-10)
+        np.testing.assert_allclose(kernels.straighten(packed, *raw)[:2], ideal, atol=1e-10)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "fisheye"])
@@ -47,6 +47,6 @@ def test_the_compiled_lens_gives_up_where_the_camera_does(model):
     packed = packed_rig(Rig((camera,)))[0]
     xy = np.random.default_rng(2).uniform(-1500, 2000, (200, 2))
     expected = camera.norm_from_px(xy)
-    found = np.array([kernels.straighten(packed, *raw) for raw in xy])
+    found = np.array([kernels.straighten(packed, *raw)[:2] for raw in xy])
     np.testing.assert_allclose(found, expected, atol=1e-7)
     assert 0 < np.isnan(expected[:, 0]).sum() < 200

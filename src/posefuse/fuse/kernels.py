@@ -101,31 +101,50 @@ def _bend_fisheye(cam, x, y):
 
 @njit(**_JIT)
 def straighten(cam, u, v):
-    """Ideal point of a raw px: Newton on the exact lens; NaN where the lens has no inverse."""
+    """Ideal point (x, y) of a raw px and the lens's derivatives there (before the intrinsics): Newton; NaN: no inverse."""
     by = (v - cam[16]) / cam[15]
     bx = (u - cam[14] - cam[13] * by) / cam[12]
     model = cam[47]
     if model == 0.0:
-        return bx, by
+        return bx, by, 1.0, 0.0, 0.0, 1.0
     if model == 3.0:
-        return _straighten_fisheye(cam, bx, by)
-    if model == 2.0:
-        w = 1.0 / (cam[44] * bx + cam[45] * by + cam[46])
-        bx, by = (cam[38] * bx + cam[39] * by + cam[40]) * w, (cam[41] * bx + cam[42] * by + cam[43]) * w
-    x, y = bx, by
+        x, y = _straighten_fisheye(cam, bx, by)
+        _, _, a, b, c, d = _bend_fisheye(cam, x, y)
+        return x, y, a, b, c, d
+    if model == 1.0:
+        return _straighten_brown(cam, bx, by)
+    w = 1.0 / (cam[44] * bx + cam[45] * by + cam[46])
+    x, y, a, b, c, d = _straighten_brown(
+        cam, (cam[38] * bx + cam[39] * by + cam[40]) * w, (cam[41] * bx + cam[42] * by + cam[43]) * w
+    )
+    gx, gy, _, _, _, _ = _bend_brown(cam, x, y)
+    _, _, a, b, c, d = _tilt(cam, gx, gy, a, b, c, d)
+    return x, y, a, b, c, d
+
+
+@njit(**_JIT)
+def _straighten_brown(cam, bx, by):
+    r2 = bx * bx + by * by
+    over = 1.0 + r2 * (cam[17] + r2 * (cam[18] + r2 * cam[21]))
+    under = 1.0 + r2 * (cam[22] + r2 * (cam[23] + r2 * cam[24]))
+    # the radial part undone at the bent radius; where that makes no sense, the bent point itself
+    gain = under / over if over > 0.3 * under else 1.0
+    x, y = bx * gain, by * gain
+    a, b, c, d = 1.0, 0.0, 0.0, 1.0
     for _ in range(30):
         gx, gy, a, b, c, d = _bend_brown(cam, x, y)
         det = a * d - b * c
         # past the fold of the model the determinant changes sign: there is no inverse beyond it
         if not det > 0.0:
-            return math.nan, math.nan
+            return math.nan, math.nan, a, b, c, d
         ex, ey = gx - bx, gy - by
-        dx, dy = (d * ex - b * ey) / det, (a * ey - c * ex) / det
+        over = 1.0 / det
+        dx, dy = (d * ex - b * ey) * over, (a * ey - c * ex) * over
         x, y = x - dx, y - dy
-        # Newton squares the error: a step this small leaves nothing a float64 could show
-        if dx * dx + dy * dy < 1e-18:
-            return x, y
-    return math.nan, math.nan
+        # Newton squares the error: what is left after this step is below 1e-13, and the derivatives hold
+        if dx * dx + dy * dy < 1e-13:
+            return x, y, a, b, c, d
+    return math.nan, math.nan, a, b, c, d
 
 
 @njit(**_JIT)
@@ -151,31 +170,33 @@ def _straighten_fisheye(cam, bx, by):
 
 
 @njit(**_JIT)
-def look(cams, c, xy_img, sigma, view):
-    """Fill one row of `view`: ideal x, y, the whitening matrix (4), camera index. False when the view is unusable."""
-    u, v = xy_img[0], xy_img[1]
+def look(cams, c, u, v, sigma, views, n):
+    """Fill row n of `views`: ideal x, y, the whitening matrix (4), camera index. False when the view is unusable."""
     if not (sigma > 0.0 and math.isfinite(u) and math.isfinite(v) and math.isfinite(sigma)):
         return False
     cam = cams[c]
-    x, y = straighten(cam, u, v)
+    x, y, a, b, cc, d = straighten(cam, u, v)
     if not (math.isfinite(x) and math.isfinite(y)):
         return False
-    _, _, a, b, cc, d = bend(cam, x, y)
-    view[0], view[1], view[6] = x, y, c
-    view[2], view[3], view[4], view[5] = a / sigma, b / sigma, cc / sigma, d / sigma
+    certain = 1.0 / sigma
+    fx, skew, fy = cam[12] * certain, cam[13] * certain, cam[15] * certain
+    views[n, 0], views[n, 1], views[n, 6] = x, y, c
+    views[n, 2], views[n, 3] = fx * a + skew * cc, fx * b + skew * d
+    views[n, 4], views[n, 5] = fy * cc, fy * d
     return True
 
 
 @njit(**_JIT)
-def squared_residual(cams, view, px, py, pz):
-    """|e|^2 of a world point in a view; infinity behind the camera."""
-    cam = cams[int(view[6])]
-    z = cam[6] * px + cam[7] * py + cam[8] * pz + cam[11]
+def squared_residual(cams, views, i, p):
+    """|e|^2 of a world point in view i; infinity behind the camera."""
+    c = int(views[i, 6])
+    z = cams[c, 6] * p[0] + cams[c, 7] * p[1] + cams[c, 8] * p[2] + cams[c, 11]
     if not z > 1e-6:
         return math.inf
-    rx = (cam[0] * px + cam[1] * py + cam[2] * pz + cam[9]) / z - view[0]
-    ry = (cam[3] * px + cam[4] * py + cam[5] * pz + cam[10]) / z - view[1]
-    e0, e1 = view[2] * rx + view[3] * ry, view[4] * rx + view[5] * ry
+    iz = 1.0 / z
+    rx = (cams[c, 0] * p[0] + cams[c, 1] * p[1] + cams[c, 2] * p[2] + cams[c, 9]) * iz - views[i, 0]
+    ry = (cams[c, 3] * p[0] + cams[c, 4] * p[1] + cams[c, 5] * p[2] + cams[c, 10]) * iz - views[i, 1]
+    e0, e1 = views[i, 2] * rx + views[i, 3] * ry, views[i, 4] * rx + views[i, 5] * ry
     return e0 * e0 + e1 * e1
 
 
@@ -187,37 +208,39 @@ def loss(s):
 
 @njit(**_JIT)
 def normal_system(cams, views, n, p, system):
-    """Robust normal equations at p: system[:6] upper information, [6:9] gradient; returns the loss."""
-    system[:] = 0.0
-    total = 0.0
+    """Robust normal equations at p: system[:6] upper information, [6:9] half the loss's gradient; returns the loss."""
+    h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = total = 0.0
     for i in range(n):
-        view = views[i]
-        cam = cams[int(view[6])]
-        z = cam[6] * p[0] + cam[7] * p[1] + cam[8] * p[2] + cam[11]
+        c = int(views[i, 6])
+        r6, r7, r8 = cams[c, 6], cams[c, 7], cams[c, 8]
+        z = r6 * p[0] + r7 * p[1] + r8 * p[2] + cams[c, 11]
         if not z > 1e-6:
             total += 2.0 * KNEE
             continue
         iz = 1.0 / z
-        x = (cam[0] * p[0] + cam[1] * p[1] + cam[2] * p[2] + cam[9]) * iz
-        y = (cam[3] * p[0] + cam[4] * p[1] + cam[5] * p[2] + cam[10]) * iz
-        rx, ry = x - view[0], y - view[1]
-        e0, e1 = view[2] * rx + view[3] * ry, view[4] * rx + view[5] * ry
+        x = (cams[c, 0] * p[0] + cams[c, 1] * p[1] + cams[c, 2] * p[2] + cams[c, 9]) * iz
+        y = (cams[c, 3] * p[0] + cams[c, 4] * p[1] + cams[c, 5] * p[2] + cams[c, 10]) * iz
+        w0, w1, w2, w3 = views[i, 2], views[i, 3], views[i, 4], views[i, 5]
+        rx, ry = x - views[i, 0], y - views[i, 1]
+        e0, e1 = w0 * rx + w1 * ry, w2 * rx + w3 * ry
         s = e0 * e0 + e1 * e1
         weight = 1.0 if s < KNEE else (KNEE / s) ** 2
         total += loss(s)
-        jx0, jx1, jx2 = (cam[0] - x * cam[6]) * iz, (cam[1] - x * cam[7]) * iz, (cam[2] - x * cam[8]) * iz
-        jy0, jy1, jy2 = (cam[3] - y * cam[6]) * iz, (cam[4] - y * cam[7]) * iz, (cam[5] - y * cam[8]) * iz
-        a0, a1, a2 = view[2] * jx0 + view[3] * jy0, view[2] * jx1 + view[3] * jy1, view[2] * jx2 + view[3] * jy2
-        b0, b1, b2 = view[4] * jx0 + view[5] * jy0, view[4] * jx1 + view[5] * jy1, view[4] * jx2 + view[5] * jy2
-        system[0] += weight * (a0 * a0 + b0 * b0)
-        system[1] += weight * (a0 * a1 + b0 * b1)
-        system[2] += weight * (a0 * a2 + b0 * b2)
-        system[3] += weight * (a1 * a1 + b1 * b1)
-        system[4] += weight * (a1 * a2 + b1 * b2)
-        system[5] += weight * (a2 * a2 + b2 * b2)
-        system[6] += weight * (a0 * e0 + b0 * e1)
-        system[7] += weight * (a1 * e0 + b1 * e1)
-        system[8] += weight * (a2 * e0 + b2 * e1)
+        jx0, jx1, jx2 = (cams[c, 0] - x * r6) * iz, (cams[c, 1] - x * r7) * iz, (cams[c, 2] - x * r8) * iz
+        jy0, jy1, jy2 = (cams[c, 3] - y * r6) * iz, (cams[c, 4] - y * r7) * iz, (cams[c, 5] - y * r8) * iz
+        a0, a1, a2 = w0 * jx0 + w1 * jy0, w0 * jx1 + w1 * jy1, w0 * jx2 + w1 * jy2
+        b0, b1, b2 = w2 * jx0 + w3 * jy0, w2 * jx1 + w3 * jy1, w2 * jx2 + w3 * jy2
+        h00 += weight * (a0 * a0 + b0 * b0)
+        h01 += weight * (a0 * a1 + b0 * b1)
+        h02 += weight * (a0 * a2 + b0 * b2)
+        h11 += weight * (a1 * a1 + b1 * b1)
+        h12 += weight * (a1 * a2 + b1 * b2)
+        h22 += weight * (a2 * a2 + b2 * b2)
+        g0 += weight * (a0 * e0 + b0 * e1)
+        g1 += weight * (a1 * e0 + b1 * e1)
+        g2 += weight * (a2 * e0 + b2 * e1)
+    system[0], system[1], system[2], system[3], system[4], system[5] = h00, h01, h02, h11, h12, h22
+    system[6], system[7], system[8] = g0, g1, g2
     return total
 
 
@@ -280,34 +303,52 @@ def refine(cams, views, n, p, work):
 
 
 @njit(**_JIT)
+def _add_row(system, weight, a0, a1, a2, e):
+    """One equation a . p + e = 0 into normal equations."""
+    system[0] += weight * a0 * a0
+    system[1] += weight * a0 * a1
+    system[2] += weight * a0 * a2
+    system[3] += weight * a1 * a1
+    system[4] += weight * a1 * a2
+    system[5] += weight * a2 * a2
+    system[6] += weight * a0 * e
+    system[7] += weight * a1 * e
+    system[8] += weight * a2 * e
+
+
+@njit(**_JIT)
+def _depth_rows(cams, views, i):
+    """Depth-scaled residuals of view i as rows: (x m3 - m1) . (p, 1) and (y m3 - m2) . (p, 1) in ideal coordinates."""
+    c, x, y = int(views[i, 6]), views[i, 0], views[i, 1]
+    r6, r7, r8, r11 = cams[c, 6], cams[c, 7], cams[c, 8], cams[c, 11]
+    return (
+        x * r6 - cams[c, 0],
+        x * r7 - cams[c, 1],
+        x * r8 - cams[c, 2],
+        x * r11 - cams[c, 9],
+        y * r6 - cams[c, 3],
+        y * r7 - cams[c, 4],
+        y * r8 - cams[c, 5],
+        y * r11 - cams[c, 10],
+    )
+
+
+@njit(**_JIT)
 def linear_start(cams, views, n, p, system):
-    """Depth-scaled linear least squares over all views into p; False when the rays do not define a point."""
+    """Depth-scaled whitened linear least squares over all views into p; False when the rays do not define a point."""
     system[:] = 0.0
     for i in range(n):
-        view = views[i]
-        cam = cams[int(view[6])]
-        for row in range(2):
-            wx, wy = view[2 + 2 * row], view[3 + 2 * row]
-            g = wx * view[0] + wy * view[1]
-            a0 = g * cam[6] - wx * cam[0] - wy * cam[3]
-            a1 = g * cam[7] - wx * cam[1] - wy * cam[4]
-            a2 = g * cam[8] - wx * cam[2] - wy * cam[5]
-            e = g * cam[11] - wx * cam[9] - wy * cam[10]
-            system[0] += a0 * a0
-            system[1] += a0 * a1
-            system[2] += a0 * a2
-            system[3] += a1 * a1
-            system[4] += a1 * a2
-            system[5] += a2 * a2
-            system[6] += a0 * e
-            system[7] += a1 * e
-            system[8] += a2 * e
+        a0, a1, a2, a3, b0, b1, b2, b3 = _depth_rows(cams, views, i)
+        w0, w1, w2, w3 = views[i, 2], views[i, 3], views[i, 4], views[i, 5]
+        _add_row(system, 1.0, w0 * a0 + w1 * b0, w0 * a1 + w1 * b1, w0 * a2 + w1 * b2, w0 * a3 + w1 * b3)
+        _add_row(system, 1.0, w2 * a0 + w3 * b0, w2 * a1 + w3 * b1, w2 * a2 + w3 * b2, w2 * a3 + w3 * b3)
     return solve3(system, 0.0, p)
 
 
 @njit(**_JIT)
-def pair_point(cams, one, two, p):
+def pair_point(cams, views, i, j, p):
     """Point nearest to two rays into p (their common perpendicular's middle); False for parallel rays."""
+    one, two = views[i], views[j]
     cam, other = cams[int(one[6])], cams[int(two[6])]
     d0 = cam[0] * one[0] + cam[3] * one[1] + cam[6]
     d1 = cam[1] * one[0] + cam[4] * one[1] + cam[7]
@@ -344,11 +385,11 @@ def consensus(cams, views, n, p, trial):
             if trials >= enough:
                 return best
             trials += 1
-            if not pair_point(cams, views[i], views[(i + stride) % n], trial):
+            if not pair_point(cams, views, i, (i + stride) % n, trial):
                 continue
             total, inliers = 0.0, 0
             for j in range(n):
-                s = squared_residual(cams, views[j], trial[0], trial[1], trial[2])
+                s = squared_residual(cams, views, j, trial)
                 total += loss(s)
                 inliers += s < GATE
                 if total >= best:
@@ -371,7 +412,7 @@ def robust_point(cams, views, n, p, other, work):
         best = refine(cams, views, n, p, work)
         worst = 0.0
         for i in range(n):
-            worst = max(worst, squared_residual(cams, views[i], p[0], p[1], p[2]))
+            worst = max(worst, squared_residual(cams, views, i, p))
         if worst < GATE:
             return best
     if n > 2 and consensus(cams, views, n, other, work[2]) < math.inf:
@@ -398,14 +439,14 @@ def invert(system, cov):
 
 
 @njit(**_JIT)
-def squared_px(cams, view, xy_img, p):
-    """Squared raw-pixel distance between what was seen and the reprojection through the lens."""
-    cam = cams[int(view[6])]
-    z = cam[6] * p[0] + cam[7] * p[1] + cam[8] * p[2] + cam[11]
-    x = (cam[0] * p[0] + cam[1] * p[1] + cam[2] * p[2] + cam[9]) / z
-    y = (cam[3] * p[0] + cam[4] * p[1] + cam[5] * p[2] + cam[10]) / z
-    u, v, _, _, _, _ = bend(cam, x, y)
-    return (u - xy_img[0]) ** 2 + (v - xy_img[1]) ** 2
+def squared_px(cams, c, u, v, p):
+    """Squared raw-pixel distance between what camera c saw and the reprojection through its lens."""
+    cam = cams[c]
+    iz = 1.0 / (cam[6] * p[0] + cam[7] * p[1] + cam[8] * p[2] + cam[11])
+    x = (cam[0] * p[0] + cam[1] * p[1] + cam[2] * p[2] + cam[9]) * iz
+    y = (cam[3] * p[0] + cam[4] * p[1] + cam[5] * p[2] + cam[10]) * iz
+    found_u, found_v, _, _, _, _ = bend(cam, x, y)
+    return (found_u - u) ** 2 + (found_v - v) ** 2
 
 
 @njit(**_JIT)
@@ -413,7 +454,7 @@ def gather(cams, xy_img, sigma, scale, k, views):
     """Usable views of keypoint k into the first rows of `views`; returns how many."""
     n = 0
     for c in range(len(cams)):
-        if look(cams, c, xy_img[c, k], sigma[c, k] * scale, views[n]):
+        if look(cams, c, xy_img[c, k, 0], xy_img[c, k, 1], sigma[c, k] * scale, views, n):
             n += 1
     return n
 
@@ -452,10 +493,11 @@ def finish_robust(cams, views, n, p, xy_img, k, work, cov):
     """Covariance and figures of a robust point: (n_used, rms px, chi2); n_used 0 when it is none."""
     used, chi2, px2 = 0, 0.0, 0.0
     for i in range(n):
-        s = squared_residual(cams, views[i], p[0], p[1], p[2])
+        s = squared_residual(cams, views, i, p)
         if s < USED:
             chi2 += s
-            px2 += squared_px(cams, views[i], xy_img[int(views[i, 6]), k], p)
+            c = int(views[i, 6])
+            px2 += squared_px(cams, c, xy_img[c, k, 0], xy_img[c, k, 1], p)
             views[used] = views[i]
             used += 1
     if used < 2:
@@ -491,7 +533,7 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
                     continue
                 cost[g, k] = 0.0
                 for i in range(n):
-                    s = squared_residual(cams, views[i], p[0], p[1], p[2])
+                    s = squared_residual(cams, views, i, p)
                     square[g, int(views[i, 6]), k] = s
                     cost[g, k] += loss(s)
                     squares[i] = s
@@ -513,62 +555,64 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
 
 
 @njit(**_JIT)
-def algebraic_row(cam, view, row, out):
-    """Row (u m3 - m1) or (v m3 - m2) of the paper's system in undistorted px: out[:3] . x = out[3]."""
-    kx = cam[12] if row == 0 else 0.0
-    ky = cam[13] if row == 0 else cam[15]
-    g = kx * view[0] + ky * view[1]
-    for i in range(3):
-        out[i] = g * cam[6 + i] - kx * cam[i] - ky * cam[3 + i]
-    out[3] = kx * cam[9] + ky * cam[10] - g * cam[11]
+def linear_point(cams, views, weights, n, p, work, cov):
+    """Weighted least squares of the paper's rows (u m3 - m1), (v m3 - m2) in undistorted px into p.
+
+    Its covariance, by error propagation of the pixel noise, into cov. Returns the sum of squared whitened residuals and
+    what it is expected to be: 2n - 3 for the best weights, more for others. NaN when the rays define no point.
+    """
+    system, spread, best = work[0], work[1], work[2]
+    system[:], spread[:], best[:] = 0.0, 0.0, 0.0
+    for i in range(n):
+        a0, a1, a2, a3, b0, b1, b2, b3 = _depth_rows(cams, views, i)
+        c = int(views[i, 6])
+        fx, skew, fy = cams[c, 12], cams[c, 13], cams[c, 15]
+        w = weights[i]
+        _add_row(system, w, fx * a0 + skew * b0, fx * a1 + skew * b1, fx * a2 + skew * b2, fx * a3 + skew * b3)
+        _add_row(system, w, fy * b0, fy * b1, fy * b2, fy * b3)
+    if not (solve3(system, 0.0, p) and invert(system, cov)):
+        return math.nan, math.nan
+    total = 0.0
+    for i in range(n):
+        a0, a1, a2, a3, b0, b1, b2, b3 = _depth_rows(cams, views, i)
+        c = int(views[i, 6])
+        fx, skew, fy = cams[c, 12], cams[c, 13], cams[c, 15]
+        w0, w1, w2, w3 = views[i, 2], views[i, 3], views[i, 4], views[i, 5]
+        depth = cams[c, 6] * p[0] + cams[c, 7] * p[1] + cams[c, 8] * p[2] + cams[c, 11]
+        if not depth > 1e-6:
+            return math.nan, math.nan
+        iz = 1.0 / depth
+        rx, ry = (a0 * p[0] + a1 * p[1] + a2 * p[2] + a3) * iz, (b0 * p[0] + b1 * p[1] + b2 * p[2] + b3) * iz
+        total += (w0 * rx + w1 * ry) ** 2 + (w2 * rx + w3 * ry) ** 2
+        _add_row(best, 1.0, (w0 * a0 + w1 * b0) * iz, (w0 * a1 + w1 * b1) * iz, (w0 * a2 + w1 * b2) * iz, 0.0)
+        _add_row(best, 1.0, (w2 * a0 + w3 * b0) * iz, (w2 * a1 + w3 * b1) * iz, (w2 * a2 + w3 * b2) * iz, 0.0)
+        # noise of the two rows: depth * K J^-1 * sigma, the inverse of the whitening matrix
+        gain = weights[i] * depth / (w0 * w3 - w1 * w2)
+        n0, n1 = (fx * w3 - skew * w2) * gain, (skew * w0 - fx * w1) * gain
+        n2, n3 = -fy * w2 * gain, fy * w0 * gain
+        u0, u1, u2 = fx * a0 + skew * b0, fx * a1 + skew * b1, fx * a2 + skew * b2
+        _add_row(spread, 1.0, u0 * n0 + fy * b0 * n2, u1 * n0 + fy * b1 * n2, u2 * n0 + fy * b2 * n2, 0.0)
+        _add_row(spread, 1.0, u0 * n1 + fy * b0 * n3, u1 * n1 + fy * b1 * n3, u2 * n1 + fy * b2 * n3, 0.0)
+    return total, 2.0 * n - 6.0 + _sandwich(cov, spread, best)
 
 
 @njit(**_JIT)
-def linear_point(cams, views, weights, n, p, work, cov):
-    """Weighted least squares of the algebraic rows into p, its covariance by error propagation into cov.
-
-    Returns what the sum of squared whitened residuals is expected to be (2n - 3 for the best weights, more for others),
-    or NaN when the rays define no point.
-    """
-    system, row, other = work[0], work[1], work[2]
-    system[:] = 0.0
-    for i in range(n):
-        for r in range(2):
-            algebraic_row(cams[int(views[i, 6])], views[i], r, row)
-            m = 0
-            for j in range(3):
-                for jj in range(j, 3):
-                    system[m] += weights[i] * row[j] * row[jj]
-                    m += 1
-                system[6 + j] -= weights[i] * row[j] * row[3]
-    if not (solve3(system, 0.0, p) and invert(system, cov)):
-        return math.nan
-    # noise of the two rows of a view: depth * K J^-1 * sigma, the inverse of its whitening matrix
-    middle, information = np.zeros((3, 3)), np.zeros((3, 3))
-    for i in range(n):
-        view = views[i]
-        cam = cams[int(view[6])]
-        depth = cam[6] * p[0] + cam[7] * p[1] + cam[8] * p[2] + cam[11]
-        det = (view[2] * view[5] - view[3] * view[4]) / (weights[i] * depth)
-        a, b, c, d = view[5] / det, -view[3] / det, -view[4] / det, view[2] / det
-        algebraic_row(cam, view, 0, row)
-        algebraic_row(cam, view, 1, other)
-        nu0, nu1 = cam[12] * a + cam[13] * c, cam[12] * b + cam[13] * d
-        nv0, nv1 = cam[15] * c, cam[15] * d
-        for j in range(3):
-            t0, t1 = row[j] * nu0 + other[j] * nv0, row[j] * nu1 + other[j] * nv1
-            ex, ey = (view[0] * cam[6 + j] - cam[j]) / depth, (view[1] * cam[6 + j] - cam[3 + j]) / depth
-            e0, e1 = view[2] * ex + view[3] * ey, view[4] * ex + view[5] * ey
-            for jj in range(3):
-                middle[j, jj] += t0 * (row[jj] * nu0 + other[jj] * nv0) + t1 * (row[jj] * nu1 + other[jj] * nv1)
-                fx, fy = (view[0] * cam[6 + jj] - cam[jj]) / depth, (view[1] * cam[6 + jj] - cam[3 + jj]) / depth
-                information[j, jj] += e0 * (view[2] * fx + view[3] * fy) + e1 * (view[4] * fx + view[5] * fy)
-    cov[:] = cov @ middle @ cov
-    expected = 2.0 * n - 6.0
-    for j in range(3):
-        for jj in range(3):
-            expected += information[j, jj] * cov[j, jj]
-    return expected
+def _sandwich(cov, spread, information):
+    """cov <- cov spread cov, the middle as six upper entries; returns the trace of information times that."""
+    half = np.empty((3, 3))
+    for i in range(3):
+        c0, c1, c2 = cov[i, 0], cov[i, 1], cov[i, 2]
+        half[i, 0] = c0 * spread[0] + c1 * spread[1] + c2 * spread[2]
+        half[i, 1] = c0 * spread[1] + c1 * spread[3] + c2 * spread[4]
+        half[i, 2] = c0 * spread[2] + c1 * spread[4] + c2 * spread[5]
+    c00, c01, c02, c11, c12, c22 = cov[0, 0], cov[0, 1], cov[0, 2], cov[1, 1], cov[1, 2], cov[2, 2]
+    for i in range(3):
+        h0, h1, h2 = half[i, 0], half[i, 1], half[i, 2]
+        cov[i, 0] = h0 * c00 + h1 * c01 + h2 * c02
+        cov[i, 1] = h0 * c01 + h1 * c11 + h2 * c12
+        cov[i, 2] = h0 * c02 + h1 * c12 + h2 * c22
+    diagonal = information[0] * cov[0, 0] + information[3] * cov[1, 1] + information[5] * cov[2, 2]
+    return diagonal + 2.0 * (information[1] * cov[0, 1] + information[2] * cov[0, 2] + information[4] * cov[1, 2])
 
 
 @njit(**_JIT)
@@ -577,25 +621,29 @@ def solve_linear(cams, xy_img, sigma, weight, xyz, cov, reproj, n_views):
     groups, count, keypoints = sigma.shape
     views, work, weights = np.empty((count, 7)), np.empty((3, 9)), np.empty(count)
     chi2, dof = np.empty(keypoints), np.empty(keypoints)
-    xyz[:], cov[:], reproj[:], n_views[:] = math.nan, math.nan, math.nan, 0
     p = np.empty(3)
     for g in range(groups):
         chi2[:], dof[:] = 0.0, 0.0
+        xyz[g], cov[g], reproj[g], n_views[g] = math.nan, math.nan, math.nan, 0
         for k in range(keypoints):
             n = 0
             for c in range(count):
-                if weight[g, c, k] > 0.0 and look(cams, c, xy_img[g, c, k], sigma[g, c, k], views[n]):
+                u, v = xy_img[g, c, k, 0], xy_img[g, c, k, 1]
+                if weight[g, c, k] > 0.0 and look(cams, c, u, v, sigma[g, c, k], views, n):
                     weights[n] = weight[g, c, k]
                     n += 1
-            expected = linear_point(cams, views, weights, n, p, work, cov[g, k]) if n > 1 else math.nan
-            total, px2 = 0.0 if math.isfinite(expected) else math.nan, 0.0
-            for i in range(n):
-                total += squared_residual(cams, views[i], p[0], p[1], p[2])
-                px2 += squared_px(cams, views[i], xy_img[g, int(views[i, 6]), k], p)
+            if n < 2:
+                continue
+            total, expected = linear_point(cams, views, weights, n, p, work, cov[g, k])
             if not math.isfinite(total):
                 cov[g, k] = math.nan
                 continue
-            xyz[g, k], reproj[g, k], n_views[g, k] = p, math.sqrt(px2 / n), n
+            px2 = 0.0
+            for i in range(n):
+                c = int(views[i, 6])
+                px2 += squared_px(cams, c, xy_img[g, c, k, 0], xy_img[g, c, k, 1], p)
+            xyz[g, k, 0], xyz[g, k, 1], xyz[g, k, 2] = p[0], p[1], p[2]
+            reproj[g, k], n_views[g, k] = math.sqrt(px2 / n), n
             chi2[k], dof[k] = total, expected
         inflate(cov[g], chi2, dof, 1.0)
 
@@ -604,11 +652,11 @@ def solve_linear(cams, xy_img, sigma, weight, xyz, cov, reproj, n_views):
 def squares_of(cams, xy_img, sigma, xyz, square):
     """square (G, C, K) = |e|^2 of the views of given points xyz (G, K, 3); NaN where either is missing."""
     groups, count, keypoints = sigma.shape
-    view = np.empty(7)
+    views = np.empty((1, 7))
     square[:] = math.nan
     for g in range(groups):
         for c in range(count):
             for k in range(keypoints):
-                p = xyz[g, k]
-                if math.isfinite(p[0]) and look(cams, c, xy_img[g, c, k], sigma[g, c, k], view):
-                    square[g, c, k] = squared_residual(cams, view, p[0], p[1], p[2])
+                u, v = xy_img[g, c, k, 0], xy_img[g, c, k, 1]
+                if math.isfinite(xyz[g, k, 0]) and look(cams, c, u, v, sigma[g, c, k], views, 0):
+                    square[g, c, k] = squared_residual(cams, views, 0, xyz[g, k])
