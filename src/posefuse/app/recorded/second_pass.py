@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import InputError, PoseSequence, Rig, Skeleton, Views
+from posefuse.core import InputError, PoseSequence, Recording, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.fuse import FuseSettings, fuse
 from posefuse.track import SmoothSettings, smooth
@@ -71,6 +71,14 @@ def views_over_time(seen: Sequence[Seen]) -> ViewSequence:
     for c in range(shape[2]):
         _to_instants(t_ns, frame_t_ns[:, c], xy[:, :, c], score[:, :, c], sigma[:, :, c])
     return ViewSequence(t_ns, first.skeleton, first.camera_names, ids, xy, score, sigma)
+
+
+def views_of(recording: Recording) -> ViewSequence:
+    """The views a recording was made from, to be fused again in another way."""
+    poses = recording.poses
+    return ViewSequence(
+        poses.t_ns, poses.skeleton, recording.rig.names, poses.person_id, recording.xy_img, recording.score, recording.sigma_px
+    )
 
 
 def _to_instants(t_ns: Array, frame_t_ns: Array, xy: Array, score: Array, sigma: Array) -> None:
