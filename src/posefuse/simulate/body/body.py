@@ -148,5 +148,3 @@ def build_body(settings: BodySettings) -> Body:
         keypoint_share=share,
         keypoint_moment=moment,
     )
-
-

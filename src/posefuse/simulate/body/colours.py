@@ -70,6 +70,9 @@ def colour_groups(mesh: RestMesh, settings: BodySettings) -> tuple[Array, Array]
     group = np.full(len(names), GROUPS.index("skin"))
     for wearers, wears in ((_TORSO, "shirt"), (_LEGS, "trousers"), (_FEET, "shoes")):
         group[np.char.startswith(names[:, None], np.array(wearers)).any(axis=1)] = GROUPS.index(wears)
+    # the lowest spine bone moves the crotch as well
+    below_waist = mesh.vertices[:, 2] < mesh.world_from_bone[mesh.bone_names.index("spine04"), 2, 3]
+    group[below_waist & np.char.startswith(names, "spine")] = GROUPS.index("trousers")
     head = names == "head"
     centre = mesh.vertices[head].mean(axis=0)
     size = np.ptp(mesh.vertices[head][:, 2]) / 0.26

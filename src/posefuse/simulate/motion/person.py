@@ -13,13 +13,16 @@ from posefuse.core.arrays import Array, frozen
 from posefuse.simulate.body import Body
 
 from . import standing
+from .gait import walking
 from .posture import Posture, bones_of
+from .routes import route
 from .settings import (
     IdleSettings,
     MotionSettings,
     ReachSettings,
     SquatSettings,
     TPoseSettings,
+    WalkSettings,
     WaveSettings,
 )
 
@@ -75,4 +78,6 @@ def build_person(body: Body, motion: MotionSettings, seed: int) -> Person:
             return Person(body, standing.squat(body, motion))
         case ReachSettings():
             return Person(body, standing.reach(body, motion, seed))
+        case WalkSettings():
+            return Person(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
     raise NotImplementedError(motion.kind)
