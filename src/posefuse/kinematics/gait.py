@@ -1,0 +1,178 @@
+"""Gait events and step measures of a walking person.
+
+Events after Zeni, Richards & Higginson (2008): along the direction of walking, the heel is farthest ahead of the pelvis at foot
+strike, the toe farthest behind at foot off. The heel is then still moving with the pelvis; a strike is therefore put where, after
+that, the heel has nearly come to rest. Where a skeleton has no feet, the ankle stands for both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import find_peaks, savgol_filter
+
+from posefuse.core import PoseSequence
+from posefuse.core.arrays import Array
+
+from .sides import landmarks
+
+SIDES = ("left", "right")
+_SLOWEST_M_S = 0.25
+_SMOOTH_S = 0.14
+_HEADING_S = 1.0
+_STEP_APART_S = 0.45
+_SWING_M = 0.12
+_RESTING = 0.3
+_LANDING_S = 0.12
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean, standard deviation and count of a measure over steps or strides; NaN for none."""
+
+    mean: float
+    sd: float
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class Gait:
+    """Events and measures of one person's walk.
+
+    Attributes:
+        strike_s, off_s: by side, times of foot strikes and foot offs in seconds from the first instant.
+        step_length_m: by side of the leading foot, along the direction of walking, heel to heel at its strike.
+        step_width_m: across it.
+        stride_length_m, stride_time_s: strike to strike of the same foot.
+        stance_share: by side, share of the stride on the ground.
+        cadence_per_min: steps per minute.
+        speed_m_s: mean speed of the pelvis while walking.
+    """
+
+    strike_s: dict[str, Array]
+    off_s: dict[str, Array]
+    step_length_m: dict[str, Spread]
+    step_width_m: Spread
+    stride_length_m: Spread
+    stride_time_s: Spread
+    stance_share: dict[str, Spread]
+    cadence_per_min: float
+    speed_m_s: float
+
+
+def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
+    """Events and measures of the person at this place of axis N; None if they do not walk (two strikes of each foot)."""
+    t_s = (sequence.t_ns - sequence.t_ns[:1]) * 1e-9
+    if len(t_s) < 8 or t_s[-1] < 1.0:
+        return None
+    points = {name: _bridged(xyz[:, person]) for name, xyz in landmarks(sequence).items()}
+    hips = (points["left_hip"] + points["right_hip"]) / 2
+    rate_hz = (len(t_s) - 1) / t_s[-1]
+    velocity, ahead = _walking(hips, t_s, rate_hz)
+    moving = np.linalg.norm(velocity[:, :2], axis=-1) > _SLOWEST_M_S
+    if not moving.any():
+        return None
+    strikes, offs, heels = {}, {}, {}
+    for side in SIDES:
+        heels[side], toe = _foot(points, side)
+        tops = _peaks(((heels[side] - hips) * ahead).sum(-1), moving, rate_hz)
+        strikes[side] = _landed(tops, heels[side], ahead, velocity, t_s, rate_hz)
+        offs[side] = _peaks(-((toe - hips) * ahead).sum(-1), moving, rate_hz)
+    if min(len(strikes[side]) for side in SIDES) < 2:
+        return None
+    return _measured(t_s, ahead, velocity, strikes, offs, heels)
+
+
+def _walking(hips: Array, t_s: Array, rate_hz: float) -> tuple[Array, Array]:
+    """Velocity (T, 3) of the pelvis over a second, and its horizontal unit direction."""
+    window = max(3, 2 * int(_HEADING_S * rate_hz / 2) + 1)
+    padded = np.pad(hips, ((window // 2, window // 2), (0, 0)), mode="reflect", reflect_type="odd")
+    smooth = np.stack([np.convolve(padded[:, i], np.full(window, 1 / window), "valid") for i in range(3)], axis=-1)
+    velocity = np.gradient(smooth, t_s, axis=0)
+    level = velocity * [1, 1, 0]
+    return velocity, level / np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)
+
+
+def _foot(points: dict[str, Array], side: str) -> tuple[Array, Array]:
+    heel, toe, ankle = (points[f"{side}_{name}"] for name in ("heel", "toe", "ankle"))
+    return (heel if np.isfinite(heel).all() else ankle), (toe if np.isfinite(toe).all() else ankle)
+
+
+def _bridged(xyz: Array) -> Array:
+    """Gaps filled linearly, for events only; all NaN stays so."""
+    seen = np.isfinite(xyz[:, 0])
+    if seen.all() or not seen.any():
+        return xyz
+    at = np.arange(len(xyz))
+    return np.stack([np.interp(at, at[seen], xyz[seen, i]) for i in range(3)], axis=-1)
+
+
+def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:
+    """Places of the tops of each swing while walking; not at the very ends, where a top cannot be told from a cut."""
+    if not np.isfinite(signal).all():
+        return np.zeros(0, np.intp)
+    smooth = _smooth(signal, rate_hz)
+    found, _ = find_peaks(smooth, distance=max(1, int(_STEP_APART_S * rate_hz)), prominence=_SWING_M)
+    return found[moving[found]]
+
+
+def _smooth(signal: Array, rate_hz: float) -> Array:
+    window = max(5, 2 * int(_SMOOTH_S * rate_hz / 2) + 1)
+    return np.asarray(savgol_filter(signal, min(window, len(signal) - 1 + len(signal) % 2), 2))
+
+
+def _landed(tops: Array, heel: Array, ahead: Array, velocity: Array, t_s: Array, rate_hz: float) -> Array:
+    """The first instant after each top at which the heel moves over the ground at less than a part of walking speed."""
+    if not len(tops):
+        return tops
+    forward = (np.gradient(heel, t_s, axis=0) * ahead).sum(-1)
+    still = _smooth(forward, rate_hz) < _RESTING * np.linalg.norm(velocity[:, :2], axis=-1)
+    within = int(_LANDING_S * rate_hz) + 1
+    return np.array([top + (int(np.argmax(still[top : top + within])) if still[top : top + within].any() else 0) for top in tops])
+
+
+def _measured(
+    t_s: Array, ahead: Array, velocity: Array, strikes: dict[str, Array], offs: dict[str, Array], heels: dict[str, Array]
+) -> Gait:
+    lengths: dict[str, list[float]] = {side: [] for side in SIDES}
+    widths: list[float] = []
+    events = sorted((int(i), side) for side in SIDES for i in strikes[side])
+    for (_, before), (i, side) in pairwise(events):
+        if before != side:
+            other = "left" if side == "right" else "right"
+            gap = heels[side][i] - heels[other][i]
+            lengths[side].append(float(gap @ ahead[i]))
+            widths.append(abs(float(gap[0] * ahead[i, 1] - gap[1] * ahead[i, 0])))
+    strides = [
+        (heels[s][a], heels[s][b], t_s[b] - t_s[a]) for s in SIDES for a, b in zip(strikes[s], strikes[s][1:], strict=False)
+    ]
+    first, last = events[0][0], events[-1][0]
+    path = velocity[first : last + 1, :2]
+    return Gait(
+        strike_s={side: t_s[strikes[side]] for side in SIDES},
+        off_s={side: t_s[offs[side]] for side in SIDES},
+        step_length_m={side: _spread(lengths[side]) for side in SIDES},
+        step_width_m=_spread(widths),
+        stride_length_m=_spread([float(np.linalg.norm((b - a)[:2])) for a, b, _ in strides]),
+        stride_time_s=_spread([float(time) for _, _, time in strides]),
+        stance_share={side: _spread(_stances(t_s[strikes[side]], t_s[offs[side]])) for side in SIDES},
+        cadence_per_min=60.0 * (len(events) - 1) / float(t_s[last] - t_s[first]),
+        speed_m_s=float(np.linalg.norm(path, axis=-1).mean()),
+    )
+
+
+def _stances(strikes: Array, offs: Array) -> list[float]:
+    shares = []
+    for begin, end in pairwise(strikes):
+        between = offs[(offs > begin) & (offs < end)]
+        if len(between) == 1:
+            shares.append(float((between[0] - begin) / (end - begin)))
+    return shares
+
+
+def _spread(values: list[float]) -> Spread:
+    if not values:
+        return Spread(float("nan"), float("nan"), 0)
+    return Spread(float(np.mean(values)), float(np.std(values)), len(values))

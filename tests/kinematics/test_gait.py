@@ -1,0 +1,96 @@
+"""Gait events and measures of a figure whose steps are known."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, PoseSequence
+from posefuse.kinematics.gait import gait_from_poses
+
+SKELETON = SKELETONS["anatomical23"]
+STRIDE_S, SPEED_M_S, WIDTH_M = 1.1, 1.3, 0.12
+
+
+def stepping(heading_rad=0.7, keypoints=SKELETON.keypoints, gap=None):
+    """Feet stand still for 60 % of a stride and then swing forward; left strikes at multiples of the stride time."""
+    t = np.arange(0, 6, 0.01)
+    xyz = np.full((len(t), 1, len(SKELETON), 3), np.nan)
+    turn = np.array([[np.cos(heading_rad), -np.sin(heading_rad), 0], [np.sin(heading_rad), np.cos(heading_rad), 0], [0, 0, 1]])
+
+    def put(name, x, y, z):
+        if name in keypoints:
+            xyz[:, 0, SKELETON.index(name)] = np.stack([x + 0 * t, y + 0 * t, z + 0 * t], axis=-1) @ turn.T
+
+    for side, y, shift in (("left", WIDTH_M / 2, 0.0), ("right", -WIDTH_M / 2, 0.5)):
+        cycle, phase = np.divmod(t / STRIDE_S - shift, 1.0)
+        swing = np.clip((phase - 0.6) / 0.4, 0, 1)
+        foot = SPEED_M_S * STRIDE_S * (cycle + shift + 0.3 + swing - np.sin(2 * np.pi * swing) / (2 * np.pi))
+        pelvis = SPEED_M_S * t
+        put(f"{side}_hip", pelvis, 1.5 * y, 0.9)
+        put(f"{side}_shoulder", pelvis, 3 * y, 1.4)
+        put(f"{side}_ankle", foot, y, 0.09)
+        put(f"{side}_heel", foot - 0.05, y, 0.03)
+        put(f"{side}_big_toe", foot + 0.18, y, 0.03)
+        put(f"{side}_small_toe", foot + 0.18, y, 0.03)
+    if gap:
+        xyz[gap] = np.nan
+    seen = np.isfinite(xyz[..., 0])
+    cov = np.where(seen[..., None, None], np.eye(3) * 1e-6, np.nan)
+    return PoseSequence(
+        np.round(t * 1e9).astype(np.int64), SKELETON, [0], xyz, cov, np.where(seen, 1.0, np.nan), seen * 4, seen * 1
+    )
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 0.7, 3.0])
+def test_measures_are_those_walked(heading_rad):
+    gait = gait_from_poses(stepping(heading_rad))
+    assert gait.speed_m_s == pytest.approx(SPEED_M_S, rel=0.01)
+    assert gait.cadence_per_min == pytest.approx(120 / STRIDE_S, rel=0.01)
+    assert gait.stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.01)
+    assert gait.stride_length_m.mean == pytest.approx(SPEED_M_S * STRIDE_S, rel=0.01)
+    assert gait.step_width_m.mean == pytest.approx(WIDTH_M, abs=0.005)
+    for side in ("left", "right"):
+        assert gait.step_length_m[side].mean == pytest.approx(SPEED_M_S * STRIDE_S / 2, rel=0.04)
+        # this figure's feet leave the ground without a jerk, so foot off is seen up to 0.1 s late
+        assert 0.6 < gait.stance_share[side].mean < 0.6 + 0.1 / STRIDE_S
+
+
+def test_strikes_are_where_the_feet_land():
+    strikes = gait_from_poses(stepping()).strike_s["left"]
+    late = (strikes + STRIDE_S / 2) % STRIDE_S - STRIDE_S / 2
+    assert (np.abs(late) < 0.04).all()
+
+
+def test_ankles_stand_in_for_feet_and_gaps_are_bridged():
+    coarse = tuple(k for k in SKELETON.keypoints if not k.endswith(("heel", "toe")))
+    assert gait_from_poses(stepping(keypoints=coarse)).cadence_per_min == pytest.approx(120 / STRIDE_S, rel=0.02)
+    assert gait_from_poses(stepping(gap=slice(200, 206))).stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02)
+
+
+def test_standing_and_short_recordings_are_no_walk(posed):
+    assert gait_from_poses(posed([{}] * 300)) is None
+    assert gait_from_poses(posed([{}] * 5)) is None
+
+
+def test_events_agree_with_a_gait_laboratory(shared_data):
+    import ezc3d
+
+    file = ezc3d.c3d(str(shared_data / "btk" / "FunctionalWalk.c3d"))
+    labels = file["parameters"]["POINT"]["LABELS"]["value"]
+    points = file["data"]["points"][:3].transpose(2, 1, 0) / 1000
+    xyz = np.full((len(points), 1, len(SKELETON), 3), np.nan)
+    parts = {"hip": "FEP", "knee": "FEO", "ankle": "TIO", "heel": "HEE", "big_toe": "TOE", "small_toe": "TOE"}
+    for side in ("left", "right"):
+        for name, label in parts.items():
+            xyz[:, 0, SKELETON.index(f"{side}_{name}")] = points[:, labels.index(side[0].upper() + label)]
+    seen = np.isfinite(xyz[..., 0])
+    t_ns = np.arange(len(points)) * 1_000_000_000 // 120
+    cov = np.where(seen[..., None, None], np.eye(3) * 1e-6, np.nan)
+    sequence = PoseSequence(t_ns, SKELETON, [0], xyz, cov, np.where(seen, 1.0, np.nan), seen * 4, seen * 1)
+    gait = gait_from_poses(sequence)
+    event = file["parameters"]["EVENT"]
+    times = np.array(event["TIMES"]["value"]).reshape(2, -1, order="F")[1]
+    first_s = file["header"]["points"]["first_frame"] / 120
+    for found, kind, tolerance_s in ((gait.strike_s, "Foot Strike", 0.06), (gait.off_s, "Foot Off", 0.03)):
+        for time_s, label, context in zip(times - first_s, event["LABELS"]["value"], event["CONTEXTS"]["value"], strict=True):
+            if label == kind:
+                assert np.abs(found[context.lower()] - time_s).min() < tolerance_s
