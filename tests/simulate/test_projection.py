@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+from posefuse.core import ConfigError
 from posefuse.simulate.build import live_scene
-from posefuse.simulate.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse.simulate.cameras import ImageSettings, ListedCameras, PlacedCamera
 from posefuse.simulate.paths import StillPath
 from posefuse.simulate.props import ArucoCube, CharucoBoard, GroundTile
 from posefuse.simulate.render.optics import optics_of
@@ -28,10 +29,8 @@ LENSES = {
 }  # fmt: skip
 
 
-def _scene(image: ImageSettings, prop, sensor: SensorSettings = SensorSettings()) -> Scene:
-    camera = PlacedCamera(
-        name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image, sensor=sensor
-    )
+def _scene(image: ImageSettings, prop) -> Scene:
+    camera = PlacedCamera(name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image)
     plain = RoomSettings(floor="plain", walls="plain", shadows=False)
     return Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(prop,), room=plain)
 
@@ -56,7 +55,9 @@ def _refined(grey: np.ndarray, guess: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("lens", LENSES)
 def test_chessboard_corners_are_where_project_says(lens, backend):
     path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    live, image, visible = _shot(_scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)), backend)
+    live, image, visible = _shot(
+        _scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)), backend
+    )
     prop, camera = live.props[0], live.rig.cameras[0]
     chess = live.prop_poses(np.zeros(1))[0][0] @ prop.chess_prop
     expected = camera.project(chess)
@@ -72,7 +73,9 @@ def test_chessboard_corners_are_where_project_says(lens, backend):
 @pytest.mark.parametrize(
     "prop",
     [
-        ArucoCube(kind="aruco_cube", side_m=0.5, marker_m=0.36, path=StillPath(kind="still", position_m=(0.1, 0, 0.6), yaw_deg=-8)),
+        ArucoCube(
+            kind="aruco_cube", side_m=0.5, marker_m=0.36, path=StillPath(kind="still", position_m=(0.1, 0, 0.6), yaw_deg=-8)
+        ),
         GroundTile(kind="ground_tile", path=StillPath(kind="still", position_m=(0, 0, 0.8))),
     ],
     ids=["cube", "tile"],
@@ -95,7 +98,9 @@ def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, backe
 def test_a_camera_that_moves_half_a_pixel_shows_it(backend):
     """The measurement of the corners is able to fail: a principal point off by half a pixel is seen as such."""
     path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    live, image, _ = _shot(_scene(LENSES["ideal"], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)), backend)
+    live, image, _ = _shot(
+        _scene(LENSES["ideal"], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)), backend
+    )
     expected = (
         live.rig.cameras[0].cropped(0.5, 0.0, (640, 480)).project(live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop)
     )
@@ -104,11 +109,9 @@ def test_a_camera_that_moves_half_a_pixel_shows_it(backend):
 
 
 def test_a_lens_that_sees_behind_the_image_plane_is_refused_by_name():
-    from posefuse.core import ConfigError
-
     wide = ImageSettings(
         size_px=(800, 800), lens="fisheye", K=((220.0, 0, 400.0), (0, 220.0, 400.0), (0, 0, 1.0)), distortion=(0, 0, 0, 0)
     )
     live = live_scene(_scene(wide, GroundTile(kind="ground_tile")))
-    with pytest.raises(ConfigError, match="camera eye: its lens sees .* longer focal length"):
+    with pytest.raises(ConfigError, match=r"camera eye: its lens sees .* longer focal length"):
         optics_of(live.rig.cameras[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import field, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -105,7 +105,7 @@ class RingCameras:
     first_angle_deg: float = 20.0
     image: ImageSettings = ImageSettings()
     sensor: SensorSettings = SensorSettings()
-    overrides: dict[str, CameraOverride] = Field(default_factory=dict)
+    overrides: dict[str, CameraOverride] = field(default_factory=dict)
 
 
 @settings
@@ -122,7 +122,7 @@ class CornerCameras:
     look_at_m: Point = (0.0, 0.0, 1.0)
     image: ImageSettings = ImageSettings()
     sensor: SensorSettings = SensorSettings()
-    overrides: dict[str, CameraOverride] = Field(default_factory=dict)
+    overrides: dict[str, CameraOverride] = field(default_factory=dict)
 
 
 @settings

@@ -34,7 +34,7 @@ _SIDED_CAPSULES = (
 _MIDDLE_CAPSULES = (
     (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), 0.125),
     (("left_shoulder", "right_shoulder"), ("left_ear", "right_ear"), 0.060),
-    (("left_ear", "right_ear"), ("left_eye", "right_eye"), 0.090),
+    (("left_ear", "right_ear"), ("left_ear", "right_ear"), 0.085),
 )
 _CAPSULES = (
     tuple(

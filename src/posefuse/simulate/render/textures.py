@@ -45,7 +45,7 @@ def cloth_picture(rng: np.random.Generator) -> Array:
     """(512, 512, 3) uint8 grey weave with folds, to be tinted; repeats without a seam."""
     folds = _smooth_noise(rng, (512, 512), 40) + 0.6 * _smooth_noise(rng, (512, 512), 14)
     weave = rng.standard_normal((512, 512))
-    return _uint8(np.repeat((222 + 16 * folds + 5 * weave)[..., None], 3, axis=-1))
+    return _uint8(np.repeat((226 + 9 * folds + 5 * weave)[..., None], 3, axis=-1))
 
 
 def _furnish(wall: Array, length_m: float, height_m: float, rng: np.random.Generator) -> None:
