@@ -2,9 +2,12 @@
 
 from .blazepose import BlazePoseConfig, BlazePoseDetector
 from .models import default_cache_dir, fetch, fetch_all, list_cards, read_card, status
+from .openpose import OpenPoseFolder, read_openpose_folder
+from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
 from .regions import region_from_keypoints, region_from_pose, up_angle_rad
 
 __all__ = [
-    "BlazePoseConfig", "BlazePoseDetector", "default_cache_dir", "fetch", "fetch_all", "list_cards", "read_card",
-    "region_from_keypoints", "region_from_pose", "status", "up_angle_rad",
+    "BlazePoseConfig", "BlazePoseDetector", "OpenPoseFolder", "OracleConfig", "OracleDetector", "OracleNoise",
+    "OracleViews", "default_cache_dir", "fetch", "fetch_all", "list_cards", "oracle_views", "read_card",
+    "read_openpose_folder", "region_from_keypoints", "region_from_pose", "status", "up_angle_rad",
 ]  # fmt: skip

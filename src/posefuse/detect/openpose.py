@@ -23,6 +23,10 @@ from posefuse.core.errors import choices
 # OpenPose's COCO order: nose, neck, right arm, left arm, right leg, left leg, eyes, ears; places of COCO-17's keypoints in it
 _COCO17_IN_COCO18 = (0, 15, 14, 17, 16, 5, 2, 6, 3, 7, 4, 11, 8, 12, 9, 13, 10)
 _COCO18 = 18
+_BODY = 25
+_ENOUGH_PEOPLE = 25
+# mid_hip lies within a quarter of the hips' distance of their middle, however the person stands
+_HIP_SHARE = 4.0
 _POINT = 3
 _ENOUGH_PEOPLE = 200
 # a keypoint's noise grows with the person's size in the image: this part of the box diagonal at score 1, as 1 / score below
@@ -102,39 +106,34 @@ def _number(path: Path) -> int:
 
 
 def _told_skeleton(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skeleton:
-    people: list[Array] = []
-    for path in paths:
-        people += _read(path)
-        if len(people) >= _ENOUGH_PEOPLE:
+    offsets: list[float] = []
+    for person, path in ((person, path) for path in paths for person in _read(path)):
+        if len(person) in (len(_COCO17_IN_COCO18), _COCO18):
+            return SKELETONS["coco17"]
+        if len(person) != _BODY:
+            raise InputError(
+                f"{path}: expected people of 17, 18 or 25 keypoints, got {len(person)}; give skeleton= (one of {choices(SKELETONS)})"
+            )
+        offsets.extend(_hip_offset(person))
+        if len(offsets) >= _ENOUGH_PEOPLE:
             break
-    if not people:
+    if not offsets:
         raise InputError(
-            f"{folder}: camera {camera}: no person in any of {len(paths)} files; name the skeleton to read it all the same"
+            f"{folder}: camera {camera}: no person with hips in any of {len(paths)} files; give skeleton= to read it all the same"
         )
-    count = len(people[0])
-    if count in (17, _COCO18):
-        return SKELETONS["coco17"]
-    if count == 25:
-        return SKELETONS["body_25b" if _looks_like_25b(np.stack([p for p in people if len(p) == 25])) else "body_25"]
-    raise InputError(
-        f"{paths[0]}: expected people of 17, 18 or 25 keypoints, got {count}; give skeleton= (one of {choices(SKELETONS)})"
-    )
+    return SKELETONS["body_25b" if np.median(offsets) > 1 else "body_25"]
 
 
-def _looks_like_25b(people: Array) -> bool:
-    """Which reading of (P, 25, 3) points puts a midpoint where it belongs, in most people.
+def _hip_offset(person: Array) -> list[float]:
+    """How far point 8 is from the middle of points 9 and 12, by their distance: 0 where 8 is BODY_25's mid_hip.
 
-    BODY_25 has the middle of the hips (9, 12) at 8; BODY_25B has the neck, nearly the middle of the shoulders (5, 6), at 17.
+    In BODY_25B the three are the right elbow, the left wrist and the right hip.
     """
-    as_25, as_25b = _off_middle(people, 8, (9, 12)), _off_middle(people, 17, (5, 6))
-    return int((as_25b < as_25).sum()) > int((as_25 < as_25b).sum())
-
-
-def _off_middle(people: Array, point: int, ends: tuple[int, int]) -> Array:
-    """(P,) distance of a point from the middle of two others; infinite where one of the three is missing."""
-    seen = (people[:, (point, *ends), 2] > 0).all(-1)
-    middle = (people[:, ends[0], :2] + people[:, ends[1], :2]) / 2
-    return np.where(seen, np.linalg.norm(people[:, point, :2] - middle, axis=-1), np.inf)
+    if not (person[[8, 9, 12], 2] > 0).all():
+        return []
+    point, right, left = person[[8, 9, 12], :2]
+    across = max(float(np.linalg.norm(right - left)), 1.0)
+    return [float(np.linalg.norm(point - (right + left) / 2)) / across * _HIP_SHARE]
 
 
 def _read(path: Path) -> list[Array]:

@@ -111,5 +111,7 @@ def cut(image: Array, region: Region, side_px: int) -> Array:
     A large region is sampled more finely and then averaged, so that fine texture does not alias into the crop.
     """
     finer = int(np.clip(round(region.side_px / side_px / 2), 1, _FINEST))
-    sampled = cv2.warpAffine(image, crop_from_img(region, side_px * finer), (side_px * finer, side_px * finer), flags=cv2.INTER_LINEAR)
+    sampled = cv2.warpAffine(
+        image, crop_from_img(region, side_px * finer), (side_px * finer, side_px * finer), flags=cv2.INTER_LINEAR
+    )
     return sampled if finer == 1 else cv2.resize(sampled, (side_px, side_px), interpolation=cv2.INTER_AREA)
