@@ -107,12 +107,13 @@ def _number(path: Path) -> int:
 
 def _told_skeleton(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skeleton:
     offsets: list[float] = []
-    for person, path in ((person, path) for path in paths for person in _read(path)):
+    for path, person in ((file, person) for file in paths for person in _read(file)):
         if len(person) in (len(_COCO17_IN_COCO18), _COCO18):
             return SKELETONS["coco17"]
         if len(person) != _BODY:
             raise InputError(
-                f"{path}: expected people of 17, 18 or 25 keypoints, got {len(person)}; give skeleton= (one of {choices(SKELETONS)})"
+                f"{path}: expected people of 17, 18 or 25 keypoints, got {len(person)}; "
+                f"give skeleton= (one of {choices(SKELETONS)})"
             )
         offsets.extend(_hip_offset(person))
         if len(offsets) >= _ENOUGH_PEOPLE:
