@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, Recording, SourceError
+from posefuse.evaluate.contracts import check_sink
 from posefuse.sinks.mcap import McapSink
 from posefuse.wire import bags, topics
 from posefuse.wire.messages import message_from_detections, message_from_pose
@@ -156,7 +157,8 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     xy = rng.uniform(0, 400, (t, n, c, k, 2))
     xy[score == 0] = np.nan
     recording = Recording(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
-    (path,) = McapSink(epoch_offset_ns=50).write(recording, tmp_path)
+    check_sink(McapSink().build(), recording, tmp_path)
+    (path,) = McapSink(epoch_offset_ns=50).build().write(recording, tmp_path)
     views = [v for v, _ in bags.read_detections(path)]
     assert [v.camera for v in views[:3]] == ["cam00", "cam01", "cam02"]
     assert [len(v) for v in views[3:6]] == [2, 2, 1]

@@ -114,12 +114,18 @@ def test_bytes_that_are_not_of_the_type_are_never_sent(local):
             node.writer(topics.DETECTIONS).write(raw)
 
 
-def test_two_nodes_of_one_process_and_the_same_domain(local):
+def test_nodes_of_one_process_share_a_domain_if_they_agree_on_the_network(local):
     network = local()
-    with RosNode("one", network), pytest.raises(SourceError, match="domain used twice"):
-        RosNode("two", network)
-    with RosNode("three", network) as again:
-        assert again.nodes() == {"/three"}
+    with RosNode("one", network) as one, RosNode("two", network) as two:
+        for node in (one, two):
+            end = time.monotonic() + 5
+            while len(node.nodes()) < 2 and time.monotonic() < end:
+                time.sleep(0.02)
+            assert node.nodes() == {"/one", "/two"}
+        with pytest.raises(SourceError, match="open in this process as"):
+            RosNode("three", Network(domain_id=network.domain_id, local_only=True, fragment_bytes=1300))
+    with RosNode("four", Network(domain_id=network.domain_id, local_only=True, fragment_bytes=1300)) as again:
+        assert again.nodes() == {"/four"}
 
 
 def test_nothing_leaves_and_nothing_waits_without_a_reader(local):
@@ -162,7 +168,7 @@ def test_topics_of_others_with_their_types(local):
 
 
 def test_an_interface_that_is_not_there_is_said():
-    with pytest.raises(SourceError, match="interface nope0 cannot be opened"):
+    with pytest.raises(SourceError, match="interface nope0: cannot be opened"):
         RosNode("x", Network(interface="nope0"))
 
 

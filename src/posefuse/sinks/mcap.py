@@ -1,47 +1,49 @@
-"""A finished recording as MCAP: what a live session would have published in ROS 2, for Foxglove and `ros2 bag play`."""
+"""Output ``mcap``: what a live session would have published in ROS 2, for Foxglove and `ros2 bag play`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
-from posefuse.core import Detections2D, Pose3D, Recording
+from posefuse.core import Detections2D, Pose3D, Recording, Sink
+from posefuse.files.atomic import atomic_file
+from posefuse.files.settings import settings
 from posefuse.wire import topics
 from posefuse.wire.bags import Recorder
 from posefuse.wire.messages import message_from_detections
 from posefuse.wire.ros_output import RosOutput
 
 
-@dataclass(frozen=True)
+@settings
 class McapSink:
-    """Writes ``<stem>.mcap``: cameras, 2D poses of each view, 3D poses, REP-155 bodies, tf and markers.
+    """``pose.mcap``: cameras, 2D poses of each view, 3D poses, REP-155 bodies, tf and markers.
 
     Attributes:
-        stem: name of the file without its ending.
         epoch_offset_ns: Unix epoch minus session clock, added to every stamp.
     """
 
-    stem: str = "recording"
     epoch_offset_ns: int = 0
+    name: ClassVar[str] = "mcap"
 
-    @property
-    def name(self) -> str:
-        """``mcap``."""
-        return "mcap"
+    def build(self) -> Sink:
+        """This output, ready."""
+        return self
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
-        """Write into an existing folder; raises InputError when the file is there already."""
-        path = folder / f"{self.stem}.mcap"
-        with Recorder(path) as recorder:
-            output = RosOutput(recorder, recording.rig, epoch_offset_ns=self.epoch_offset_ns)
-            output.start(int(recording.poses.t_ns[0]))
-            for i in range(len(recording.poses)):
-                for view in _views(recording, i, self.epoch_offset_ns):
-                    recorder.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
-                output.step(_present(recording.poses.at(i)))
+        """Write ``pose.mcap``; returns the file made."""
+        path = folder / "pose.mcap"
+        with atomic_file(path) as beside:
+            beside.unlink(missing_ok=True)
+            with Recorder(beside) as recorder:
+                output = RosOutput(recorder, recording.rig, epoch_offset_ns=self.epoch_offset_ns)
+                output.start(int(recording.poses.t_ns[0]))
+                for i in range(len(recording.poses)):
+                    for view in _views(recording, i, self.epoch_offset_ns):
+                        recorder.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
+                    output.step(_present(recording.poses.at(i)))
         return [path]
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -135,14 +136,14 @@ class Writer:
 
 @dataclass
 class RosNode:
-    """One ROS 2 node, with its own DDS domain in this process.
+    """One ROS 2 node. Several of one process may share a domain id if they agree on the network.
 
     Attributes:
         name: as in ``ros2 node list``. network: where it talks.
 
     Raises:
         DependencyError: Cyclone DDS or rosbags is missing, or Cyclone DDS is another version than the one tested.
-        SourceError: the domain cannot be opened (unknown interface, another node of this process uses the domain id).
+        SourceError: the domain cannot be opened (unknown interface, another network on the same id in this process).
     """
 
     name: str
@@ -151,22 +152,18 @@ class RosNode:
     def __post_init__(self) -> None:
         optional_module("rosbags")
         _require_tested_cyclonedds()
-        from cyclonedds.core import DDSException, WaitSet
-        from cyclonedds.domain import Domain, DomainParticipant
+        from cyclonedds.core import WaitSet
+        from cyclonedds.domain import DomainParticipant
         from cyclonedds.qos import Policy, Qos
 
         self._writers: dict[str, Writer] = {}
         self._readers: dict[str, Reader] = {}
         self._conditions: dict[str, Any] = {}
-        try:
-            self._domain = Domain(self.network.domain_id, domain_xml(self.network))
-            self._participant = DomainParticipant(self.network.domain_id, qos=Qos(Policy.Userdata(b"enclave=/;")))
-        except DDSException as error:
-            where = f"node {self.name}: DDS domain {self.network.domain_id} on interface {self.network.interface or 'automatic'}"
-            raise SourceError(f"{where} cannot be opened ({error}); is the interface there, the domain used twice?") from None
-        self._waitset = WaitSet(self._participant)
-        self._graph_writer = self._open_writer(GRAPH)
-        self._graph_reader = self._open_reader(GRAPH)
+        self._domain: Any = _domain(self.network)
+        self._participant: Any = DomainParticipant(self.network.domain_id, qos=Qos(Policy.Userdata(b"enclave=/;")))
+        self._waitset: Any = WaitSet(self._participant)
+        self._graph_writer: Any = self._open_writer(GRAPH)
+        self._graph_reader: Any = self._open_reader(GRAPH)
         self._peers: dict[bytes, tuple[str, ...]] = {}
         self._announce()
 
@@ -202,8 +199,9 @@ class RosNode:
         self.writer(topic).write(encode(msg))
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until any reader has messages; False when the time is over."""
-        return bool(self._waitset.wait(int(timeout_s * 1e9)))
+        """Wait until any reader has messages; False when the time is over or the node is closed."""
+        waitset = self._waitset
+        return waitset is not None and bool(waitset.wait(int(timeout_s * 1e9)))
 
     def topics(self) -> dict[str, set[str]]:
         """ROS topics others publish, with their types (``pkg/msg/Type``)."""
@@ -230,9 +228,8 @@ class RosNode:
         self._conditions.clear()
         self._readers.clear()
         self._writers.clear()
-        for attribute in ("_waitset", "_graph_reader", "_graph_writer", "_participant", "_domain"):
-            if hasattr(self, attribute):
-                delattr(self, attribute)
+        # whoever waits in another thread still holds the set it waits on
+        self._waitset = self._graph_reader = self._graph_writer = self._participant = self._domain = None
 
     def __enter__(self) -> RosNode:
         return self
@@ -271,6 +268,33 @@ class RosNode:
         (gid,) = _gids([self._participant])
         info = message("rmw_dds_common/msg/ParticipantEntitiesInfo", gid=gid, node_entities_info_seq=[node])
         self._graph_writer.write(encode(info))
+
+
+class _Domain:
+    """Cyclone DDS keeps one domain per id and process; it ends with the last node that holds it."""
+
+    def __init__(self, network: Network) -> None:
+        from cyclonedds.core import DDSException
+        from cyclonedds.domain import Domain
+
+        self.network = network
+        try:
+            self.entity = Domain(network.domain_id, domain_xml(network))
+        except DDSException as error:
+            where = f"DDS domain {network.domain_id} on interface {network.interface or 'automatic'}"
+            raise SourceError(f"{where}: cannot be opened ({error}); is the interface there?") from None
+
+
+_OPEN: WeakValueDictionary[int, _Domain] = WeakValueDictionary()
+
+
+def _domain(network: Network) -> _Domain:
+    found = _OPEN.get(network.domain_id)
+    if found is None:
+        found = _OPEN[network.domain_id] = _Domain(network)
+    if found.network != network:
+        raise SourceError(f"DDS domain {network.domain_id}: open in this process as {found.network}, asked for as {network}")
+    return found
 
 
 def _gids(entities: Sequence[Any]) -> list[Any]:

@@ -1,0 +1,138 @@
+"""A ROS 2 image topic as a source: `sensor_msgs/Image` or `CompressedImage`, without a ROS installation."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from posefuse.core import Frame, PosefuseError, SourceError
+from posefuse.core.errors import choices
+from posefuse.wire.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
+from posefuse.wire.dds import Network, RosNode
+from posefuse.wire.intake import decode
+from posefuse.wire.topics import Topic, ros_name
+
+_MAX_BYTES = 2**28
+_DEPTH = 4
+_POLL_S = 0.1
+
+
+@dataclass(frozen=True)
+class RosConfig:
+    """A topic with one camera's images; their stamps are taken as mid-exposure.
+
+    Attributes:
+        topic: e.g. ``/camera1/image_raw``; one that ends in ``/compressed`` holds `CompressedImage`.
+        camera: name of the camera in the rig.
+        offset_s: added to all times: session clock minus Unix epoch.
+        wait_s: how long the first image may take.
+        domain_id, local_only, interface, peers: see `wire.dds.Network`.
+    """
+
+    topic: str
+    camera: str
+    offset_s: float = 0.0
+    wait_s: float = 10.0
+    domain_id: int = 0
+    local_only: bool = False
+    interface: str = ""
+    peers: tuple[str, ...] = ()
+
+    def build(self) -> RosSource:
+        """Subscribe and wait for the first image; raises SourceError that says what there is when none comes."""
+        return RosSource(self)
+
+
+class RosSource:
+    """Frames of an image topic, live: the newest few are kept while nobody takes them.
+
+    Attributes:
+        refused_frames: messages that could not be read, changed size or went back in time, not given on.
+        last_refusal: why, of the newest one.
+    """
+
+    def __init__(self, config: RosConfig) -> None:
+        self._config = config
+        self.refused_frames, self.last_refusal = 0, ""
+        self._seq, self._newest_ns = -1, -(2**63)
+        self._size_wh: tuple[int, int] | None = None
+        network = Network(config.domain_id, config.local_only, config.interface, tuple(config.peers))
+        self._closed = False
+        self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", network)
+        type_name = COMPRESSED_TYPE if config.topic.endswith("/compressed") else IMAGE_TYPE
+        self._topic = Topic(config.topic, type_name, depth=_DEPTH)
+        self._reader = self._node.reader(self._topic)
+        self._first = self._wait_for_first()
+        self._size_wh = self._first.size_wh
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        return self._config.camera
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) of every frame in px."""
+        return self._first.size_wh
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames as they come, until `close`; the first call begins with the image `build` waited for."""
+        if self._first.seq == self._seq == 0:
+            yield self._first
+        while not self._closed:
+            yield from self._take()
+            self._node.wait(_POLL_S)
+
+    def close(self) -> None:
+        """Leave the network; a running `frames` ends soon. Safe to call twice."""
+        self._closed = True
+        self._node.close()
+
+    def _wait_for_first(self) -> Frame:
+        end = time.monotonic() + self._config.wait_s
+        while time.monotonic() < end:
+            self._node.wait(_POLL_S)
+            for frame in self._take():
+                return frame
+        problem = self._nothing_came()
+        self.close()
+        raise SourceError(problem)
+
+    def _take(self) -> Iterator[Frame]:
+        for sample in self._reader.take():
+            received_ns = time.time_ns() + self._offset_ns
+            try:
+                msg = decode(sample.raw, self._topic.type_name, _MAX_BYTES)
+                frame = frame_from_message(msg, self.camera, self._seq + 1, received_ns)
+                frame = Frame(frame.camera, frame.seq, frame.t_ns + self._offset_ns, received_ns, frame.image)
+                self._check(frame)
+            except PosefuseError as error:
+                self.refused_frames += 1
+                self.last_refusal = str(error)
+                continue
+            self._seq, self._newest_ns = frame.seq, frame.t_ns
+            yield frame
+
+    def _check(self, frame: Frame) -> None:
+        if frame.t_ns <= self._newest_ns:
+            raise SourceError(f"topic {self._topic.name}: an image is not newer than the one before it")
+        if self._size_wh not in (None, frame.size_wh):
+            raise SourceError(f"topic {self._topic.name}: images were {self._size_wh} px, now {frame.size_wh}")
+
+    @property
+    def _offset_ns(self) -> int:
+        return round(self._config.offset_s * 1e9)
+
+    def _nothing_came(self) -> str:
+        where, found = (
+            f"topic {self._topic.name} of {self.camera}: no image within {self._config.wait_s:g} s",
+            self._node.topics(),
+        )
+        if self.last_refusal:
+            return f"{where}; {self.refused_frames} were refused, the last because: {self.last_refusal}"
+        other = found.get(self._topic.name, set()) - {self._topic.type_name}
+        if other:
+            return f"{where}; it carries {choices(sorted(other))}, expected {self._topic.type_name}"
+        images = sorted(name for name, types in found.items() if types & {IMAGE_TYPE, COMPRESSED_TYPE})
+        return f"{where}; image topics in domain {self._config.domain_id}: {choices(images)}"

@@ -1,0 +1,101 @@
+"""A ROS 2 image topic, sent by another process on loopback."""
+
+import os
+import subprocess
+import sys
+import textwrap
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+
+from posefuse.core import SourceError
+from posefuse.evaluate.contracts import check_source
+from posefuse.sources.ros import RosConfig
+
+DOMAIN = 100 + os.getpid() % 130
+SENDER = textwrap.dedent(
+    """
+    import sys, time
+    import numpy as np
+    from posefuse.wire.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, jpeg_from_image, message_from_image
+    from posefuse.wire.dds import Network, RosNode
+    from posefuse.wire.topics import Topic
+    from posefuse.wire.types import message
+    image = np.zeros((12, 16, 3), np.uint8); image[:, :8] = 200
+    topics = [Topic("/cam/image_raw", IMAGE_TYPE), Topic("/cam/image_raw/compressed", COMPRESSED_TYPE),
+              Topic("/chatter", "std_msgs/msg/String")]
+    odd = np.zeros((6, 8, 3), np.uint8)
+    with RosNode("sender", Network(domain_id=int(sys.argv[1]), local_only=True)) as node:
+        for i in range(6000):
+            t_ns = 1_700_000_000_000_000_000 + i * 10_000_000
+            node.publish(topics[0], message_from_image(image, t_ns, "cam"), 0)
+            if i % 5 == 1:
+                node.publish(topics[0], message_from_image(image, t_ns - 50_000_000, "cam"), 0)
+            if i % 5 == 2:
+                node.publish(topics[0], message_from_image(odd, t_ns + 1, "cam"), 0)
+            node.publish(topics[1], jpeg_from_image(image, t_ns, "cam", 95), 0)
+            node.publish(topics[2], message("std_msgs/msg/String", data="x"), 0)
+            time.sleep(0.01)
+    """
+)
+
+
+@pytest.fixture
+def sender():
+    with subprocess.Popen([sys.executable, "-c", SENDER, str(DOMAIN)]) as process:
+        yield process
+        process.kill()
+
+
+def config(topic, **more):
+    return RosConfig(topic=topic, camera="cam02", domain_id=DOMAIN, local_only=True, **more)
+
+
+@pytest.mark.parametrize("topic", ["/cam/image_raw", "/cam/image_raw/compressed"])
+def test_it_keeps_the_contract_of_sources(sender, topic):
+    source = config(topic, offset_s=-1_700_000_000.0).build()
+    assert source.size_wh == (16, 12)
+    frame = next(source.frames())
+    assert 0 <= frame.t_ns < 60_000_000_000
+    assert np.abs(frame.image[:, :6].astype(int) - 200).max() < 12
+    check_source(source)
+
+
+def test_images_of_another_size_or_older_are_refused_and_counted(sender):
+    source = config("/cam/image_raw").build()
+    frames = source.frames()
+    got = [next(frames) for _ in range(60)]
+    assert {f.size_wh for f in got} == {(16, 12)}
+    assert source.refused_frames > 5
+    source.close()
+    assert source.last_refusal.startswith("topic /cam/image_raw: ")
+
+
+def test_closing_ends_the_frames(sender):
+    source = config("/cam/image_raw").build()
+    seen = []
+    thread = threading.Thread(target=lambda: seen.extend(source.frames()))
+    thread.start()
+    source.close()
+    thread.join(timeout=20)
+    assert not thread.is_alive()
+
+
+def test_a_topic_that_is_not_there_says_which_are(sender):
+    with pytest.raises(SourceError, match=r"image topics in domain \d+: /cam/image_raw, /cam/image_raw/compressed"):
+        config("/cam2/image_raw", wait_s=2.0).build()
+
+
+def test_a_topic_of_another_type_is_said(sender):
+    with pytest.raises(SourceError, match="it carries std_msgs/msg/String, expected sensor_msgs/msg/Image"):
+        config("/chatter", wait_s=2.0).build()
+
+
+def test_two_topics_in_one_process(sender):
+    one, two = config("/cam/image_raw").build(), config("/cam/image_raw/compressed").build()
+    assert next(one.frames()).size_wh == next(two.frames()).size_wh
+    one.close()
+    two.close()
