@@ -15,8 +15,10 @@ from posefuse.simulate.body import Body
 from . import standing
 from .gait import walking
 from .posture import Posture, bones_of
+from .retarget import retargeted
 from .routes import route
 from .settings import (
+    BvhSettings,
     IdleSettings,
     MotionSettings,
     ReachSettings,
@@ -80,4 +82,6 @@ def build_person(body: Body, motion: MotionSettings, seed: int) -> Person:
             return Person(body, standing.reach(body, motion, seed))
         case WalkSettings():
             return Person(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
+        case BvhSettings():
+            return Person(body, retargeted(body, motion).posture)
     raise NotImplementedError(motion.kind)
