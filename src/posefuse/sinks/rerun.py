@@ -87,13 +87,16 @@ def open_in_viewer(path: Path) -> None:
 
 def view_recording(
     folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
-) -> None:
-    """Show a result folder in the Rerun viewer: its ``recording.rrd``, or one made for the occasion from the result.
+) -> Path:
+    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or one made for the occasion.
 
     Args:
         folder: a result, see `files.recording`.
         frame_sets: images for a result that has no ``recording.rrd``.
         open_viewer: shows an .rrd file.
+
+    Returns:
+        What was shown: the ``recording.rrd``, or the folder of a result without one.
 
     Raises:
         DependencyError: no Rerun SDK or no display; names the extra to install.
@@ -104,10 +107,11 @@ def view_recording(
     recording = read_recording(folder)
     if (folder / FILE).is_file():
         open_viewer(folder / FILE)
-        return
+        return folder / FILE
     with tempfile.TemporaryDirectory(prefix="posefuse-") as beside:
         [path] = write_outputs([RerunSink()], recording, Path(beside), frame_sets)
         open_viewer(path)
+    return folder
 
 
 class _RerunWriter:

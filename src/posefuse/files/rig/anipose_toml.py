@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import CalibrationError, Camera, Rig
+from posefuse.core import Camera, Rig
 
 from . import parts
 from .toml_text import toml_text
 
 NAME = "toml"
 HOLDS = "Anipose / Pose2Sim *.toml"
-# tables of Anipose and Pose2Sim files that are not cameras
-_NOT_CAMERAS = ("metadata", "capture_volume", "charuco", "checkerboard")
 
 
 def matches(path: Path, content: Any) -> bool:
@@ -28,7 +26,7 @@ def matches(path: Path, content: Any) -> bool:
 
 def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     """The rig of a parsed file."""
-    tables = {key: value for key, value in content.items() if key not in _NOT_CAMERAS and isinstance(value, Mapping)}
+    tables = {key: value for key, value in content.items() if key not in parts.NOT_CAMERAS and isinstance(value, Mapping)}
     cameras = [camera_from_table(f"{path}: camera {t.get('name', key)}", str(t.get("name", key)), t) for key, t in tables.items()]
     about = content.get("metadata", {})
     return parts.rig(path, cameras, about if isinstance(about, Mapping) else {})
@@ -65,12 +63,7 @@ def table_from_camera(camera: Camera) -> dict[str, Any]:
 
 def text_from(rig: Rig) -> str:
     """The file of a rig."""
-    tables: dict[tuple[str, ...], dict[str, Any]] = {}
-    for camera in rig:
-        key = f"cam_{camera.name}" if camera.name in _NOT_CAMERAS else camera.name
-        if (key,) in tables:
-            raise CalibrationError(f"camera {camera.name}: its name cannot stand in this format beside {key}; rename one")
-        tables[(key,)] = table_from_camera(camera)
+    tables = {(key,): table_from_camera(camera) for key, camera in zip(parts.plain_keys(rig), rig, strict=True)}
     about = parts.about_rig(rig)
     tables[("metadata",)] = {"adjusted": False, "error": about.get("residual_px", 0.0), **about}
     return toml_text(tables)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import CalibrationError, Camera, Rig
+from posefuse.core import Camera, Rig
 from posefuse.core.arrays import Array
 
 from . import parts
@@ -74,8 +74,8 @@ def yaml_text(rig: Rig) -> str:
     lines = ["%YAML:1.0", "---"]
     for key, value in parts.about_rig(rig).items():
         lines.append(f"{key}: {_scalar(value)}")
-    for camera in rig:
-        lines.append(f"{_key(camera)}:")
+    for key, camera in zip(parts.plain_keys(rig), rig, strict=True):
+        lines.append(f"{key}:")
         lines += [f"   {line}" for line in _yaml_lines(camera)]
     return "\n".join(lines) + "\n"
 
@@ -83,22 +83,17 @@ def yaml_text(rig: Rig) -> str:
 def yaml_texts(rig: Rig) -> dict[str, str]:
     """File name -> YAML text, one file per camera."""
     about = [f"{key}: {_scalar(value)}" for key, value in parts.about_rig(rig).items()]
-    return {f"{c.name}.yaml": "\n".join(["%YAML:1.0", "---", *_yaml_lines(c), *about]) + "\n" for c in rig}
+    texts = ["\n".join(["%YAML:1.0", "---", *_yaml_lines(camera), *about]) + "\n" for camera in rig]
+    return {f"{stem}.yaml": text for stem, text in zip(parts.file_stems(rig), texts, strict=True)}
 
 
 def json_text(rig: Rig) -> str:
     """The JSON file of a rig, cameras by name."""
-    tables = {_key(c): {k: _json_matrix(v) if isinstance(v, np.ndarray) else v for k, v in _entries(c).items()} for c in rig}
+    tables = {
+        key: {k: _json_matrix(v) if isinstance(v, np.ndarray) else v for k, v in _entries(camera).items()}
+        for key, camera in zip(parts.plain_keys(rig), rig, strict=True)
+    }
     return json.dumps(parts.about_rig(rig) | tables, indent=2) + "\n"
-
-
-def _key(camera: Camera) -> str:
-    # OpenCV allows letters, digits, _ and - in a key, a letter first
-    key = "".join(ch if ch.isascii() and (ch.isalnum() or ch in "_-") else "_" for ch in camera.name)
-    key = key if key[0].isalpha() else f"cam_{key}"
-    if key != camera.name and not key.strip("_-"):
-        raise CalibrationError(f"camera {camera.name}: no key for this name in an OpenCV file; rename it")
-    return key
 
 
 def _entries(camera: Camera) -> dict[str, Any]:

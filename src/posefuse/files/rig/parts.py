@@ -17,6 +17,10 @@ from posefuse.core.errors import choices
 ROTATION_TOLERANCE = 1e-3
 # no recording room is larger, and a camera in millimetres is always farther
 FARTHEST_M = 200.0
+# keys beside the cameras in files of some format
+NOT_CAMERAS = (
+    "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px",
+)  # fmt: skip
 
 
 def numbers(where: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -130,6 +134,20 @@ def about_rig(rig: Rig) -> dict[str, Any]:
     if math.isfinite(rig.residual_px):
         about["residual_px"] = rig.residual_px
     return about
+
+
+def plain_keys(rig: Rig) -> list[str]:
+    """A different key per camera that any format and file system takes: a letter, then letters, digits, _ and -."""
+    keys = ["".join(ch if ch.isascii() and (ch.isalnum() or ch in "_-") else "_" for ch in name) for name in rig.names]
+    keys = [key if key[0].isalpha() else f"cam_{key}" for key in keys]
+    clear = len(set(keys)) == len(keys) and not set(keys) & set(NOT_CAMERAS)
+    return keys if clear else [f"{key}_{i}" for i, key in enumerate(keys)]
+
+
+def file_stems(rig: Rig) -> list[str]:
+    """A file name per camera, without ending; numbered where their alphabet is not the order of the rig."""
+    keys = plain_keys(rig)
+    return keys if keys == sorted(keys) else [f"{i:03d}_{key}" for i, key in enumerate(keys)]
 
 
 def rows(array: Array) -> list[Any]:

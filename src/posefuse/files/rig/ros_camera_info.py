@@ -46,9 +46,7 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     if model not in _MODELS:
         raise CalibrationError(f"{where}: distortion_model: expected one of {choices(filter(None, _MODELS))}, got {model!r}")
     if "tf" not in content:
-        raise CalibrationError(
-            f"{where}: has no pose; add it beside the intrinsics: tf, a geometry_msgs/TransformStamped"
-        )
+        raise CalibrationError(f"{where}: has no pose; add it beside the intrinsics: tf, a geometry_msgs/TransformStamped")
     cam_from_world = _pose(where, content["tf"]).inverse()
     camera = parts.camera(
         where,
@@ -82,7 +80,8 @@ def _pose(where: str, tf: Any) -> SE3:
 def texts(rig: Rig) -> dict[str, str]:
     """File name -> YAML text, one file per camera."""
     about = parts.about_rig(rig)
-    return {f"{camera.name}.yaml": yaml.safe_dump(_content(camera) | about, sort_keys=False) for camera in rig}
+    stems = parts.file_stems(rig)
+    return {f"{stem}.yaml": yaml.safe_dump(_content(c) | about, sort_keys=False) for stem, c in zip(stems, rig, strict=True)}
 
 
 def _content(camera: Camera) -> dict[str, Any]:
