@@ -15,6 +15,7 @@ from .settings import AssociateSettings
 
 # a newcomer needs this many keypoints in 3D: fewer say nothing about whose they are
 _MIN_POINTS = 3
+_ALONE_SHARE = 0.7
 
 
 def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, previous: Pose3D | None = None) -> Views:
@@ -87,9 +88,19 @@ def _follow(
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
         members = _best_per_camera(candidates, np.where(mine[row] & free, support[row], 0.0))
         members = _settled(candidates, members, free, settings)
-        if len(members):
+        if len(members) and _is_near(candidates, members, followed[row][1], reach, settings):
             found[followed[row][0]] = members
             free[members] = False
+
+
+def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: float, settings: AssociateSettings) -> bool:
+    """Whether the members' pose is where the person can be: a bystander in front of them in one view is not."""
+    if len(members) < 2:
+        # one view does not tell how far away: it must fit the previous pose closely, size included
+        _, share = agreement(candidates, before[None], settings.tolerance_m)
+        return bool(share[0, members[0]] >= _ALONE_SHARE)
+    apart = np.linalg.norm(joint_points(candidates, members, settings.tolerance_m) - before, axis=-1)
+    return bool(np.isfinite(apart).any() and np.nanmedian(apart) <= reach_m)
 
 
 def _newcomers(candidates: Candidates, free: Array, count: int, settings: AssociateSettings) -> list[Array]:

@@ -274,7 +274,7 @@ def solve3(system, damping, out):
 @njit(**_JIT)
 def refine(cams, views, n, p, work):
     """Levenberg-Marquardt on the robust loss from p, in place; returns the loss. work: (3, 9)."""
-    here, there, step = work[0], work[1], work[2]
+    here, there, step, ahead = work[0], work[1], work[2, :3], work[2, 3:]
     best = normal_system(cams, views, n, p, here)
     damping = 0.0
     for _ in range(20):
@@ -284,12 +284,13 @@ def refine(cams, views, n, p, work):
                 break
             continue
         for i in range(3):
-            step[3 + i] = p[i] + step[i]
-        loss_there = normal_system(cams, views, n, step[3:6], there)
+            ahead[i] = p[i] + step[i]
+        loss_there = normal_system(cams, views, n, ahead, there)
         gain = -(step[0] * here[6] + step[1] * here[7] + step[2] * here[8])
         if loss_there <= best:
-            p[:] = step[3:6]
-            here[:] = there
+            for i in range(3):
+                p[i] = ahead[i]
+            here, there = there, here
             best = loss_there
             damping *= 0.1
             if damping < 1e-7:
@@ -297,7 +298,7 @@ def refine(cams, views, n, p, work):
         else:
             damping = max(1e-3, 10.0 * damping)
         # the step that is left, in standard deviations of the point
-        if gain < 1e-9:
+        if gain < 1e-8:
             break
     return best
 
@@ -336,7 +337,8 @@ def _depth_rows(cams, views, i):
 @njit(**_JIT)
 def linear_start(cams, views, n, p, system):
     """Depth-scaled whitened linear least squares over all views into p; False when the rays do not define a point."""
-    system[:] = 0.0
+    for i in range(9):
+        system[i] = 0.0
     for i in range(n):
         a0, a1, a2, a3, b0, b1, b2, b3 = _depth_rows(cams, views, i)
         w0, w1, w2, w3 = views[i, 2], views[i, 3], views[i, 4], views[i, 5]
@@ -485,7 +487,10 @@ def inflate(cov, chi2, dof, floor):
     """
     group = max(floor, (PRIOR_DOF + chi2.sum()) / (PRIOR_DOF + dof.sum()))
     for k in range(len(cov)):
-        cov[k] *= (PRIOR_DOF * group + chi2[k]) / (PRIOR_DOF + dof[k])
+        scale = (PRIOR_DOF * group + chi2[k]) / (PRIOR_DOF + dof[k])
+        for i in range(3):
+            for j in range(3):
+                cov[k, i, j] *= scale
 
 
 @njit(**_JIT)
@@ -498,7 +503,8 @@ def finish_robust(cams, views, n, p, xy_img, k, work, cov):
             chi2 += s
             c = int(views[i, 6])
             px2 += squared_px(cams, c, xy_img[c, k, 0], xy_img[c, k, 1], p)
-            views[used] = views[i]
+            for j in range(7):
+                views[used, j] = views[i, j]
             used += 1
     if used < 2:
         return 0, math.nan, 0.0
@@ -562,7 +568,8 @@ def linear_point(cams, views, weights, n, p, work, cov):
     what it is expected to be: 2n - 3 for the best weights, more for others. NaN when the rays define no point.
     """
     system, spread, best = work[0], work[1], work[2]
-    system[:], spread[:], best[:] = 0.0, 0.0, 0.0
+    for i in range(9):
+        system[i] = spread[i] = best[i] = 0.0
     for i in range(n):
         a0, a1, a2, a3, b0, b1, b2, b3 = _depth_rows(cams, views, i)
         c = int(views[i, 6])
@@ -599,15 +606,12 @@ def linear_point(cams, views, weights, n, p, work, cov):
 @njit(**_JIT)
 def _sandwich(cov, spread, information):
     """cov <- cov spread cov, the middle as six upper entries; returns the trace of information times that."""
-    half = np.empty((3, 3))
-    for i in range(3):
-        c0, c1, c2 = cov[i, 0], cov[i, 1], cov[i, 2]
-        half[i, 0] = c0 * spread[0] + c1 * spread[1] + c2 * spread[2]
-        half[i, 1] = c0 * spread[1] + c1 * spread[3] + c2 * spread[4]
-        half[i, 2] = c0 * spread[2] + c1 * spread[4] + c2 * spread[5]
     c00, c01, c02, c11, c12, c22 = cov[0, 0], cov[0, 1], cov[0, 2], cov[1, 1], cov[1, 2], cov[2, 2]
     for i in range(3):
-        h0, h1, h2 = half[i, 0], half[i, 1], half[i, 2]
+        c0, c1, c2 = (c00, c01, c02) if i == 0 else ((c01, c11, c12) if i == 1 else (c02, c12, c22))
+        h0 = c0 * spread[0] + c1 * spread[1] + c2 * spread[2]
+        h1 = c0 * spread[1] + c1 * spread[3] + c2 * spread[4]
+        h2 = c0 * spread[2] + c1 * spread[4] + c2 * spread[5]
         cov[i, 0] = h0 * c00 + h1 * c01 + h2 * c02
         cov[i, 1] = h0 * c01 + h1 * c11 + h2 * c12
         cov[i, 2] = h0 * c02 + h1 * c12 + h2 * c22

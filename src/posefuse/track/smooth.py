@@ -19,7 +19,7 @@ _HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
 _RATE_SHARE = 0.35
 # median of a chi-square of 3 degrees of freedom
 _MEDIAN_CHI2 = 2.366
-_PASSES = 4
+_PASSES = 6
 
 
 @settings
@@ -96,16 +96,28 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
     t_s = (t_ns - t_ns[0]) * 1e-9
     q = _jerk_density(t_s, noise[measured], rate_hz)
     z, noise = np.where(measured[:, None], z, 0.0), np.where(measured[:, None, None], noise, 0.0)
-    scale = 1.0
+    gate = settings.outlier_sigma**2
+
+    def solve() -> tuple[Array, float]:
+        smooth_kernels.smooth_point(t_s, z, noise, measured & ~left_out, q, settings.max_gap_s, mean, cov)
+        miss = _contradiction(z, noise, mean, cov, measured, left_out)
+        told = np.isfinite(miss) & ~left_out
+        return miss, max(1.0, float(np.median(miss[told])) / _MEDIAN_CHI2) if told.any() else 1.0
+
+    left_out = np.zeros(len(z), bool)
+    miss, scale = solve()
     for _ in range(_PASSES):
-        smooth_kernels.smooth_point(t_s, z, noise, measured, q, settings.max_gap_s, mean, cov)
-        miss = _contradiction(z, noise, mean, cov, measured)
-        scale = max(1.0, float(np.nanmedian(miss)) / _MEDIAN_CHI2) if np.isfinite(miss).any() else 1.0
-        outlier = _peaks(miss) & (miss > settings.outlier_sigma**2 * scale)
-        if not outlier.any():
+        worst = _peaks(np.where(left_out, np.nan, miss)) & (miss > gate * scale)
+        if not worst.any():
             break
-        measured = measured & ~outlier
-    return mean, cov * scale, measured
+        left_out |= worst
+        miss, scale = solve()
+    # what only looked bad beside an outlier comes back
+    welcome = left_out & (miss < gate * scale)
+    if welcome.any():
+        left_out &= ~welcome
+        _, scale = solve()
+    return mean, cov * scale, measured & ~left_out
 
 
 def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:
@@ -118,13 +130,15 @@ def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:
     return float((2 * np.pi * rate_hz / _HALF_POWER) ** 6 * variance * step_s)
 
 
-def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Array) -> Array:
+def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Array, left_out: Array) -> Array:
     """(T,) squared distance of each measurement from what all others say, in units of its variance; NaN where none.
 
-    Residual and posterior of a linear model give it without leaving anything out: cov(z - mean) = noise - cov.
+    Residual and posterior of a linear model give it without leaving anything out: cov(z - mean) is noise - cov for a
+    measurement that went in, noise + cov for one that did not.
     """
     miss = np.full(len(z), np.nan)
-    spread = np.where(measured[:, None, None], noise - cov, 0.0)
+    sign = np.where(left_out, 1.0, -1.0)[:, None, None]
+    spread = np.where((measured & np.isfinite(mean[:, 0]))[:, None, None], noise + sign * cov, 0.0)
     # alone in its run a measurement is its own posterior: nobody contradicts it
     told = np.linalg.eigvalsh(spread)[:, 0] > 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
     residual = (z - mean)[told]

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 # standard deviations the filter starts with, far beyond any human motion: m, m/s, m/s^2
-START_SIGMA = (1.0, 30.0, 1000.0)
+START_SIGMA = (1.0, 60.0, 2000.0)
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
