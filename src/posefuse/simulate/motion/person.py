@@ -14,6 +14,7 @@ from posefuse.simulate.body import Body
 
 from . import standing
 from .gait import walking
+from .points import from_result, from_trc
 from .posture import Posture, bones_of
 from .retarget import retargeted
 from .routes import route
@@ -22,8 +23,10 @@ from .settings import (
     IdleSettings,
     MotionSettings,
     ReachSettings,
+    ResultSettings,
     SquatSettings,
     TPoseSettings,
+    TrcSettings,
     WalkSettings,
     WaveSettings,
 )
@@ -84,4 +87,7 @@ def build_person(body: Body, motion: MotionSettings, seed: int) -> Person:
             return Person(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
         case BvhSettings():
             return Person(body, retargeted(body, motion).posture)
-    raise NotImplementedError(motion.kind)
+        case TrcSettings():
+            return Person(body, from_trc(body, motion).posture)
+        case ResultSettings():
+            return Person(body, from_result(body, motion).posture)
