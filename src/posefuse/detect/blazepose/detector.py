@@ -17,7 +17,7 @@ from posefuse.files.settings import settings
 
 from ..models import LandmarkDecoding, ModelCard, PersonDecoding, default_cache_dir, fetch_all, read_card
 from ..regions import cut, img_from_crop, region_from_keypoints
-from .landmarks import landmarks_from_outputs
+from .landmarks import Landmarks, averaged, landmarks_from_outputs, mirrored
 from .network import Network, Precision
 from .noise import NoiseModel, read_noise
 from .persons import regions_from_outputs
@@ -132,11 +132,14 @@ class BlazePoseDetector:
 
     def _look(self, people: Sequence[tuple[Frame, Region]]) -> list[_Look]:
         """Landmarks of each person."""
-        side = self._landmarks.side_px
-        landmarks, presence, heatmaps = self._landmarks([cut(frame.image, region, side) for frame, region in people])
         if not people:
             return []
-        seen = landmarks_from_outputs(landmarks, presence, heatmaps, len(self._skeleton), side)
+        side = self._landmarks.side_px
+        crops = [cut(frame.image, region, side) for frame, region in people]
+        seen = self._see(crops)
+        if self._config.crops == 2:
+            turned = self._see([np.ascontiguousarray(crop[:, ::-1]) for crop in crops])
+            seen = averaged([seen, mirrored(turned, self._skeleton.mirror, side)])
         sigma = self._noise.sigma_px(seen, self._skeleton.keypoints)
         return [
             _Look(
@@ -147,6 +150,9 @@ class BlazePoseDetector:
             )
             for b, (_, region) in enumerate(people)
         ]
+
+    def _see(self, crops: Sequence[Array]) -> Landmarks:
+        return landmarks_from_outputs(*self._landmarks(crops), len(self._skeleton), self._landmarks.side_px)
 
     def _result(self, frame: Frame, people: Sequence[_Look], keep_all: bool) -> Detections2D:
         shown = [look for look in people if keep_all or look.presence >= self._config.least_presence]

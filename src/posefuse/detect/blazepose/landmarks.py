@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from posefuse.core.arrays import Array
 
 _VALUES = 5  # x, y, z, visibility logit, presence logit
-_WINDOW_CELLS = 3  # on either side of the regressed point
+_WINDOW_CELLS = 4  # on either side of the regressed point
 _LEAST_PEAK = 0.2
 
 
@@ -53,14 +54,16 @@ def landmarks_from_outputs(landmarks: Array, presence: Array, heatmaps: Array, c
     frame = np.arange(batch)[:, None, None, None]
     channel = np.arange(count)[None, :, None, None]
     logits = heatmaps[frame, at[:, :, 1, :, None], at[:, :, 0, None, :], channel]
-    mass = _sigmoid(logits) * (inside[:, :, 1, :, None] & inside[:, :, 0, None, :])
+    value = _sigmoid(logits) * (inside[:, :, 1, :, None] & inside[:, :, 0, None, :])
+    # squared: the flanks of a broad heatmap reach over to neighbouring limbs
+    mass = value**2
     total = mass.sum((2, 3))
     x, y = at[:, :, 0].astype(np.float64), at[:, :, 1].astype(np.float64)
     along_x, along_y = mass.sum(2), mass.sum(3)
     safe = np.maximum(total, 1e-9)
     centre = np.stack([(along_x * x).sum(-1), (along_y * y).sum(-1)], axis=-1) / safe[..., None]
     variance = (along_x * (x - centre[..., :1]) ** 2).sum(-1) + (along_y * (y - centre[..., 1:]) ** 2).sum(-1)
-    peak = mass.max((2, 3))
+    peak = value.max((2, 3))
     refined = np.where((peak >= _LEAST_PEAK)[..., None], centre, regressed)
     return Landmarks(
         presence=presence.reshape(batch).astype(np.float64),
@@ -71,6 +74,24 @@ def landmarks_from_outputs(landmarks: Array, presence: Array, heatmaps: Array, c
         peak=peak,
         spread_px=np.sqrt(variance / safe / 2) * cell_px,
         shift_px=np.linalg.norm(centre - regressed, axis=-1) * cell_px,
+    )
+
+
+def mirrored(seen: Landmarks, mirror: Array, side_px: int) -> Landmarks:
+    """What the mirror image of the crop would have shown: x turned about the middle, left and right exchanged.
+
+    Args:
+        mirror: (K,) index of each keypoint's counterpart, `Skeleton.mirror`.
+    """
+    xy = seen.xy_crop[:, mirror] * [-1.0, 1.0] + [side_px - 1.0, 0.0]
+    rest = {name: getattr(seen, name)[:, mirror] for name in ("visibility", "peak", "spread_px", "shift_px")}
+    return Landmarks(presence=seen.presence, xy_crop=xy, **rest)
+
+
+def averaged(looks: Sequence[Landmarks]) -> Landmarks:
+    """The mean of several looks at the same crops."""
+    return Landmarks(
+        **{field.name: np.mean([getattr(look, field.name) for look in looks], axis=0) for field in fields(Landmarks)}
     )
 
 

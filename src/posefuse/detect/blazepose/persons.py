@@ -41,7 +41,7 @@ def regions_from_outputs(
     cells = _anchor_centres(decoding.grids, side_px)[likely]
     raw = boxes[likely].astype(np.float64)
     centre, size = raw[:, :2] + cells, raw[:, 2:4]
-    points = raw[:, _FIRST_POINT:].reshape(len(likely), -1, 2) + cells[:, None]
+    points = raw[:, _FIRST_POINT:].reshape(len(likely), (raw.shape[1] - _FIRST_POINT) // 2, 2) + cells[:, None]
     found = []
     for group in _groups(np.hstack([centre - size / 2, centre + size / 2])):
         weight = score[likely[group]]
