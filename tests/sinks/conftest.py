@@ -1,0 +1,58 @@
+"""A recording with everything an output must survive: several people, gaps, unseen views, interpolated points."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from posefuse.core import Frame, Kind, PoseSequence, Recording, Rig, Skeleton
+
+SKELETON = Skeleton(
+    "five",
+    ("nose", "left_shoulder", "right_shoulder", "left_hip", "right_hip"),
+    (
+        ("left_shoulder", "right_shoulder"),
+        ("left_shoulder", "left_hip"),
+        ("right_shoulder", "right_hip"),
+        ("left_hip", "right_hip"),
+    ),
+)
+BODY = np.array([[0.1, 0, 1.7], [0, 0.2, 1.4], [0, -0.2, 1.4], [0, 0.15, 0.9], [0, -0.15, 0.9]])
+
+
+@pytest.fixture
+def make_recording(ring_rig: Callable[..., Rig]) -> Callable[..., Recording]:
+    return lambda times=7, people=(0,), cameras=3: _recording(ring_rig(cameras), times, people)
+
+
+def _recording(rig: Rig, times: int, people: tuple[int, ...]) -> Recording:
+    n, k, c = len(people), len(SKELETON), len(rig)
+    t_ns = 2_000_000_000 + np.arange(times) * 40_000_000
+    walk = np.arange(times)[:, None, None, None] * [0.03, 0, 0] + np.arange(n)[:, None, None] * [0, 0.8, 0]
+    xyz = BODY + walk
+    kind = np.full((times, n, k), Kind.FUSED)
+    cov = np.broadcast_to(np.diag([1e-4, 4e-4, 9e-4]), (times, n, k, 3, 3)).copy()
+    xyz[times // 2, 0, 0], cov[times // 2, 0, 0], kind[times // 2, 0, 0] = np.nan, np.nan, Kind.MISSING
+    kind[-1, 0, 1] = Kind.INTERPOLATED
+    xy = np.stack([camera.project(xyz) for camera in rig], axis=2)
+    score = np.where(np.isfinite(xy).all(axis=-1), 0.8, 0)
+    score[0, :, -1] = 0
+    xy[0, :, -1] = np.nan
+    reproj = np.where(kind == Kind.MISSING, np.nan, 1.5)
+    poses = PoseSequence(t_ns, SKELETON, np.array(people), xyz, cov, reproj, np.where(kind == Kind.MISSING, 0, c), kind)
+    return Recording(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"config": {"fuse": "all"}, "rig_id": rig.id})
+
+
+@pytest.fixture
+def grey_frames() -> Callable[..., Iterator[tuple[int, list[Frame | None]]]]:
+    """Frame sets whose grey value is 100 + camera; the first camera lacks its frame at instant 1."""
+
+    def make(recording: Recording) -> Iterator[tuple[int, list[Frame | None]]]:
+        for i, t_ns in enumerate(recording.poses.t_ns.tolist()):
+            frames: list[Frame | None] = [
+                Frame(camera.name, i, t_ns, t_ns, np.full((camera.size_wh[1], camera.size_wh[0], 3), 100 + c, np.uint8))
+                for c, camera in enumerate(recording.rig)
+            ]
+            yield t_ns, [None, *frames[1:]] if i == 1 else frames
+
+    return make
