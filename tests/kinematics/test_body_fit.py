@@ -7,7 +7,8 @@ from posefuse.core import InputError, Kind, PoseSequence, Recording, Views
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views
 
-WHITE = BodySettings(noise_memory_s=0.0, robust_dof=1e6)
+# the noise is white and this figure never jerks
+WHITE = BodySettings(noise_memory_s=0.0, robust_dof=1e6, turn_accel_rad_s15=8.0)
 SIGMA_M = 0.012
 RATE_HZ = 50.0
 HIDDEN = ("left_wrist", "left_index", "left_pinky")

@@ -26,9 +26,9 @@ class BodySettings:
 
     symmetric: bool = True
     joint_limits: bool = True
-    turn_accel_rad_s15: Annotated[float, Gt(0)] = 8.0
+    turn_accel_rad_s15: Annotated[float, Gt(0)] = 20.0
     move_accel_m_s15: Annotated[float, Gt(0)] = 1.5
     velocity_memory_s: Annotated[float, Gt(0)] = 0.3
-    noise_memory_s: Annotated[float, Ge(0)] = 0.03
-    robust_dof: Annotated[float, Gt(0)] = 5.0
+    noise_memory_s: Annotated[float, Ge(0)] = 0.1
+    robust_dof: Annotated[float, Gt(0)] = 2.0
     iterations: Annotated[int, Ge(1)] = 6
