@@ -59,7 +59,7 @@ def retargeted(body: Body, settings: BvhSettings) -> Sampled:
     path = position[:, legs].mean(axis=1) @ world_from_file.T * (sum(lengths_m(body, "left", "leg")) / theirs)
     path[:, :2] += np.array(settings.position_m) - path[0, :2]
     times = np.arange(len(data)) * data.frame_s
-    return on_floor(body, Sampled(times, path, axes, settings.start_s, settings.loop), floor_known=False)
+    return on_floor(body, Sampled(times, path, axes, np.zeros((len(path), 2)), settings.start_s, settings.loop), floor_known=False)
 
 
 def _plain(name: str) -> str:
