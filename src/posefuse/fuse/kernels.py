@@ -18,15 +18,16 @@ import math
 import numpy as np
 from numba import njit
 
-KNEE = 6.0  # 95 % of a 2D Gaussian
+KNEE = 9.0  # 98.9 % of a 2D Gaussian
 GATE = 13.8  # 99.9 %: all views within it need no consensus search
-USED = 19.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
+USED = 28.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
 RANK = 1e-10  # smallest over largest eigenvalue of the information below which the rays are one ray
 PRIOR_DOF = 8.0  # how many residuals the stated sigma is worth when residuals contradict it
 RESCALE = 2.0  # squared ratio of seen to stated noise from which the stated sigma is taken as wrong
 MIN_POINTS = 5  # of three or more views, to judge the stated sigma by
 MAX_TRIALS = 120
 ATTEMPTS = 5
+MIN_SCALE = 0.25
 MAX_SCALE = 10.0  # beyond it the views are taken to be wrong rather than the stated sigma
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
@@ -553,10 +554,11 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
                 xyz[g, k], reproj[g, k], n_views[g, k] = p, px, used
                 chi2[k], dof[k] = total, 2.0 * used - 3.0
             ratio = np.median(pool[:many]) if many >= MIN_POINTS else 1.0
-            wider = scale * math.sqrt(ratio)
-            if ratio < RESCALE or attempt == ATTEMPTS - 1 or not wider < MAX_SCALE:
+            better = max(MIN_SCALE, scale * math.sqrt(ratio))
+            right = 1.0 / RESCALE < ratio < RESCALE or better == scale
+            if right or attempt == ATTEMPTS - 1 or not better < MAX_SCALE:
                 break
-            scale = wider
+            scale = better
         inflate(cov[g], chi2, dof, 1.0 / (scale * scale))
 
 
