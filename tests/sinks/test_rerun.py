@@ -101,7 +101,7 @@ def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording
 def test_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(DependencyError, match=r"posefuse\[viewer\].* needs a display .*rerun --web-viewer a\.rrd"):
+    with pytest.raises(DependencyError, match=r"posefuse\[viewer\].* needs a display .*rerun --web-viewer recording\.rrd"):
         open_in_viewer(tmp_path / "a.rrd")
 
 

@@ -77,8 +77,8 @@ def open_in_viewer(path: Path) -> None:
     check_rerun()
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise DependencyError(
-            "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: open the recording on "
-            f"another machine, or in a browser: rerun --web-viewer {path.name}"
+            "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` "
+            f"(--outputs rerun) and open {FILE} on another machine, or in a browser: rerun --web-viewer {FILE}"
         )
     ended = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
     if ended.returncode:
