@@ -74,9 +74,7 @@ def _errors(session: Session, recording: Recording) -> JointErrors | None:
     return joint_errors(recording.poses, read_truth(path)) if path.is_file() else None
 
 
-def _figures(
-    out: Path, tracked: Tracked, clock: StageClock, written: list[Path], errors: JointErrors | None
-) -> dict[str, Any]:
+def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path], errors: JointErrors | None) -> dict[str, Any]:
     recording = tracked.recording
     instants = len(recording.poses)
     images = instants * len(recording.rig)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import InputError, PoseSequence, Recording, Rig, Skeleton, Views
+from posefuse.core import InputError, Pose3D, PoseSequence, Recording, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.fuse import FuseSettings, fuse
-from posefuse.track import SmoothSettings, smooth
+from posefuse.track import SmoothSettings, sides_like, smooth, steady_sides
 
 from .following import Seen
 
@@ -18,6 +18,8 @@ from .following import Seen
 _SAME_INSTANT_NS = 200_000
 # two frames further apart than this many periods are not interpolated between
 _REACH_PERIODS = 1.6
+# rounds of naming sides; a second one mends what the first one's reference still had wrong
+_NAMING_ROUNDS = 2
 # a person followed in fewer instants than this is not one
 _LEAST_INSTANTS = 5
 
@@ -106,11 +108,24 @@ def _to_instants(t_ns: Array, frame_t_ns: Array, xy: Array, score: Array, sigma:
 
 
 def poses_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None) -> PoseSequence:
-    """Fuse every instant, then (with `smoothing`) treat gaps and noise over the whole recording."""
-    poses = []
-    previous = None
-    for i in range(len(views.t_ns)):
-        previous = fuse(views.at(i), rig, fusing, previous)
-        poses.append(previous)
-    fused = PoseSequence.from_poses(poses)
+    """Fuse every instant, then (with `smoothing`) treat gaps and noise over the whole recording.
+
+    Where sides may be untangled, the recording is first steadied over time and then every view's limbs are named left and
+    right as the steadied recording has them: when legs pass each other, several views confuse them at once and no single
+    instant can tell.
+    """
+    fused = _fused(views, rig, fusing)
+    if fusing.weights == "robust" and fusing.untangle_sides:
+        named = replace(fusing, untangle_sides=False)
+        for _ in range(_NAMING_ROUNDS):
+            reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
+            xy, score, sigma = sides_like(reference, rig, views.xy_img, views.score, views.sigma_px)
+            fused = _fused(replace(views, xy_img=xy, score=score, sigma_px=sigma), rig, named)
     return smooth(fused, smoothing) if smoothing else fused
+
+
+def _fused(views: ViewSequence, rig: Rig, fusing: FuseSettings) -> PoseSequence:
+    poses: list[Pose3D] = []
+    for i in range(len(views.t_ns)):
+        poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
+    return PoseSequence.from_poses(poses)
