@@ -10,11 +10,7 @@ from posefuse.simulate.cameras import ImageSettings, ListedCameras, PlacedCamera
 from posefuse.simulate.paths import StillPath
 from posefuse.simulate.props import ArucoCube, CharucoBoard, GroundTile
 from posefuse.simulate.render.optics import optics_of
-from posefuse.simulate.render.shot import CameraShooter
-from posefuse.simulate.render.stage import Stage
 from posefuse.simulate.scene import Scene
-from posefuse.simulate.session import model_of
-from posefuse.simulate.source import shot_image
 from posefuse.simulate.surroundings import RoomSettings
 
 LENSES = {
@@ -35,17 +31,6 @@ def _scene(image: ImageSettings, prop) -> Scene:
     return Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(prop,), room=plain)
 
 
-def _shot(scene: Scene, backend: str):
-    live = live_scene(scene)
-    view = optics_of(live.rig.cameras[0]).view
-    stage = Stage(model_of(live, (view.width, view.height)), backend)
-    try:
-        image, visible = shot_image(live, 0, 0, CameraShooter(live.rig.cameras[0], live.placed[0].sensor, stage))
-    finally:
-        stage.close()
-    return live, image, visible
-
-
 def _refined(grey: np.ndarray, guess: np.ndarray) -> np.ndarray:
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
     return cv2.cornerSubPix(grey, guess.astype(np.float32).reshape(-1, 1, 2).copy(), (3, 3), (-1, -1), stop)[:, 0]
@@ -53,10 +38,10 @@ def _refined(grey: np.ndarray, guess: np.ndarray) -> np.ndarray:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("lens", LENSES)
-def test_chessboard_corners_are_where_project_says(lens, backend):
+def test_chessboard_corners_are_where_project_says(lens, shoot):
     path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    live, image, visible = _shot(
-        _scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)), backend
+    live, image, visible = shoot(
+        _scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path))
     )
     prop, camera = live.props[0], live.rig.cameras[0]
     chess = live.prop_poses(np.zeros(1))[0][0] @ prop.chess_prop
@@ -80,8 +65,8 @@ def test_chessboard_corners_are_where_project_says(lens, backend):
     ],
     ids=["cube", "tile"],
 )
-def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, backend):
-    live, image, visible = _shot(_scene(LENSES["bent"], prop), backend)
+def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, shoot):
+    live, image, visible = shoot(_scene(LENSES["bent"], prop))
     made, camera = live.props[0], live.rig.cameras[0]
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, made.dictionary))
     search = cv2.aruco.DetectorParameters()
@@ -95,12 +80,10 @@ def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, backe
 
 
 @pytest.mark.gl
-def test_a_camera_that_moves_half_a_pixel_shows_it(backend):
+def test_a_camera_that_moves_half_a_pixel_shows_it(shoot):
     """The measurement of the corners is able to fail: a principal point off by half a pixel is seen as such."""
     path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    live, image, _ = _shot(
-        _scene(LENSES["ideal"], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)), backend
-    )
+    live, image, _ = shoot(_scene(LENSES["ideal"], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)))
     expected = (
         live.rig.cameras[0].cropped(0.5, 0.0, (640, 480)).project(live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop)
     )

@@ -14,6 +14,8 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
 TIME_BASE = Fraction(1, 1_000_000)
+# the start of a film is stored in the file's own ticks, 1000 per second unless asked otherwise
+_CONTAINER = {"movie_timescale": str(TIME_BASE.denominator)}
 _PRESET = "veryfast"
 _KEYFRAME_EVERY = 60
 
@@ -37,7 +39,7 @@ class VideoWriter:
         self._path, self._size_wh = path, size_wh
         self._last_pts = -1
         try:
-            self._container = av.open(str(path), "w", format="mp4")
+            self._container = av.open(str(path), "w", format="mp4", options=_CONTAINER)
         except (av.error.FFmpegError, OSError) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
         # one thread: several writers share the machine, and the bytes do not depend on the number of cores
@@ -101,7 +103,7 @@ def join_videos(parts: Sequence[Path], path: Path) -> None:
         InputError: a part cannot be read, or the file cannot be written.
     """
     try:
-        with av.open(str(path), "w", format="mp4") as joined:
+        with av.open(str(path), "w", format="mp4", options=_CONTAINER) as joined:
             stream = None
             for part in parts:
                 with av.open(str(part)) as container:

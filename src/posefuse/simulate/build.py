@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +78,10 @@ class LiveScene:
         return np.asarray(t_s, np.float64) - self.scene.start_s
 
 
+# a body takes seconds to build and never changes
+_body = functools.lru_cache(maxsize=32)(build_body)
+
+
 def live_scene(scene: Scene) -> LiveScene:
     """Build everything; raises ConfigError for what cannot be (camera in a person, a path off the floor, no frame)."""
     check_scene(scene)
@@ -86,7 +91,7 @@ def live_scene(scene: Scene) -> LiveScene:
         shots_of(camera.name, i, camera.sensor, scene.rate_hz, scene.start_s, scene.duration_s, scene.seed)
         for i, camera in enumerate(placed)
     )
-    bodies = tuple(build_body(person.body) for person in scene.people)
+    bodies = tuple(_body(person.body) for person in scene.people)
     people = tuple(
         build_person(body, person.motion, scene.seed * 1000 + i)
         for i, (body, person) in enumerate(zip(bodies, scene.people, strict=True))

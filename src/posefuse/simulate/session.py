@@ -109,11 +109,12 @@ def simulate(scene: Scene, out: Path, progress: Progress | None = None, processe
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
     paths = SessionPaths(Path(out))
+    _check_folder(paths, scene)
     live = live_scene(scene)
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
-    _open(paths, scene)
     try:
+        _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
         _render(live, job, paths, progress, processes or os.cpu_count() or 1)
@@ -138,22 +139,21 @@ def body_poses(live: LiveScene, t_s: Array) -> Array:
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(t_s), 0, 7))
 
 
-def _open(paths: SessionPaths, scene: Scene) -> None:
-    """Begin a session, or recognise one of the same scene that was interrupted."""
-    text = yaml.safe_dump(plain_settings(scene), sort_keys=False)
+def _check_folder(paths: SessionPaths, scene: Scene) -> None:
+    """Accept a new or empty folder, or an interrupted session of the same scene."""
     if paths.incomplete.is_file():
         if paths.scene.is_file() and read_scene(paths.scene) != scene:
             raise InputError(f"{paths.folder}: holds an unfinished session of another scene; delete it or choose another folder")
-    elif paths.folder.exists() and any(paths.folder.iterdir()):
+    elif paths.folder.exists() and (not paths.folder.is_dir() or any(paths.folder.iterdir())):
         raise InputError(f"{paths.folder}: is not empty; delete it or choose another folder")
-    try:
-        paths.folder.mkdir(parents=True, exist_ok=True)
-        paths.incomplete.write_text("This session is not finished. Simulate the same scene into this folder to go on.\n")
-        for folder in (paths.videos, paths.truth.parent, paths.parts):
-            folder.mkdir(exist_ok=True)
-        paths.scene.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{paths.folder}: cannot be written ({error})") from None
+
+
+def _begin(paths: SessionPaths, scene: Scene) -> None:
+    paths.folder.mkdir(parents=True, exist_ok=True)
+    paths.incomplete.write_text("This session is not finished. Simulate the same scene into this folder to go on.\n")
+    for folder in (paths.videos, paths.truth.parent, paths.parts):
+        folder.mkdir(exist_ok=True)
+    paths.scene.write_text(yaml.safe_dump(plain_settings(scene), sort_keys=False), encoding="utf-8")
 
 
 def plain_settings(settings: Any) -> Any:

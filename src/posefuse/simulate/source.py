@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +28,9 @@ from .render.shot import CameraShooter
 from .render.stage import Stage
 from .scene import read_scene
 from .session import SessionPaths, body_poses, model_of
+
+# numbers (F,), stamps (F,) in ns, and the image of the frame at a place, asked for in order
+_Film = tuple[Array, Array, Callable[[int], Array]]
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ class SimulatedSource:
         if config.camera not in names:
             raise SourceError(f"{config.path}: no camera {config.camera!r}; there are: {choices(names)}")
         self._index = names.index(config.camera)
-        self._opened: Callable[[], Iterator[tuple[int, int, Callable[[], Array]]]] = self._played if film else self._drawn
+        self._opened: Callable[[], AbstractContextManager[_Film]] = self._played if film else self._drawn
 
     @property
     def camera(self) -> str:
@@ -75,18 +79,15 @@ class SimulatedSource:
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; paced ones are skipped once the next one is due."""
-        waiting = self._opened()
-        following = next(waiting, None)
-        zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
-        while following is not None:
-            seq, t_ns, make_image = following
-            following = next(waiting, None)
-            if self._config.paced:
-                if following is not None and time.monotonic_ns() - zero_ns > following[1]:
-                    continue
-                time.sleep(max(0, zero_ns + t_ns - time.monotonic_ns()) / 1e9)
-            image = make_image()
-            yield Frame(self.camera, seq, t_ns, time.monotonic_ns() - zero_ns, image)
+        with self._opened() as (seq, stamp_ns, image_at):
+            zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
+            for k, t_ns in enumerate(stamp_ns):
+                if self._config.paced:
+                    if k + 1 < len(seq) and time.monotonic_ns() - zero_ns > stamp_ns[k + 1]:
+                        continue
+                    time.sleep(max(0, zero_ns + int(t_ns) - time.monotonic_ns()) / 1e9)
+                image = image_at(k)
+                yield Frame(self.camera, int(seq[k]), int(t_ns), time.monotonic_ns() - zero_ns, image)
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""
@@ -104,23 +105,29 @@ class SimulatedSource:
         self._sizes_wh = [camera.size_wh for camera in rig]
         return rig.names
 
-    def _drawn(self) -> Iterator[tuple[int, int, Callable[[], Array]]]:
-        """(seq, stamp, how to make the image); OpenGL lives in the thread that asks for frames."""
+    @contextmanager
+    def _drawn(self) -> Iterator[_Film]:
+        """Frames drawn when asked for; OpenGL lives in the thread that asks."""
         live, i = self._live, self._index
         camera, shots = live.rig.cameras[i], live.shots[i]
         view = optics_of(camera).view
         stage = Stage(model_of(live, (view.width, view.height)), working_backend())
         try:
             shooter = CameraShooter(camera, live.placed[i].sensor, stage)
-            for k in range(len(shots)):
-                yield int(shots.seq[k]), int(shots.stamp_ns[k]), lambda k=k: shot_image(live, i, k, shooter)[0]
+            yield shots.seq, shots.stamp_ns, lambda k: shot_image(live, i, k, shooter)[0]
         finally:
             stage.close()
 
-    def _played(self) -> Iterator[tuple[int, int, Callable[[], Array]]]:
-        seqs = read_arrays(self._paths.shots)[f"seq{self._index}"]
-        for seq, (t_ns, image) in zip(seqs, read_video(self._paths.film(self.camera)), strict=True):
-            yield int(seq), t_ns, lambda image=image: image
+    @contextmanager
+    def _played(self) -> Iterator[_Film]:
+        """Frames of a film, decoded in order."""
+        shots = read_arrays(self._paths.shots)
+        decoded = enumerate(read_video(self._paths.film(self.camera)))
+        yield (
+            shots[f"seq{self._index}"],
+            shots[f"stamp{self._index}_ns"],
+            lambda k: next(image for number, (_, image) in decoded if number == k),
+        )
 
 
 def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> tuple[Array, Array]:

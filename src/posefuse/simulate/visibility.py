@@ -28,11 +28,11 @@ _SIDED_CAPSULES = (
     (("elbow",), ("wrist",), 0.038),
     (("hip",), ("knee",), 0.075),
     (("knee",), ("ankle",), 0.052),
-    (("heel",), ("big_toe",), 0.035),
-    (("shoulder",), ("hip",), 0.105),
+    (("heel",), ("big_toe",), 0.025),
+    (("shoulder",), ("hip",), 0.085),
 )
 _MIDDLE_CAPSULES = (
-    (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), 0.125),
+    (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), 0.115),
     (("left_shoulder", "right_shoulder"), ("left_ear", "right_ear"), 0.060),
     (("left_ear", "right_ear"), ("left_ear", "right_ear"), 0.085),
 )

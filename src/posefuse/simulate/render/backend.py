@@ -10,7 +10,8 @@ import importlib
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from posefuse.core import DependencyError
@@ -43,17 +44,37 @@ def _first_working(candidates: tuple[str, ...]) -> str:
     raise DependencyError(f"rendering needs OpenGL without a screen, and none works ({'; '.join(reasons)}). {_DEBIAN}")
 
 
-def gl_environment(backend: str, environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment in which MuJoCo uses `backend`, drawing on one core (processes share the machine)."""
-    return {**environment, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend, "LP_NUM_THREADS": "0"}
+@contextmanager
+def gl_environment(backend: str) -> Iterator[None]:
+    """While it lasts, what is imported and started draws by `backend`, on one core (processes share the machine)."""
+    wanted = {"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend, "LP_NUM_THREADS": "0"}
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def mujoco_with(backend: str) -> Any:
+    """The module mujoco, which settles on one way to draw when it is first imported; DependencyError without it."""
+    try:
+        with gl_environment(backend):
+            return importlib.import_module("mujoco")
+    except ImportError as error:
+        raise DependencyError(f"rendering needs the extra sim: pip install 'posefuse[sim]' ({error})") from None
 
 
 def gl_context(backend: str, width: int, height: int) -> Any:
     """A current OpenGL context of this process; raises DependencyError when it cannot be made."""
-    os.environ.update(gl_environment(backend, {}))
     try:
-        context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
-        context.make_current()
+        with gl_environment(backend):
+            context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
+            context.make_current()
     except (ImportError, RuntimeError, AttributeError, OSError) as error:
         raise DependencyError(f"OpenGL by {backend} cannot be started here ({error}). {_DEBIAN}") from None
     return context
@@ -63,9 +84,7 @@ def _why_not(backend: str) -> str | None:
     """None when a process with this backend can draw, else the last line of what it said."""
     command = [sys.executable, "-c", f"from posefuse.simulate.render.backend import _draw_once; _draw_once({backend!r})"]
     try:
-        done = subprocess.run(
-            command, env=gl_environment(backend, os.environ), capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
         return f"no picture within {_PROBE_LIMIT_S} s"
     if done.returncode == 0:
@@ -75,8 +94,7 @@ def _why_not(backend: str) -> str | None:
 
 
 def _draw_once(backend: str) -> None:
-    import mujoco
-
+    mujoco = mujoco_with(backend)
     context = gl_context(backend, 16, 16)
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
     drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core import SE3
 from posefuse.core.arrays import Array
 
-from .backend import gl_context
+from .backend import gl_context, mujoco_with
 from .model import RenderModel
 from .optics import SourceView
 
@@ -23,8 +23,7 @@ class Stage:
     """One model in one OpenGL context. Not for use from several threads."""
 
     def __init__(self, model: RenderModel, backend: str) -> None:
-        import mujoco
-
+        mujoco = mujoco_with(backend)
         self._mujoco = mujoco
         self._described = model
         self._model = mujoco.MjModel.from_xml_string(model.xml, dict(model.assets))

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from posefuse.core import Camera, InputError
+from posefuse.core import Camera, InputError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.files.truth import write_arrays
 from posefuse.files.video import VideoWriter
 
 from ..cameras import SensorSettings
 from ..scene import H264Settings, JpegSettings
-from .backend import gl_environment
 from .model import RenderModel
 from .shot import CameraShooter
 from .stage import Stage
@@ -73,7 +73,9 @@ def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> I
 
     An error in a process, or closing the iterator (Ctrl-C), stops all processes; finished tasks stay on disk.
     """
-    pool = ProcessPoolExecutor(processes, get_context("spawn"), _start, (job,))
+    context = get_context("spawn")
+    stop = context.Event()
+    pool = ProcessPoolExecutor(processes, context, _start, (job, stop))
     waiting: set[Future[int]] = set()
     try:
         for task in tasks:
@@ -84,15 +86,20 @@ def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> I
         while waiting:
             done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             yield from (future.result() for future in done)
+    except BrokenProcessPool:
+        raise PosefuseError(
+            "rendering: a process was ended from outside (out of memory?); simulate again with fewer processes to go on"
+        ) from None
     finally:
+        stop.set()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 class _Worker:
     """The one stage of this process, and its cameras."""
 
-    def __init__(self, job: RenderJob) -> None:
-        self.job = job
+    def __init__(self, job: RenderJob, stop: Event) -> None:
+        self.job, self.stop = job, stop
         self._stage = Stage(job.model, job.backend)
         self._shooters: dict[int, CameraShooter] = {}
 
@@ -105,13 +112,12 @@ class _Worker:
 _worker: _Worker | None = None
 
 
-def _start(job: RenderJob) -> None:
+def _start(job: RenderJob, stop: Event) -> None:
     global _worker
     # Ctrl-C is for the parent, which then stops its children in order
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.update(gl_environment(job.backend, {}))
     cv2.setNumThreads(1)
-    _worker = _Worker(job)
+    _worker = _Worker(job, stop)
 
 
 def _render(task: RenderTask) -> int:
@@ -122,6 +128,8 @@ def _render(task: RenderTask) -> int:
     store = _film_store(job, task) if isinstance(job.record, H264Settings) else _ImageStore(task.film, job.record.quality)
     with store:
         for i, seq in enumerate(task.seq):
+            if _worker.stop.is_set():
+                return 0
             seed = [job.seed, 41, task.camera, int(seq)]
             image, visible[i] = shooter.shoot(task.poses[i], task.xyz_world[i], task.possible[i], job.flesh_m, seed)
             store.write(image, int(task.stamp_ns[i]))
