@@ -1,0 +1,98 @@
+"""Our files and angles before OpenSim: it reads them without a warning, and its own inverse kinematics agrees."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import DependencyError, PoseSequence
+from posefuse.files.mot import motion_from_joints, read_mot, write_mot
+from posefuse.kinematics import joints_from_poses
+from posefuse.kinematics.opensim_path import LOG_FILE, MODEL_FILE, opensim_motion
+
+OURS = {
+    "hip_flexion_r": ("right_hip", 0), "hip_adduction_l": ("left_hip", 1), "knee_angle_l": ("left_knee", 0),
+    "elbow_flex_r": ("right_elbow", 0), "ankle_angle_r": ("right_ankle", 0), "arm_flex_l": ("left_arm", 0),
+    "lumbar_bending": ("trunk", 1), "pro_sup_l": ("left_wrist", 0),
+}  # fmt: skip
+
+
+def figures() -> PoseSequence:
+    path = Path(__file__).parents[1] / "kinematics" / "conftest.py"
+    spec = importlib.util.spec_from_file_location("figure_builder", path)
+    builder = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(builder)
+    frames = []
+    for t in np.arange(0, 0.8, 0.02):
+        w = np.sin(2 * np.pi * t)
+        trunk = {"pelvis": (15 * t, 3 * w, 4), "trunk": (0, 4 * w, 6)}
+        legs = {"left_hip": (25 * w, 4, 5), "right_hip": (-25 * w, 3, 5), "right_ankle": (10 * w, 2, 3)}
+        knees = {"left_knee": (40 + 20 * w, 0, 0), "right_knee": (35, 0, 0)}
+        arms = {"left_arm": (20 * w, -9, 10), "right_arm": (-20 * w, -9, 10), "left_wrist": (30 + 20 * w, 5, 2)}
+        elbows = {"left_elbow": (40, 0, 0), "right_elbow": (50 + 9 * w, 0, 0)}
+        frames.append(trunk | legs | knees | arms | elbows)
+    return builder.sequence_of(frames, rate_hz=50.0)
+
+
+@pytest.fixture(scope="module")
+def osim():
+    return pytest.importorskip("opensim", reason="the extra biomech is not installed")
+
+
+@pytest.fixture(scope="module")
+def solved(osim, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("opensim")
+    sequence = figures()
+    xyz = sequence.xyz_world.copy()
+    xyz[10:14, :, sequence.skeleton.index("left_ear")] = np.nan
+    holed = PoseSequence(
+        sequence.t_ns, sequence.skeleton, [0], xyz, sequence.cov_world, sequence.reproj_px, sequence.n_views, sequence.kind
+    )
+    return folder, sequence, opensim_motion(holed, folder)
+
+
+def test_its_inverse_kinematics_agrees_with_our_angles(solved):
+    _, sequence, motion = solved
+    joints = joints_from_poses(sequence)
+    np.testing.assert_allclose(motion.t_s, (sequence.t_ns - sequence.t_ns[0]) * 1e-9, atol=1e-6)
+    for coordinate, (joint, axis) in OURS.items():
+        ours = np.degrees(joints.angle_rad[:, 0, joints.joints.index(joint), axis])
+        np.testing.assert_allclose(motion.column(coordinate), ours, atol=1.5, err_msg=coordinate)
+
+
+def test_nothing_was_warned_about(solved, osim):
+    folder = solved[0]
+    complaints = [line for line in (folder / LOG_FILE).read_text().splitlines() if "[warn" in line or "[err" in line]
+    assert complaints == []
+    osim.Logger.addFileSink(str(folder / "guard.log"))
+    osim.Logger.warn("seen")
+    osim.Logger.removeFileSink()
+    assert "[warn" in (folder / "guard.log").read_text()
+
+
+def test_it_opens_the_model_and_our_motions(solved, osim, tmp_path):
+    folder, sequence, _ = solved
+    model = osim.Model(str(folder / MODEL_FILE))
+    model.initSystem()
+    assert model.getMarkerSet().getSize() == 23
+    ours = motion_from_joints(joints_from_poses(sequence))
+    write_mot(tmp_path / "angles.mot", ours)
+    table = osim.TimeSeriesTable(str(tmp_path / "angles.mot"))
+    assert tuple(table.getColumnLabels()) == ours.columns
+    assert table.getTableMetaDataString("inDegrees") == "yes"
+    np.testing.assert_allclose(table.getMatrix().to_numpy(), ours.values, rtol=1e-8)
+
+
+def test_its_motion_comes_back_as_it_wrote_it(solved, osim):
+    folder, _, motion = solved
+    again = read_mot(folder / "inverse_kinematics.mot")
+    assert again.in_degrees
+    np.testing.assert_array_equal(again.values, motion.values)
+
+
+def test_without_the_package_it_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "opensim", None)
+    with pytest.raises(DependencyError, match=r"posefuse\[biomech\]"):
+        opensim_motion(figures(), tmp_path)
