@@ -87,18 +87,23 @@ def triangulate(
 
 
 def _checked(rig: Rig, xy_img: Any, score: Any, sigma_px: Any, settings: FuseSettings) -> tuple[Array, Array, Array]:
-    """Writable float64 (..., C, K, 2), and (..., C, K) score and sigma without NaN."""
-    xy = np.array(xy_img, np.float64, order="C")
+    """Float64 (..., C, K, 2), and (..., C, K) score and sigma."""
+    xy = _plane(xy_img)
     if xy.ndim < 3 or xy.shape[-1] != 2 or xy.shape[-3] != len(rig):
         raise ShapeError(f"triangulate: xy_img: expected (..., C, K, 2) with C = {len(rig)} cameras, got shape {xy.shape}")
     planes = []
     for name, value in (("score", score), ("sigma_px", sigma_px)):
-        plane = np.full(xy.shape[:-1], np.nan) if value is None else np.array(value, np.float64, order="C")
+        plane = np.full(xy.shape[:-1], np.nan) if value is None else _plane(value)
         if plane.shape != xy.shape[:-1]:
             raise ShapeError(f"triangulate: {name}: expected (..., C, K) = {xy.shape[:-1]}, got shape {plane.shape}")
         planes.append(plane)
-    filled = np.isfinite(xy[..., 0]).astype(np.float64) if score is None else np.nan_to_num(planes[0], copy=False)
+    filled = np.isfinite(xy[..., 0]).astype(np.float64) if score is None else planes[0]
     return xy, filled, stated_sigma(xy, filled, planes[1], settings)
+
+
+def _plane(value: Any) -> Array:
+    """As the kernels want it, copied only where it is not (read-only arrays would be another type to compile for)."""
+    return np.require(value, np.float64, ["C", "W"])
 
 
 def stated_sigma(xy_img: Array, score: Array, sigma_px: Array, settings: FuseSettings) -> Array:

@@ -1,4 +1,4 @@
-"""A man on a beam, a bystander, exchanged sides: OpenPose's detections against another pipeline's result."""
+"""A man on a beam, a bystander, exchanged sides: OpenPose's detections, associated and fused, against another pipeline."""
 
 import json
 import tomllib
@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, SKELETONS, Camera, PoseSequence, Rig, Views
+from posefuse.associate import AssociateSettings, associate
+from posefuse.core import SE3, SKELETONS, Camera, Detections2D, PoseSequence, Rig, Views
 from posefuse.fuse import FuseSettings, Weights, fuse
+from posefuse.track import SmoothSettings, smooth
 
 BODY = SKELETONS["body_25b"]
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")
@@ -54,30 +56,52 @@ def rig(shared_data: Path) -> Rig:
 
 
 @pytest.fixture(scope="module")
-def man(shared_data: Path, rig: Rig, reference: tuple[list[str], np.ndarray]) -> list[Views]:
-    """His detections, told from the bystander by the reference; association has its own tests."""
-    names, xyz = reference
-    columns = BODY.indices(names)
+def detections(shared_data: Path) -> list[list[Detections2D]]:
+    """Everybody OpenPose saw: one or two people per camera, three at times."""
     instants = []
     for i in range(FRAMES):
-        expected = rig.project(xyz[i])
-        seen = np.full((4, 25, 3), np.nan)
-        for c, name in enumerate(CAMERAS):
+        cameras = []
+        for name in CAMERAS:
             path = shared_data / "pose2sim_single" / "openpose_json" / f"{name}_json" / f"{name}.{i:04d}.json"
             people = np.array([p["pose_keypoints_2d"] for p in json.loads(path.read_text())["people"]]).reshape(-1, 25, 3)
-            people[people[..., 2] <= 0] = np.nan
-            miss = np.nanmedian(np.linalg.norm(people[:, columns, :2] - expected[c], axis=-1), axis=1)
-            seen[c] = people[int(np.argmin(miss))]
-        unstated = np.full((1, 4, 25), np.nan)
-        instants.append(
-            Views(i * 16_666_667, BODY, CAMERAS, [0], seen[None, ..., :2], np.nan_to_num(seen[None, ..., 2]), unstated)
-        )
+            xy = np.where(people[..., 2:] > 0, people[..., :2], np.nan)
+            box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
+            unstated = np.full(xy.shape[:2], np.nan)
+            cameras.append(Detections2D(name, i * 16_666_667, BODY, xy, people[..., 2], unstated, box))
+        instants.append(cameras)
+    return instants
+
+
+@pytest.fixture(scope="module")
+def man(detections: list[list[Detections2D]], rig: Rig) -> list[Views]:
+    """The one person followed, from nothing but the detections."""
+    instants: list[Views] = []
+    previous = None
+    for seen in detections:
+        instants.append(associate(seen, rig, AssociateSettings(), previous))
+        previous = fuse(instants[-1], rig, FuseSettings(), previous)
     return instants
 
 
 @pytest.fixture(scope="module")
 def fused(man: list[Views], rig: Rig) -> Callable[[Weights], PoseSequence]:
     return lambda weights: PoseSequence.from_poses([fuse(views, rig, FuseSettings(weights=weights)) for views in man])
+
+
+def test_association_picks_the_man_in_every_view_of_every_frame(detections, man, rig, reference):
+    names, xyz = reference
+    columns = BODY.indices(names)
+    crowded = 0
+    for i, (seen, views) in enumerate(zip(detections, man, strict=True)):
+        assert views.person_id.tolist() == [0]
+        expected = rig.project(xyz[i])
+        for c, report in enumerate(seen):
+            # in one frame he is in two pieces: either is him
+            miss = np.nanmedian(np.linalg.norm(report.xy_img[:, columns] - expected[c], axis=-1), axis=1)
+            his = [np.array_equal(views.xy_img[0, c], xy, equal_nan=True) for xy in report.xy_img[miss < 50]]
+            assert any(his)
+            crowded += bool((miss > 200).any())
+    assert crowded > 100
 
 
 def test_score_weights_agree_with_the_reference(fused, reference):
@@ -108,3 +132,13 @@ def test_robust_is_steadier_and_holds_bones_better_than_the_reference(fused, ref
 
     assert jitter(ours) < 0.6 * jitter(xyz)
     assert looseness(ours) < 0.8 * looseness(xyz)
+
+
+def test_smoothed_it_never_jumps_whatever_the_weights(fused, reference):
+    names, xyz = reference
+    expected = np.linalg.norm(np.diff(xyz, axis=0), axis=-1)
+    for weights in ("score", "robust"):
+        smoothed = smooth(fused(weights), SmoothSettings()).xyz_world[:, 0, BODY.indices(names)]
+        steps = np.linalg.norm(np.diff(smoothed, axis=0), axis=-1)
+        assert np.isfinite(smoothed).all()
+        assert not ((steps > 0.15) & (expected < 0.15)).any()
