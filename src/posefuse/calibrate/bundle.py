@@ -18,8 +18,8 @@ from posefuse.core.arrays import Array
 
 State = TypeVar("State")
 
-_MOST_ITERATIONS = 60
-_LEAST_GAIN = 1e-7
+_MOST_ITERATIONS = 40
+_LEAST_GAIN = 1e-6
 _DAMPING_START, _DAMPING_MOST = 1e-4, 1e8
 
 

@@ -10,6 +10,7 @@ from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
 from . import checks
+from .checks import IN_STEP
 from .clocks import rough_offsets
 from .coverage import Coverage, coverage
 from .locate import aligned
@@ -25,6 +26,8 @@ from .world import UpFromCameras, WorldRule
 
 _HALF_BLOCKS = 2
 _OUT_OF_STEP_S = 0.02
+_FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
+OUT_OF_STEP = "the paths of the prop fit best with clocks out of step"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +81,32 @@ def calibrate_extrinsics(
     intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
     _check_input(observations, intrinsics, target)
     observations = aligned(observations, intrinsics)
+    rule = world or UpFromCameras()
+    if options.clocks != "auto":
+        return _calibrate(observations, intrinsics, target, options, rule, upside_down)
+    try:
+        return _calibrate(observations, intrinsics, target, replace(options, clocks="together"), rule, upside_down)
+    except RefusedCalibration as refused:
+        if not any(check.name == IN_STEP or OUT_OF_STEP in check.remedy for check in refused.report.failed):
+            raise
+        first = refused
+    try:
+        found = _calibrate(observations, intrinsics, target, replace(options, clocks="offset"), rule, upside_down)
+    except CalibrationError:
+        raise first from None
+    note = "the cameras are not synchronised: their clock offsets were estimated and must be applied when they are used"
+    return replace(found, report=replace(found.report, notes=(*found.report.notes, note)))
+
+
+def _calibrate(
+    observations: Observations, intrinsics: Rig, target: Target, options: Options, rule: WorldRule, upside_down: tuple[str, ...]
+) -> Calibration:
     done = [checks.check_seen(observations), checks.check_doubled(observations)]
     _stop_if_failed(done)
     solved = _solve(observations, intrinsics.cameras, target, options, done)
     distance_m = _usual_distance_m(solved)
-    done += _solution_checks(observations, intrinsics.cameras, target, options, solved, distance_m)
+    done += _solution_checks(observations, intrinsics.cameras, target, options, solved, distance_m, done)
     rig = _rig(intrinsics.cameras, solved)
-    rule = world or UpFromCameras()
     new_from_old = rule.new_from_old(rig)
     rig = replace(rig.moved(new_from_old), world_set_by=rule.words)
     done += world_checks(rig, rule.has_floor, upside_down)
@@ -143,23 +165,33 @@ def _with_clock_hint(
            if abs(value) > _OUT_OF_STEP_S]  # fmt: skip
     if not far:
         return check
-    return replace(
-        check, remedy=f"the paths of the prop fit best with clocks out of step ({', '.join(far)}): use clocks = offset"
-    )
+    return replace(check, remedy=f"{OUT_OF_STEP} ({', '.join(far)}): use clocks = offset")
 
 
 def _solution_checks(
-    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved, distance_m: float
+    observations: Observations,
+    cameras: tuple[Camera, ...],
+    target: Target,
+    options: Options,
+    solved: Solved,
+    distance_m: float,
+    before: list[Check],
 ) -> list[Check]:
     state = solved.solution.state
-    done = [
-        checks.check_facing(solved),
-        _with_clock_hint(checks.check_fit(cameras, solved), observations, cameras, target, options),
+    quick = [
         checks.check_still(cameras, solved),
+        checks.check_facing(cameras, solved),
+        _with_clock_hint(checks.check_fit(cameras, solved), observations, cameras, target, options),
         _with_clock_hint(checks.check_cameras_agree(cameras, solved), observations, cameras, target, options),
         checks.check_determined(cameras, solved, distance_m),
-        _halves(observations, cameras, target, options, solved, distance_m),
         checks.check_apart(cameras, state.cam_from_world),
+    ]
+    # the rest takes further solves, which say nothing about a rig that already fails
+    _stop_if_failed([*before, *quick])
+    done = [
+        *quick,
+        *_halves(observations, cameras, target, options, solved, distance_m),
+        _lenses(cameras, solved, options),
     ]
     if options.clocks == "together":
         freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
@@ -170,34 +202,66 @@ def _solution_checks(
 
 def _halves(
     observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved, distance_m: float
-) -> Check:
+) -> list[Check]:
     """Solve the first and the second half of the recording from scratch; where a camera lacks one, every other stretch."""
     sigma_m = checks.position_sigma_m(solved)
     story = ""
     for stretches in (_HALF_BLOCKS, 5 * _HALF_BLOCKS):
-        found: list[Poses] = []
+        found: list[Solved] = []
         for half in (0, 1):
             part = _stretches(observations, stretches, half)
-            poses, story = _half_poses(part, cameras, target, options, solved)
-            if poses is None:
+            one, story = _half(part, cameras, target, options, solved)
+            if one is None:
                 break
-            found.append(poses)
+            found.append(one)
         if len(found) == _HALF_BLOCKS:
-            return checks.check_halves(cameras, (found[0], found[1]), sigma_m, distance_m)
-    return Check("halves agree", False, f"half of the data is not enough to solve: {story}",
-                 "wave the prop longer, so that every camera sees it in both halves")  # fmt: skip
+            poses = (found[0].solution.state.cam_from_world, found[1].solution.state.cam_from_world)
+            own = np.stack([_spread_px(one, np.ones(len(one.seen.t_s), bool), len(cameras)) for one in found])
+            half_of = _stretch_of(
+                np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations), observations, stretches
+            )
+            common = np.stack([_spread_px(solved, half_of == half, len(cameras)) for half in (0, 1)])
+            return [
+                checks.check_halves(cameras, poses, sigma_m, distance_m),
+                checks.check_one_place(cameras, common, own),
+            ]
+    return [
+        Check("halves agree", False, f"half of the data is not enough to solve: {story}",
+              "wave the prop longer, so that every camera sees it in both halves")
+    ]  # fmt: skip
+
+
+def _spread_px(solved: Solved, instants: Array, cameras: int) -> Array:
+    """(C,) median size of a corner's residual at some of the instants; NaN where there are none."""
+    size = np.linalg.norm(solved.solution.residual_px, axis=1)
+    rows = instants[solved.seen.instant] & np.isfinite(size)
+    mine = [rows & (solved.seen.camera == c) for c in range(cameras)]
+    return np.array([np.median(size[m]) if m.any() else np.nan for m in mine])
+
+
+def _lenses(cameras: tuple[Camera, ...], solved: Solved, options: Options) -> Check:
+    """Let the lenses go and see whether the focal lengths stay."""
+    focal = np.array([camera.K[0, 0] for camera in cameras])
+    sigma = np.array([_FREE_FOCAL * focal.mean(), _FREE_FOCAL * focal.mean(), *_FREE_LENS])
+    freedom = Freedom(solved.links.reference, solved.links.shape.root, options.clocks != "together", False, sigma)
+    free = solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
+    return checks.check_lenses(cameras, free.state.lens_delta[:, 0] / focal, free.lens_sigma[:, 0] / focal)
 
 
 def _stretches(observations: Observations, count: int, half: int) -> Observations:
     """Every second of `count` equal stretches of time, beginning with number `half`."""
+    return observations.rows(_stretch_of(observations.t_ns, observations, count) == half)
+
+
+def _stretch_of(t_ns: Array, observations: Observations, count: int) -> Array:
+    """0 or 1 by turns along the recording."""
     first, last = int(observations.t_ns.min()), int(observations.t_ns.max()) + 1
-    number = (observations.t_ns - first) * count // (last - first)
-    return observations.rows(number % 2 == half)
+    return np.asarray((t_ns - first) * count // (last - first) % 2)
 
 
-def _half_poses(
+def _half(
     part: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
-) -> tuple[Poses | None, str]:
+) -> tuple[Solved | None, str]:
     delay_s = solved.solution.state.delay_s
     together = replace(options, clocks="together", instants=max(options.instants // 2, 8))
     if set(np.unique(part.camera)) != set(range(len(cameras))):
@@ -209,7 +273,7 @@ def _half_poses(
     if len(links.placed) < len(cameras):
         lost = [camera.name for i, camera in enumerate(cameras) if i not in links.placed]
         return None, f"{', '.join(lost)} not linked"
-    return solve_linked(part, cameras, target, together, seen, links, in_images, delay_s).solution.state.cam_from_world, ""
+    return solve_linked(part, cameras, target, together, seen, links, in_images, delay_s), ""
 
 
 def _usual_distance_m(solved: Solved) -> float:

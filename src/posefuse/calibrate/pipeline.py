@@ -14,7 +14,7 @@ from .clocks import rough_offsets
 from .observations import Observations
 from .planar import planar_views
 from .projection import LENS_PARAMETERS, Lenses
-from .prop_solve import Freedom, PropSolution, PropState, solve_prop
+from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened
 from .rotations import Poses, stacked
 from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
 from .targets import Target, patch_corners
@@ -25,7 +25,7 @@ _MOST_CLOCK_ROUNDS = 5
 _CLOCK_SETTLED_S = 1e-4
 _INLIER_SIGMA = 4.0
 _LEAST_PATCH_SHARE = 0.6
-CLOCK_MODES = ("together", "offset", "drift")
+CLOCK_MODES = ("auto", "together", "offset", "drift")
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,14 @@ class Options:
 
     Attributes:
         instants: key instants used at most.
-        clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock).
+        clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock),
+            ``auto`` (taken as synchronised, and estimated when they turn out not to be).
         most_offset_s: largest clock offset searched for.
         lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the lenses by; None keeps them.
     """
 
     instants: int = 400
-    clocks: str = "together"
+    clocks: str = "auto"
     most_offset_s: float = 0.3
     lens_sigma: tuple[float, ...] | None = None
 
@@ -89,11 +90,12 @@ class Solved:
 
 
 def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
-    """(groups,) rms of a coordinate within 4 robust standard deviations."""
-    square = np.nan_to_num((solution.residual_px**2).mean(axis=1), nan=np.inf)
+    """(groups,) every corner within 4 robust standard deviations."""
+    noise = Noise(solution.sigma_px, solution.jitter_s)
+    square = np.nan_to_num((whitened(solution.residual_px, seen.velocity_px_s, noise) ** 2).mean(axis=1), nan=np.inf)
     worst = np.zeros(seen.group_count)
     np.maximum.at(worst, seen.group, square)
-    return np.asarray(worst <= (_INLIER_SIGMA * solution.sigma_px) ** 2)
+    return np.asarray(worst <= _INLIER_SIGMA**2)
 
 
 def link(observations: Observations, cameras: tuple[Camera, ...], target: Target, seen: Snapshots) -> tuple[Links, PropViews]:

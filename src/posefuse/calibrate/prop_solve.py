@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
@@ -20,6 +21,9 @@ from .snapshots import Snapshots
 
 _ROUGH_SIGMA_PX, _LEAST_SIGMA_PX = 2.0, 0.05
 _CAUCHY = 3.0
+_MAD = 1.4826
+_LEAST_MOVING_SHARE = 0.5
+_MOST_JITTER_S = 0.05
 _DELAY_SCALE_S = np.array([1e-3, 1e-5])
 
 
@@ -62,43 +66,95 @@ class PropSolution:
     """Where the solve stopped.
 
     Attributes:
-        state: unknowns. sigma_px: robust spread of a corner coordinate.
+        state: unknowns. sigma_px: robust spread of a corner coordinate across its motion.
+        jitter_s: spread of the moments of exposure, as far as it shows along the motion.
         residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
         camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
+        lens_sigma: (C, 6) standard errors of `LENS_PARAMETERS`; 0 where held.
         iterations: steps tried.
     """
 
     state: PropState
     sigma_px: float
+    jitter_s: float
     residual_px: Array
     weight: Array
     camera_covariance: Array
     delay_sigma_s: Array
+    lens_sigma: Array
     iterations: int
 
 
 def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
-    """Two robust solves: one with a wide loss to come near, one with the loss scaled by the spread found.
+    """Two robust solves: one with a wide loss to come near, one with the noise found by the first.
+
+    The noise of a corner is a round part and a part along its motion, which stands for frames that were not quite
+    taken at the time they are stamped: slow corners count fully, fast ones only across their motion.
 
     `corners` (M, n, 3): corners of each patch in its own frame. `start.delay_s` is the delay the snapshots were taken
     with; the clock columns move them along their image velocity from there.
     """
-    first = solve(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, 1.0), start)
-    sigma = _spread(first.residual * _ROUGH_SIGMA_PX, first.weight)
-    second = solve(_problem(seen, corners, cameras, start, freedom, sigma, _CAUCHY), first.state)
-    residual = second.residual * sigma
-    spread = _spread(residual, second.weight)
-    return _summary(second, residual, spread, (spread / sigma) ** 2, freedom)
+    wide = Noise(_ROUGH_SIGMA_PX, 0.0)
+    first = solve(_problem(seen, corners, cameras, start, freedom, wide, 1.0), start)
+    noise = _noise(seen, first.residual * _ROUGH_SIGMA_PX, first.weight)
+    second = solve(_problem(seen, corners, cameras, start, freedom, noise, _CAUCHY), first.state)
+    residual = _unwhitened(second.residual, seen.velocity_px_s, noise)
+    found = _noise(seen, residual, second.weight)
+    return _summary(second, residual, found, (found.sigma_px / noise.sigma_px) ** 2, freedom)
 
 
-def _spread(residual_px: Array, weight: Array) -> float:
-    """Robust standard deviation of a coordinate."""
-    usable = residual_px[np.isfinite(residual_px).all(axis=1) & (weight > 0)]
-    return max(float(1.4826 * np.median(np.abs(usable))), _LEAST_SIGMA_PX) if len(usable) else _ROUGH_SIGMA_PX
+@dataclass(frozen=True)
+class Noise:
+    """Of an image point: `sigma_px` each way, and `jitter_s` times its velocity along its motion."""
+
+    sigma_px: float
+    jitter_s: float
+
+    def stretch(self, velocity_px_s: Array) -> tuple[Array, Array]:
+        """Direction of motion (N, 2) and how much larger (N,) the standard deviation is along it."""
+        speed = np.linalg.norm(velocity_px_s, axis=1)
+        along = velocity_px_s / np.maximum(speed, 1e-9)[:, None]
+        return along, np.sqrt(1 + (speed * self.jitter_s / self.sigma_px) ** 2)
 
 
-def _summary(solution: Solution[PropState], residual_px: Array, sigma_px: float, scale: float, freedom: Freedom) -> PropSolution:
+def whitened(values: Array, velocity_px_s: Array, noise: Noise) -> Array:
+    """Residuals (N, 2) or Jacobians (N, 2, p) in standard deviations."""
+    along, stretch = noise.stretch(velocity_px_s)
+    flat = values.reshape(len(values), 2, -1)
+    part = along[:, :, None] * (along[:, None] @ flat) * (1 - 1 / stretch)[:, None, None]
+    return np.asarray(((flat - part) / noise.sigma_px).reshape(values.shape))
+
+
+def _unwhitened(residual: Array, velocity_px_s: Array, noise: Noise) -> Array:
+    along, stretch = noise.stretch(velocity_px_s)
+    return np.asarray((residual + along * ((along * residual).sum(axis=1) * (stretch - 1))[:, None]) * noise.sigma_px)
+
+
+def _noise(seen: Snapshots, residual_px: Array, weight: Array) -> Noise:
+    """Spread across the motion, and what the spread along the motion has more than that, both by medians."""
+    usable = np.isfinite(residual_px).all(axis=1) & (weight > 0)
+    if not usable.any():
+        return Noise(_ROUGH_SIGMA_PX, 0.0)
+    residual, velocity = residual_px[usable], seen.velocity_px_s[usable]
+    speed = np.linalg.norm(velocity, axis=1)
+    along = velocity / np.maximum(speed, 1e-9)[:, None]
+    across = along[:, 0] * residual[:, 1] - along[:, 1] * residual[:, 0]
+    moving = speed > 0
+    round_part = across if moving.mean() > _LEAST_MOVING_SHARE else residual.ravel()
+    sigma = max(float(_MAD * np.median(np.abs(round_part))), _LEAST_SIGMA_PX)
+    fast = speed >= max(float(np.median(speed)), 1e-6)
+    off, v = (along * residual).sum(axis=1)[fast], speed[fast]
+
+    def excess(jitter_s: float) -> float:
+        return float(_MAD * np.median(np.abs(off) / np.sqrt(sigma**2 + (v * jitter_s) ** 2))) - 1
+
+    if len(v) == 0 or excess(0.0) <= 0 or excess(_MOST_JITTER_S) >= 0:
+        return Noise(sigma, 0.0 if len(v) == 0 or excess(0.0) <= 0 else _MOST_JITTER_S)
+    return Noise(sigma, float(brentq(excess, 0.0, _MOST_JITTER_S)))
+
+
+def _summary(solution: Solution[PropState], residual_px: Array, noise: Noise, scale: float, freedom: Freedom) -> PropSolution:
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
     full = np.zeros((len(free), len(free)))
@@ -107,8 +163,9 @@ def _summary(solution: Solution[PropState], residual_px: Array, sigma_px: float,
     clock = 6 * count + 6 * len(solution.state.prop_from_patch)
     variance = np.diag(full)[clock : clock + 2 * count].reshape(count, 2)
     return PropSolution(
-        solution.state, sigma_px, residual_px, solution.weight, cameras, np.sqrt(variance) * _DELAY_SCALE_S, solution.iterations
-    )
+        solution.state, noise.sigma_px, noise.jitter_s, residual_px, solution.weight, cameras,
+        np.sqrt(variance) * _DELAY_SCALE_S, np.sqrt(np.diag(full)[clock + 2 * count :]).reshape(count, -1), solution.iterations,
+    )  # fmt: skip
 
 
 def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
@@ -129,10 +186,10 @@ def _problem(
     cameras: tuple[Camera, ...],
     start: PropState,
     freedom: Freedom,
-    sigma_px: float,
+    noise: Noise,
     cauchy: float,
 ) -> Problem[PropState]:
-    model = _Model(seen, corners, cameras, start.delay_s, freedom, sigma_px)
+    model = _Model(seen, corners, cameras, start.delay_s, freedom, noise)
     return Problem(
         model.residual, model.linearise, model.step, _free(start, freedom), len(start.world_from_prop), seen.group,
         seen.group_count, cauchy, model.prior_cost,
@@ -143,13 +200,16 @@ class _Model:
     """Residuals and Jacobians of the corners."""
 
     def __init__(
-        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], delay_s: Array, freedom: Freedom, sigma_px: float
+        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], delay_s: Array, freedom: Freedom, noise: Noise
     ) -> None:
-        self._seen, self._cameras, self._freedom, self._sigma = seen, cameras, freedom, sigma_px
+        self._seen, self._cameras, self._freedom, self._noise = seen, cameras, freedom, noise
         self._xyz_patch = corners[seen.patch, seen.corner]
         self._delay_s = delay_s
         lens_sigma = freedom.lens_sigma
         self._lens_prior = np.zeros(len(LENS_PARAMETERS)) if lens_sigma is None else 1 / lens_sigma**2
+
+    def _white(self, values: Array) -> Array:
+        return whitened(values, self._seen.velocity_px_s, self._noise)
 
     def residual(self, state: PropState) -> Array:
         return self._predict(state)[0]
@@ -177,8 +237,8 @@ class _Model:
         px, jacobian = lenses.project(seen.camera, cam)
         late = (state.delay_s - self._delay_s)[seen.camera]
         late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.instant]
-        residual = (px - seen.xy_img - seen.velocity_px_s * late_s[:, None]) / self._sigma
-        return residual, jacobian / self._sigma, prop, world, cam, lenses
+        residual = self._white(px - seen.xy_img - seen.velocity_px_s * late_s[:, None])
+        return residual, self._white(jacobian), prop, world, cam, lenses
 
     def linearise(self, state: PropState) -> Linearised:
         seen = self._seen
@@ -199,7 +259,7 @@ class _Model:
         return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.instant)
 
     def _clock_jacobian(self) -> Array:
-        per_offset = -self._seen.velocity_px_s / self._sigma
+        per_offset = self._white(-self._seen.velocity_px_s)
         per_drift = per_offset * self._seen.t_s[self._seen.instant][:, None]
         return np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S
 
@@ -208,7 +268,7 @@ class _Model:
         if self._freedom.lens_sigma is None:
             jacobian = np.zeros((len(cam), 2, len(LENS_PARAMETERS)))
         else:
-            jacobian = lenses.lens_jacobian(self._seen.camera, cam) / self._sigma
+            jacobian = self._white(lenses.lens_jacobian(self._seen.camera, cam))
         prior = np.tile(self._lens_prior, (count, 1))
         return Block(jacobian, self._seen.camera, count, prior, state.lens_delta)
 

@@ -15,7 +15,8 @@ from posefuse.core.arrays import Array
 from .observations import Observations
 
 _SAME_S = 1e-4
-_LONGEST_GAP_S = 0.12
+# corners are interpolated over one lost frame, and never over more than this
+_LONGEST_GAP_PERIODS, _LONGEST_GAP_S = 2.2, 0.4
 _SLOW_PX_S = 150.0
 
 
@@ -86,10 +87,11 @@ def snapshots(observations: Observations, instants_ns: Array, delay_s: Array) ->
     track = np.stack([observations.camera, patch, observations.corner])
     order = np.lexsort((row_s, track[2], track[1], track[0]))
     cuts = np.flatnonzero((np.diff(track[:, order], axis=1) != 0).any(axis=0)) + 1
+    gaps_s = [_longest_gap_s(row_s[observations.camera == c]) for c in range(len(observations.cameras))]
     for rows in np.split(order, cuts) if len(order) else []:
         c = observations.camera[rows[0]]
         wanted_s = t_s + delay_s[c, 0] + delay_s[c, 1] * t_s
-        found, xy, velocity = _at(row_s[rows], observations.xy_img[rows], wanted_s)
+        found, xy, velocity = _at(row_s[rows], observations.xy_img[rows], wanted_s, gaps_s[c])
         n = len(found)
         parts.append((np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]), xy, velocity))
     if not parts:
@@ -99,16 +101,21 @@ def snapshots(observations: Observations, instants_ns: Array, delay_s: Array) ->
     return _grouped(t_s, camera, instant, patch_of, corner, xy, velocity, patches)
 
 
-def _at(track_s: Array, xy: Array, wanted_s: Array) -> tuple[Array, Array, Array]:
+def _longest_gap_s(stamps_s: Array) -> float:
+    steps = np.diff(np.unique(stamps_s))
+    return min(_LONGEST_GAP_PERIODS * float(np.median(steps)), _LONGEST_GAP_S) if len(steps) else 0.0
+
+
+def _at(track_s: Array, xy: Array, wanted_s: Array, longest_gap_s: float) -> tuple[Array, Array, Array]:
     """Which of the wanted times a track covers (n,), and place and velocity (n, 2) there."""
     last = len(track_s) - 1
     before = np.clip(np.searchsorted(track_s, wanted_s + _SAME_S, side="right") - 1, 0, last)
     after = np.minimum(before + 1, last)
     exact = np.abs(track_s[before] - wanted_s) <= _SAME_S
     gap = track_s[after] - track_s[before]
-    between = (track_s[before] < wanted_s) & (wanted_s < track_s[after]) & (gap <= _LONGEST_GAP_S)
+    between = (track_s[before] < wanted_s) & (wanted_s < track_s[after]) & (gap <= longest_gap_s)
     found = np.flatnonzero(exact | between)
-    slopes = _slopes(track_s, xy)
+    slopes = _slopes(track_s, xy, longest_gap_s)
     i, k = before[found], after[found]
     h = np.where(gap[found] > 0, gap[found], 1.0)[:, None]
     u = np.where(exact[found], 0.0, (wanted_s[found] - track_s[i]) / h[:, 0])[:, None]
@@ -122,12 +129,12 @@ def _at(track_s: Array, xy: Array, wanted_s: Array) -> tuple[Array, Array, Array
     return found, place, np.where(exact[found][:, None], slopes[i], velocity)
 
 
-def _slopes(track_s: Array, xy: Array) -> Array:
+def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
     """Velocity (n, 2) at the frames of a track from their neighbours on both sides; one side where that is all there is."""
     if len(track_s) < 2:
         return np.zeros_like(xy)
     step = np.diff(track_s)
-    near = (step <= _LONGEST_GAP_S)[:, None]
+    near = (step <= longest_gap_s)[:, None]
     chord = np.where(near, np.diff(xy, axis=0) / step[:, None], 0.0)
     left, right = np.vstack([[[0, 0]], chord]), np.vstack([chord, [[0, 0]]])
     has_left, has_right = np.vstack([[[False]], near]), np.vstack([near, [[False]]])
@@ -142,14 +149,11 @@ def pick_instants(observations: Observations, most: int, delay_s: Array, prefer_
     reference = int(np.argmax(counts))
     candidates = np.unique(observations.t_ns[observations.camera == reference])
     others = np.unique(observations.t_ns[observations.camera != reference])
-    if len(others) and len(candidates):
+    if len(candidates) > 1:
         # times at which the busiest camera saw nothing
-        nearest = np.clip(np.searchsorted(candidates, others), 1, max(len(candidates) - 1, 1))
-        gaps = np.minimum(np.abs(others - candidates[nearest - 1]), np.abs(others - candidates[min(len(candidates) - 1, 0)]))
-        if len(candidates) > 1:
-            gaps = np.minimum(np.abs(others - candidates[nearest - 1]), np.abs(others - candidates[nearest]))
-        lonely = others[gaps > _LONGEST_GAP_S * 1e9 / 3]
-        candidates = np.unique(np.concatenate([candidates, lonely]))
+        after = np.clip(np.searchsorted(candidates, others), 1, len(candidates) - 1)
+        distance = np.minimum(np.abs(others - candidates[after - 1]), np.abs(others - candidates[after]))
+        candidates = np.unique(np.concatenate([candidates, others[distance > np.median(np.diff(candidates))]]))
     thin = max(1, len(candidates) // (6 * most))
     return _greedy(observations, candidates[::thin], most, delay_s, prefer_slow)
 
