@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from posefuse.core import CalibrationError, Camera, InputError, Rig
+import numpy as np
+
+from posefuse.core import CalibrationError, Camera, InputError, Rig, Source
+from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.files.rig import fit_camera_to_video, read_rig
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
@@ -32,6 +37,7 @@ _FOLDERS = {
     "pose2d": ("pose2d", "openpose_json", "pose", "pose-2d"),
 }
 LEAST_CAMERAS = 2
+_FRAMES_TO_TELL_BARS = 15
 
 
 @dataclass(frozen=True)
@@ -96,12 +102,19 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, notes)
 
 
-def fitted_camera(camera: Camera, entry: Input, size_wh: tuple[int, int]) -> Camera:
-    """The camera for images of this size: as calibrated, or by the crop or scale that is stated or can be told."""
+def fitted_camera(camera: Camera, entry: Input, source: Source) -> Camera:
+    """The camera for a source's images: as calibrated, or by the crop or scale that is stated or can be told from them."""
+    image = None if source.size_wh == camera.size_wh else _brightest(source)
     try:
-        return fit_camera_to_video(camera, size_wh, crop=entry.settings.crop, scale=entry.settings.scale)
+        return fit_camera_to_video(camera, source.size_wh, crop=entry.settings.crop, scale=entry.settings.scale, image=image)
     except CalibrationError as error:
         raise CalibrationError(f"{entry.path}: {error}") from None
+
+
+def _brightest(source: Source) -> Array:
+    """The brightest value of each pixel over the first frames: what stays black is no scene."""
+    first = (frame.image for frame in itertools.islice(source.frames(), _FRAMES_TO_TELL_BARS))
+    return np.asarray(functools.reduce(np.maximum, first))
 
 
 def _rig_path(folder: Path, config: TrackConfig) -> Path:

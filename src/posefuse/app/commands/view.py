@@ -18,9 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Open the viewer; it stays open after the command ends."""
+    """Show the result until the viewer is closed."""
     from posefuse.sinks import view_recording
 
-    recording_path = view_recording(args.result)
-    terminal.note(f"viewer opened on {recording_path}")
-    return {"viewed": recording_path}
+    return {"viewed": view_recording(args.result)}

@@ -98,7 +98,7 @@ def _images(session: Session, config: TrackConfig, warn: Warn) -> tuple[Rig, Ima
             warn(f"{error}; goes on without camera {entry.camera}")
             continue
         sources.append(source)
-        cameras.append(fitted_camera(session.rig[entry.camera], entry, source.size_wh))
+        cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
     if len(sources) < LEAST_CAMERAS:
         raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
