@@ -38,6 +38,8 @@ class VideoWriter:
     def __init__(self, path: Path, size_wh: tuple[int, int], rate_hz: float, crf: int = 23) -> None:
         self._path, self._size_wh = path, size_wh
         self._last_pts = -1
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
         try:
             self._container = av.open(str(path), "w", format="mp4", options=_CONTAINER)
         except (av.error.FFmpegError, OSError) as error:

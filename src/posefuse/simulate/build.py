@@ -161,4 +161,4 @@ def _grip(body: Body, path: CarriedPath) -> tuple[int, SE3]:
 
 
 def _point(values: Array) -> str:
-    return "(" + ", ".join(f"{value:.2f}" for value in values) + ")"
+    return "(" + ", ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in values) + ")"

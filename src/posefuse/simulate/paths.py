@@ -101,8 +101,9 @@ def _waved(path: WavedPath, t_s: Array, seed: int) -> SE3:
     # a sine of amplitude A and rate w has the mean speed 2 A w / pi; three axes and overtones share it
     rate_hz = path.speed_mps / max(4 * float(np.linalg.norm(half)), 1e-9)
     place = np.array(path.centre_m) + half * _waves(rng, rate_hz, t_s)
-    turn = np.deg2rad(path.turn_dps) * t_s[:, None] * np.array([1.0, 0.0, 0.0])
-    sway = np.array([0.6, 1.1, 2.4]) * _waves(rng, path.turn_dps / 360.0, t_s)
+    # rolling on and on shows every side; a pitch near a right angle would make yaw and roll one
+    turn = np.deg2rad(path.turn_dps) * t_s[:, None] * np.array([0.8, 0.0, 0.6])
+    sway = np.array([0.6, 1.1, 0.6]) * _waves(rng, path.turn_dps / 360.0, t_s)
     return _turned(turn + sway, place)
 
 
