@@ -171,7 +171,9 @@ def _rows(tokens: _Tokens, path: Path, frames: int, channels: int) -> Array:
     except ValueError as error:
         raise InputError(f"{path}: MOTION: expected numbers only ({error})") from None
     if not np.isfinite(rows).all():
-        raise InputError(f"{path}: MOTION: expected finite numbers, got NaN or infinity in frame {np.argwhere(~np.isfinite(rows))[0][0]}")
+        raise InputError(
+            f"{path}: MOTION: expected finite numbers, got NaN or infinity in frame {np.argwhere(~np.isfinite(rows))[0][0]}"
+        )
     return rows
 
 

@@ -16,7 +16,7 @@ Segment frames, at rest, in rest axes (x forward, y left, z up); X anterior, Y p
 | thigh, shank | hip, knee | Y: knee -> hip, ankle -> knee; Z: the pelvis's Z made normal to Y |
 | foot | ankle | Y up, normal to the sole; X from heel to the middle of big and small toe, level |
 | upper arm | shoulder | Y: elbow -> shoulder; Z normal to the plane shoulder-elbow-wrist (the elbow's hinge axis) |
-| forearm | elbow | Y: wrist -> elbow; Z towards the thumb side on the right, the little finger's on the left: across the knuckles |
+| forearm | elbow | Y: wrist -> elbow; Z across the knuckles: to the thumb on the right, away from it on the left |
 | hand | wrist | Y: middle of the knuckles -> wrist; Z as for the forearm |
 """
 

@@ -58,7 +58,9 @@ def _model() -> tuple[Any, Any]:
         raise DependencyError(f"the simulated body needs the extra 'sim': pip install 'posefuse[sim]' ({error})") from None
     model = anny.Anny(rig="anny", skinning_method="lbs")
     names = list(SKELETONS["anatomical23"].keypoints)
-    return model, anny.KeypointsRegressor.coco(model, labels=names).regression_weights.numpy()
+    weights = anny.KeypointsRegressor.coco(model, labels=names).regression_weights.numpy().astype(np.float64)
+    # they sum to 1 only to single precision
+    return model, weights / weights.sum(axis=1, keepdims=True)
 
 
 def rest_mesh(settings: BodySettings) -> RestMesh:
@@ -82,7 +84,7 @@ def rest_mesh(settings: BodySettings) -> RestMesh:
         model.vertex_bone_indices.numpy().astype(np.int64),
         model.vertex_bone_weights.numpy().astype(np.float64),
         bones,
-        regression.astype(np.float64),
+        regression,
     )
 
 
@@ -132,7 +134,8 @@ def _solve(sliders: dict[str, float], slider: str, wanted: float, place: int, ke
     low, high = miss(0.0), miss(1.0)
     if low > tolerance or high < -tolerance:
         raise ConfigError(
-            f"{key}: expected {low + wanted:.2f} to {high + wanted:.2f} {unit} for this sex, age and build, got {wanted:.2f} {unit}"
+            f"{key}: expected {low + wanted:.2f} to {high + wanted:.2f} {unit} for this sex, age and build, "
+            f"got {wanted:.2f} {unit}"
         )
     if low < 0 < high:
         sliders[slider] = float(brentq(miss, 0.0, 1.0, xtol=tolerance * 1e-3))

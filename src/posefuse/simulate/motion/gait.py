@@ -118,7 +118,10 @@ class Gait:
         swing = self._ahead * size
         drop = _DROP_RAD * swing * np.cos(cycle - 2 * np.pi * 0.13)
         pelvis = leaned(
-            base, np.deg2rad(1.2) * swing * np.cos(2 * cycle - 0.6), drop - _PELVIS_LEAN * inward, -_TURN_RAD * swing * np.cos(cycle)
+            base,
+            np.deg2rad(1.2) * swing * np.cos(2 * cycle - 0.6),
+            drop - _PELVIS_LEAN * inward,
+            -_TURN_RAD * swing * np.cos(cycle),
         )
         thorax = leaned(base, _LEAN_RAD * swing, -0.35 * drop - 0.9 * inward, _COUNTER_RAD * swing * np.cos(cycle - 0.2))
         glance = base if not self._ahead else level_axes(self.facing(distance + _GLANCE_AHEAD_M * np.minimum(size, 1)))

@@ -60,7 +60,7 @@ class Pace:
 
     def speed_mps(self, t_s: Array) -> Array:
         """Rate of `distance_m` (T,); 0 before the start and after the end."""
-        laps, within = self._lap(t_s, self.lap_s)
+        _, within = self._lap(t_s, self.lap_s)
         moving = np.ones_like(within) if self.loops else (t_s > 0) & (t_s < self.lap_s)
         return self._distance(within, 1) * moving
 

@@ -81,7 +81,9 @@ def _plain(name: str) -> str:
     return (side or "") + _SYNONYMS.get(part, part)
 
 
-_PLAIN_PARTS = {n.removeprefix("left_").replace("_", "") for n in (*_NEEDED, *_OPTIONAL) if n.startswith("left_")} | set(_SYNONYMS)
+_PLAIN_PARTS = {n.removeprefix("left_").replace("_", "") for n in (*_NEEDED, *_OPTIONAL) if n.startswith("left_")} | set(
+    _SYNONYMS
+)
 
 
 def _named(names: tuple[str, ...], xyz: Array, file: str) -> Points:

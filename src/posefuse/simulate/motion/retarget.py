@@ -59,7 +59,9 @@ def retargeted(body: Body, settings: BvhSettings) -> Sampled:
     path = position[:, legs].mean(axis=1) @ world_from_file.T * (sum(lengths_m(body, "left", "leg")) / theirs)
     path[:, :2] += np.array(settings.position_m) - path[0, :2]
     times = np.arange(len(data)) * data.frame_s
-    return on_floor(body, Sampled(times, path, axes, np.zeros((len(path), 2)), settings.start_s, settings.loop), floor_known=False)
+    return on_floor(
+        body, Sampled(times, path, axes, np.zeros((len(path), 2)), settings.start_s, settings.loop), floor_known=False
+    )
 
 
 def _plain(name: str) -> str:
@@ -77,7 +79,9 @@ def _joints(data: BvhData, file: str) -> dict[str, int]:
             place = next((places[w] for w in wanted if w in places), None)
             if place is None:
                 known = choices(n for n in data.names if not n.endswith("_end"))
-                raise InputError(f"{file}: joint for the {key.replace('_', ' ')}: expected one of {choices(wanted)}; there are: {known}")
+                raise InputError(
+                    f"{file}: joint for the {key.replace('_', ' ')}: expected one of {choices(wanted)}; there are: {known}"
+                )
             found[key] = place
     for side in ("left", "right"):
         for role, child in _CHILD.items():
