@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from posefuse.core import InputError, SourceError
 from posefuse.core.skeleton import ANATOMICAL23
@@ -178,6 +179,24 @@ def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_p
     (tmp_path / "scene.yaml").write_text("duration_s: 3\ncameras: {kind: ring}\n")
     with pytest.raises(InputError, match="unfinished session of another scene"):
         simulate(_SCENE, tmp_path)
+
+
+def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
+    """Relative files count from the scene file, and the session can be moved."""
+    from posefuse.simulate import session as sessions
+    from posefuse.simulate.motion.settings import BvhSettings
+
+    (tmp_path / "walk.bvh").write_text("HIERARCHY")
+    person = PersonSettings(motion=BvhSettings(kind="bvh", file="walk.bvh"))
+    text = sessions.plain_settings(dataclasses.replace(_SCENE, people=(person, person), props=()))
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(text))
+    scene = read_scene(tmp_path / "scene.yaml")
+    assert scene.people[0].motion.file == str(tmp_path / "walk.bvh")
+    sessions._begin(sessions.SessionPaths(tmp_path / "session"), scene)
+    (tmp_path / "session").rename(tmp_path / "moved")
+    (tmp_path / "walk.bvh").unlink()
+    again = read_scene(tmp_path / "moved" / "scene.yaml")
+    assert Path(again.people[1].motion.file).read_text() == "HIERARCHY"
 
 
 def test_image_folders_are_read_with_their_times(tmp_path, backend):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -79,13 +81,26 @@ class Scene:
 
 
 def read_scene(path: Path) -> Scene:
-    """Read a scene file (YAML or TOML); raises ConfigError in one line naming file, key, expected and got."""
-    scene = read_settings(path, Scene)
+    """Read a scene file (YAML or TOML); raises ConfigError in one line naming file, key, expected and got.
+
+    Motion files are looked for from the scene file's folder.
+    """
+    scene = with_motion_files(read_settings(path, Scene), lambda _, file: str(path.parent / file))
     try:
         check_scene(scene)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     return scene
+
+
+def with_motion_files(scene: Scene, moved: Callable[[int, str], str]) -> Scene:
+    """The scene with the motion file of each person, where there is one, replaced by `moved(place of the person, file)`."""
+    people = []
+    for i, person in enumerate(scene.people):
+        file = getattr(person.motion, "file", None)
+        motion = person.motion if file is None else replace(person.motion, file=moved(i, file))
+        people.append(replace(person, motion=motion))
+    return replace(scene, people=tuple(people))
 
 
 def check_scene(scene: Scene) -> None:

@@ -37,7 +37,7 @@ from .render.model import RenderModel, render_model
 from .render.optics import optics_of
 from .render.shot import moments_of
 from .render.workers import RenderJob, RenderTask, image_name, render_all
-from .scene import H264Settings, Scene, read_scene
+from .scene import H264Settings, Scene, with_motion_files
 
 Progress = Callable[[int, int], None]
 TIMES_FILE = "timestamps.csv"
@@ -142,7 +142,7 @@ def body_poses(live: LiveScene, t_s: Array) -> Array:
 def _check_folder(paths: SessionPaths, scene: Scene) -> None:
     """Accept a new or empty folder, or an interrupted session of the same scene."""
     if paths.incomplete.is_file():
-        if paths.scene.is_file() and read_scene(paths.scene) != scene:
+        if paths.scene.is_file() and paths.scene.read_text(encoding="utf-8") != _scene_text(scene):
             raise InputError(f"{paths.folder}: holds an unfinished session of another scene; delete it or choose another folder")
     elif paths.folder.exists() and (not paths.folder.is_dir() or any(paths.folder.iterdir())):
         raise InputError(f"{paths.folder}: is not empty; delete it or choose another folder")
@@ -153,7 +153,27 @@ def _begin(paths: SessionPaths, scene: Scene) -> None:
     paths.incomplete.write_text("This session is not finished. Simulate the same scene into this folder to go on.\n")
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
-    paths.scene.write_text(yaml.safe_dump(plain_settings(scene), sort_keys=False), encoding="utf-8")
+    paths.scene.write_text(_scene_text(scene), encoding="utf-8")
+    with_motion_files(scene, lambda i, file: _copied(Path(file), paths.folder / _motion_name(i, file)))
+
+
+def _scene_text(scene: Scene) -> str:
+    """What scene.yaml says: every setting, motion files as the session holds them."""
+    return yaml.safe_dump(plain_settings(with_motion_files(scene, _motion_name)), sort_keys=False)
+
+
+def _motion_name(person: int, file: str) -> str:
+    return f"motion/{person}-{Path(file).name}"
+
+
+def _copied(file: Path, into: Path) -> str:
+    """Copy a motion file or folder, so that the session holds all it was made from."""
+    into.parent.mkdir(exist_ok=True)
+    if file.is_dir():
+        shutil.copytree(file, into, dirs_exist_ok=True)
+    else:
+        shutil.copyfile(file, into)
+    return str(into)
 
 
 def plain_settings(settings: Any) -> Any:
