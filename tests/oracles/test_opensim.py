@@ -67,9 +67,13 @@ def test_nothing_was_warned_about(solved, osim):
     complaints = [line for line in (folder / LOG_FILE).read_text().splitlines() if "[warn" in line or "[err" in line]
     assert complaints == []
     osim.Logger.addFileSink(str(folder / "guard.log"))
-    osim.Logger.warn("seen")
+    tool = osim.InverseKinematicsTool()
+    tool.set_model_file(str(folder / MODEL_FILE))
+    tool.setMarkerDataFileName(str(folder / "not_there.trc"))
+    with pytest.raises(RuntimeError):
+        tool.run()
     osim.Logger.removeFileSink()
-    assert "[warn" in (folder / "guard.log").read_text()
+    assert "[error]" in (folder / "guard.log").read_text()
 
 
 def test_it_opens_the_model_and_our_motions(solved, osim, tmp_path):

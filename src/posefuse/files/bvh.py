@@ -14,6 +14,8 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
+from .atomic import atomic_file
+
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
 
 
@@ -192,3 +194,53 @@ def _data(joints: _Joints, frame_s: float, rows: Array) -> BvhData:
                 rotation[:, j] = rotation[:, j] @ turns.as_matrix()
             column += 1
     return BvhData(tuple(joints.names), np.array(joints.parents), offset, frame_s, rotation, position)
+
+
+def write_bvh(path: Path | str, data: BvhData) -> None:
+    """Write a BVH file that Blender opens: the root with position and rotation channels, other joints with rotations.
+
+    Rotations are written as Z, X, Y, each about the axes already turned. A joint without children is an end site.
+
+    Raises:
+        InputError: a joint other than the root moves against its parent, a value is missing, or the place cannot be written to.
+    """
+    path = Path(path)
+    children: dict[int, list[int]] = {j: [] for j in range(-1, len(data.names))}
+    for j, p in enumerate(data.parent):
+        children[int(p)].append(j)
+    _check_writable(path, data, children[-1])
+    order: list[int] = []
+    lines = ["HIERARCHY", *_block(data, children, children[-1][0], 0, order)]
+    lines += ["MOTION", f"Frames: {len(data)}", f"Frame Time: {data.frame_s:.8f}"]
+    angles = np.stack([Rotation.from_matrix(data.rotation[:, j]).as_euler("ZXY", degrees=True) for j in order], axis=1)
+    numbers = np.concatenate([data.position[:, order[0]], angles.reshape(len(data), -1)], axis=1)
+    lines += [" ".join(f"{number:.6f}" for number in row) for row in numbers]
+    with atomic_file(path) as beside:
+        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _check_writable(path: Path, data: BvhData, roots: list[int]) -> None:
+    if len(roots) != 1:
+        raise InputError(f"{path}: BVH: expected one root, got {len(roots)}")
+    if not (np.isfinite(data.rotation).all() and np.isfinite(data.position).all()):
+        raise InputError(f"{path}: BVH cannot hold missing values: fill or cut the gaps first")
+    moving = [
+        name for j, name in enumerate(data.names) if j != roots[0] and np.ptp(data.position[:, j], axis=0).max(initial=0) > 1e-6
+    ]
+    if moving:
+        raise InputError(f"{path}: BVH: joints must keep their offset; these move: {choices(moving)}")
+
+
+def _block(data: BvhData, children: dict[int, list[int]], j: int, depth: int, order: list[int]) -> list[str]:
+    """Lines of a joint and those below it; joints with channels are added to `order`."""
+    pad = "\t" * depth
+    offset = " ".join(f"{number:.6f}" for number in data.offset[j])
+    if not children[j]:
+        return [f"{pad}End Site", f"{pad}{{", f"{pad}\tOFFSET {offset}", f"{pad}}}"]
+    order.append(j)
+    kind, channels = ("ROOT", "6 Xposition Yposition Zposition") if depth == 0 else ("JOINT", "3")
+    lines = [f"{pad}{kind} {data.names[j]}", f"{pad}{{", f"{pad}\tOFFSET {offset}"]
+    lines.append(f"{pad}\tCHANNELS {channels} Zrotation Xrotation Yrotation")
+    for child in children[j]:
+        lines += _block(data, children, child, depth + 1, order)
+    return [*lines, f"{pad}}}"]

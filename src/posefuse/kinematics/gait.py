@@ -16,9 +16,8 @@ from scipy.signal import find_peaks, savgol_filter
 from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array
 
-from .sides import landmarks
+from .sides import SIDES, landmarks
 
-SIDES = ("left", "right")
 _SLOWEST_M_S = 0.25
 _SMOOTH_S = 0.14
 _HEADING_S = 1.0
@@ -145,9 +144,7 @@ def _measured(
             gap = heels[side][i] - heels[other][i]
             lengths[side].append(float(gap @ ahead[i]))
             widths.append(abs(float(gap[0] * ahead[i, 1] - gap[1] * ahead[i, 0])))
-    strides = [
-        (heels[s][a], heels[s][b], t_s[b] - t_s[a]) for s in SIDES for a, b in zip(strikes[s], strikes[s][1:], strict=False)
-    ]
+    strides = [(heels[s][a], heels[s][b], t_s[b] - t_s[a]) for s in SIDES for a, b in pairwise(strikes[s])]
     first, last = events[0][0], events[-1][0]
     path = velocity[first : last + 1, :2]
     return Gait(

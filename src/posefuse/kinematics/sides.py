@@ -9,6 +9,8 @@ from posefuse.core.arrays import Array
 
 from .definitions import LIMBS, POINTS, landmark_pairs
 
+SIDES = ("left", "right")
+
 _FEWEST_VOTES = 20
 _SURE = 0.8
 _CLEAR_M = 0.04

@@ -1,0 +1,125 @@
+"""Segment frames to an animated skeleton of constant offsets, for BVH and glTF.
+
+File axes: Y up, the rest pose stands upright with hanging arms and faces +Z. World (x, y, z) becomes file (y, z, x); a
+segment's ISB axes (X anterior, Y proximal, Z right) become file (z, y, -x).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from posefuse.core import InputError, Joints, PoseSequence
+from posefuse.core.arrays import Array
+from posefuse.files.bvh import BvhData
+
+from .sides import SIDES, landmarks
+
+FILE_FROM_WORLD = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+FILE_FROM_SEGMENT = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
+_LIMB_PARENT = {
+    "upper_arm": "thorax", "forearm": "upper_arm", "hand": "forearm", "thigh": "pelvis", "shank": "thigh", "foot": "shank",
+}  # fmt: skip
+_PARENT = {"thorax": "pelvis", "head": "thorax"} | {
+    f"{side}_{child}": parent if parent in ("thorax", "pelvis") else f"{side}_{parent}"
+    for side in SIDES
+    for child, parent in _LIMB_PARENT.items()
+}
+# where a branch ends, as the mean of landmarks
+_LIMB_END = {
+    "upper_arm": ("elbow",), "forearm": ("wrist",), "hand": ("index", "pinky"), "thigh": ("knee",), "shank": ("ankle",),
+    "foot": ("toe",),
+}  # fmt: skip
+_ENDS = {"head": ("nose",)} | {
+    f"{side}_{segment}": tuple(f"{side}_{point}" for point in points) for side in SIDES for segment, points in _LIMB_END.items()
+}
+_LONGEST_GAP_S = 0.5
+_UNEVEN = 0.05
+
+
+def animation_from_joints(sequence: PoseSequence, joints: Joints, person: int = 0, metres_per_unit: float = 1.0) -> BvhData:
+    """One person's motion with offsets that are medians over time, so bones keep their length.
+
+    With segments of constant length (the whole-body fit) the motion read back is exactly that of `sequence`. Gaps up to half
+    a second are bridged by the shortest turn. Segments that were never seen are left out, with all that hangs on them.
+
+    Args:
+        sequence: the keypoints the joints were made from.
+        joints: its frames. person: place on axis N.
+        metres_per_unit: length unit of the result, e.g. 0.01 for centimetres.
+
+    Raises:
+        InputError: no pelvis, a longer gap (names segment and time), or instants that are not evenly spaced.
+    """
+    frame_s = _frame_s(sequence)
+    world = joints.world_from_segment[:, person]
+    rotation, origin = world.matrix(), world.xyz
+    index = {name: s for s, name in enumerate(joints.segments)}
+    names = ["pelvis"] + [name for name in _PARENT if np.isfinite(origin[:, index[name], 0]).any()]
+    names = [name for name in names if _rooted(name, names)]
+    filled = {name: _filled(name, joints.t_ns, rotation[:, index[name]], origin[:, index[name]]) for name in names}
+    if "thorax" in filled:
+        # the line from mid-hip to neck is rigid, so it turns about the hips
+        filled["thorax"] = filled["thorax"][0], filled["pelvis"][1]
+    points = landmarks(sequence)
+    labels, parent, offset, local = ["pelvis"], [-1], [np.zeros(3)], [FILE_FROM_WORLD @ filled["pelvis"][0] @ FILE_FROM_SEGMENT.T]
+    for name in names[1:]:
+        over, own = filled[_PARENT[name]], filled[name]
+        labels.append(name)
+        parent.append(labels.index(_PARENT[name]))
+        offset.append(_median_in(over, own[1]))
+        local.append(FILE_FROM_SEGMENT @ np.swapaxes(over[0], -1, -2) @ own[0] @ FILE_FROM_SEGMENT.T)
+    for name in [n for n in names if n in _ENDS and n not in {_PARENT.get(m) for m in names}]:
+        labels.append(f"{name}_end")
+        parent.append(labels.index(name))
+        offset.append(_median_in(filled[name], np.mean([points[p][:, person] for p in _ENDS[name]], axis=0)))
+        local.append(np.broadcast_to(np.eye(3), local[0].shape))
+    scaled = np.array(offset) / metres_per_unit
+    position = np.tile(scaled, (len(joints.t_ns), 1, 1))
+    position[:, 0] = filled["pelvis"][1] @ FILE_FROM_WORLD.T / metres_per_unit
+    return BvhData(tuple(labels), np.array(parent), scaled, frame_s, np.stack(local, axis=1), position)
+
+
+def _rooted(name: str, names: list[str]) -> bool:
+    return name == "pelvis" or (_PARENT[name] in names and _rooted(_PARENT[name], names))
+
+
+def _frame_s(sequence: PoseSequence) -> float:
+    steps = np.diff(sequence.t_ns) * 1e-9
+    if not len(steps):
+        raise InputError("animation: expected at least 2 instants, got 1")
+    frame_s = float(steps.mean())
+    if np.abs(steps - frame_s).max() > _UNEVEN * frame_s:
+        raise InputError(
+            "animation: BVH and glTF hold evenly spaced instants; these are "
+            f"{steps.min():.4f} to {steps.max():.4f} s apart: set rate_hz"
+        )
+    return frame_s
+
+
+def _filled(name: str, t_ns: Array, rotation: Array, origin: Array) -> tuple[Array, Array]:
+    """Rotations and origins without gaps: bridged by the shortest turn, held at the ends."""
+    known = np.flatnonzero(np.isfinite(rotation[:, 0, 0]))
+    t_s = (t_ns - t_ns[0]) * 1e-9
+    if not len(known):
+        raise InputError(f"animation: segment {name} was never seen")
+    edges = np.concatenate([[t_s[0]], t_s[known], [t_s[-1]]])
+    worst = int(np.argmax(np.diff(edges)))
+    if edges[worst + 1] - edges[worst] > _LONGEST_GAP_S:
+        raise InputError(
+            f"animation: segment {name} is missing from {edges[worst]:.2f} to {edges[worst + 1]:.2f} s, longer than "
+            f"{_LONGEST_GAP_S} s; the whole-body fit fills such gaps"
+        )
+    if len(known) == len(t_s):
+        return rotation, origin
+    inside = np.clip(t_s, t_s[known[0]], t_s[known[-1]])
+    places = np.stack([np.interp(inside, t_s[known], origin[known, i]) for i in range(3)], axis=-1)
+    if len(known) == 1:
+        return np.broadcast_to(rotation[known[0]], rotation.shape), places
+    return Slerp(t_s[known], Rotation.from_matrix(rotation[known]))(inside).as_matrix(), places
+
+
+def _median_in(frame: tuple[Array, Array], xyz: Array) -> Array:
+    """Median place (3,) in a moving frame, in file axes."""
+    seen = np.einsum("tij,ti->tj", frame[0], xyz - frame[1])
+    return np.asarray(FILE_FROM_SEGMENT @ np.nanmedian(seen, axis=0))

@@ -1,0 +1,146 @@
+"""BVH and glTF of a recording: the same motion when read back, constant offsets, gaps named."""
+
+import json
+import struct
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import InputError, PoseSequence
+from posefuse.files.bvh import read_bvh, write_bvh
+from posefuse.files.gltf import write_gltf
+from posefuse.kinematics import joints_from_poses
+from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints
+from posefuse.kinematics.sides import landmarks
+
+
+def moving(t):
+    w = np.sin(2 * np.pi * t)
+    return {
+        "pelvis": (30 * t, 4 * w, 5), "trunk": (0, 6 * w, 9), "neck": (9 * w, 4, 20 * w), "left_hip": (25 * w, 6, -8),
+        "right_hip": (-20, 5 * w, 8), "left_knee": (50 + 20 * w, 0, 0), "right_knee": (30, 0, 0), "left_arm": (30 * w, -20, 9),
+        "right_arm": (-30 * w, -35, 9), "left_elbow": (60, 0, 0), "right_elbow": (45 + 20 * w, 0, 0), "left_wrist": (40, 10 * w, 5),
+        "left_ankle": (10 * w, 4, 2),
+    }  # fmt: skip
+
+
+@pytest.fixture
+def sequence(posed):
+    return posed([moving(i / 30) for i in range(40)], rate_hz=30.0)
+
+
+def test_a_bvh_read_back_is_the_same_motion(sequence, tmp_path):
+    joints = joints_from_poses(sequence)
+    write_bvh(tmp_path / "a.bvh", animation_from_joints(sequence, joints, metres_per_unit=0.01))
+    back = read_bvh(tmp_path / "a.bvh")
+    assert back.frame_s == pytest.approx(1 / 30, abs=1e-7)
+    _, position = back.world()
+    points = landmarks(sequence)
+    expected = {
+        "left_forearm": "left_elbow", "right_hand": "right_wrist", "left_foot": "left_ankle", "right_shank": "right_knee",
+        "left_foot_end": "left_toe", "head_end": "nose", "left_upper_arm": "left_shoulder",
+    }  # fmt: skip
+    for joint, point in expected.items():
+        world_m = position[:, back.names.index(joint)] @ FILE_FROM_WORLD * 0.01
+        np.testing.assert_allclose(world_m, points[point][:, 0], atol=2e-5, err_msg=joint)
+
+
+def test_the_rest_pose_stands_upright_and_faces_z(sequence, tmp_path):
+    animation = animation_from_joints(sequence, joints_from_poses(sequence))
+    rest = dict(zip(animation.names, animation.rest_positions(), strict=True))
+    assert rest["head"][1] > 0.5 > 0 > rest["left_foot"][1]
+    assert rest["left_thigh"][0] > 0 > rest["right_thigh"][0]
+    assert rest["left_foot_end"][2] > rest["left_foot"][2] + 0.1
+    lengths = [np.ptp(np.linalg.norm(animation.position[:, j], axis=-1)) for j in range(1, len(animation.names))]
+    assert max(lengths) == 0
+
+
+def test_hierarchy_follows_blenders_rules(sequence, tmp_path):
+    """By a reader of its own: one root, OFFSET then CHANNELS, leaves are End Sites, rows as wide as all channels."""
+    write_bvh(tmp_path / "a.bvh", animation_from_joints(sequence, joints_from_poses(sequence)))
+    lines = [line.strip() for line in (tmp_path / "a.bvh").read_text().splitlines()]
+    channels, depth, ends = 0, 0, 0
+    for before, line in pairwise(lines):
+        depth += (line == "{") - (line == "}")
+        if line == "{":
+            assert before.split()[0] in ("ROOT", "JOINT") or before == "End Site"
+        if line.startswith("CHANNELS"):
+            assert before.startswith("OFFSET")
+            words = line.split()
+            assert int(words[1]) == len(words) - 2
+            assert words[-3:] == ["Zrotation", "Xrotation", "Yrotation"]
+            channels += int(words[1])
+        ends += line == "End Site"
+    assert depth == 0 and ends == 5 and sum(line.startswith("ROOT") for line in lines) == 1
+    motion = lines.index("MOTION")
+    assert lines[motion + 1] == "Frames: 40"
+    assert all(len(line.split()) == channels for line in lines[motion + 3 :])
+
+
+def test_a_short_gap_is_bridged_and_a_long_one_named(sequence):
+    def holed(end):
+        xyz = sequence.xyz_world.copy()
+        xyz[10:end, :, sequence.skeleton.index("left_wrist")] = np.nan
+        gaps = PoseSequence(
+            sequence.t_ns, sequence.skeleton, [0], xyz, sequence.cov_world, sequence.reproj_px, sequence.n_views, sequence.kind
+        )
+        return animation_from_joints(gaps, joints_from_poses(gaps))
+
+    assert np.isfinite(holed(14).rotation).all()
+    with pytest.raises(InputError, match=r"segment left_forearm is missing from 0.30 to 1.00 s.*whole-body fit"):
+        holed(30)
+
+
+def test_skeletons_without_hands_and_heads_end_earlier(posed):
+    sequence = posed([moving(i / 30) for i in range(5)], "paper14", rate_hz=30.0)
+    names = animation_from_joints(sequence, joints_from_poses(sequence)).names
+    assert "head" not in names and "left_hand" not in names
+    assert {"left_forearm_end", "right_shank_end"} <= set(names)
+
+
+def test_gltf_holds_the_same_motion(sequence, tmp_path):
+    animation = animation_from_joints(sequence, joints_from_poses(sequence))
+    write_gltf(tmp_path / "a.glb", animation)
+    raw = (tmp_path / "a.glb").read_bytes()
+    magic, version, total, size, kind = struct.unpack("<IIIII", raw[:20])
+    assert (magic, version, total, kind) == (0x46546C67, 2, len(raw), 0x4E4F534A)
+    content = json.loads(raw[20 : 20 + size])
+    data = raw[28 + size :]
+
+    def read(accessor):
+        one = content["accessors"][accessor]
+        view = content["bufferViews"][one["bufferView"]]
+        wide = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[one["type"]]
+        assert view["byteOffset"] % 4 == 0 and view["byteLength"] == 4 * wide * one["count"]
+        return np.frombuffer(data, np.float32, wide * one["count"], view["byteOffset"]).reshape(-1, wide)
+
+    samplers = content["animations"][0]["samplers"]
+    for channel in content["animations"][0]["channels"]:
+        node, sampler = channel["target"]["node"], samplers[channel["sampler"]]
+        assert read(sampler["input"])[-1, 0] == pytest.approx(39 / 30, abs=1e-5)
+        values = read(sampler["output"])
+        if channel["target"]["path"] == "rotation":
+            np.testing.assert_allclose(Rotation.from_quat(values).as_matrix(), animation.rotation[:, node], atol=1e-6)
+            assert (np.abs(np.diff(values, axis=0)) < 0.5).all()
+        else:
+            np.testing.assert_allclose(values, animation.position[:, node], atol=1e-6)
+    children = [c for node in content["nodes"] for c in node.get("children", [])]
+    assert sorted(children + content["scenes"][0]["nodes"]) == list(range(len(content["nodes"])))
+
+
+def test_what_the_files_cannot_hold_is_refused(sequence, tmp_path):
+    animation = animation_from_joints(sequence, joints_from_poses(sequence))
+    stretched = animation.position.copy()
+    stretched[3, 2] += 0.1
+    with pytest.raises(InputError, match=f"joints must keep their offset; these move: {animation.names[2]}"):
+        write_bvh(tmp_path / "a.bvh", type(animation)(**{**vars(animation), "position": stretched}))
+    with pytest.raises(InputError, match=r"expected a file ending in \.glb"):
+        write_gltf(tmp_path / "a.obj", animation)
+    uneven = PoseSequence(
+        sequence.t_ns**2 // 10**6 + sequence.t_ns, sequence.skeleton, [0], sequence.xyz_world, sequence.cov_world,
+        sequence.reproj_px, sequence.n_views, sequence.kind,
+    )  # fmt: skip
+    with pytest.raises(InputError, match="evenly spaced"):
+        animation_from_joints(uneven, joints_from_poses(uneven))
