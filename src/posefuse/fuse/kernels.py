@@ -57,8 +57,13 @@ def bend(cam, x, y):
 
 @njit(**_JIT)
 def _bend_brown(cam, x, y):
-    k1, k2, p1, p2, k3, k4 = cam[17], cam[18], cam[19], cam[20], cam[21], cam[22]
-    k5, k6, s1, s2, s3, s4 = cam[23], cam[24], cam[25], cam[26], cam[27], cam[28]
+    return _brown(
+        x, y, cam[17], cam[18], cam[19], cam[20], cam[21], cam[22], cam[23], cam[24], cam[25], cam[26], cam[27], cam[28]
+    )  # fmt: skip
+
+
+@njit(inline="always", **_JIT)
+def _brown(x, y, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4):
     r2 = x * x + y * y
     over = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     d_over = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)
@@ -171,19 +176,67 @@ def _straighten_fisheye(cam, bx, by):
 
 
 @njit(**_JIT)
-def look(cams, c, u, v, sigma, views, n):
+def _straighten_brown_row(cam, xy, out, last):
+    """`straighten` of one camera's K px (K, 2) into out (6, K), three Newton steps side by side; last (K,) squared steps."""
+    cx, cy, skew, ifx, ify = cam[14], cam[16], cam[13], 1.0 / cam[12], 1.0 / cam[15]
+    k1, k2, p1, p2, k3, k4 = cam[17], cam[18], cam[19], cam[20], cam[21], cam[22]
+    k5, k6, s1, s2, s3, s4 = cam[23], cam[24], cam[25], cam[26], cam[27], cam[28]
+    count = len(xy)
+    for k in range(count):
+        by = (xy[k, 1] - cy) * ify
+        bx = (xy[k, 0] - cx - skew * by) * ifx
+        r2 = bx * bx + by * by
+        over = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        under = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        gain = under / over if over > 0.3 * under else 1.0
+        out[0, k], out[1, k] = bx * gain, by * gain
+    for _ in range(3):
+        for k in range(count):
+            by = (xy[k, 1] - cy) * ify
+            bx = (xy[k, 0] - cx - skew * by) * ifx
+            gx, gy, a, b, c, d = _brown(out[0, k], out[1, k], k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4)
+            det = a * d - b * c
+            ex, ey = gx - bx, gy - by
+            over = 1.0 / det
+            dx, dy = (d * ex - b * ey) * over, (a * ey - c * ex) * over
+            out[0, k] -= dx
+            out[1, k] -= dy
+            out[2, k], out[3, k], out[4, k], out[5, k] = a, b, c, d
+            last[k] = dx * dx + dy * dy if det > 0.0 else math.inf
+
+
+@njit(**_JIT)
+def straighten_group(cams, xy_img, ideal, last):
+    """`straighten` of every view of a group, xy_img (C, K, 2), into ideal (C, 6, K). last (K,) is scratch."""
+    for c in range(len(cams)):
+        by_row = cams[c, 47] == 1.0
+        if by_row:
+            _straighten_brown_row(cams[c], xy_img[c], ideal[c], last)
+        for k in range(xy_img.shape[1]):
+            # few need more than three steps; those that have no inverse are told by the full search
+            if by_row and last[k] < 1e-13:
+                continue
+            u, v = xy_img[c, k, 0], xy_img[c, k, 1]
+            if not (math.isfinite(u) and math.isfinite(v)):
+                ideal[c, 0, k] = math.nan
+                continue
+            x, y, a, b, cc, d = straighten(cams[c], u, v)
+            ideal[c, 0, k], ideal[c, 1, k], ideal[c, 2, k] = x, y, a
+            ideal[c, 3, k], ideal[c, 4, k], ideal[c, 5, k] = b, cc, d
+
+
+@njit(**_JIT)
+def look(cams, c, ideal, k, sigma, views, n):
     """Fill row n of `views`: ideal x, y, the whitening matrix (4), camera index. False when the view is unusable."""
-    if not (sigma > 0.0 and math.isfinite(u) and math.isfinite(v) and math.isfinite(sigma)):
-        return False
-    cam = cams[c]
-    x, y, a, b, cc, d = straighten(cam, u, v)
-    if not (math.isfinite(x) and math.isfinite(y)):
+    x, y = ideal[c, 0, k], ideal[c, 1, k]
+    if not (sigma > 0.0 and math.isfinite(sigma) and math.isfinite(x) and math.isfinite(y)):
         return False
     certain = 1.0 / sigma
-    fx, skew, fy = cam[12] * certain, cam[13] * certain, cam[15] * certain
+    fx, skew, fy = cams[c, 12] * certain, cams[c, 13] * certain, cams[c, 15] * certain
     views[n, 0], views[n, 1], views[n, 6] = x, y, c
-    views[n, 2], views[n, 3] = fx * a + skew * cc, fx * b + skew * d
-    views[n, 4], views[n, 5] = fy * cc, fy * d
+    views[n, 2] = fx * ideal[c, 2, k] + skew * ideal[c, 4, k]
+    views[n, 3] = fx * ideal[c, 3, k] + skew * ideal[c, 5, k]
+    views[n, 4], views[n, 5] = fy * ideal[c, 4, k], fy * ideal[c, 5, k]
     return True
 
 
@@ -453,11 +506,11 @@ def squared_px(cams, c, u, v, p):
 
 
 @njit(**_JIT)
-def gather(cams, xy_img, sigma, scale, k, views):
+def gather(cams, ideal, sigma, scale, k, views):
     """Usable views of keypoint k into the first rows of `views`; returns how many."""
     n = 0
     for c in range(len(cams)):
-        if look(cams, c, xy_img[c, k, 0], xy_img[c, k, 1], sigma[c, k] * scale, views, n):
+        if look(cams, c, ideal, k, sigma[c, k] * scale, views, n):
             n += 1
     return n
 
@@ -526,15 +579,17 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
     views, work = np.empty((count, 7)), np.empty((3, 9))
     pool, squares, p, other = np.empty(keypoints), np.empty(count), np.empty(3), np.empty(3)
     chi2, dof = np.empty(keypoints), np.empty(keypoints)
+    ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
     for g in range(groups):
         scale = 1.0
+        straighten_group(cams, xy_img[g], ideal, last)
         for attempt in range(ATTEMPTS):
             many = 0
             chi2[:], dof[:] = 0.0, 0.0
             square[g], xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan, math.nan
             n_views[g], cost[g] = 0, 0.0
             for k in range(keypoints):
-                n = gather(cams, xy_img[g], sigma[g], scale, k, views)
+                n = gather(cams, ideal, sigma[g], scale, k, views)
                 cost[g, k] = 2.0 * KNEE * n
                 if n < 2 or robust_point(cams, views, n, p, other, work) == math.inf:
                     continue
@@ -627,15 +682,15 @@ def solve_linear(cams, xy_img, sigma, weight, xyz, cov, reproj, n_views):
     groups, count, keypoints = sigma.shape
     views, work, weights = np.empty((count, 7)), np.empty((3, 9)), np.empty(count)
     chi2, dof = np.empty(keypoints), np.empty(keypoints)
-    p = np.empty(3)
+    ideal, last, p = np.empty((count, 6, keypoints)), np.empty(keypoints), np.empty(3)
     for g in range(groups):
+        straighten_group(cams, xy_img[g], ideal, last)
         chi2[:], dof[:] = 0.0, 0.0
         xyz[g], cov[g], reproj[g], n_views[g] = math.nan, math.nan, math.nan, 0
         for k in range(keypoints):
             n = 0
             for c in range(count):
-                u, v = xy_img[g, c, k, 0], xy_img[g, c, k, 1]
-                if weight[g, c, k] > 0.0 and look(cams, c, u, v, sigma[g, c, k], views, n):
+                if weight[g, c, k] > 0.0 and look(cams, c, ideal, k, sigma[g, c, k], views, n):
                     weights[n] = weight[g, c, k]
                     n += 1
             if n < 2:
@@ -659,10 +714,11 @@ def squares_of(cams, xy_img, sigma, xyz, square):
     """square (G, C, K) = |e|^2 of the views of given points xyz (G, K, 3); NaN where either is missing."""
     groups, count, keypoints = sigma.shape
     views = np.empty((1, 7))
+    ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
     square[:] = math.nan
     for g in range(groups):
+        straighten_group(cams, xy_img[g], ideal, last)
         for c in range(count):
             for k in range(keypoints):
-                u, v = xy_img[g, c, k, 0], xy_img[g, c, k, 1]
-                if math.isfinite(xyz[g, k, 0]) and look(cams, c, u, v, sigma[g, c, k], views, 0):
+                if math.isfinite(xyz[g, k, 0]) and look(cams, c, ideal, k, sigma[g, c, k], views, 0):
                     square[g, c, k] = squared_residual(cams, views, 0, xyz[g, k])
