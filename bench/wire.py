@@ -1,0 +1,159 @@
+"""How long a 3D skeleton travels between two processes of one machine, at 100 Hz.
+
+    python bench/wire.py [--seconds 20]
+
+Each message carries the time of its making; the receiver takes the difference to its own clock (same machine, same
+clock) after the value is decoded and checked. So a row is making the message + sending + waking up + reading it:
+
+- socketpair   the bytes of the message alone, no middleware: what the operating system needs
+- ros2         posefuse/pose over Cyclone DDS, from the core value to the core value
+- ros2 output  the same while the sender publishes everything RosOutput shows (tf, joints, markers, view)
+
+and per step of the sender, without a network: the cost of everything RosOutput shows, and of OSC and JSON.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import socket
+import sys
+import time
+
+import numpy as np
+
+from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
+from posefuse.wire import topics
+from posefuse.wire.dds import Network, RosNode
+from posefuse.wire.intake import decode, encode
+from posefuse.wire.messages import message_from_pose, pose_from_message
+from posefuse.wire.osc import json_from_pose, osc_from_pose
+from posefuse.wire.ros_output import RosOutput
+
+RATE_HZ = 100
+SKELETON = SKELETONS["blazepose33"]
+NETWORK = Network(domain_id=100 + os.getpid() % 130, local_only=True)
+
+
+def a_pose(people: int) -> Pose3D:
+    """People of normal size; the time is now."""
+    k = len(SKELETON)
+    xyz = np.random.default_rng(0).normal(size=(people, k, 3))
+    cov = np.tile(np.eye(3) * 1e-4, (people, k, 1, 1))
+    shape = (people, k)
+    return Pose3D(time.time_ns(), SKELETON, np.arange(people), xyz, cov, np.ones(shape), np.full(shape, 4), np.ones(shape))
+
+
+def a_rig() -> Rig:
+    """One camera, for the view messages."""
+    intrinsics = np.array([[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1.0]])
+    return Rig((Camera("cam", (640, 480), intrinsics, SE3.from_rotvec([0, 0, 0], [0, 0, 4.0])),))
+
+
+def steadily(seconds: float, step) -> None:
+    """Call `step` at RATE_HZ."""
+    start = time.monotonic()
+    for i in range(int(seconds * RATE_HZ)):
+        time.sleep(max(0.0, start + i / RATE_HZ - time.monotonic()))
+        step()
+
+
+def talk(network: Network, seconds: float, people: int, everything: bool) -> None:
+    with RosNode("talker", network) as node:
+        while not node.writer(topics.POSE).readers():
+            time.sleep(0.02)
+        output = RosOutput(node, a_rig())
+        if everything:
+            steadily(seconds, lambda: output.step(a_pose(people)))
+        else:
+            steadily(seconds, lambda: node.publish(topics.POSE, message_from_pose(a_pose(people), {}, "world"), 0))
+
+
+def over_ros2(seconds: float, people: int, everything: bool) -> list[float]:
+    """Ages in ms."""
+    ages = []
+    with RosNode("listener", NETWORK) as node:
+        reader = node.reader(topics.POSE)
+        talker = multiprocessing.get_context("spawn").Process(target=talk, args=(NETWORK, seconds, people, everything))
+        talker.start()
+        while talker.is_alive():
+            node.wait(0.2)
+            for sample in reader.take():
+                pose, _ = pose_from_message(decode(sample.raw, topics.POSE.type_name, 2**20))
+                ages.append((time.time_ns() - pose.t_ns) / 1e6)
+        talker.join()
+    return ages
+
+
+def shout(end: socket.socket, seconds: float, people: int) -> None:
+    raw = encode(message_from_pose(a_pose(people), {}, "world"))
+    steadily(seconds, lambda: end.send(time.time_ns().to_bytes(8, "little") + raw))
+    end.send(b"")
+    end.close()
+
+
+def over_socketpair(seconds: float, people: int) -> list[float]:
+    """Ages in ms."""
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    talker = multiprocessing.get_context("spawn").Process(target=shout, args=(far, seconds, people))
+    talker.start()
+    far.close()
+    ages = []
+    while raw := near.recv(2**20):
+        ages.append((time.time_ns() - int.from_bytes(raw[:8], "little")) / 1e6)
+    talker.join()
+    return ages
+
+
+class Nowhere:
+    """An outlet that makes the bytes and drops them."""
+
+    def publish(self, topic, msg, t_ns):
+        encode(msg)
+
+
+def per_step_ms(step, times: int = 300) -> float:
+    """Median duration of one call."""
+    taken = []
+    for _ in range(times):
+        start = time.perf_counter()
+        step()
+        taken.append((time.perf_counter() - start) * 1e3)
+    return float(np.median(taken))
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--seconds", type=float, default=20.0)
+    given = arguments.parse_args()
+    rows = {}
+    for people in (1, 2):
+        ways = {
+            "socketpair": over_socketpair(given.seconds, people),
+            "ros2": over_ros2(given.seconds, people, False),
+            "ros2 output": over_ros2(given.seconds, people, True),
+        }
+        for way, ages in ways.items():
+            late = ages[RATE_HZ // 2 :]
+            rows[f"{way}, {people} people"] = {
+                "messages": len(ages),
+                "p50_ms": float(np.percentile(late, 50)),
+                "p95_ms": float(np.percentile(late, 95)),
+                "p99_ms": float(np.percentile(late, 99)),
+            }
+        pose, output = a_pose(people), RosOutput(Nowhere(), a_rig())
+        rows[f"one step, {people} people"] = {
+            "bytes": len(encode(message_from_pose(pose, {}, "world"))),
+            "pose_ms": per_step_ms(lambda pose=pose: encode(message_from_pose(pose, {}, "world"))),
+            "ros_output_ms": per_step_ms(lambda pose=pose, output=output: output.step(pose)),
+            "osc_ms": per_step_ms(lambda pose=pose: osc_from_pose(pose, None, "z_up")),
+            "json_ms": per_step_ms(lambda pose=pose: json_from_pose(pose, None, "z_up")),
+        }
+    for name, row in rows.items():
+        figures = "  ".join(f"{key} {value:.2f}" if isinstance(value, float) else f"{key} {value}" for key, value in row.items())
+        print(f"{name:24}{figures}", file=sys.stderr)
+    print(json.dumps({"rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
