@@ -120,20 +120,18 @@ def _video_codec() -> Check:
 def _models() -> list[Check]:
     cache_dir = default_cache_dir(os.environ)
     states = [(card.name, status(card, cache_dir)) for card in list_cards()]
-    return [Check(f"model {name}", state == "ready", True, state, "posefuse models --fetch") for name, state in states]
+    return [Check(f"model {name}", state == "ready", True, state, "posefuse models") for name, state in states]
 
 
 def _rendering() -> list[Check]:
     from posefuse.core import DependencyError
-    from posefuse.simulate.render.backend import BACKENDS, working_backend
+    from posefuse.simulate.render.backend import working_backend
 
-    checks = []
-    for backend in BACKENDS:
-        try:
-            checks.append(Check(f"rendering by {backend}", True, False, working_backend(backend)))
-        except DependencyError as error:
-            checks.append(Check(f"rendering by {backend}", False, False, "no", str(error)))
-    return checks
+    name = "rendering (simulator)"
+    try:
+        return [Check(name, True, False, working_backend())]
+    except DependencyError as error:
+        return [Check(name, False, False, "no", str(error))]
 
 
 def _display() -> Check:

@@ -7,7 +7,7 @@ import importlib
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 from posefuse import __version__
 from posefuse.core import PosefuseError
@@ -57,10 +57,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """A wrong command line is a known error like any other: one line, exit 1."""
+
+    def error(self, message: str) -> NoReturn:
+        """One line that names the command and where its options are listed."""
+        self.exit(1, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="posefuse", description="Several ordinary cameras + AI -> one accurate 3D human skeleton."
-    )
+    parser = _Parser(prog="posefuse", description="Several ordinary cameras + AI -> one accurate 3D human skeleton.")
     parser.add_argument("--version", action="version", version=f"posefuse {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for name in COMMANDS:

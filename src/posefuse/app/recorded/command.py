@@ -16,7 +16,7 @@ from posefuse.evaluate.metrics import JointErrors, joint_errors
 from posefuse.files.truth import read_truth
 
 from .clock import StageClock
-from .outputs import write_result
+from .outputs import build_sinks, write_result
 from .run import Tracked, track_session
 
 TRUTH_FILE = Path("truth") / "truth.npz"
@@ -28,16 +28,17 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     config = settled_config(args)
     if args.out.exists() and not args.force:
         raise InputError(f"{args.out}: is there already; choose another folder or add --force to replace it")
+    sinks = build_sinks(config.outputs)
     session = find_session(args.session, config)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
     with terminal.progress("tracking") as advance:
-        tracked = track_session(session, config, clock, advance, terminal.warn)
+        tracked = track_session(session, config, clock, advance, terminal.note, terminal.warn)
     if tracked.interrupted:
         terminal.warn(f"stopped by Ctrl-C; the first {len(tracked.recording.poses)} instants are finished and kept")
     with clock.stage("write"), terminal.progress("writing") as advance:
-        written = write_result(tracked.recording, session, config, args.out, advance)
+        written = write_result(tracked.recording, session, config, sinks, args.out, advance)
     errors = _errors(session, tracked.recording)
     figures = _figures(args.out, tracked, clock, written, errors)
     _show(terminal, figures, errors)

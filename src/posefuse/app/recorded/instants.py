@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, Pose3D, Rig, Source, SourceError
+from posefuse.core import Detections2D, Detector, Frame, Pose3D, Rig, Skeleton, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_pose
 from posefuse.sources import FramesAhead, frame_sets
@@ -76,6 +76,11 @@ class ImageInstants:
     ) -> None:
         self._rig, self._detector, self._timeline, self._on_lost = rig, detector, timeline, on_lost
         self._streams = {source.camera: FramesAhead(source) for source in sources}
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The 2D estimator's keypoints."""
+        return self._detector.skeleton
 
     def __iter__(self) -> Iterator[Instant]:
         line = self._timeline

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.app.config import TrackConfig
 from posefuse.app.plugins import build_plugin
 from posefuse.app.session import Session
-from posefuse.core import Frame, Recording, SourceError
+from posefuse.core import Frame, Recording, Sink, SourceError
 from posefuse.files.atomic import atomic_folder
 from posefuse.files.recording import write_recording
 from posefuse.sinks.frames import write_outputs
@@ -21,13 +21,19 @@ from .run import build_source
 Progress = Callable[[int, int], None]
 
 
-def write_result(recording: Recording, session: Session, config: TrackConfig, out: Path, progress: Progress) -> list[Path]:
+def build_sinks(names: Sequence[str]) -> list[Sink]:
+    """The outputs of these names; raises ConfigError for one that does not exist, before any work is done."""
+    return [build_plugin("sinks", name, {}) for name in names]
+
+
+def write_result(
+    recording: Recording, session: Session, config: TrackConfig, sinks: Sequence[Sink], out: Path, progress: Progress
+) -> list[Path]:
     """Write the result folder; returns its files.
 
     Raises:
-        PosefuseError: an output that is not there or cannot be written; nothing is left behind then.
+        PosefuseError: an output that cannot be written; nothing is left behind then.
     """
-    sinks = [build_plugin("sinks", name, {}) for name in config.outputs]
     with atomic_folder(out) as folder:
         written = write_recording(folder, recording)
         written += write_outputs(sinks, recording, folder, _frames(recording, session, config, progress))

@@ -23,6 +23,11 @@ class Pose2DInstants:
         self._folders, self._timeline, self._first = folders, timeline, first_number
         self._late = [round(offset / timeline.period_ns) for offset in offset_ns]
 
+    @property
+    def skeleton(self) -> Skeleton:
+        """The files' keypoints."""
+        return self._folders[0].skeleton
+
     def __iter__(self) -> Iterator[Instant]:
         for i in range(self._timeline.count):
             t_ns = self._timeline.start_ns + i * self._timeline.period_ns

@@ -19,9 +19,11 @@ from .clock import StageClock
 from .following import Seen, follow
 from .instants import ImageInstants, Timeline, common_timeline
 from .second_pass import ViewSequence, poses_over_time, views_over_time
+from .warm_up import warm_up
 
 Progress = Callable[[int, int], None]
-Warn = Callable[[str], None]
+Say = Callable[[str], None]
+_WORTH_SAYING_S = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,8 +41,8 @@ class Tracked:
     found: Mapping[str, float]
 
 
-def track_session(session: Session, config: TrackConfig, clock: StageClock, progress: Progress, warn: Warn) -> Tracked:
-    """Run the whole pipeline on a session.
+def track_session(session: Session, config: TrackConfig, clock: StageClock, progress: Progress, note: Say, warn: Say) -> Tracked:
+    """Run the whole pipeline on a session; news go to `note`, what is not as it should be to `warn`.
 
     Ctrl-C ends the first pass; what was seen until then is finished and returned.
 
@@ -52,6 +54,10 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
     with clock.stage("open"):
         rig, instants, timeline = _pose2d(session, config) if kinds == {"pose2d"} else _images(session, config, warn)
+    with clock.stage("compile"):
+        warm_up(rig, instants.skeleton, config)
+    if clock.seconds["compile"] > _WORTH_SAYING_S:
+        note(f"numeric kernels compiled in {clock.seconds['compile']:.0f} s; later runs find them on disk")
     seen, interrupted = _follow(instants, rig, config, clock, timeline, progress)
     _check_somebody(seen, rig, warn)
     with clock.stage("smooth"):
@@ -87,7 +93,7 @@ def _follow(
     return seen, False
 
 
-def _images(session: Session, config: TrackConfig, warn: Warn) -> tuple[Rig, ImageInstants, Timeline]:
+def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageInstants, Timeline]:
     from posefuse.app.detectors import build_detector
 
     sources, cameras = [], []
@@ -127,7 +133,7 @@ def _times(source: Any) -> Array:
     return np.asarray(source.times_ns())
 
 
-def _check_somebody(seen: list[Seen], rig: Rig, warn: Warn) -> None:
+def _check_somebody(seen: list[Seen], rig: Rig, warn: Say) -> None:
     """Name the cause where it happens: cameras in which nobody was ever found."""
     if not seen:
         raise InputError("no frame could be read from any camera")
