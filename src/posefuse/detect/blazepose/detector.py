@@ -17,7 +17,7 @@ from posefuse.files.settings import settings
 
 from ..models import LandmarkDecoding, ModelCard, PersonDecoding, default_cache_dir, fetch_all, read_card
 from ..regions import cut, img_from_crop, region_from_keypoints
-from .landmarks import Landmarks, averaged, landmarks_from_outputs, mirrored
+from .landmarks import landmarks_from_outputs
 from .network import Network, Precision
 from .noise import NoiseModel, read_noise
 from .persons import regions_from_outputs
@@ -34,7 +34,6 @@ class BlazePoseConfig:
         persons, landmarks: model cards by name, or TOML files of your own.
         models: wheel, model file or folder to take the networks from; None: fetched by pip once.
         cache: where they are kept; None: the user's cache folder.
-        crops: looks at each person per image, averaged: 1, or 2 (the second one mirrored).
         precision: ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
         most_people: people looked for per image when nobody says where they are.
@@ -47,7 +46,6 @@ class BlazePoseConfig:
     landmarks: str = "blazepose_landmarks"
     models: Path | None = None
     cache: Path | None = None
-    crops: Annotated[int, Ge(1), Le(2)] = 1
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
     most_people: Annotated[int, Ge(1)] = 4
@@ -135,11 +133,8 @@ class BlazePoseDetector:
         if not people:
             return []
         side = self._landmarks.side_px
-        crops = [cut(frame.image, region, side) for frame, region in people]
-        seen = self._see(crops)
-        if self._config.crops == 2:
-            turned = self._see([np.ascontiguousarray(crop[:, ::-1]) for crop in crops])
-            seen = averaged([seen, mirrored(turned, self._skeleton.mirror, side)])
+        outputs = self._landmarks([cut(frame.image, region, side) for frame, region in people])
+        seen = landmarks_from_outputs(*outputs, len(self._skeleton), side)
         sigma = self._noise.sigma_px(seen, self._skeleton.keypoints)
         return [
             _Look(
@@ -150,9 +145,6 @@ class BlazePoseDetector:
             )
             for b, (_, region) in enumerate(people)
         ]
-
-    def _see(self, crops: Sequence[Array]) -> Landmarks:
-        return landmarks_from_outputs(*self._landmarks(crops), len(self._skeleton), self._landmarks.side_px)
 
     def _result(self, frame: Frame, people: Sequence[_Look], keep_all: bool) -> Detections2D:
         shown = [look for look in people if keep_all or look.presence >= self._config.least_presence]

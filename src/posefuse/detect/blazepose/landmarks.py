@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -74,24 +73,6 @@ def landmarks_from_outputs(landmarks: Array, presence: Array, heatmaps: Array, c
         peak=peak,
         spread_px=np.sqrt(variance / safe / 2) * cell_px,
         shift_px=np.linalg.norm(centre - regressed, axis=-1) * cell_px,
-    )
-
-
-def mirrored(seen: Landmarks, mirror: Array, side_px: int) -> Landmarks:
-    """What the mirror image of the crop would have shown: x turned about the middle, left and right exchanged.
-
-    Args:
-        mirror: (K,) index of each keypoint's counterpart, `Skeleton.mirror`.
-    """
-    xy = seen.xy_crop[:, mirror] * [-1.0, 1.0] + [side_px - 1.0, 0.0]
-    rest = {name: getattr(seen, name)[:, mirror] for name in ("visibility", "peak", "spread_px", "shift_px")}
-    return Landmarks(presence=seen.presence, xy_crop=xy, **rest)
-
-
-def averaged(looks: Sequence[Landmarks]) -> Landmarks:
-    """The mean of several looks at the same crops."""
-    return Landmarks(
-        **{field.name: np.mean([getattr(look, field.name) for look in looks], axis=0) for field in fields(Landmarks)}
     )
 
 
