@@ -97,10 +97,14 @@ class Kept:
 
     def __init__(self) -> None:
         self.sent = []
+        self.forgotten = []
 
     def publish(self, topic, msg, t_ns):
         assert msg.__msgtype__ == topic.type_name
         self.sent.append(SimpleNamespace(topic=topic, msg=msg, t_ns=t_ns))
+
+    def forget(self, name):
+        self.forgotten.append(name)
 
     def on(self, name):
         return [s.msg for s in self.sent if s.topic.name == name]

@@ -49,6 +49,10 @@ def test_who_is_tracked_is_said_when_it_changes(kept, some_pose):
     for people in (1, 1, 2, 0, 0):
         output.step(some_pose(people))
     assert [m.ids for m in kept.on("/humans/bodies/tracked")] == [["p40"], ["p40", "p7"], []]
+    assert {name for name in kept.forgotten if "p7" in name} == {
+        f"/humans/bodies/p7/{part}" for part in ("joint_states", "skeleton2d", "roi", "joint_angles")
+    }
+    assert len(kept.forgotten) == 8
 
 
 def test_tf_frames_stand_where_the_keypoints_are(kept, standing, some_joints):

@@ -63,6 +63,9 @@ class Recorder:
         seq = self._counts[topic.name] = self._counts.get(topic.name, -1) + 1
         self._writer.add_message(channel, logged_ns, raw, sent_ns, seq)
 
+    def forget(self, name: str) -> None:
+        """Nothing to do: a file keeps its channels."""
+
     def close(self) -> None:
         """Finish the file; safe to call twice."""
         if self._open:

@@ -192,7 +192,7 @@ class RosNode:
         return self._readers[topic.name]
 
     def forget(self, name: str) -> None:
-        """Close the writer of a topic that is no more, e.g. of a body that has left."""
+        """Close the writer of a topic that is no more (`topics.Outlet`)."""
         if self._writers.pop(name, None) is not None:
             self._announce()
 

@@ -54,6 +54,12 @@ class Ros1Node:
             self._publishers[topic.name] = self._rospy.Publisher(topic.name, made, queue_size=topic.depth, latch=topic.latched)
         self._publishers[topic.name].publish(made(ros1_bytes(msg)))
 
+    def forget(self, name: str) -> None:
+        """Withdraw a topic from the master."""
+        publisher = self._publishers.pop(name, None)
+        if publisher is not None:
+            publisher.unregister()
+
     def readers(self, topic: Topic) -> int:
         """How many listen to a topic that was published before."""
         return int(self._publishers[topic.name].get_num_connections())
@@ -95,6 +101,9 @@ class BagRecorder:
                 topic.name, topic.type_name, typestore=ros1_types(), callerid="/posefuse", latching=int(topic.latched)
             )
         self._writer.write(self._connections[topic.name], t_ns, ros1_bytes(msg))
+
+    def forget(self, name: str) -> None:
+        """Nothing to do: a file keeps its connections."""
 
     def close(self) -> None:
         """Finish the file; safe to call twice."""

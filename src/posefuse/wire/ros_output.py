@@ -139,6 +139,9 @@ class RosOutput:
 
     def _show_tracked(self, ids: tuple[str, ...], t_ns: int) -> None:
         if ids != self._tracked:
+            for gone in set(self._tracked or ()) - set(ids):
+                for part in topics.BODY_PARTS:
+                    self.outlet.forget(topics.body(gone, part).name)
             self._tracked = ids
             self.outlet.publish(topics.TRACKED, message("hri_msgs/msg/IdsList", header=header(t_ns, ""), ids=list(ids)), t_ns)
 

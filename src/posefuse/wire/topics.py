@@ -35,6 +35,10 @@ class Outlet(Protocol):
         """Send `msg`, which belongs to the instant `t_ns` (Unix epoch)."""
         ...
 
+    def forget(self, name: str) -> None:
+        """Nothing more will come on topic `name`, e.g. of a body that has left: let go of what it holds."""
+        ...
+
 
 @dataclass(frozen=True)
 class Several:
@@ -46,6 +50,11 @@ class Several:
         """Send to all."""
         for outlet in self.outlets:
             outlet.publish(topic, msg, t_ns)
+
+    def forget(self, name: str) -> None:
+        """Tell all."""
+        for outlet in self.outlets:
+            outlet.forget(name)
 
 
 # depth: on a topic without keys all cameras share one history at the reader
@@ -68,15 +77,18 @@ def preview(camera: str) -> Topic:
     return Topic(f"/posefuse/{ros_name(camera)}/preview/compressed", camera_messages.COMPRESSED_TYPE, depth=1, reliable=False)
 
 
+# what each body has a topic of
+BODY_PARTS = {
+    "joint_states": "sensor_msgs/msg/JointState",
+    "skeleton2d": "hri_msgs/msg/Skeleton2D",
+    "roi": "sensor_msgs/msg/RegionOfInterest",
+    "joint_angles": messages.JOINT_ANGLES_TYPE,
+}
+
+
 def body(body_id: str, part: str) -> Topic:
-    """A REP-155 topic of one body: ``joint_states``, ``skeleton2d`` or ``roi``."""
-    types = {
-        "joint_states": "sensor_msgs/msg/JointState",
-        "skeleton2d": "hri_msgs/msg/Skeleton2D",
-        "roi": "sensor_msgs/msg/RegionOfInterest",
-        "joint_angles": messages.JOINT_ANGLES_TYPE,
-    }
-    return Topic(f"/humans/bodies/{body_id}/{part}", types[part], depth=4)
+    """A topic of one body; `part` is one of `BODY_PARTS`."""
+    return Topic(f"/humans/bodies/{body_id}/{part}", BODY_PARTS[part], depth=4)
 
 
 def ros_name(text: str) -> str:
