@@ -21,7 +21,7 @@ def moving(t):
     return {
         "pelvis": (30 * t, 4 * w, 5), "trunk": (0, 6 * w, 9), "neck": (9 * w, 4, 20 * w), "left_hip": (25 * w, 6, -8),
         "right_hip": (-20, 5 * w, 8), "left_knee": (50 + 20 * w, 0, 0), "right_knee": (30, 0, 0), "left_arm": (30 * w, -20, 9),
-        "right_arm": (-30 * w, -35, 9), "left_elbow": (60, 0, 0), "right_elbow": (45 + 20 * w, 0, 0), "left_wrist": (40, 10 * w, 5),
+        "right_arm": (-30 * w, -35, 9), "left_elbow": (60, 0, 0), "right_elbow": (45 + 9 * w, 0, 0), "left_wrist": (40, 9 * w, 5),
         "left_ankle": (10 * w, 4, 2),
     }  # fmt: skip
 

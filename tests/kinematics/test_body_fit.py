@@ -151,11 +151,15 @@ def test_any_skeleton_can_be_fitted(posed, skeleton):
     assert np.nanmax(error) < 0.01
 
 
-def test_a_person_never_seen_has_no_body(posed):
-    sequence = posed([walk(0.0)] * 10)
-    gone = PoseSequence(
-        sequence.t_ns, sequence.skeleton, [4], sequence.xyz_world * np.nan, sequence.cov_world, sequence.reproj_px,
-        sequence.n_views, sequence.kind,
-    )  # fmt: skip
-    with pytest.raises(InputError, match="person 4: a body needs both hips and both shoulders"):
-        fit_poses(gone)
+def test_a_person_hardly_seen_keeps_their_points(posed):
+    sequence = posed([walk(i / RATE_HZ) for i in range(20)], sigma_m=0.005, rate_hz=RATE_HZ)
+    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    two = {name: np.concatenate([getattr(sequence, name)] * 2, axis=1) for name in names}
+    two["xyz_world"][2:, 1] = np.nan
+    fit = fit_poses(PoseSequence(sequence.t_ns, sequence.skeleton, [4, 9], *two.values()))
+    assert list(fit.bodies) == [4]
+    np.testing.assert_array_equal(fit.poses.xyz_world[:, 1], two["xyz_world"][:, 1])
+    assert np.isfinite(fit.joints.angle_rad[:2, 1]).any() and np.isnan(fit.joints.angle_rad[2:, 1]).all()
+    two["xyz_world"][:] = np.nan
+    with pytest.raises(InputError, match=r"both hips and both shoulders.*none of the 2 people"):
+        fit_poses(PoseSequence(sequence.t_ns, sequence.skeleton, [4, 9], *two.values()))

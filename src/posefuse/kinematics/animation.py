@@ -97,19 +97,37 @@ def _frame_s(sequence: PoseSequence) -> float:
     return frame_s
 
 
+def animation_gap(joints: Joints, person: int = 0) -> str | None:
+    """Why this person cannot be animated as they are: a segment that is missing too long; None if they can."""
+    frames = joints.world_from_segment[:, person]
+    for s, name in enumerate(joints.segments):
+        known = np.isfinite(frames.xyz[:, s, 0])
+        problem = _gap(name, joints.t_ns, known) if known.any() or name == "pelvis" else None
+        if problem:
+            return problem
+    return None
+
+
+def _gap(name: str, t_ns: Array, known: Array) -> str | None:
+    t_s = (t_ns - t_ns[0]) * 1e-9
+    if not known.any():
+        return f"segment {name} was never seen"
+    edges = np.concatenate([t_s[:1], t_s[known], t_s[-1:]])
+    worst = int(np.argmax(np.diff(edges)))
+    if edges[worst + 1] - edges[worst] <= _LONGEST_GAP_S:
+        return None
+    return (
+        f"segment {name} is missing from {edges[worst]:.2f} to {edges[worst + 1]:.2f} s, longer than {_LONGEST_GAP_S} s; "
+        "the whole-body fit fills such gaps"
+    )
+
+
 def _filled(name: str, t_ns: Array, rotation: Array, origin: Array) -> tuple[Array, Array]:
     """Rotations and origins without gaps: bridged by the shortest turn, held at the ends."""
-    known = np.flatnonzero(np.isfinite(rotation[:, 0, 0]))
-    t_s = (t_ns - t_ns[0]) * 1e-9
-    if not len(known):
-        raise InputError(f"animation: segment {name} was never seen")
-    edges = np.concatenate([[t_s[0]], t_s[known], [t_s[-1]]])
-    worst = int(np.argmax(np.diff(edges)))
-    if edges[worst + 1] - edges[worst] > _LONGEST_GAP_S:
-        raise InputError(
-            f"animation: segment {name} is missing from {edges[worst]:.2f} to {edges[worst + 1]:.2f} s, longer than "
-            f"{_LONGEST_GAP_S} s; the whole-body fit fills such gaps"
-        )
+    problem = _gap(name, t_ns, np.isfinite(rotation[:, 0, 0]))
+    if problem:
+        raise InputError(f"animation: {problem}")
+    known, t_s = np.flatnonzero(np.isfinite(rotation[:, 0, 0])), (t_ns - t_ns[0]) * 1e-9
     if len(known) == len(t_s):
         return rotation, origin
     inside = np.clip(t_s, t_s[known[0]], t_s[known[-1]])

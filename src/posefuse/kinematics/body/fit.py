@@ -10,12 +10,11 @@ import numpy as np
 from posefuse.core import Joints, Kind, PoseSequence, Recording
 from posefuse.core.arrays import Array
 
-from ..definitions import JOINT_NAMES
-from ..joints import Workspace, joints_value
+from ..joints import Workspace, joints_from_poses, joints_value
 from ..settings import JointSettings
 from .filter import BodyFilter, Measurement, smoothed
 from .model import Body, bodies_from_poses
-from .result import Reader, empty_joints
+from .result import Reader
 from .settings import BodySettings
 from .tracker import rays_of
 
@@ -26,7 +25,7 @@ class BodyFit:
 
     Attributes:
         poses: the keypoints of the fitted skeletons, gaps filled, with their covariance. Points the tree does not carry, and
-            instants before a person could be fitted, are as they were.
+            instants before a person could be fitted, are as they were; so is everything of a person without a body.
         joints: angles and frames with the uncertainty of the fit.
         bodies: each person's skeleton, by person_id; `Body.lengths` has the segment lengths with their spread.
     """
@@ -90,7 +89,9 @@ def _fit(sequence: PoseSequence, measured, settings, bodies, joint_settings) -> 
     bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
     work = Workspace(sequence.skeleton, joint_settings)
     xyz, cov, kind = sequence.xyz_world.copy(), sequence.cov_world.copy(), sequence.kind.copy()
-    rotation, origin, angles, sigmas = empty_joints(len(sequence), len(sequence.person_id), len(JOINT_NAMES))
+    plain = joints_from_poses(sequence, joint_settings)
+    rotation, origin = plain.world_from_segment.matrix().copy(), plain.world_from_segment.xyz.copy()
+    angles, sigmas = plain.angle_rad.copy(), plain.sigma_rad.copy()
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
             continue

@@ -64,25 +64,31 @@ def bodies_from_poses(
     detector calls a hip or shoulder lies at a constant offset from the joint centre; such offsets become part of the
     skeleton and cannot be told apart from it.
 
+    People whose hips and shoulders were seen in too few instants are left out.
+
     Raises:
-        InputError: hips, knees or shoulders were seen together in too few instants.
+        InputError: that is so of everybody; left and right are swapped.
     """
     settings = settings or BodySettings()
     frames = joints_from_poses(sequence, joint_settings).world_from_segment
     rotation = frames.matrix()
-    return {int(person): _body(sequence, n, rotation[:, n], settings) for n, person in enumerate(sequence.person_id)}
+    bodies = {int(person): _body(sequence, n, rotation[:, n], settings) for n, person in enumerate(sequence.person_id)}
+    known = {person: body for person, body in bodies.items() if body is not None}
+    if bodies and not known:
+        raise InputError(
+            f"whole-body fit: a body needs both hips and both shoulders in at least {_FEWEST} of the {len(sequence)} instants; "
+            f"none of the {len(bodies)} people has them: see which keypoints were found"
+        )
+    return known
 
 
-def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> Body:
+def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> Body | None:
     points = {name: xyz[:, person] for name, xyz in landmarks(sequence).items()}
     noise = _point_noise(sequence, person)
     frame = {name: rotation[:, SEGMENT_NAMES.index(name)] for name in SEGMENT_NAMES}
     lengths = _lengths(points, noise, settings.symmetric)
     if "pelvis" not in lengths or "trunk" not in lengths:
-        raise InputError(
-            f"person {sequence.person_id[person]}: a body needs both hips and both shoulders in at least {_FEWEST} instants of "
-            f"{len(sequence)}; see which keypoints were found"
-        )
+        return None
     offsets = _offsets(points, frame, lengths)
     nodes = _reachable(offsets)
     places = _attached(sequence, person, frame, points, offsets, {node.name for node in nodes})
