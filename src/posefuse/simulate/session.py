@@ -42,7 +42,7 @@ from .scene import H264Settings, Scene, with_motion_files
 Progress = Callable[[int, int], None]
 TIMES_FILE = "timestamps.csv"
 # frames of one task: what is lost when a session is interrupted
-_RUN = 60
+_RUN = 30
 _RUN_OF_PICTURES = 240
 
 

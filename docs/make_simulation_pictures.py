@@ -1,0 +1,108 @@
+"""Draw the pictures of docs/simulation.md: python docs/make_simulation_pictures.py"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from posefuse.simulate import Scene, read_scene
+from posefuse.simulate.build import live_scene
+from posefuse.simulate.cameras import ListedCameras
+from posefuse.simulate.exact import seen_points
+from posefuse.simulate.render.backend import working_backend
+from posefuse.simulate.render.optics import optics_of
+from posefuse.simulate.render.shot import CameraShooter
+from posefuse.simulate.render.stage import Stage
+from posefuse.simulate.session import model_of
+from posefuse.simulate.source import shot_image
+
+_SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
+_IMAGES = Path(__file__).resolve().parent / "images"
+_TILE_WH = (480, 360)
+_SEEN, _HIDDEN = (60, 220, 60), (230, 40, 40)
+_FRACTION_BITS = 3
+
+
+def pictures(scene: Scene, after_s: float, cameras: int, with_truth: bool) -> list[np.ndarray]:
+    """RGB pictures of the first cameras, `after_s` into the scene, the truth as dots: green seen, red hidden."""
+    live = live_scene(scene)
+    optics = [optics_of(camera) for camera in live.rig.cameras[:cameras]]
+    largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
+    stage = Stage(model_of(live, (int(largest[0]), int(largest[1]))), working_backend())
+    drawn = []
+    for c in range(cameras):
+        frame = int(np.argmin(np.abs(live.shots[c].t_ns / 1e9 - scene.start_s - after_s)))
+        shooter = CameraShooter(live.rig.cameras[c], live.placed[c].sensor, stage)
+        image, visible = shot_image(live, c, frame, shooter)
+        if with_truth:
+            _dot(image, seen_points(live, c, slice(frame, frame + 1)).xy_img[0], visible)
+        drawn.append(image)
+    stage.close()
+    return drawn
+
+
+def _dot(image: np.ndarray, xy_img: np.ndarray, visible: np.ndarray) -> None:
+    inside = np.isfinite(xy_img).all(axis=1) & (np.abs(np.nan_to_num(xy_img)) < 4000).all(axis=1)
+    for xy, seen in zip(xy_img[inside], visible[inside], strict=True):
+        centre = tuple(int(v) for v in np.round(xy * 2**_FRACTION_BITS))
+        radius = max(2, image.shape[1] // 200)
+        cv2.circle(image, centre, radius << _FRACTION_BITS, _SEEN if seen else _HIDDEN, -1, cv2.LINE_AA, _FRACTION_BITS)
+
+
+def _write(name: str, rows: list[list[np.ndarray]]) -> None:
+    sheet = np.vstack([np.hstack([_fitted(image) for image in row]) for row in rows])
+    path = _IMAGES / f"{name}.jpg"
+    cv2.imwrite(str(path), sheet[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+    print(path.name, f"{path.stat().st_size // 1024} kB")
+
+
+def _fitted(image: np.ndarray) -> np.ndarray:
+    """The image on a tile of one size, nothing stretched."""
+    height, width = image.shape[:2]
+    scale = min(_TILE_WH[0] / width, _TILE_WH[1] / height)
+    small = cv2.resize(image, (round(width * scale), round(height * scale)), interpolation=cv2.INTER_AREA)
+    tile = np.full((_TILE_WH[1], _TILE_WH[0], 3), 255, np.uint8)
+    top, left = (_TILE_WH[1] - small.shape[0]) // 2, (_TILE_WH[0] - small.shape[1]) // 2
+    tile[top : top + small.shape[0], left : left + small.shape[1]] = small
+    return tile
+
+
+def _with_first_camera(scene: Scene, image: dict[str, object], sensor: dict[str, object]) -> Scene:
+    """The scene seen by its camera `rolling` alone, changed."""
+    assert isinstance(scene.cameras, ListedCameras)
+    camera = next(one for one in scene.cameras.cameras if one.name == "rolling")
+    changed = dataclasses.replace(
+        camera,
+        image=dataclasses.replace(camera.image, **image),
+        sensor=dataclasses.replace(camera.sensor, drop_fraction=0, **sensor),
+    )
+    return dataclasses.replace(scene, cameras=dataclasses.replace(scene.cameras, cameras=(changed,)))
+
+
+def main() -> None:
+    """Draw all of them."""
+    _IMAGES.mkdir(exist_ok=True)
+    demo = pictures(read_scene(_SCENES / "demo.yaml"), 1.0, 4, with_truth=True)
+    _write("simulation_demo", [demo[:2], demo[2:]])
+    occluded = pictures(read_scene(_SCENES / "tpose_8cam_occluded.yaml"), 0.0, 4, with_truth=True)
+    two = pictures(read_scene(_SCENES / "two_people.yaml"), 4.0, 2, with_truth=True)
+    _write("simulation_occluded", [occluded[:2], [occluded[2], two[0]]])
+    cube = pictures(read_scene(_SCENES / "calibration_cube.yaml"), 3.0, 2, with_truth=True)
+    _write("simulation_cube", [cube])
+    faults = read_scene(_SCENES / "faults.yaml")
+    perfect = {"readout_s": 0.0, "exposure_s": 0.0}
+    lenses = [
+        _with_first_camera(faults, {"distortion": ()}, perfect),
+        _with_first_camera(faults, {"distortion": (-0.3, 0.09, 0.0, 0.0)}, perfect),
+        _with_first_camera(faults, {}, {"readout_s": 0.25, "shutter_bands": 90, "exposure_s": 0.0}),
+        _with_first_camera(faults, {}, {"readout_s": 0.0, "exposure_s": 0.12, "blur_samples": 24, "noise_dn": 12.0}),
+    ]
+    shown = [pictures(scene, 1.0, 1, with_truth=False)[0] for scene in lenses]
+    _write("simulation_lens", [shown[:2], shown[2:]])
+
+
+if __name__ == "__main__":
+    main()
