@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Views
-from posefuse.fuse import FuseSettings, fuse
+from posefuse.fuse import WEIGHTS, FuseSettings, fuse, kernels, triangulate
 from posefuse.fuse.sides import limb_groups
 
-COCO = SKELETONS["coco17"]
+COCO, PAPER = SKELETONS["coco17"], SKELETONS["paper14"]
 GROUPS = dict(zip(("body", "arms", "legs", "head"), limb_groups(COCO), strict=True))
 
 
@@ -61,3 +61,15 @@ def test_the_other_person_is_not_touched(ring_rig, standing, views_of):
     found = fuse(exchanged(right, [2], GROUPS["legs"], person=1), rig, FuseSettings())
     np.testing.assert_array_equal(found.xyz_world[0], fuse(right, rig, FuseSettings()).xyz_world[0])
     np.testing.assert_allclose(found.xyz_world[1], fuse(right, rig, FuseSettings()).xyz_world[1], atol=2e-3)
+
+
+def test_one_compilation_serves_every_call(ring_rig, standing, views_of):
+    """Another memory order or a read-only array would compile the kernels anew: seconds, in the middle of a recording."""
+    rig = ring_rig(4)
+    right = views_of(rig, COCO, standing[None], sigma_px=1.0, seed=2)
+    before = fuse(right, rig, FuseSettings())
+    fuse(exchanged(right, [0, 1], GROUPS["body"]), rig, FuseSettings(), before)
+    for weights in WEIGHTS:
+        triangulate(rig, right.xy_img, right.score, right.sigma_px, weights, skeleton=COCO)
+        triangulate(rig, right.xy_img[0, :, :14].astype(np.float32), weights=weights, skeleton=PAPER)
+    assert len(kernels.solve_robust.signatures) == len(kernels.solve_linear.signatures) == len(kernels.squares_of.signatures) == 1

@@ -187,3 +187,19 @@ def test_input_is_left_as_it_was(ring_rig, weights, standing):
     triangulate(rig, xy, score, weights=weights, skeleton=SKELETONS["coco17"])
     np.testing.assert_array_equal(xy, before)
     assert np.isnan(score).all()
+
+
+def test_two_pairs_of_views_that_say_different_things_are_no_point(ring_rig):
+    """Two cameras see the truth, two agree on another place: invented either way. A fifth decides."""
+    truth, elsewhere = np.array([[0.1, 0.2, 1.0]]), np.array([[0.5, -0.3, 1.4]])
+    for count in (4, 5):
+        rig = ring_rig(count)
+        xy = rig.project(truth)
+        xy[:2] = rig.project(elsewhere)[:2]
+        found = triangulate(rig, xy, sigma_px=np.ones((count, 1)))
+        if count == 4:
+            assert np.isnan(found.xyz).all()
+            assert found.n_views.tolist() == [0]
+        else:
+            np.testing.assert_allclose(found.xyz, truth, atol=1e-6)
+            assert found.n_views.tolist() == [3]

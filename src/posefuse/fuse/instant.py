@@ -51,7 +51,7 @@ def _solve(
         return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
     if settings.untangle_sides:
         return solve_untangled(rig, xy, score, sigma, views.skeleton, before, settings)
-    return solve_robust(rig, xy, score, sigma, settings)[0]
+    return solve_robust(rig, xy, score, sigma, settings).told()
 
 
 def _matched(views: Views, previous: Pose3D | None) -> Array | None:

@@ -569,14 +569,32 @@ def finish_robust(cams, views, n, p, xy_img, k, work, cov):
 
 
 @njit(**_JIT)
-def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
+def has_rival(cams, views, n, p, rest, q, other, work):
+    """Whether the views that p leaves out agree on another point q in no smaller number: then nobody can tell."""
+    left = 0
+    for i in range(n):
+        if not squared_residual(cams, views, i, p) < USED:
+            for j in range(7):
+                rest[left, j] = views[i, j]
+            left += 1
+    if left < 2 or 2 * left < n or robust_point(cams, rest, left, q, other, work) == math.inf:
+        return False
+    agree = 0
+    for i in range(left):
+        agree += squared_residual(cams, rest, i, q) < USED
+    return agree >= 2 and agree >= n - left
+
+
+@njit(**_JIT)
+def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost, rival):
     """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable).
 
     Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K), square (G, C, K) = |e|^2 of every
-    usable view, cost (G, K) = robust loss. Missing points are NaN with n_views 0.
+    usable view, cost (G, K) = robust loss, rival (G, K) where as many views agree on another point. Missing points are NaN
+    with n_views 0.
     """
     groups, count, keypoints = sigma.shape
-    views, work = np.empty((count, 7)), np.empty((3, 9))
+    views, rest, work, q = np.empty((count, 7)), np.empty((count, 7)), np.empty((3, 9)), np.empty(3)
     pool, squares, p, other = np.empty(keypoints), np.empty(count), np.empty(3), np.empty(3)
     chi2, dof = np.empty(keypoints), np.empty(keypoints)
     ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
@@ -587,7 +605,7 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
             many = 0
             chi2[:], dof[:] = 0.0, 0.0
             square[g], xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan, math.nan
-            n_views[g], cost[g] = 0, 0.0
+            n_views[g], cost[g], rival[g] = 0, 0.0, False
             for k in range(keypoints):
                 n = gather(cams, ideal, sigma[g], scale, k, views)
                 cost[g, k] = 2.0 * KNEE * n
@@ -602,6 +620,7 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost):
                 if n > 2:
                     pool[many] = middle_residual(squares, n)
                     many += 1
+                rival[g, k] = has_rival(cams, views, n, p, rest, q, other, work)
                 used, px, total = finish_robust(cams, views, n, p, xy_img[g], k, work, cov[g, k])
                 if used == 0:
                     cov[g, k] = math.nan

@@ -57,13 +57,14 @@ class _Person:
         for plane in (self.xy, self.score, self.sigma):
             mixed = np.stack([plane[:, group]] * len(flips))
             mixed[flips] = np.broadcast_to(plane[:, mirror], mixed.shape)[flips]
-            planes.append(mixed)
+            # picking columns turns the memory order, which the kernels would be compiled anew for
+            planes.append(np.ascontiguousarray(mixed))
         return planes[0], planes[1], planes[2]
 
     def fit(self, flips: Array, group: Array) -> tuple[Array, Array]:
         """Robust loss (F, len(group)) of each way to exchange views (F, C), and the points (F, len(group), 3) it gives."""
-        solved, _, cost = solve_robust(self.rig, *self.exchanged(flips, group), self.settings)
-        return cost, solved.xyz
+        solved = solve_robust(self.rig, *self.exchanged(flips, group), self.settings)
+        return solved.cost, solved.points.xyz
 
     def exchange(self, flips: Array, group: Array) -> None:
         """Swap the sides of `group` in the flagged views, in place."""
@@ -81,14 +82,14 @@ def solve_untangled(
     """
     from . import kernels
 
-    solved, square, _ = solve_robust(rig, xy, score, sigma, settings)
-    if not (square > kernels.USED).any():
-        return solved
+    solved = solve_robust(rig, xy, score, sigma, settings)
+    if not (solved.square > kernels.USED).any():
+        return solved.told()
     touched = [
-        _untangle(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.xyz[g], square[g], past)
+        _untangle(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.points.xyz[g], solved.square[g], past)
         for g, past in enumerate([None] * len(xy) if before is None else before)
     ]
-    return solve_robust(rig, xy, score, sigma, settings)[0] if any(touched) else solved
+    return (solve_robust(rig, xy, score, sigma, settings) if any(touched) else solved).told()
 
 
 def _untangle(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
@@ -101,8 +102,8 @@ def _untangle(person: _Person, xyz: Array, square: Array, before: Array | None) 
         if flips.any():
             touched = True
             person.exchange(flips, group)
-            again, squares, _ = solve_robust(person.rig, person.xy[None], person.score[None], person.sigma[None], person.settings)
-            xyz, square = again.xyz[0], squares[0]
+            again = solve_robust(person.rig, person.xy[None], person.score[None], person.sigma[None], person.settings)
+            xyz, square = again.points.xyz[0], again.square[0]
     return touched
 
 

@@ -25,7 +25,7 @@ class Triangulated:
     """Points in 3D; unpacks as ``xyz, cov, reproj = triangulate(...)``.
 
     Attributes:
-        xyz: (..., K, 3) world metres; NaN where fewer than two usable views agree.
+        xyz: (..., K, 3) world metres; NaN where fewer than two usable views agree, or (``robust``) as many on another point.
         cov: (..., K, 3, 3) square metres; NaN where missing.
         reproj: (..., K) rms distance in raw px of the used views to the reprojection.
         n_views: (..., K) uint8 views used; 0 where missing.
@@ -76,7 +76,7 @@ def triangulate(
     groups = math.prod(lead)
     grouped = tuple(part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
     if weights == "robust":
-        solved = solve_robust(rig, *grouped, settings)[0]
+        solved = solve_robust(rig, *grouped, settings).told()
     elif weights == "all":
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
@@ -123,17 +123,43 @@ def plain_weight(weights: Weights, xy_img: Array, score: Array, settings: FuseSe
     return (score > 0).astype(np.float64) if weights == "none" else score_weight(score, settings)
 
 
-def solve_robust(
-    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings
-) -> tuple[Triangulated, Array, Array]:
-    """Groups (G, C, K, ...) to points, and with them |e|^2 (G, C, K) of every view and the robust loss (G, K)."""
+@dataclass(frozen=True, eq=False)
+class RobustSolution:
+    """Robust fusion of groups and what it was decided by.
+
+    Attributes:
+        points: the best point of each keypoint.
+        square: (G, C, K) squared residual of every view in units of its variance; NaN where unusable.
+        cost: (G, K) robust loss.
+        rival: (G, K) where no fewer views than `points` rests on agree on another point.
+    """
+
+    points: Triangulated
+    square: Array
+    cost: Array
+    rival: Array
+
+    def told(self) -> Triangulated:
+        """The points, without those that have a rival: nobody can tell which one is right."""
+        points = self.points
+        if self.rival.any():
+            points.xyz[self.rival], points.cov[self.rival], points.reproj[self.rival] = np.nan, np.nan, np.nan
+            points.n_views[self.rival] = 0
+        return points
+
+
+def solve_robust(rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings) -> RobustSolution:
+    """Robust fusion of groups (G, C, K, ...)."""
     from . import kernels
 
-    solved = _empty(sigma.shape)
-    square, cost = np.empty(sigma.shape), np.empty((sigma.shape[0], sigma.shape[2]))
+    groups, _, keypoints = sigma.shape
+    points = _empty(sigma.shape)
+    square, cost, rival = np.empty(sigma.shape), np.empty((groups, keypoints)), np.empty((groups, keypoints), bool)
     usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
-    kernels.solve_robust(packed_rig(rig), xy_img, usable, solved.xyz, solved.cov, solved.reproj, solved.n_views, square, cost)
-    return solved, square, cost
+    kernels.solve_robust(
+        packed_rig(rig), xy_img, usable, points.xyz, points.cov, points.reproj, points.n_views, square, cost, rival
+    )
+    return RobustSolution(points, square, cost, rival)
 
 
 def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:
