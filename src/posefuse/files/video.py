@@ -16,7 +16,6 @@ from posefuse.core.arrays import Array
 TIME_BASE = Fraction(1, 1_000_000)
 # the start of a film is stored in the file's own ticks, 1000 per second unless asked otherwise
 _CONTAINER = {"movie_timescale": str(TIME_BASE.denominator)}
-_PRESET = "veryfast"
 _KEYFRAME_EVERY = 60
 
 
@@ -30,12 +29,13 @@ class VideoWriter:
         size_wh: (width, height) of every frame in px.
         rate_hz: nominal rate, for players and rate control; times need not follow it.
         crf: x264's constant rate factor, 0 (lossless) to 51.
+        preset: x264's name for how hard it works: ``ultrafast`` to ``veryslow``.
 
     Raises:
         InputError: the file cannot be written, naming it.
     """
 
-    def __init__(self, path: Path, size_wh: tuple[int, int], rate_hz: float, crf: int = 23) -> None:
+    def __init__(self, path: Path, size_wh: tuple[int, int], rate_hz: float, crf: int = 23, preset: str = "veryfast") -> None:
         self._path, self._size_wh = path, size_wh
         self._last_pts = -1
         if not path.parent.is_dir():
@@ -45,7 +45,7 @@ class VideoWriter:
         except (av.error.FFmpegError, OSError) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
         # one thread: several writers share the machine, and the bytes do not depend on the number of cores
-        options = {"crf": str(crf), "preset": _PRESET, "threads": "1"}
+        options = {"crf": str(crf), "preset": preset, "threads": "1"}
         stream = self._container.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=options)
         stream.width, stream.height = size_wh
         stream.pix_fmt = "yuv444p" if size_wh[0] % 2 or size_wh[1] % 2 else "yuv420p"
@@ -93,7 +93,10 @@ def read_video(path: Path) -> Iterator[tuple[int, Array]]:
     try:
         with av.open(str(path)) as container:
             for frame in container.decode(video=0):
-                yield round(frame.pts * frame.time_base * 1_000_000_000), frame.to_ndarray(format="rgb24")
+                yield (
+                    round((frame.pts or 0) * Fraction(frame.time_base or TIME_BASE) * 1_000_000_000),
+                    frame.to_ndarray(format="rgb24"),
+                )
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(f"{path}: cannot be read as a film ({error})") from None
 

@@ -79,6 +79,8 @@ def fitted(image: Array | None, size_wh: tuple[int, int], tile_wh: tuple[int, in
     import cv2
 
     scale = min(tile_wh[0] / size_wh[0], tile_wh[1] / size_wh[1])
+    if image is not None and size_wh == tile_wh:
+        return np.array(image), scale
     tile = np.full((tile_wh[1], tile_wh[0], 3), EMPTY_RGB, np.uint8)
     if image is not None:
         width, height = min(tile_wh[0], round(size_wh[0] * scale)), min(tile_wh[1], round(size_wh[1] * scale))

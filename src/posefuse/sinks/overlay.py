@@ -51,7 +51,7 @@ class _OverlayWriter:
         self._recording, self._path = recording, path
         self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))
         self._beside = path.with_name(f"{path.stem}{PARTIAL}{path.suffix}")
-        self._video = VideoWriter(self._beside, self._grid.size_wh, rate_hz(recording.poses), config.crf)
+        self._video = VideoWriter(self._beside, self._grid.size_wh, rate_hz(recording.poses), config.crf, preset="superfast")
 
     def __enter__(self) -> _OverlayWriter:
         return self
