@@ -46,3 +46,23 @@ def _ring_rig(
         pose = SE3.from_matrix(rotation, -rotation @ centre)
         cameras.append(Camera(f"cam{i:02d}", size_wh, intrinsics, pose, np.array(distortion)))
     return Rig(tuple(cameras), world_set_by="test")
+
+
+@pytest.fixture(scope="session")
+def demo_session() -> Path:
+    """The bundled clip: four cameras, with its truth."""
+    return Path(__file__).resolve().parents[1] / "examples" / "demo"
+
+
+@pytest.fixture(scope="session")
+def models() -> None:
+    """The networks are there, fetched once; without them and without a network the tests that look at images skip, by name."""
+    import os
+
+    from posefuse.core import ModelError
+    from posefuse.detect.models import default_cache_dir, fetch_all, list_cards
+
+    try:
+        fetch_all(list_cards(), default_cache_dir(os.environ))
+    except ModelError as error:
+        pytest.skip(f"the networks cannot be had: {error}")

@@ -1,0 +1,147 @@
+"""The whole recorded pipeline through its one seam, the command line, against the truth of the bundled clip."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.app.cli import main
+from posefuse.core import Kind
+from posefuse.evaluate.metrics import joint_errors
+from posefuse.files.recording import read_recording
+from posefuse.files.truth import read_truth
+
+pytestmark = pytest.mark.usefixtures("models")
+
+
+def figures(capsys: pytest.CaptureFixture[str], *argv: object) -> dict:
+    assert main([str(part) for part in argv]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "result"
+    got = figures(capsys, "track", demo_session, "--out", out, "--end", 2.0, "--json")
+    assert (got["cameras"], got["instants"], got["people"]) == (4, 61, 1)
+    assert min(got["found"].values()) > 0.98
+    assert got["mpjpe_mm"] < 25
+    assert sorted(path.name for path in out.iterdir()) == sorted(got["files"])
+    assert {"pose.trc", "pose.c3d", "pose.csv", "pose.parquet", "pose.json", "overlay.mp4", "overview.png"} <= set(got["files"])
+    recording = read_recording(out)
+    assert recording.provenance["rig_id"] == recording.rig.id
+    assert recording.provenance["config"]["fuse"]["weights"] == "robust"
+    assert (recording.poses.kind == Kind.SMOOTHED).mean() > 0.95
+    errors = joint_errors(recording.poses, read_truth(demo_session / "truth" / "truth.npz"))
+    assert errors.mpjpe_mm == pytest.approx(got["mpjpe_mm"])
+
+
+def test_a_part_of_the_recording_at_another_rate_without_smoothing(demo_session: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "result"
+    options = ("--start", 1.0, "--end", 1.5, "--raw", "--set", "rate_hz=15", "--weights", "score", "--outputs", "", "--json")
+    got = figures(capsys, "track", demo_session, "--out", out, *options)
+    poses = read_recording(out).poses
+    assert got["instants"] == len(poses) == 8
+    assert np.allclose(np.diff(poses.t_ns) * 1e-9, 1 / 15, atol=1e-6)
+    assert poses.t_ns[0] == pytest.approx(1e9, abs=1e8)
+    assert set(np.unique(poses.kind)) <= {Kind.FUSED, Kind.MISSING}
+
+
+@pytest.fixture
+def broken_session(demo_session: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(demo_session, tmp_path / "session"))
+
+
+def first_frames(session: Path, out: Path, capsys) -> tuple[int, str]:
+    code = main(["track", str(session), "--out", str(out), "--end", "0.4", "--outputs", ""])
+    return code, capsys.readouterr().err
+
+
+def test_a_camera_that_cannot_be_read_is_left_out_and_named(broken_session: Path, tmp_path: Path, capsys) -> None:
+    (broken_session / "videos" / "cam01.mp4").write_bytes(b"not a film")
+    code, said = first_frames(broken_session, tmp_path / "result", capsys)
+    assert code == 0
+    assert "cam01.mp4: camera cam01" in said and "goes on without camera cam01" in said
+    assert read_recording(tmp_path / "result").rig.names == ("cam00", "cam02", "cam03")
+
+
+def test_a_film_that_breaks_off_costs_only_its_rest(broken_session: Path, tmp_path: Path, capsys) -> None:
+    film = broken_session / "videos" / "cam02.mp4"
+    content = bytearray(film.read_bytes())
+    media = content.index(b"mdat")
+    content[media + 20_000 : media + 60_000] = bytes(40_000)
+    film.write_bytes(content)
+    code, _ = first_frames(broken_session, tmp_path / "result", capsys)
+    assert code == 0
+    assert read_recording(tmp_path / "result").rig.names == ("cam00", "cam01", "cam02", "cam03")
+
+
+@pytest.mark.parametrize("left", [0, 1])
+def test_too_few_readable_cameras_are_an_error_and_leave_nothing(broken_session: Path, tmp_path: Path, capsys, left: int) -> None:
+    for i in range(left, 4):
+        (broken_session / "videos" / f"cam0{i}.mp4").write_bytes(b"not a film")
+    code, said = first_frames(broken_session, tmp_path / "result", capsys)
+    assert code == 1
+    assert f"at least 2 cameras that can be read, got {left}" in said.splitlines()[-1]
+    assert not list(tmp_path.glob("result*"))
+
+
+def test_films_of_another_size_are_an_error_with_both_sizes(broken_session: Path, tmp_path: Path, capsys) -> None:
+    rig = broken_session / "rig.toml"
+    text = rig.read_text()
+    assert "640" in text
+    rig.write_text(text.replace("640", "700"))
+    code, said = first_frames(broken_session, tmp_path / "result", capsys)
+    assert code == 1
+    assert "640x480" in said and "700x480" in said and "crop" in said
+    assert not list(tmp_path.glob("result*"))
+
+
+def test_an_existing_result_is_not_overwritten_unasked(demo_session: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "result"
+    out.mkdir()
+    (out / "mine.txt").write_text("keep")
+    assert first_frames(demo_session, out, capsys)[0] == 1
+    code = main(["track", str(demo_session), "--out", str(out), "--end", "0.4", "--outputs", "", "--force"])
+    assert code == 1
+    assert "mine.txt" in capsys.readouterr().err
+    assert (out / "mine.txt").read_text() == "keep"
+
+
+def test_ctrl_c_keeps_what_was_finished(demo_session: Path, tmp_path: Path) -> None:
+    out = tmp_path / "result"
+    command = [sys.executable, "-m", "posefuse.app.cli", "track", str(demo_session), "--out", str(out), "--outputs", "", "--json"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
+    stopped = False
+    for _ in range(1200):
+        if process.poll() is not None:
+            break
+        if is_tracking(process.pid):
+            time.sleep(1.5)
+            process.send_signal(signal.SIGINT)
+            stopped = True
+            break
+        time.sleep(0.1)
+    said, problems = process.communicate(timeout=120)
+    assert stopped
+    if json.loads(said or "{}").get("interrupted"):
+        assert "stopped by Ctrl-C" in problems
+        assert 2 <= len(read_recording(out).poses) < 301
+    else:  # the machine was quicker than the signal, or slower than the first two instants: whole or nothing
+        assert not list(tmp_path.glob("*.partial"))
+
+
+def is_tracking(pid: int) -> bool:
+    """Decoding threads have begun."""
+    tasks = Path(f"/proc/{pid}/task")
+    try:
+        names = [(task / "comm").read_text().strip() for task in tasks.iterdir()]
+    except OSError:
+        return False
+    return any(name.startswith("decode") for name in names) or len(names) > 12
