@@ -163,7 +163,8 @@ def _clutter(clutter: ClutterOccluder, seed: list[int]) -> list[Box]:
         yaw, colour = rng.uniform(0, np.pi), rng.uniform(0.2, 0.8, 3)
         if np.hypot(*spot) - np.hypot(size[0], size[1]) / 2 >= clutter.keep_clear_m:
             centre = (float(spot[0]), float(spot[1]), float(size[2] / 2))
-            boxes.append(_box(centre, tuple(map(float, size)), yaw, tuple(map(float, colour))))
+            edges = (float(size[0]), float(size[1]), float(size[2]))
+            boxes.append(_box(centre, edges, yaw, (float(colour[0]), float(colour[1]), float(colour[2]))))
     if len(boxes) < clutter.count:
         raise ConfigError(
             f"occluders: clutter: only {len(boxes)} of {clutter.count} boxes fit into area_m {clutter.area_m} outside "
