@@ -11,6 +11,7 @@ from posefuse.kinematics import (
     JointTracker,
     Reason,
     joints_from_poses,
+    kernels,
     reasons_from_poses,
     undefined_angles,
 )
@@ -240,3 +241,13 @@ def test_nobody_and_all_missing_give_empty_and_nan(posed):
 def test_the_tracker_refuses_another_skeleton(posed):
     with pytest.raises(ShapeError, match="expected skeleton coco17, got blazepose33"):
         JointTracker(SKELETONS["coco17"]).step(posed([BENT]).at(0))
+
+
+def test_quaternions_agree_with_scipy_for_any_turn():
+    turns = Rotation.random(500, rng=3)
+    turns = Rotation.concatenate([turns, Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity()])
+    wxyz = np.empty((len(turns), 4))
+    kernels.quaternions(turns.as_matrix(), wxyz)
+    expected = turns.as_quat(scalar_first=True)
+    np.testing.assert_allclose(np.abs((wxyz * expected).sum(-1)), 1, atol=1e-12)
+    assert (wxyz[:, 0] >= 0).all()

@@ -8,7 +8,6 @@ import numpy as np
 
 from posefuse.core import SE3, Joints, Pose3D, PoseSequence, ShapeError, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.se3 import wxyz_from_matrix
 
 from . import kernels
 from .definitions import (
@@ -35,6 +34,7 @@ from .settings import JointSettings
 from .sides import check_sides
 
 _HINGE_MEMORY_S = 0.2
+_ORIGINS = SEGMENT_PAIRS[:, 0]
 GROUND = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
 
 
@@ -119,7 +119,9 @@ def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) 
 
 def joints_value(t_ns: Array, person_id: Array, rotation: Array, origin: Array, angles: Array, sigmas: Array) -> Joints:
     """Joints of raw arrays over (T, N); a frame that is NaN has no origin either."""
-    frames = SE3(wxyz_from_matrix(rotation), np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin))
+    wxyz = np.empty((*rotation.shape[:-2], 4))
+    kernels.quaternions(rotation.reshape(-1, 3, 3), wxyz.reshape(-1, 4))
+    frames = SE3(wxyz, np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin))
     return Joints(t_ns, person_id, SEGMENT_NAMES, frames, JOINT_NAMES, ANGLE_NAMES, angles, sigmas)
 
 
@@ -187,7 +189,7 @@ class Workspace:
 
     def origins(self) -> Array:
         """(S, 3) origins of the frames."""
-        return self.points[SEGMENT_PAIRS[:, 0]].mean(axis=1)
+        return 0.5 * (self.points[_ORIGINS[:, 0]] + self.points[_ORIGINS[:, 1]])
 
 
 def _smoothed_planes(sequence: PoseSequence, person: int, work: Workspace) -> Array:

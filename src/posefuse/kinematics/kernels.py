@@ -453,3 +453,30 @@ def solve(
     for s in range(rotation.shape[0]):
         if turn_var[s] > limits[1] * limits[1]:
             rotation[s] = np.nan
+
+
+@njit(**_JIT)
+def quaternions(rotation, wxyz):
+    """Unit quaternions (n, 4) of rotation matrices (n, 3, 3), w >= 0, by the largest divisor (Shepperd); NaN stays NaN."""
+    for n in range(rotation.shape[0]):
+        r = rotation[n]
+        trace = r[0, 0] + r[1, 1] + r[2, 2]
+        best = 0
+        largest = trace
+        for i in range(3):
+            if 2.0 * r[i, i] - trace > largest:
+                best, largest = i + 1, 2.0 * r[i, i] - trace
+        if best == 0:
+            wxyz[n, 0] = 1.0 + trace
+            wxyz[n, 1], wxyz[n, 2], wxyz[n, 3] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+        else:
+            i = best - 1
+            j, k = (i + 1) % 3, (i + 2) % 3
+            wxyz[n, 0] = r[k, j] - r[j, k]
+            wxyz[n, 1 + i] = 1.0 + 2.0 * r[i, i] - trace
+            wxyz[n, 1 + j] = r[i, j] + r[j, i]
+            wxyz[n, 1 + k] = r[i, k] + r[k, i]
+        norm = math.sqrt(wxyz[n, 0] ** 2 + wxyz[n, 1] ** 2 + wxyz[n, 2] ** 2 + wxyz[n, 3] ** 2)
+        sign = -1.0 if wxyz[n, 0] < 0.0 else 1.0
+        for i in range(4):
+            wxyz[n, i] *= sign / norm
