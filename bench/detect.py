@@ -1,0 +1,68 @@
+"""Time of the default 2D estimator per image: a table on stderr, one JSON object on stdout.
+
+    python bench/detect.py [--repeat 50]
+
+Batches of four views with one person each, where the region is known (the usual case), and the worst case of the search: images
+in which nobody is found. The time of the networks does not depend on what is in the image.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from posefuse.core import Frame, Region
+from posefuse.detect import BlazePoseConfig
+
+VIEWS = 4
+SIZES_WH = ((640, 480), (1920, 1080))
+CORES = len(os.sched_getaffinity(0))
+
+
+def measure(streams: int, size_wh: tuple[int, int], known: bool, repeat: int) -> dict[str, float]:
+    detector = BlazePoseConfig(streams=streams).build()
+    rng = np.random.default_rng(0)
+    shape = (size_wh[1], size_wh[0], 3)
+    frames = [Frame(f"cam{i}", 0, 0, 0, rng.integers(0, 255, shape, dtype=np.uint8)) for i in range(VIEWS)]
+    region = Region(np.array(size_wh) / 2, 0.8 * size_wh[1], 0.1)
+    regions = [[region] if known else None for _ in frames]
+    wall, cpu = [], []
+    for i in range(repeat + 3):
+        began, spent = time.perf_counter(), time.process_time()
+        detector.detect(frames, regions)
+        if i >= 3:
+            wall.append(time.perf_counter() - began)
+            cpu.append(time.process_time() - spent)
+    return {
+        "streams": streams,
+        "width_px": size_wh[0],
+        "region_known": known,
+        "wall_ms_per_image": float(np.median(wall)) * 1000 / VIEWS,
+        "cpu_ms_per_image": float(np.median(cpu)) * 1000 / VIEWS,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeat", type=int, default=50)
+    repeat = parser.parse_args().repeat
+    cases = [(streams, size, True, repeat) for streams in sorted({1, CORES}) for size in SIZES_WH]
+    rows = [measure(*case) for case in [*cases, (CORES, SIZES_WH[0], False, max(3, repeat // 10))]]
+    table = Table(title="2D estimation per image, four views at once")
+    for heading in ("streams", "image width", "region", "wall ms", "CPU ms"):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        where = "known" if row["region_known"] else "searched in vain"
+        times = (f"{row['wall_ms_per_image']:.2f}", f"{row['cpu_ms_per_image']:.2f}")
+        table.add_row(str(row["streams"]), str(row["width_px"]), where, *times)
+    Console(file=sys.stderr).print(table)
+    print(json.dumps({"cases": rows}))
+
+
+if __name__ == "__main__":
+    main()
