@@ -127,6 +127,16 @@ def test_bytes_that_are_not_of_the_type_are_never_sent(local):
             node.writer(topics.DETECTIONS).write(raw)
 
 
+def test_a_reader_that_holds_everything_up_costs_messages_not_the_session(local, monkeypatch):
+    from cyclonedds import _clayer
+
+    with RosNode("one", local()) as node:
+        writer = node.writer(topics.POSE)
+        monkeypatch.setattr(_clayer, "ddspy_write", lambda ref, raw: -10)
+        writer.write(b"")
+        assert writer.dropped == 1
+
+
 def test_nodes_of_one_process_share_a_domain_if_they_agree_on_the_network(local):
     network = local()
     with RosNode("one", network) as one, RosNode("two", network) as two:

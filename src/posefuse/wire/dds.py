@@ -20,15 +20,17 @@ import numpy as np
 from posefuse.core import ConfigError, DependencyError, SourceError
 
 from .idl import idl_class
-from .intake import decode, encode
+from .intake import Intake, encode
 from .topics import Topic
 from .types import message, optional_module, type_hash
 
 GRAPH = Topic("ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo", depth=1, latched=True)
 TESTED_CYCLONEDDS = "11.0.1"
 _LATCHED_WRITERS = 100
+# DDS_RETCODE_TIMEOUT, and how long a write may wait before it
+_TIMEOUT = -10
+_PATIENCE_MS = 20
 _MAX_TAKE = 256
-_MAX_GRAPH_BYTES = 2**20
 
 
 @dataclass(frozen=True)
@@ -117,18 +119,25 @@ class Reader:
 
 
 class Writer:
-    """Sends messages on one topic. Made by `RosNode.writer`."""
+    """Sends messages on one topic. Made by `RosNode.writer`.
+
+    Attributes:
+        dropped: messages given up because a reader that asks for every message did not keep up.
+    """
 
     def __init__(self, topic: Topic, entity: Any) -> None:
         self.topic = topic
         self.entity = entity
+        self.dropped = 0
 
     def write(self, raw: bytes) -> None:
-        """Send CDR bytes. Never waits for readers: of a slow one's backlog only the newest `depth` are kept."""
+        """Send CDR bytes. Of a slow reader's backlog only the newest `depth` are kept."""
         from cyclonedds._clayer import ddspy_write
 
         code = ddspy_write(self.entity._ref, raw)
-        if code < 0:
+        if code == _TIMEOUT:
+            self.dropped += 1
+        elif code < 0:
             raise SourceError(f"topic {self.topic.name}: Cyclone DDS could not write {len(raw)} bytes (code {code})")
 
     def readers(self) -> int:
@@ -166,6 +175,7 @@ class RosNode:
         self._waitset: Any = WaitSet(self._participant)
         self._graph_writer: Any = self._open_writer(GRAPH)
         self._graph_reader: Any = self._open_reader(GRAPH)
+        self._graph: Intake[Any] = Intake(GRAPH.type_name, lambda msg: msg)
         self._peers: dict[bytes, tuple[str, ...]] = {}
         self._announce()
 
@@ -220,9 +230,10 @@ class RosNode:
     def nodes(self) -> set[str]:
         """Full names of the ROS 2 nodes heard so far, this one included."""
         for sample in self._graph_reader.take():
-            info = decode(sample.raw, GRAPH.type_name, _MAX_GRAPH_BYTES)
-            names = tuple(n.node_namespace.rstrip("/") + "/" + n.node_name for n in info.node_entities_info_seq)
-            self._peers[bytes(info.gid.data)] = names
+            info = self._graph.take(sample.raw)
+            if info is not None:
+                names = tuple(n.node_namespace.rstrip("/") + "/" + n.node_name for n in info.node_entities_info_seq)
+                self._peers[bytes(info.gid.data)] = names
         return {name for names in self._peers.values() for name in names}
 
     def close(self) -> None:
@@ -308,7 +319,7 @@ def _qos(topic: Topic, depth: int, reliable: bool) -> Any:
     from cyclonedds.util import duration
 
     return Qos(
-        Policy.Reliability.Reliable(duration(milliseconds=100)) if reliable else Policy.Reliability.BestEffort,
+        Policy.Reliability.Reliable(duration(milliseconds=_PATIENCE_MS)) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if topic.latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(depth),
         Policy.DataRepresentation(use_cdrv0_representation=True),

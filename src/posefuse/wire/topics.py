@@ -60,7 +60,7 @@ class Several:
 # depth: on a topic without keys all cameras share one history at the reader
 DETECTIONS = Topic("/posefuse/detections", messages.DETECTIONS_TYPE, depth=64)
 POSE = Topic("/posefuse/pose", messages.POSE_TYPE, depth=4)
-TF = Topic("/tf", "tf2_msgs/msg/TFMessage", depth=100)
+TF = Topic("/tf", "tf2_msgs/msg/TFMessage", depth=20)
 TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", depth=1, latched=True)
 MARKERS = Topic("/posefuse/markers", "visualization_msgs/msg/MarkerArray", depth=2)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
