@@ -92,7 +92,7 @@ def test_there_is_always_a_planted_foot(walked: Walk) -> None:
 
 
 def test_feet_stay_above_the_floor(walked: Walk) -> None:
-    lowest = walked.body.vertices(walked.state.world_from_bone[::17])[..., 2].min(axis=1)
+    lowest = walked.body.vertices(walked.state.world_from_bone[::67])[..., 2].min(axis=1)
     assert lowest.min() > -5e-3
     assert lowest.max() < 5e-3
 
@@ -222,3 +222,24 @@ def test_bad_settings_are_named(content: dict, text: str) -> None:
 def test_paths_that_cannot_be_walked(body: Body, path: dict, speed: float, text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         walk(body, path, speed, np.zeros(1))
+
+
+def test_short_legs_cannot_walk_as_fast() -> None:
+    child = build_body(BodySettings(age_years=7, height_m=1.2))
+    with pytest.raises(
+        ConfigError, match=r"speed_mps: expected at most 1\.\d\d m/s for a hip height of 0\.\d\d m \(faster is running"
+    ):
+        walk(child, {"shape": "line", "start_m": (0, 0), "end_m": (5, 0)}, 2.0, np.zeros(1))
+
+
+@pytest.mark.parametrize("settings", [BodySettings(age_years=5), BodySettings(height_m=2.0), BodySettings(random_seed=1)])
+def test_every_body_walks(settings: BodySettings) -> None:
+    who = build_body(settings)
+    fastest = 0.98 * np.sqrt(0.5 * 9.81 * who.points_rest["left_hip"][2])
+    for speed in (0.3, float(min(fastest, 2.2))):
+        way = walk(who, {"shape": "line", "start_m": (0, 0), "end_m": (9, 0)}, speed, np.arange(1.0, 4.0, 0.025))
+        lowest = who.vertices(way.state.world_from_bone[::9])[..., 2].min(axis=1)
+        assert np.abs(lowest).max() < 5e-3
+        for side in ("left", "right"):
+            assert way.angle(f"{side}_knee").min() > 1.0
+            assert way.angle(f"{side}_knee").max() < 95.0

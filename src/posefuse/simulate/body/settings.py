@@ -22,7 +22,8 @@ class BodySettings:
         sex: ``female``, ``male``, or anything between from 0 (female) to 1 (male); default male.
         age_years: 5 to 90 years; default 30.
         height_m: stature in metres; default: an average adult's (1.63 female, 1.77 male).
-        weight_kg: body mass; default: mid-range of what the body model offers at this stature.
+        weight_kg: body mass; default: mid-range of what the body model offers at this stature; it offers a body mass index of
+            about 17 to 25 for adults, and the error of anything else names the range.
         muscle: 0 (slack) to 1 (athletic); default 0.5.
         shirt, trousers, shoes, skin, hair: ``#rrggbb``.
     """

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import convolve1d, maximum_filter1d
 
+from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.simulate.body import Body
 
@@ -31,12 +32,14 @@ _OVER_ANKLE = 0.222
 _STEP_WIDTH_HIPS = 0.5
 _TOE_OUT_RAD = np.deg2rad(6.0)
 _GRAVITY = 9.81
+# v^2 / (g leg) at which people change from walking to running (Kram et al. 1997)
+_RUNNING_FROUDE = 0.5
 _BOB_M, _SWAY_M, _SURGE_M = 0.018, 0.021, 0.009
 _TURN_RAD, _DROP_RAD, _COUNTER_RAD = np.deg2rad(4.0), np.deg2rad(4.5), np.deg2rad(4.0)
 _LEAN_RAD, _ARM_SWING_RAD = np.deg2rad(3.0), np.deg2rad(17.0)
 _STRAIGHTEST_KNEE_RAD = np.deg2rad(5.0)
 _KNEE_SWING_DEG = ((0.2, 0.6, 1.0, 1.35, 2.2), (38.0, 52.0, 59.0, 62.0, 66.0))
-_SIDE_LIFT_M, _FEET_APART_M = 0.07, 0.14
+_SIDE_LIFT_M, _FEET_APART_M, _SIDE_CROUCH_M = 0.07, 0.14, 0.03
 _TUNED_MPS = 5
 _TUNING_SAMPLES = 100
 _TUNING_ROUNDS = 14
@@ -231,8 +234,14 @@ class Gait:
 
 
 def walking(body: Body, route: Route, speed_mps: float) -> Gait:
-    """A walker with everything solved for this body and this speed."""
+    """A walker with everything solved for this body and this speed; raises ConfigError where people of this size run."""
     leg_m = body.points_rest["left_hip"][2]
+    fastest = float(np.sqrt(_RUNNING_FROUDE * _GRAVITY * leg_m))
+    if speed_mps > fastest:
+        raise ConfigError(
+            f"speed_mps: expected at most {fastest:.2f} m/s for a hip height of {leg_m:.2f} m (faster is running), "
+            f"got {speed_mps}"
+        )
     duty = float(np.clip(0.62 - 0.06 * (speed_mps - _REFERENCE_MPS), 0.57, 0.68))
     way = pace(route, speed_mps, leg_m)
     sole = feet.sole_of(body)
@@ -295,13 +304,14 @@ def _tuned_at(gait: Gait, speed_mps: float) -> tuple[float, float]:
         axes = lab.posture(t_s).axes_world
         cosine = np.sum(axes["left_thigh"][..., 1] * axes["left_shank"][..., 1], axis=-1)
         low, high = (lift_m, high) if np.arccos(cosine.min()) < wanted else (low, lift_m)
-    return hips_m, lift_m
+    return (hips_m if gait._ahead else hips_m - _SIDE_CROUCH_M), lift_m
 
 
 def _least_lift_m(lab: Gait) -> float:
     """The lift that keeps the whole foot clear of the floor in mid-swing."""
     bare = replace(lab, tuning=Tuning(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1)))
-    swung = np.linspace(0.1, 0.9, 33)
+    # later the lift has no power over the foot, which comes down heel first
+    swung = np.linspace(0.08, 0.7, 33)
     ankle, _, pitch = bare._swing("left", np.zeros_like(swung), swung)
     gap = ankle[:, 2] - lab.sole.ankle_height_m(pitch)
     return float(np.max(_CLEARANCE_M - gap / feet.lift(swung)).clip(0.0))
