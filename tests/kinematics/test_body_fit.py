@@ -79,6 +79,16 @@ def test_its_covariance_is_honest(noisy, fitted):
     assert 2.0 < nees.mean() < 5.0
 
 
+def test_the_angles_state_their_own_error(noisy, fitted):
+    truth = joints_from_poses(noisy[0])
+    for joints in (fitted.joints, joints_from_poses(noisy[1])):
+        for name in ("left_knee", "right_hip", "trunk", "right_elbow", "left_ankle"):
+            q = JOINT_NAMES.index(name)
+            axis = 1 if name == "trunk" else 0
+            ratio = (joints.angle_rad[:, 0, q, axis] - truth.angle_rad[:, 0, q, axis]) / joints.sigma_rad[:, 0, q, axis]
+            assert 0.6 < np.sqrt(np.nanmean(ratio**2)) < 1.5, name
+
+
 def test_a_gap_is_filled_and_says_so(noisy, fitted):
     clean, wrist = noisy[0], noisy[0].skeleton.index("left_wrist")
     gap = slice(60, 85)

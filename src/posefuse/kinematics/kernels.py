@@ -245,7 +245,7 @@ def plane_step(points, points_cov, limb, bend, parent, memory, grown_var, hinge_
             gain = 1.0
             var = seen_var
         else:
-            var = (1.0 - gain) * var if seen_var > 0.0 else 0.0
+            var = gain * seen_var
         x = _cross(y, z)
         z = math.cos(gain * turn) * z + math.sin(gain * turn) * x
     updated[:3] = z
