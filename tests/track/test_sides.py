@@ -107,3 +107,15 @@ def test_missing_views_stay_missing(ring_rig) -> None:
     assert np.isnan(xy).all()
     assert (score == 0).all()
     assert np.isnan(sigma).all()
+
+
+def test_legs_are_on_the_side_of_the_body_that_the_shoulders_tell_even_against_the_majority() -> None:
+    clean = walkers()
+    confused = exchanged(clean, slice(20, T), 0, LEFT_LEG)
+    assert same(steady_sides(confused), clean)
+    # without shoulders the majority is right
+    without, xyz = exchanged(confused, slice(0, 20), 0, LEFT_LEG), []
+    for sequence in (confused, without):
+        xyz.append(np.array(sequence.xyz_world))
+        xyz[-1][:, :, COCO17.indices(["left_shoulder", "right_shoulder"])] = np.nan
+    assert same(steady_sides(replace(confused, xyz_world=xyz[0])), replace(without, xyz_world=xyz[1]))

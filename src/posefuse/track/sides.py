@@ -13,14 +13,17 @@ import numpy as np
 from posefuse.core import PoseSequence, Rig, Skeleton
 from posefuse.core.arrays import Array
 
+# arms first: their shoulders then tell which side of the body the hips are on
 _LIMBS = (
-    ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe"),
     ("shoulder", "elbow", "wrist", "pinky", "index", "thumb"),
+    ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe"),
 )
 # a keypoint's surprise counts up to this distance from where its velocity would have taken it
 _MOST_SURPRISE_M = 0.4
 # what an exchange must gain per instant and keypoint to be believed
 _PRIOR_M = 0.03
+# nobody turns the hips further than this against the shoulders (cosine of the angle from left to right of both)
+_MOST_TWIST = -0.2
 # a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
 _LEAST_SIGMA_PX = 2.0
 # Cauchy loss that exchanging a limb in a view must save; its scale in standard deviations
@@ -31,13 +34,16 @@ def steady_sides(sequence: PoseSequence) -> PoseSequence:
     """Exchange left and right of arms and legs where that lets them move on steadily, for each person by itself.
 
     The labelling of least total surprise over the whole recording (Viterbi over pairs of instants; surprise is the distance
-    from constant velocity); a recording is never exchanged as a whole.
+    from constant velocity); legs also stay on the side of the body that the shoulders tell. Arms are never
+    exchanged in most of a recording.
     """
     fields = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     arrays = {name: np.array(getattr(sequence, name)) for name in fields}
-    for left, right in _sides(sequence.skeleton):
+    for part, (left, right) in enumerate(_sides(sequence.skeleton)):
         for n in range(len(sequence.person_id)):
-            swapped = _labels(sequence.t_ns, arrays["xyz_world"][:, n, left], arrays["xyz_world"][:, n, right])
+            xyz = arrays["xyz_world"][:, n]
+            told = np.full(len(xyz), np.nan) if part == 0 else _twist(xyz, sequence.skeleton)
+            swapped = _labels(sequence.t_ns, xyz[:, left], xyz[:, right], told)
             wrong = np.isin(np.arange(len(sequence)), swapped)
             for array in arrays.values():
                 _exchange(array[:, n], wrong, left, right)
@@ -92,21 +98,36 @@ def _sides(skeleton: Skeleton) -> list[tuple[Array, Array]]:
     return pairs
 
 
-def _labels(t_ns: Array, left: Array, right: Array) -> Array:
-    """(T,) indices of the instants to exchange, from (T, k, 3) positions of both sides."""
+def _twist(xyz: Array, skeleton: Skeleton) -> Array:
+    """(T,) cosine between hip line and shoulder line, both from right to left; NaN where one is missing.
+
+    Exchanging arms or legs, not both, turns its sign.
+    """
+    if any(f"left_{part}" not in skeleton.keypoints for part in ("hip", "shoulder")):
+        return np.full(len(xyz), np.nan)
+    lines = [xyz[:, skeleton.index(f"left_{part}")] - xyz[:, skeleton.index(f"right_{part}")] for part in ("hip", "shoulder")]
+    length = np.prod([np.linalg.norm(line, axis=-1) for line in lines], axis=0)
+    return np.asarray((lines[0] * lines[1]).sum(axis=-1) / np.where(length > 1e-6, length, np.nan))
+
+
+def _labels(t_ns: Array, left: Array, right: Array, twist: Array) -> Array:
+    """(T,) indices of the instants to exchange, from (T, k, 3) positions of both sides and the trunk's twist (T,)."""
     count = len(t_ns)
     if count < 3:
         return np.zeros(0, np.intp)
     both = np.stack([np.concatenate([left, right], axis=1), np.concatenate([right, left], axis=1)])  # (label, T, 2k, 3)
     stretch = (np.diff(t_ns)[1:] / np.diff(t_ns)[:-1])[:, None, None]
-    prior = _PRIOR_M**2 * np.isfinite(left[..., 0]).sum(axis=1) * 2
-    cost = np.array([[0.0, prior[1]], [prior[0], prior[0] + prior[1]]])  # (label before, label now)
+    impossible = _MOST_SURPRISE_M**2
+    keep = np.where(twist < _MOST_TWIST, impossible, 0.0)
+    swap = _PRIOR_M**2 * np.isfinite(left[..., 0]).sum(axis=1) * 2 + np.where(-twist < _MOST_TWIST, impossible, 0.0)
+    prior = np.stack([keep, swap], axis=1)
+    cost = prior[0][:, None] + prior[1][None]  # (label before, label now)
     came_from = np.zeros((count, 2, 2), np.int8)
     surprise = np.stack(
         [[[_surprise(both[a, :-2], both[b, 1:-1], both[c, 2:], stretch) for c in (0, 1)] for b in (0, 1)] for a in (0, 1)]
     )  # (a, b, c, T - 2)
     for t in range(2, count):
-        total = cost[:, :, None] + surprise[..., t - 2] + np.array([0.0, prior[t]])
+        total = cost[:, :, None] + surprise[..., t - 2] + prior[t]
         came_from[t] = total.argmin(axis=0)
         cost = total.min(axis=0)
     b, c = np.unravel_index(int(cost.argmin()), cost.shape)
@@ -114,7 +135,7 @@ def _labels(t_ns: Array, left: Array, right: Array) -> Array:
     labels[-2:] = b, c
     for t in range(count - 1, 1, -1):
         labels[t - 2] = came_from[t, labels[t - 1], labels[t]]
-    if 2 * labels.sum() > count:
+    if 2 * labels.sum() > count and np.isnan(twist).all():  # nothing but the majority tells
         labels = 1 - labels
     return np.flatnonzero(labels)
 
