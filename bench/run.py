@@ -19,8 +19,10 @@ PAGE = HERE.parent / "docs" / "benchmarks.md"
 TITLES = {
     "pipeline": "The whole pipeline on the demo clip",
     "real_footage": "Real footage",
+    "detect": "2D estimation: time per image",
     "fuse": "Fusion: time per solve",
     "fuse_accuracy": "Fusion: accuracy with outliers",
+    "wire": "Network: one-way time of a skeleton",
 }
 PACKAGES = ("posefuse", "numpy", "openvino", "opencv-contrib-python-headless", "numba", "av")
 

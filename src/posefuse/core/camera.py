@@ -24,7 +24,7 @@ class Camera:
         size_wh: (width, height) in px of the images the intrinsics belong to.
         K: (3, 3) intrinsic matrix in px; skew is allowed.
         cam_from_world: pose, metres.
-        distortion: 0, 4, 5, 8, 12 or 14 coefficients in OpenCV's order (4 for ``fisheye``); see `core.lens`.
+        distortion: 0, 4, 5, 8, 12 or 14 coefficients in OpenCV's order (always 4 for ``fisheye``); see `core.lens`.
         model: ``pinhole`` or ``fisheye``.
         readout_s: rolling-shutter time from first to last row in seconds; 0 is a global shutter.
 
@@ -59,7 +59,7 @@ class Camera:
             return f"K: expected [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0, got {self.K.tolist()}"
         if self.model not in LENS_MODELS:
             return f"lens model: expected one of {', '.join(LENS_MODELS)}, got {self.model!r}"
-        counts = (0, lens.FISHEYE_COUNT) if self.model == "fisheye" else lens.PINHOLE_COUNTS
+        counts = (lens.FISHEYE_COUNT,) if self.model == "fisheye" else lens.PINHOLE_COUNTS
         if self.distortion.ndim != 1 or len(self.distortion) not in counts:
             return f"distortion ({self.model}): expected {', '.join(map(str, counts))} coefficients, got {self.distortion.size}"
         if not np.isfinite(self.distortion).all():
