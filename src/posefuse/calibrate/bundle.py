@@ -197,8 +197,9 @@ class _System:
         inverse = np.linalg.inv(damped)
         A = self._A + np.diag(damping * np.diag(self._A) + 1e-12 * np.diag(self._A).max(initial=1.0))
         through = self._B @ inverse
-        flat_B = self._B.transpose(1, 0, 2).reshape(self._B.shape[1], -1)
-        flat_through = through.transpose(1, 0, 2).reshape(self._B.shape[1], -1)
+        flat_shape = (self._B.shape[1], self._B.shape[0] * q)
+        flat_B = self._B.transpose(1, 0, 2).reshape(flat_shape)
+        flat_through = through.transpose(1, 0, 2).reshape(flat_shape)
         return A - flat_through @ flat_B.T, self._g - flat_through @ self._h.ravel(), inverse
 
     def steps(self, damping: float) -> tuple[list[Array], Array]:
@@ -214,6 +215,8 @@ class _System:
     def covariance(self) -> Array:
         """(G, G) of the free global unknowns for unit noise; infinite where the data say nothing."""
         schur, _, _ = self._reduced(0.0)
+        if len(schur) == 0:
+            return schur
         values, vectors = np.linalg.eigh((schur + schur.T) / 2)
         floor = 1e-11 * max(values.max(initial=0.0), 1e-300)
         return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)

@@ -222,7 +222,7 @@ def check_facing(cameras: Sequence[Camera], solved: Solved) -> Check:
     return Check(
         "nothing is mirrored", share[worst] >= _LEAST_FACING,
         f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {_LEAST_FACING:.0%})",
-        "the board is described mirrored, or the image is flipped",
+        "the board is described mirrored, the image is flipped, or the markers are too small to tell their slant",
     )  # fmt: skip
 
 

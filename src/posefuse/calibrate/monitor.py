@@ -1,0 +1,202 @@
+"""Watch a rig while it is used: a bumped camera, a swapped cable or a lost synchronisation shows in its residuals.
+
+A pure function of an explicit state: `observe` takes what fusion has just used and returns the next state and what it
+found. It keeps per camera a short and a long memory (exponential) of how far the camera's pixels lie from the
+reprojection of what the *other* cameras say, and of how that distance follows the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from posefuse.core import Rig
+from posefuse.core.arrays import Array
+
+from .world import triangulate
+
+_MEMORY_S = 1.5
+_WARM_UP_S = 5.0
+_LEAST_POINTS = 60
+_BUMPED_RATIO, _BUMPED_PX_PER_1000 = 2.0, 4.0
+_LATE_S, _LATE_SHARE = 0.012, 0.6
+_SWAP_GAIN = 0.5
+_LEAST_SPEED_PX_S = 40.0
+
+
+@dataclass(frozen=True, eq=False)
+class MonitorState:
+    """What is remembered: sums that decay, per camera.
+
+    Attributes:
+        t_ns: of the newest observation; None before the first. started_ns: of the first.
+        points, square: (C,) decaying count and sum of squared residuals, px.
+        late, speed: (C,) decaying sums of residual times velocity, and of squared velocity.
+        rest: (C,) decaying mean square of how well the others agree without this camera; NaN where that cannot be known.
+        usual_px: (C,) long memory of the rms; NaN before it is known.
+        told: names of findings already reported and still going on.
+    """
+
+    t_ns: int | None
+    started_ns: int | None
+    points: Array
+    square: Array
+    late: Array
+    speed: Array
+    rest: Array
+    usual_px: Array
+    last_xy: Array | None = None
+    last_t_ns: int = 0
+    told: frozenset[str] = field(default_factory=frozenset)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something is wrong with a camera.
+
+    Attributes:
+        kind: ``bumped``, ``out of step`` or ``swapped``. cameras: which. t_ns: when it was noticed.
+        detail: one line with numbers.
+    """
+
+    kind: str
+    cameras: tuple[str, ...]
+    t_ns: int
+    detail: str
+
+
+def start(rig: Rig) -> MonitorState:
+    """Nothing seen yet."""
+    zero = np.zeros(len(rig))
+    unknown = np.full(len(rig), np.nan)
+    return MonitorState(None, None, zero, zero, zero, zero, unknown, unknown)
+
+
+def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
+    """Take in matched points (C, P, 2) raw px of one instant (NaN where unseen); P stays the same from call to call."""
+    passed_s = 0.0 if state.t_ns is None else max((t_ns - state.t_ns) / 1e9, 0.0)
+    keep = float(np.exp(-passed_s / _MEMORY_S))
+    residual, rest_px = leave_one_out(rig, xy_img)
+    velocity = _velocity(state, t_ns, xy_img)
+    good = np.isfinite(residual).all(axis=-1)
+    square = np.where(good, (residual**2).sum(axis=-1), 0.0)
+    # one wild keypoint must not speak for the camera
+    cap = (np.nan_to_num(state.usual_px, nan=1e3) * 10 + 30)[:, None] ** 2
+    moving = good & np.isfinite(velocity).all(axis=-1)
+    late = np.where(moving, -(residual * np.nan_to_num(velocity)).sum(axis=-1), 0.0)
+    speed = np.where(moving, (np.nan_to_num(velocity) ** 2).sum(axis=-1), 0.0)
+    new = replace(
+        state,
+        t_ns=t_ns,
+        started_ns=t_ns if state.started_ns is None else state.started_ns,
+        points=keep * state.points + good.sum(axis=1),
+        square=keep * state.square + np.minimum(square, cap).sum(axis=1),
+        late=keep * state.late + late.sum(axis=1),
+        speed=keep * state.speed + speed.sum(axis=1),
+        rest=_decayed(state.rest, rest_px**2, keep),
+        last_xy=np.array(xy_img, np.float64),
+        last_t_ns=t_ns,
+    )
+    return _judge(new, rig, xy_img)
+
+
+def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
+    """What the other cameras say, camera by camera.
+
+    Returns:
+        (C, P, 2) reprojection of the points of all others, minus what the camera saw; NaN with fewer than 2 others.
+        (C,) rms px to which the others agree among themselves when this camera is left out; NaN with fewer than 3 of them.
+    """
+    out, rest_px = np.full(xy_img.shape, np.nan), np.full(len(rig), np.nan)
+    for c, camera in enumerate(rig):
+        others = np.array(xy_img, np.float64)
+        others[c] = np.nan
+        points = triangulate(rig, others)
+        out[c] = camera.project(points) - xy_img[c]
+        off = ((rig.project(points) - others) ** 2).sum(axis=-1)
+        if np.isfinite(off).sum() > 2 * np.isfinite(points[:, 0]).sum():
+            rest_px[c] = np.sqrt(np.nanmean(off))
+    return out, rest_px
+
+
+def _decayed(old: Array, new: Array, keep: float) -> Array:
+    """Running mean that starts with the first value known and stays where there is no new one."""
+    mixed = keep * old + (1 - keep) * new
+    return np.asarray(np.where(np.isnan(old), new, np.where(np.isnan(new), old, mixed)))
+
+
+def _velocity(state: MonitorState, t_ns: int, xy_img: Array) -> Array:
+    if state.last_xy is None or state.last_xy.shape != xy_img.shape or t_ns <= state.last_t_ns:
+        return np.full(xy_img.shape, np.nan)
+    return np.asarray((xy_img - state.last_xy) / ((t_ns - state.last_t_ns) / 1e9))
+
+
+def _judge(state: MonitorState, rig: Rig, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
+    assert state.t_ns is not None and state.started_ns is not None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rms = np.sqrt(np.where(state.points >= _LEAST_POINTS, state.square / state.points, np.nan))
+        late_s = np.where(state.speed > _LEAST_POINTS * _LEAST_SPEED_PX_S**2, state.late / state.speed, 0.0)
+    if (state.t_ns - state.started_ns) / 1e9 < _WARM_UP_S:
+        return replace(state, usual_px=np.fmin(np.where(np.isnan(state.usual_px), np.inf, state.usual_px), rms)), []
+    floor = np.array([_BUMPED_PX_PER_1000 * max(camera.size_wh) / 1000 for camera in rig])
+    usual = np.where(np.isfinite(state.usual_px), state.usual_px, floor)
+    over = np.nan_to_num(rms / np.maximum(usual, floor / _BUMPED_RATIO) / _BUMPED_RATIO)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        explained = np.nan_to_num(late_s * state.late / state.square)
+    found = _finding(state, rig, xy_img, rms, usual, over, np.where(explained > _LATE_SHARE, late_s, 0.0))
+    if found is None:
+        return replace(state, told=frozenset()), []
+    name = f"{found.kind} {','.join(found.cameras)}"
+    return replace(state, told=state.told | {name}), [] if name in state.told else [found]
+
+
+def _finding(
+    state: MonitorState, rig: Rig, xy_img: Array, rms: Array, usual: Array, over: Array, late_s: Array
+) -> Finding | None:
+    """The one cause that explains most.
+
+    A bad camera also spoils the residuals of the others; it is the one without which the others agree best.
+    """
+    t_ns = state.t_ns or 0
+    if over.max(initial=0.0) <= 1:
+        return None
+    swapped = _swap(rig, xy_img)
+    if swapped is not None:
+        a, b = (rig.names[i] for i in swapped)
+        return Finding("swapped", (a, b), t_ns, f"the images of {a} and {b} fit when they are exchanged: a swapped cable")
+    worst = int(np.nanargmin(state.rest)) if np.isfinite(state.rest).any() else int(np.argmax(over))
+    name = rig.names[worst]
+    # what follows the motion is a clock, what stays is a pose
+    if abs(late_s[worst]) > _LATE_S:
+        return Finding("out of step", (name,), t_ns, f"{name} runs {late_s[worst] * 1e3:+.0f} ms late against the others")
+    return Finding(
+        "bumped",
+        (name,),
+        t_ns,
+        f"{name} is {rms[worst]:.1f} px off what the others say, usually {usual[worst]:.1f} px: it was moved",
+    )
+
+
+def _swap(rig: Rig, xy_img: Array) -> tuple[int, int] | None:
+    """The two cameras whose exchange brings the points together, if any does."""
+    if len(rig) < 3:
+        return None
+    now = _misfit(rig, xy_img)
+    best: tuple[float, tuple[int, int]] | None = None
+    for a in range(len(rig)):
+        for b in range(a + 1, len(rig)):
+            if rig.cameras[a].size_wh != rig.cameras[b].size_wh:
+                continue
+            order = np.arange(len(rig))
+            order[[a, b]] = b, a
+            other = _misfit(rig, xy_img[order])
+            if np.isfinite(other) and (best is None or other < best[0]):
+                best = (other, (a, b))
+    return best[1] if best is not None and best[0] < _SWAP_GAIN * now else None
+
+
+def _misfit(rig: Rig, xy_img: Array) -> float:
+    """Median distance in px of seen points to the reprojection of all."""
+    off = np.linalg.norm(rig.project(triangulate(rig, xy_img)) - xy_img, axis=-1)
+    return float(np.nanmedian(off)) if np.isfinite(off).any() else float("nan")
