@@ -1,0 +1,172 @@
+"""Every plug-in of ours passes the public checks, and the checks can fail."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.app.plugins import build_plugin, list_plugins
+from posefuse.core import Detections2D, Frame, Kind, PoseSequence, Recording
+from posefuse.core.skeleton import COCO17
+from posefuse.evaluate.contracts import ContractError, check_detector, check_sink, check_source
+from posefuse.files.truth import read_truth
+
+T, N, K = 6, 2, len(COCO17)
+SINKS = [plugin.name for plugin in list_plugins("sinks")]
+
+
+@pytest.fixture
+def recording(ring_rig) -> Recording:
+    rig, rng = ring_rig(3), np.random.default_rng(0)
+    xyz = rng.normal(size=(T, N, K, 3)) * 0.3 + [0, 0, 1]
+    shape = (T, N, K)
+    kind = np.full(shape, Kind.SMOOTHED)
+    kind[2, 1, 4] = Kind.MISSING
+    xyz[2, 1, 4] = np.nan
+    poses = PoseSequence(
+        np.arange(T) * 40_000_000, COCO17, np.arange(N), xyz, np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3)), np.ones(shape),
+        np.full(shape, 3), kind,
+    )  # fmt: skip
+    xy = np.moveaxis(np.stack([camera.project(xyz) for camera in rig]), 0, 2)
+    return Recording(rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id})
+
+
+def test_every_plugin_of_ours_can_be_imported() -> None:
+    plugins = [plugin for kind in ("sources", "detectors", "sinks") for plugin in list_plugins(kind)]
+    assert {"video", "images", "blazepose", "oracle", "trc", "c3d", "overlay", "rerun"} <= {p.name for p in plugins}
+    assert [p for p in plugins if p.package == "posefuse" and p.reason] == []
+
+
+@pytest.mark.parametrize("name", SINKS)
+def test_sinks(name: str, recording: Recording, tmp_path: Path) -> None:
+    if name == "rerun":
+        pytest.importorskip("rerun", reason="the extra viewer is not installed")
+    if name == "mcap":
+        pytest.importorskip("mcap", reason="the extra ros is not installed")
+    check_sink(build_plugin("sinks", name, {}), recording, tmp_path)
+
+
+def test_the_video_source(demo_session: Path) -> None:
+    check_source(build_plugin("sources", "video", {"path": demo_session / "videos" / "cam00.mp4", "camera": "cam00"}))
+
+
+def images(demo_session: Path, cameras: tuple[str, ...]) -> list[Frame]:
+    sources = [
+        build_plugin("sources", "video", {"path": demo_session / "videos" / f"{name}.mp4", "camera": name}) for name in cameras
+    ]
+    return [next(iter(source.frames())) for source in sources]
+
+
+@pytest.mark.usefixtures("models")
+def test_the_blazepose_detector(demo_session: Path) -> None:
+    people = images(demo_session, ("cam00", "cam02"))
+    nobody = replace(people[0], image=np.full_like(people[0].image, 90))
+    check_detector(build_plugin("detectors", "blazepose", {}), [*people, nobody])
+
+
+def test_the_oracle_detector(demo_session: Path) -> None:
+    path = demo_session / "truth" / "truth.npz"
+    oracle = build_plugin("detectors", "oracle", {"truth": path, "seed": 3})
+    view = read_truth(path).views[1]
+    image = np.zeros((480, 640, 3), np.uint8)
+    check_detector(oracle, [Frame(view.camera, i, int(view.t_ns[i]), 0, image) for i in (0, 7)])
+
+
+@dataclass
+class Scripted:
+    """A source that may break one rule."""
+
+    times_ns: tuple[int, ...] = (0, 10, 20)
+    camera: str = "a"
+    frame_camera: str = "a"
+    size_wh: tuple[int, int] = (8, 6)
+
+    def frames(self):
+        for seq, t_ns in enumerate(self.times_ns):
+            yield Frame(self.frame_camera, seq, t_ns, t_ns, np.zeros((6, 8, 3), np.uint8))
+
+    def close(self) -> None:
+        pass
+
+
+def test_the_source_check_can_fail() -> None:
+    check_source(Scripted())
+    for broken, rule in (
+        (Scripted(times_ns=()), "at least one frame"),
+        (Scripted(times_ns=(0, 0)), "t_ns increases"),
+        (Scripted(frame_camera="b"), "camera is the source's"),
+        (Scripted(size_wh=(9, 6)), "stated size"),
+        (object(), "lacks a member"),
+    ):
+        with pytest.raises(ContractError, match=rule):
+            check_source(broken)
+
+
+class Guesser:
+    """A detector that sees a fixed person per region, and may break one rule."""
+
+    skeleton = COCO17
+
+    def __init__(self, fault: str = "") -> None:
+        self.fault = fault
+
+    def detect(self, frames, regions):
+        answers = [self._one(frame, 0 if given is None else len(given)) for frame, given in zip(frames, regions, strict=True)]
+        return answers[:-1] if self.fault == "short" else answers
+
+    def _one(self, frame: Frame, people: int) -> Detections2D:
+        xy, score = np.ones((people, K, 2)), np.ones((people, K))
+        xy[:, 0], score[:, 0] = np.nan, 0.0
+        if self.fault == "invented":
+            xy[:, 0] = 0.0
+        if self.fault == "score":
+            score *= 2
+        sigma = np.zeros((people, K)) if self.fault == "sigma" else np.ones((people, K))
+        camera = "other" if self.fault == "camera" else frame.camera
+        return Detections2D(camera, frame.t_ns, COCO17, xy, score, sigma, np.zeros((people, 4)))
+
+
+def test_the_detector_check_can_fail() -> None:
+    frames = [Frame("a", 0, 5, 5, np.zeros((6, 8, 3), np.uint8)), Frame("b", 0, 6, 6, np.zeros((6, 8, 3), np.uint8))]
+    check_detector(Guesser(), frames)
+    for fault, rule in (
+        ("short", "one answer per frame"),
+        ("invented", "score 0 is NaN"),
+        ("score", "\\[0, 1\\]"),
+        ("sigma", "sigma_px > 0"),
+        ("camera", "frame's camera"),
+    ):
+        with pytest.raises(ContractError, match=rule):
+            check_detector(Guesser(fault), frames)
+
+
+class Writer:
+    """A sink that may break one rule."""
+
+    name = "writer"
+
+    def __init__(self, fault: str = "") -> None:
+        self.fault = fault
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        (folder / "a.txt").write_text("" if self.fault == "empty" else "x")
+        if self.fault == "unnamed":
+            (folder / "b.txt").write_text("x")
+        return [] if self.fault == "silent" else [folder / "a.txt"]
+
+
+def test_the_sink_check_can_fail(recording: Recording, tmp_path: Path) -> None:
+    for fault, rule in (
+        ("", ""),
+        ("empty", "not empty"),
+        ("unnamed", "not named: \\['b.txt'\\]"),
+        ("silent", "returns the files"),
+    ):
+        folder = tmp_path / (fault or "good")
+        folder.mkdir()
+        if not fault:
+            check_sink(Writer(), recording, folder)
+            continue
+        with pytest.raises(ContractError, match=rule):
+            check_sink(Writer(fault), recording, folder)
