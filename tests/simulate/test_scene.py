@@ -3,10 +3,12 @@
 import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from posefuse.core import ConfigError
+from posefuse.files.truth import read_truth
 from posefuse.simulate import Scene, read_scene
 from posefuse.simulate.build import live_scene
 from posefuse.simulate.cameras import ListedCameras, PlacedCamera, RingCameras
@@ -116,3 +118,15 @@ def test_marker_settings_that_cannot_be_are_refused(tmp_path):
     ):
         with pytest.raises(ConfigError, match=message):
             live_scene(_read(tmp_path, base % text))
+
+
+@pytest.mark.gl
+def test_the_bundled_clip_is_the_demo_scene_of_today():
+    """When this fails, `make demo-clip` renders it anew."""
+    pytest.importorskip("anny", reason="the extra sim (anny) is not installed")
+    bundled = _EXAMPLES[0].parents[1] / "demo"
+    scene = read_scene(bundled / "scene.yaml")
+    assert scene == read_scene(bundled.parent / "scenes" / "demo.yaml")
+    live, truth = live_scene(scene), read_truth(bundled / "truth" / "truth.npz")
+    assert live.rig.id == truth.rig.id
+    np.testing.assert_allclose(live.keypoints(truth.t_ns[::50] / 1e9), truth.xyz_world[::50], atol=1e-4)
