@@ -102,3 +102,12 @@ def test_predict_spreads_the_covariance_as_its_transition_says(state):
     expected[5, 5] += 0.04 * (1 - keep[5] ** 2)
     expected[12, 12] = 1e-12
     np.testing.assert_allclose(cov, expected, atol=1e-10)
+
+
+def test_dense_algebra_agrees_with_numpy():
+    rng = np.random.default_rng(9)
+    a, b = rng.normal(size=(7, 7)), rng.normal(size=(4, 7))
+    spd = a @ a.T + np.eye(7)
+    np.testing.assert_allclose(kernels.solve_rows(spd, b), np.linalg.solve(spd, b.T).T, rtol=1e-10)
+    np.testing.assert_allclose(kernels.inverse(spd), np.linalg.inv(spd), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(kernels.times_transposed(b, a), b @ a.T, rtol=1e-12)

@@ -1,5 +1,7 @@
 """The whole-body fit: recovers lengths and motion, fills gaps honestly, respects limits, live as recorded."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,19 @@ def test_the_end_of_a_live_fit_is_the_end_of_the_recorded_one(noisy, fitted):
     np.testing.assert_allclose(live[-1][0].xyz_world, fitted.poses.xyz_world[-1], atol=1e-9)
     np.testing.assert_allclose(live[-1][1].sigma_rad[0], fitted.joints.sigma_rad[-1], rtol=1e-6)
     assert live[70][0].kind[0, noisy[0].skeleton.index("left_wrist")] == Kind.PREDICTED
+
+
+def test_a_long_session_stays_sound(posed):
+    """Half a minute of the same second, at uneven times: the covariance neither drifts nor loses its symmetry."""
+    second = posed([walk(i / RATE_HZ) for i in range(50)], "coco17", sigma_m=SIGMA_M, rate_hz=RATE_HZ)
+    tracker = BodyTracker(bodies_from_poses(second))
+    t_ns, sigma = 0, []
+    for i in range(1500):
+        t_ns += 15_000_000 + 10_000_000 * (i % 2)
+        pose, _ = tracker.step(dataclasses.replace(second.at(i % 50), t_ns=t_ns))
+        assert np.abs(pose.cov_world - np.swapaxes(pose.cov_world, -1, -2))[np.isfinite(pose.cov_world)].max() < 1e-12
+        sigma.append(np.sqrt(np.trace(pose.cov_world[0, second.skeleton.index("left_ankle")])))
+    assert np.mean(sigma[-50:]) == pytest.approx(np.mean(sigma[200:250]), rel=0.02)
 
 
 def test_rays_see_what_points_cannot(noisy, fitted, ring_rig):

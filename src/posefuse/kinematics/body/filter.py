@@ -93,7 +93,7 @@ class BodyFilter:
         first[slack, slack] = 1 / self.packed.slack_var[slack]
         hessian = self._fit(q, rot, first, seen, information, 1.0, 1.0, _FIRST_ITERATIONS)
         cov = np.zeros((2 * size, 2 * size))
-        cov[:size, :size] = np.linalg.inv(hessian)
+        cov[:size, :size] = kernels.inverse(hessian)
         cov[size:, size:] = np.diag(np.where(slack, 1e-12, _SPEED_SD**2))
         return Moment(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
 
@@ -105,11 +105,11 @@ class BodyFilter:
             p.kind, p.dof, p.slack_var, p.accel, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov
         )
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
-        prior = np.linalg.inv(cov[: p.size, : p.size])
+        prior = kernels.inverse(np.ascontiguousarray(cov[: p.size, : p.size]))
         repeats = max(1.0, s.noise_memory_s / elapsed_s)
         hessian = self._fit(q, rot, prior, seen, information, repeats, HABIT_S / elapsed_s, s.iterations)
         step = kernels.difference(p.kind, p.dof, q, rot, expected.q, expected.rot)
-        kernels.absorb(cov, prior, np.linalg.inv(hessian), step, velocity)
+        kernels.absorb(cov, prior, kernels.inverse(hessian), step, velocity)
         return Moment(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
 
     def _fit(

@@ -19,6 +19,64 @@ SLIDE, HINGE, BALL = 0, 1, 2
 LIMIT_SD = 0.03
 CONVERGED = 1e-5
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
+# own loops for the dense algebra: at these sizes (50 to 100) as quick as BLAS, whose threads fight those of a live session
+_DENSE = {**_JIT, "fastmath": True}
+
+
+@njit(**_DENSE)
+def times_transposed(a, b):
+    """a @ b^T of C-contiguous (n, k) and (m, k)."""
+    out = np.empty((a.shape[0], b.shape[0]))
+    for i in range(a.shape[0]):
+        for j in range(b.shape[0]):
+            total = 0.0
+            for k in range(a.shape[1]):
+                total += a[i, k] * b[j, k]
+            out[i, j] = total
+    return out
+
+
+@njit(**_DENSE)
+def cholesky(a):
+    """Lower factor of a symmetric positive definite matrix."""
+    n = a.shape[0]
+    lower = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = a[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            lower[i, j] = math.sqrt(total) if i == j else total / lower[j, j]
+    return lower
+
+
+@njit(**_DENSE)
+def solve_rows(a, rows):
+    """(m, n) whose every row x solves a x = row, for a symmetric positive definite (n, n)."""
+    lower = cholesky(a)
+    upper = np.ascontiguousarray(lower.T)
+    out = np.empty(rows.shape)
+    n = a.shape[0]
+    for r in range(rows.shape[0]):
+        x = out[r]
+        for i in range(n):
+            total = rows[r, i]
+            for k in range(i):
+                total -= lower[i, k] * x[k]
+            x[i] = total / lower[i, i]
+        for i in range(n - 1, -1, -1):
+            total = x[i]
+            for k in range(i + 1, n):
+                total -= upper[i, k] * x[k]
+            x[i] = total / lower[i, i]
+    return out
+
+
+@njit(**_JIT)
+def inverse(a):
+    """Inverse of a symmetric positive definite matrix, symmetric to the last bit."""
+    out = solve_rows(a, np.eye(a.shape[0]))
+    return 0.5 * (out + out.T)
 
 
 @njit(**_JIT)
@@ -285,7 +343,7 @@ def gauss_newton(
                 _add(columns, values, count, gradient, local_information, hessian, slope)
         if used == iterations:
             break
-        step = np.linalg.solve(hessian, slope)
+        step = solve_rows(hessian, slope.reshape(1, -1))[0]
         biggest = np.max(np.abs(step))
         if biggest > 0.5:
             step *= 0.5 / biggest
@@ -293,7 +351,7 @@ def gauss_newton(
             break
         retract(kind, dof, step, q, rot)
         used += 1
-    return hessian, used
+    return 0.5 * (hessian + hessian.T), used
 
 
 @njit(**_JIT)
@@ -351,12 +409,13 @@ def _spread(cov, keep, drift, fade):
 def absorb(cov, expected_information, posterior, step, velocity):
     """Measurement update of covariance (2D, 2D) and velocity, in place, given the new covariance and step of the state."""
     n = step.shape[0]
-    gain = cov[n:, :n].copy() @ expected_information
+    gain = times_transposed(cov[n:, :n].copy(), expected_information)
     velocity += gain @ step
-    change = cov[:n, :n] - posterior
-    across = gain @ change
-    cov[n:, n:] -= across @ gain.T
-    cov[n:, :n] = gain @ posterior
+    across = times_transposed(gain, cov[:n, :n] - posterior)
+    cov[n:, n:] -= times_transposed(across, gain)
+    # an antisymmetric part, however small, would grow from step to step
+    cov[n:, n:] = 0.5 * (cov[n:, n:] + cov[n:, n:].copy().T)
+    cov[n:, :n] = times_transposed(gain, posterior)
     cov[:n, n:] = cov[n:, :n].T.copy()
     cov[:n, :n] = posterior
 
@@ -370,9 +429,9 @@ def smooth_step(cov, keep, drift, fade, cov_expected, cov_next, change):
         for i in range(2 * n):
             cross[i, j] = keep[j] * cov[i, j] + drift[j] * cov[i, n + j]
             cross[i, n + j] = fade[j] * cov[i, n + j]
-    gain = np.linalg.solve(cov_expected, cross.T).T
+    gain = solve_rows(cov_expected, cross)
     moved = gain @ change
-    smoothed = cov + gain @ (cov_next - cov_expected) @ np.ascontiguousarray(gain.T)
+    smoothed = cov + times_transposed(times_transposed(gain, cov_next - cov_expected), gain)
     return moved, 0.5 * (smoothed + smoothed.T)
 
 
