@@ -1,5 +1,7 @@
 """Gait events and measures of a figure whose steps are known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,17 @@ def test_ankles_stand_in_for_feet_and_gaps_are_bridged():
     coarse = tuple(k for k in SKELETON.keypoints if not k.endswith(("heel", "toe")))
     assert gait_from_poses(stepping(keypoints=coarse)).cadence_per_min == pytest.approx(120 / STRIDE_S, rel=0.02)
     assert gait_from_poses(stepping(gap=slice(200, 206))).stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02)
+
+
+def test_the_simulated_walk_round_a_circle_is_measured_as_set():
+    from posefuse.files.truth import read_truth
+
+    truth = read_truth(Path(__file__).parents[2] / "examples" / "demo" / "truth" / "truth.npz")
+    shape = truth.xyz_world.shape[:3]
+    ones, cov = np.ones(shape), np.broadcast_to(np.eye(3) * 1e-6, (*shape, 3, 3))
+    gait = gait_from_poses(PoseSequence(truth.t_ns, truth.skeleton, truth.person_id, truth.xyz_world, cov, ones, ones, ones))
+    assert gait.speed_m_s == pytest.approx(1.2, rel=0.02)
+    assert gait.stride_length_m.mean == pytest.approx(1.2 * gait.stride_time_s.mean, rel=0.03)
 
 
 def test_standing_and_short_recordings_are_no_walk(posed):

@@ -21,6 +21,8 @@ from .sides import SIDES, landmarks
 _SLOWEST_M_S = 0.25
 _SMOOTH_S = 0.14
 _HEADING_S = 1.0
+# short enough that a curve is not cut
+_PACE_S = 0.3
 _STEP_APART_S = 0.45
 _SWING_M = 0.12
 _RESTING = 0.3
@@ -81,12 +83,13 @@ def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
         offs[side] = _peaks(-((toe - hips) * ahead).sum(-1), moving, rate_hz)
     if min(len(strikes[side]) for side in SIDES) < 2:
         return None
-    return _measured(t_s, ahead, velocity, strikes, offs, heels)
+    pace, _ = _walking(hips, t_s, rate_hz, _PACE_S)
+    return _measured(t_s, ahead, pace, strikes, offs, heels)
 
 
-def _walking(hips: Array, t_s: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Velocity (T, 3) of the pelvis over a second, and its horizontal unit direction."""
-    window = max(3, 2 * int(_HEADING_S * rate_hz / 2) + 1)
+def _walking(hips: Array, t_s: Array, rate_hz: float, over_s: float = _HEADING_S) -> tuple[Array, Array]:
+    """Velocity (T, 3) of the pelvis, averaged over a time, and its horizontal unit direction."""
+    window = max(3, 2 * int(over_s * rate_hz / 2) + 1)
     padded = np.pad(hips, ((window // 2, window // 2), (0, 0)), mode="reflect", reflect_type="odd")
     smooth = np.stack([np.convolve(padded[:, i], np.full(window, 1 / window), "valid") for i in range(3)], axis=-1)
     velocity = np.gradient(smooth, t_s, axis=0)
@@ -133,7 +136,7 @@ def _landed(tops: Array, heel: Array, ahead: Array, velocity: Array, t_s: Array,
 
 
 def _measured(
-    t_s: Array, ahead: Array, velocity: Array, strikes: dict[str, Array], offs: dict[str, Array], heels: dict[str, Array]
+    t_s: Array, ahead: Array, pace: Array, strikes: dict[str, Array], offs: dict[str, Array], heels: dict[str, Array]
 ) -> Gait:
     lengths: dict[str, list[float]] = {side: [] for side in SIDES}
     widths: list[float] = []
@@ -146,7 +149,7 @@ def _measured(
             widths.append(abs(float(gap[0] * ahead[i, 1] - gap[1] * ahead[i, 0])))
     strides = [(heels[s][a], heels[s][b], t_s[b] - t_s[a]) for s in SIDES for a, b in pairwise(strikes[s])]
     first, last = events[0][0], events[-1][0]
-    path = velocity[first : last + 1, :2]
+    path = pace[first : last + 1, :2]
     return Gait(
         strike_s={side: t_s[strikes[side]] for side in SIDES},
         off_s={side: t_s[offs[side]] for side in SIDES},
