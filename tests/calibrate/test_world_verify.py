@@ -126,18 +126,20 @@ def test_a_clock_without_motion_is_refused(lab: Any) -> None:
         estimate_clocks(lab.rig, still)
 
 
-def run_monitor(rig: Rig, pictures: Any, seconds: float = 20.0) -> list[monitor.Finding]:
+def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.Finding]:
     random = np.random.default_rng(3)
     state, found = monitor.start(rig), []
-    for k in range(round(seconds * 30)):
-        xy = pictures(k / 30) + random.normal(0, 1.5, (len(rig), 6, 2))
-        state, new = monitor.observe(state, rig, round(k * 1e9 / 30), xy)
+    for k in range(round(seconds * 10)):
+        xy = pictures(k / 10) + random.normal(0, 1.5, (len(rig), 6, 2))
+        state, new = monitor.observe(state, rig, round(k * 1e8), xy)
         found += new
     return found
 
 
 def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
-    rig: Rig = lab.rig
+    # a ring of four is its own mirror image, in which exchanged cables cannot be told apart
+    aside = replace(lab.rig.cameras[3], cam_from_world=lab.rig.cameras[3].cam_from_world @ SE3([1.0, 0, 0, 0], [0.7, 0.3, -0.5]))
+    rig = Rig((*lab.rig.cameras[:3], aside))
     assert run_monitor(rig, lambda t: rig.project(walk(np.array([t]))[0])) == []
     cameras = list(rig.cameras)
     cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0, 0.03, 0], [0, 0, 0]) @ cameras[2].cam_from_world)
@@ -156,7 +158,7 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
     def lagging(t: float) -> np.ndarray:
         xy = rig.project(walk(np.array([t]))[0])
         if t >= 10:
-            xy[1] = rig.cameras[1].project(walk(np.array([t - 0.15]))[0])
+            xy[1] = rig.cameras[1].project(walk(np.array([t - 0.08]))[0])
         return xy
 
     late = run_monitor(rig, lagging)

@@ -7,7 +7,7 @@ reprojection of what the *other* cameras say, and of how that distance follows t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from posefuse.core.arrays import Array
 from .world import triangulate
 
 _MEMORY_S = 1.5
+_SURE_AFTER_S = 2.0
 _WARM_UP_S = 5.0
 _LEAST_POINTS = 60
 _BUMPED_RATIO, _BUMPED_PX_PER_1000 = 2.0, 4.0
-_LATE_S, _LATE_SHARE = 0.012, 0.6
+_LATE_S, _LATE_SHARE = 0.012, 0.5
 _SWAP_GAIN = 0.5
 _LEAST_SPEED_PX_S = 40.0
 
@@ -35,7 +36,8 @@ class MonitorState:
         late, speed: (C,) decaying sums of residual times velocity, and of squared velocity.
         rest: (C,) decaying mean square of how well the others agree without this camera; NaN where that cannot be known.
         usual_px: (C,) long memory of the rms; NaN before it is known.
-        told: names of findings already reported and still going on.
+        wrong_since_ns: when residuals began to be too large; None while they are not.
+        told: a finding was reported and still goes on.
     """
 
     t_ns: int | None
@@ -48,7 +50,8 @@ class MonitorState:
     usual_px: Array
     last_xy: Array | None = None
     last_t_ns: int = 0
-    told: frozenset[str] = field(default_factory=frozenset)
+    wrong_since_ns: int | None = None
+    told: bool = False
 
 
 @dataclass(frozen=True)
@@ -142,25 +145,25 @@ def _judge(state: MonitorState, rig: Rig, xy_img: Array) -> tuple[MonitorState, 
     floor = np.array([_BUMPED_PX_PER_1000 * max(camera.size_wh) / 1000 for camera in rig])
     usual = np.where(np.isfinite(state.usual_px), state.usual_px, floor)
     over = np.nan_to_num(rms / np.maximum(usual, floor / _BUMPED_RATIO) / _BUMPED_RATIO)
+    if over.max(initial=0.0) <= 1:
+        return replace(state, told=False, wrong_since_ns=None), []
+    if state.wrong_since_ns is None:
+        return replace(state, wrong_since_ns=state.t_ns), []
+    # the memory must be filled by what is wrong before the kind of it can be told
+    if state.told or (state.t_ns - state.wrong_since_ns) / 1e9 < _SURE_AFTER_S:
+        return state, []
     with np.errstate(divide="ignore", invalid="ignore"):
         explained = np.nan_to_num(late_s * state.late / state.square)
     found = _finding(state, rig, xy_img, rms, usual, over, np.where(explained > _LATE_SHARE, late_s, 0.0))
-    if found is None:
-        return replace(state, told=frozenset()), []
-    name = f"{found.kind} {','.join(found.cameras)}"
-    return replace(state, told=state.told | {name}), [] if name in state.told else [found]
+    return replace(state, told=True), [found]
 
 
-def _finding(
-    state: MonitorState, rig: Rig, xy_img: Array, rms: Array, usual: Array, over: Array, late_s: Array
-) -> Finding | None:
+def _finding(state: MonitorState, rig: Rig, xy_img: Array, rms: Array, usual: Array, over: Array, late_s: Array) -> Finding:
     """The one cause that explains most.
 
     A bad camera also spoils the residuals of the others; it is the one without which the others agree best.
     """
     t_ns = state.t_ns or 0
-    if over.max(initial=0.0) <= 1:
-        return None
     swapped = _swap(rig, xy_img)
     if swapped is not None:
         a, b = (rig.names[i] for i in swapped)

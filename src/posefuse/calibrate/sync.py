@@ -11,13 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import make_smoothing_spline
 from scipy.optimize import least_squares
 
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
 _STEP_S = 0.01
+_LEAST_KNOWN = 8
+# lets motion of up to a ninth of the frame rate through
+_SMOOTHING_FRAMES = 3.0
 # offset in s and drift in s/s over which the image motion is straight
 _STEPS = np.array([1e-4, 1e-6])
 _LEAST_INFORMATION, _LEAST_SPREAD_PX = 1e-6, 0.05
@@ -145,15 +148,17 @@ class _Pair:
 def _spline(t_s: Array, xy: Array) -> Callable[[Array], Array]:
     """Interpolator times (n,) -> (n, 2), NaN outside what was seen and across gaps."""
     good = np.isfinite(xy).all(axis=-1)
-    if good.sum() < 4:
+    if good.sum() < _LEAST_KNOWN:
         return lambda wanted: np.full((len(wanted), 2), np.nan)
     known_s = t_s[good]
-    curve = CubicSpline(known_s, xy[good])
-    longest = _LONGEST_GAP_PERIODS * float(np.median(np.diff(t_s)))
+    # smoothed, because the noise of an interpolated velocity would pull clocks towards no offset
+    period = float(np.median(np.diff(t_s)))
+    curve = make_smoothing_spline(known_s / period, xy[good], lam=_SMOOTHING_FRAMES)
+    longest = _LONGEST_GAP_PERIODS * period
 
     def at(wanted: Array) -> Array:
         after = np.clip(np.searchsorted(known_s, wanted), 1, len(known_s) - 1)
         inside = (wanted >= known_s[0]) & (wanted <= known_s[-1]) & (known_s[after] - known_s[after - 1] <= longest)
-        return np.asarray(np.where(inside[:, None], curve(wanted), np.nan))
+        return np.asarray(np.where(inside[:, None], curve(wanted / period), np.nan))
 
     return at
