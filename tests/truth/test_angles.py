@@ -1,0 +1,67 @@
+"""Joint angles against the simulator's own: from exact joint centres, and from the real pipeline."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.app.cli import main
+from posefuse.core import PoseSequence, Truth
+from posefuse.evaluate.angles import AngleError, angle_errors
+from posefuse.files.recording import read_recording
+from posefuse.files.truth import read_truth
+from posefuse.kinematics import JointSettings, joints_from_poses
+from posefuse.kinematics.body import fit_poses, fit_views
+
+# what joint centres alone determine, by definitions both sides share
+DEFINED = tuple(
+    (f"{side}_{joint}", angle)
+    for side in ("left", "right")
+    for joint, angle in (("knee", "flexion"), ("elbow", "flexion"), ("hip", "adduction"), ("hip", "internal_rotation"))
+)
+
+
+@pytest.fixture(scope="module")
+def truth(demo_session: Path) -> Truth:
+    return read_truth(demo_session / "truth" / "truth.npz")
+
+
+def by_name(errors: list[AngleError]) -> dict[tuple[str, str], AngleError]:
+    return {(e.joint, e.angle): e for e in errors}
+
+
+def exact(truth: Truth) -> PoseSequence:
+    ones = np.ones(truth.xyz_world.shape[:3])
+    cov = np.broadcast_to(np.eye(3) * 1e-10, (*ones.shape, 3, 3))
+    return PoseSequence(truth.t_ns, truth.skeleton, truth.person_id, truth.xyz_world, cov, ones, ones, ones)
+
+
+def test_exact_joint_centres_give_the_body_models_angles(truth: Truth) -> None:
+    ideal = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=20.0)
+    errors = by_name(angle_errors(joints_from_poses(exact(truth), ideal), truth.joints))
+    for name in DEFINED:
+        assert errors[name].rmse_deg < 0.05, name
+
+
+def test_flexion_is_exact_with_the_settings_for_real_people_too(truth: Truth) -> None:
+    errors = by_name(angle_errors(joints_from_poses(exact(truth)), truth.joints))
+    for name in DEFINED:
+        if name[1] != "internal_rotation":
+            assert errors[name].rmse_deg < 0.05, name
+    # the pelvis takes its tilt from the trunk line: a constant offset and little else
+    for side in ("left", "right"):
+        assert errors[f"{side}_hip", "flexion"].sd_deg < 1.0
+
+
+@pytest.mark.usefixtures("models")
+def test_hips_and_knees_of_the_real_pipeline(demo_session: Path, truth: Truth, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "result"
+    assert main(["track", str(demo_session), "--out", str(out), "--end", "4.0", "--outputs", "", "--json"]) == 0
+    capsys.readouterr()
+    recording = read_recording(out)
+    fit = fit_poses(recording.poses)
+    for joints in (joints_from_poses(recording.poses), fit.joints, fit_views(recording, bodies=fit.bodies).joints):
+        errors = by_name(angle_errors(joints, truth.joints))
+        for side in ("left", "right"):
+            assert errors[f"{side}_knee", "flexion"].rmse_deg < 5.0
+            assert errors[f"{side}_hip", "flexion"].rmse_deg < 5.0
