@@ -73,3 +73,12 @@ def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, mo
     with pytest.raises(DependencyError, match="biomech"):
         write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none", opensim=True))
     assert not (tmp_path / "opensim").exists()
+
+
+def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
+    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    poses = recording.poses
+    one = PoseSequence(poses.t_ns[:1], poses.skeleton, poses.person_id, *(getattr(poses, name)[:1] for name in names))
+    views = {name: getattr(recording, name)[:1] for name in ("xy_img", "score", "sigma_px")}
+    made = write_biomechanics(Recording(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
+    assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}

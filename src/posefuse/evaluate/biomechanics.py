@@ -64,7 +64,7 @@ def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsS
 
     ``angles.csv``, ``angles.parquet``, ``report.html``; and per person ``angles.mot`` (OpenSim), ``points_angles.c3d``,
     ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder ``opensim``. With several people the
-    names end in ``_ID``. People whose gaps are too long for an animation have none; the report shows their gaps.
+    names end in ``_ID``. People who cannot be animated (`animation_gap` says why) have no skeleton files.
 
     Raises:
         InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.

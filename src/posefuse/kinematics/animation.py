@@ -51,7 +51,7 @@ def animation_from_joints(sequence: PoseSequence, joints: Joints, person: int = 
     Raises:
         InputError: no pelvis, a longer gap (names segment and time), or instants that are not evenly spaced.
     """
-    frame_s = _frame_s(sequence)
+    frame_s = _frame_s(sequence.t_ns)
     world = joints.world_from_segment[:, person]
     rotation, origin = world.matrix(), world.xyz
     index = {name: s for s, name in enumerate(joints.segments)}
@@ -84,21 +84,27 @@ def _rooted(name: str, names: list[str]) -> bool:
     return name == "pelvis" or (_PARENT[name] in names and _rooted(_PARENT[name], names))
 
 
-def _frame_s(sequence: PoseSequence) -> float:
-    steps = np.diff(sequence.t_ns) * 1e-9
+def _frame_s(t_ns: Array) -> float:
+    problem = _uneven(t_ns)
+    if problem:
+        raise InputError(f"animation: {problem}")
+    return float(np.diff(t_ns).mean()) * 1e-9
+
+
+def _uneven(t_ns: Array) -> str | None:
+    steps = np.diff(t_ns) * 1e-9
     if not len(steps):
-        raise InputError("animation: expected at least 2 instants, got 1")
-    frame_s = float(steps.mean())
-    if np.abs(steps - frame_s).max() > _UNEVEN * frame_s:
-        raise InputError(
-            "animation: BVH and glTF hold evenly spaced instants; these are "
-            f"{steps.min():.4f} to {steps.max():.4f} s apart: set rate_hz"
-        )
-    return frame_s
+        return f"expected at least 2 instants, got {len(t_ns)}"
+    if np.abs(steps - steps.mean()).max() <= _UNEVEN * steps.mean():
+        return None
+    return f"BVH and glTF hold evenly spaced instants; these are {steps.min():.4f} to {steps.max():.4f} s apart: set rate_hz"
 
 
 def animation_gap(joints: Joints, person: int = 0) -> str | None:
-    """Why this person cannot be animated as they are: a segment that is missing too long; None if they can."""
+    """Why this person cannot be animated as they are: uneven times, a segment missing too long; None if they can."""
+    uneven = _uneven(joints.t_ns)
+    if uneven:
+        return uneven
     frames = joints.world_from_segment[:, person]
     for s, name in enumerate(joints.segments):
         known = np.isfinite(frames.xyz[:, s, 0])
