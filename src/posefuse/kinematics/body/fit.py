@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +84,14 @@ def fit_views(
     return _fit(sequence, measured, settings, bodies, joint_settings)
 
 
-def _fit(sequence: PoseSequence, measured, settings, bodies, joint_settings) -> BodyFit:  # type: ignore[no-untyped-def]
+def _fit(
+    sequence: PoseSequence,
+    measured: Callable[[int, int, Array], Measurement],
+    settings: BodySettings | None,
+    bodies: Mapping[int, Body] | None,
+    joint_settings: JointSettings | None,
+) -> BodyFit:
+    """`measured` gives what was seen of the keypoints (A,) of one person at one instant."""
     settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
     work = Workspace(sequence.skeleton, joint_settings)
