@@ -1,0 +1,31 @@
+"""People followed live, from views of different cameras, times and ages.
+
+The two trackers take the same calls: `build_tracker` makes the one that is asked for.
+"""
+
+from __future__ import annotations
+
+from posefuse.core import Rig, Skeleton
+
+from .contract import CameraHealth, Solve, Tracker
+from .settings import TRACKERS, LiveSettings
+
+__all__ = ["TRACKERS", "CameraHealth", "LiveSettings", "Solve", "Tracker", "build_tracker"]
+
+
+def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve) -> Tracker:
+    """A tracker with nobody in it yet.
+
+    Args:
+        rig: the cameras. skeleton: of every view.
+        settings: which tracker, and how it judges.
+        solve: who stands where, from one view of every camera (nobody in those that have none) and the pose before: people
+            are born from it, and ``latest`` is nothing else. Association and fusion of one instant, put together by `app`.
+    """
+    if settings.tracker == "latest":
+        from .latest import LatestTracker
+
+        return LatestTracker(rig, skeleton, settings, solve)
+    from .asynchronous import AsynchronousTracker
+
+    return AsynchronousTracker(rig, skeleton, settings, solve)

@@ -1,0 +1,93 @@
+"""Which views can be used at all: their time must be believable, new, and not one of a flood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from posefuse.core import Detections2D, Rig, ShapeError, Skeleton
+from posefuse.core.errors import choices
+
+from .settings import LiveSettings
+
+
+@dataclass
+class _Heard:
+    """One camera's times: the newest told, those used within the lag buffer, and what was refused."""
+
+    told_ns: int | None = None
+    used_ns: list[int] = field(default_factory=list)
+    late: int = 0
+    ahead: int = 0
+    repeated: int = 0
+    crowded: int = 0
+
+
+class Admission:
+    """Judges the time of every view by the newest used, the newest time asked for, and the other cameras.
+
+    A single clock that jumps is refused; when at least half of the cameras agree (two, where there are two), time really
+    went on, and where nobody has asked for a time yet they may also set it back: `restarts` counts how often.
+    """
+
+    def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings) -> None:
+        self._skeleton, self._settings = skeleton, settings
+        self._lag_ns, self._ahead_ns = round(settings.lag_s * 1e9), round(settings.ahead_s * 1e9)
+        self._apart_ns = round(1e9 / settings.camera_rate_max_hz)
+        self.heard = {name: _Heard() for name in rig.names}
+        self.newest_ns: int | None = None
+        self.restarts = 0
+        self._asked_ns: int | None = None
+
+    def asked(self, t_ns: int) -> None:
+        """A pose is wanted at this time: views may be about as new."""
+        self._asked_ns = t_ns
+
+    def admits(self, detections: Detections2D) -> bool:
+        """Whether to use a view; it then counts as used.
+
+        Raises:
+            ShapeError: a camera that is not the rig's, or another skeleton.
+        """
+        heard = self.heard.get(detections.camera)
+        if heard is None:
+            raise ShapeError(f"tracker: no camera {detections.camera!r} in the rig; there are: {choices(self.heard)}")
+        if detections.skeleton != self._skeleton:
+            raise ShapeError(
+                f"tracker: camera {detections.camera}: expected skeleton {self._skeleton.name}, got {detections.skeleton.name}"
+            )
+        t_ns = detections.t_ns
+        heard.told_ns = t_ns
+        if not self._believable(t_ns, heard):
+            return False
+        if t_ns in heard.used_ns:
+            heard.repeated += 1
+            return False
+        if any(abs(t_ns - used) < self._apart_ns for used in heard.used_ns):
+            heard.crowded += 1
+            return False
+        self.newest_ns = t_ns if self.newest_ns is None else max(t_ns, self.newest_ns)
+        heard.used_ns = [used for used in heard.used_ns if used >= self.newest_ns - self._lag_ns] + [t_ns]
+        return True
+
+    def _believable(self, t_ns: int, heard: _Heard) -> bool:
+        if self.newest_ns is None:
+            return True
+        if t_ns < self.newest_ns - self._lag_ns:
+            if self._asked_ns is None and t_ns < self.newest_ns - self._lag_ns - self._ahead_ns and self._agreed(t_ns):
+                self.newest_ns = t_ns
+                self.restarts += 1
+                for other in self.heard.values():
+                    other.used_ns.clear()
+                return True
+            heard.late += 1
+            return False
+        known_ns = self.newest_ns if self._asked_ns is None else max(self.newest_ns, self._asked_ns)
+        if t_ns > known_ns + self._ahead_ns and not self._agreed(t_ns):
+            heard.ahead += 1
+            return False
+        return True
+
+    def _agreed(self, t_ns: int) -> bool:
+        told = [heard.told_ns for heard in self.heard.values() if heard.told_ns is not None]
+        near = sum(abs(t_ns - other) <= self._ahead_ns for other in told)
+        return 2 * near >= len(told) and near >= min(2, len(told))

@@ -1,0 +1,63 @@
+"""What a live tracker offers: the only thing in a live session that remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from posefuse.core import Detections2D, Pose3D
+
+# one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
+Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
+
+
+@dataclass(frozen=True)
+class CameraHealth:
+    """How one camera does, as the tracker sees it. Shares and rms run over about the last hundred views.
+
+    Attributes:
+        used: views that found a tracked person. age_s: from its newest view to the newest time the tracker knows; NaN
+            before the first.
+        innovation_sigmas: rms distance of its keypoints from where they were expected, in units of what was expected (1 when
+            all is well); NaN before the first.
+        gated_share: share of its keypoints that were too far off to be used.
+        flipped_share: share of its views with left and right exchanged somewhere.
+        unclaimed: views that showed nobody who is tracked. late, ahead: views refused as older than the buffer, or from
+            the future (a wrong clock). repeated: views of a moment already told. crowded: views beyond the allowed rate.
+    """
+
+    used: int = 0
+    age_s: float = float("nan")
+    innovation_sigmas: float = float("nan")
+    gated_share: float = 0.0
+    flipped_share: float = 0.0
+    unclaimed: int = 0
+    late: int = 0
+    ahead: int = 0
+    repeated: int = 0
+    crowded: int = 0
+
+
+class Tracker(Protocol):
+    """Follows people through single views. No clock inside: the same calls give the same answers."""
+
+    def add(self, detections: Detections2D) -> None:
+        """Everybody one camera saw at its own time; late or out of order within the lag buffer, people in any order.
+
+        Raises:
+            ShapeError: a camera the rig does not have, or another skeleton. Wrong times are no error: see `health`.
+        """
+        ...
+
+    def at(self, t_ns: int) -> Pose3D:
+        """Everybody who is tracked, at t_ns; NaN where lost. See `LiveSettings.measured_s` for kind FUSED and PREDICTED.
+
+        n_views counts the cameras, and reproj_px is over the views, of the last `LiveSettings.measured_s`.
+        """
+        ...
+
+    @property
+    def health(self) -> Mapping[str, CameraHealth]:
+        """By camera name, every camera of the rig."""
+        ...

@@ -1,0 +1,56 @@
+"""What a user may set about live tracking; each default exists once, here."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le
+
+from posefuse.files.settings import settings
+
+TrackerName = Literal["asynchronous", "latest"]
+TRACKERS: tuple[TrackerName, ...] = ("asynchronous", "latest")
+
+
+@settings
+class LiveSettings:
+    """How people are followed live, from views that come when they can.
+
+    Attributes:
+        tracker: ``asynchronous`` (every view counts at its own time, the pose is predicted to the output time), or the
+            paper's ``latest`` (the newest view of each camera, fused as if they were of one moment).
+        max_people: how many people to follow; their ids are 0 .. max_people - 1.
+        lost_after_s: a keypoint is missing, and a person gone, when no view measured it for so long.
+        measured_s: a keypoint counts as measured (FUSED) when a view not older than this saw it, else PREDICTED. It spans
+            what a view needs from exposure to here, and one period of a camera.
+        lag_s: views that come up to so much late, seen from the newest, are worked in at their own time.
+        ahead_s: a view from further in the future than this has a wrong clock and is not used.
+        camera_rate_max_hz: of one camera's views closer in time than this only the first is used.
+        detections_max: people looked at in one view, the surest first.
+        acceleration_m_s2: standard deviation of a keypoint's acceleration in each of the motion models that are run side
+            by side, from calm to agile. persistence_s: how long an acceleration lasts in each.
+        switch_s: how long a keypoint stays in one of them.
+        lasting_share: share of a view's stated variance that is the same from frame to frame and no filter removes.
+        outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
+        tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
+        min_share: share of a detection's keypoints that must do so.
+        bone_sigma_m: how constant the lengths of bones are, as this network sees them.
+    """
+
+    tracker: TrackerName = "asynchronous"
+    max_people: Annotated[int, Ge(1), Le(64)] = 1
+    lost_after_s: Annotated[float, Gt(0)] = 0.7
+    measured_s: Annotated[float, Gt(0)] = 0.16
+    lag_s: Annotated[float, Gt(0), Le(5)] = 0.3
+    ahead_s: Annotated[float, Gt(0)] = 0.5
+    camera_rate_max_hz: Annotated[float, Gt(0), Le(1000)] = 250.0
+    detections_max: Annotated[int, Ge(1)] = 16
+    acceleration_m_s2: tuple[Annotated[float, Gt(0)], ...] = (0.6, 6.0, 25.0)
+    persistence_s: tuple[Annotated[float, Gt(0)], ...] = (0.3, 0.3, 0.25)
+    switch_s: Annotated[float, Gt(0)] = 0.3
+    lasting_share: Annotated[float, Ge(0), Le(1)] = 0.3
+    outlier_chi2: Annotated[float, Gt(0)] = 9.0
+    gate_chi2: Annotated[float, Gt(0)] = 36.0
+    tolerance_m: Annotated[float, Gt(0)] = 0.2
+    min_share: Annotated[float, Gt(0), Le(1)] = 0.4
+    bone_sigma_m: Annotated[float, Gt(0)] = 0.015
