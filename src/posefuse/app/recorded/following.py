@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posefuse.associate import AssociateSettings, associate
-from posefuse.core import Detections2D, Kind, Pose3D, Rig, Views
+from posefuse.core import Detections2D, Kind, Pose3D, Rig, Skeleton, Views
 from posefuse.fuse import FuseSettings, fuse
 
 from .clock import StageClock
 from .instants import Instant
 
+# instants between two searches that found nobody new
+_SEARCH_EVERY = 5
 # a pose worth telling the views where to look: this share of its keypoints is there
 _GOOD_SHARE = 0.5
 
@@ -33,34 +36,56 @@ class Seen:
 
 
 def follow(
-    instants: Iterable[Instant], rig: Rig, associating: AssociateSettings, fusing: FuseSettings, clock: StageClock
+    instants: Iterable[Instant],
+    skeleton: Skeleton,
+    rig: Rig,
+    associating: AssociateSettings,
+    fusing: FuseSettings,
+    clock: StageClock,
 ) -> Iterator[Seen]:
     """One `Seen` per instant.
 
-    While people are followed, the pose expected at an instant (constant velocity) gives each view its region. When they
-    are lost, and at the start, the 2D estimator searches; views in which it found nobody get a second look at where the
-    others see the person.
+    While people are followed, the pose expected at an instant (constant velocity) gives each view its region. As long as
+    fewer people are followed than asked for, the 2D estimator searches whole images: at once when somebody has just been
+    lost, then every few instants. A view in which the search missed somebody gets a second look at where the others see
+    the person.
     """
     last_good: Pose3D | None = None
     newest: tuple[Pose3D, ...] = ()  # up to two good poses in a row
+    search_due = 0
     iterator = iter(instants)
-    while True:
+    for i in itertools.count():
         with clock.stage("decode"):
             instant = next(iterator, None)
         if instant is None:
             return
-        expected = _expected(newest, instant.t_ns)
-        searching = expected is None
+        expected = _expected(newest, instant.t_ns) if newest else _nobody(skeleton, instant.t_ns)
         seen = _see(instant, expected, last_good, rig, associating, fusing, clock)
-        if not _good(seen.pose) and not searching:
-            searching = True
-            seen = _see(instant, None, last_good, rig, associating, fusing, clock)
-        if searching and _good(seen.pose) and _some_view_lacks_the_person(seen.views):
-            second = _see(instant, seen.pose, seen.pose, rig, associating, fusing, clock)
-            seen = second if _good(second.pose) else seen
-        newest = (*newest[-1:], seen.pose) if _good(seen.pose) else ()
+        if _people(seen.pose) < associating.max_people and i >= search_due:
+            found = _search(instant, last_good, rig, associating, fusing, clock)
+            if _people(found.pose) > _people(seen.pose):
+                seen = found
+            else:
+                search_due = i + _SEARCH_EVERY
+        newest = (*newest[-1:], seen.pose) if _people(seen.pose) else ()
         last_good = seen.pose if newest else last_good
         yield seen
+
+
+def _search(
+    instant: Instant,
+    last_good: Pose3D | None,
+    rig: Rig,
+    associating: AssociateSettings,
+    fusing: FuseSettings,
+    clock: StageClock,
+) -> Seen:
+    """Look for people in whole images, then where a view missed one that others saw."""
+    seen = _see(instant, None, last_good, rig, associating, fusing, clock)
+    if not _people(seen.pose) or not _some_view_lacks_a_person(seen.views):
+        return seen
+    second = _see(instant, seen.pose, seen.pose, rig, associating, fusing, clock)
+    return second if _people(second.pose) >= _people(seen.pose) else seen
 
 
 def _see(
@@ -86,18 +111,25 @@ def _at(detections: Detections2D, t_ns: int) -> Detections2D:
     return detections if detections.t_ns == t_ns else replace(detections, t_ns=t_ns)
 
 
-def _good(pose: Pose3D) -> bool:
-    return len(pose.person_id) > 0 and bool((pose.kind != Kind.MISSING).mean(axis=1).max() >= _GOOD_SHARE)
+def _people(pose: Pose3D) -> int:
+    """How many people are known well enough to tell the views where to look."""
+    return int(((pose.kind != Kind.MISSING).mean(axis=1) >= _GOOD_SHARE).sum()) if len(pose.person_id) else 0
 
 
-def _some_view_lacks_the_person(views: Views) -> bool:
-    return bool((np.nan_to_num(views.score).max(axis=(0, 2)) == 0).any())
+def _some_view_lacks_a_person(views: Views) -> bool:
+    return bool((np.nan_to_num(views.score).max(axis=2) == 0).any())
 
 
-def _expected(newest: tuple[Pose3D, ...], t_ns: int) -> Pose3D | None:
+def _nobody(skeleton: Skeleton, t_ns: int) -> Pose3D:
+    k = len(skeleton)
+    none = np.zeros((0, k))
+    return Pose3D(t_ns, skeleton, np.zeros(0), np.zeros((0, k, 3)), np.zeros((0, k, 3, 3)), none, none, none)
+
+
+def _expected(newest: tuple[Pose3D, ...], t_ns: int) -> Pose3D:
     """The newest pose carried on to t_ns at the velocity between the last two."""
     if len(newest) < 2 or not np.array_equal(newest[0].person_id, newest[1].person_id):
-        return newest[-1] if newest else None
+        return newest[-1]
     before, last = newest
     share = (t_ns - last.t_ns) / max(last.t_ns - before.t_ns, 1)
     step = (last.xyz_world - before.xyz_world) * share

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -81,6 +82,11 @@ class ImageInstants:
     def skeleton(self) -> Skeleton:
         """The 2D estimator's keypoints."""
         return self._detector.skeleton
+
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Where a 2D estimator that knows it says how joint centres lie beside its keypoints."""
+        return getattr(self._detector, "joint_centres_file", None)
 
     def __iter__(self) -> Iterator[Instant]:
         line = self._timeline

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from pathlib import Path
 
 from posefuse.app.config import TrackConfig
 from posefuse.app.session import Input, Session
@@ -27,6 +28,11 @@ class Pose2DInstants:
     def skeleton(self) -> Skeleton:
         """The files' keypoints."""
         return self._folders[0].skeleton
+
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Files do not say how joint centres lie beside their keypoints."""
+        return None
 
     def __iter__(self) -> Iterator[Instant]:
         for i in range(self._timeline.count):

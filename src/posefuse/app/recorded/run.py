@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from posefuse.app.session import LEAST_CAMERAS, Input, Session, fitted_camera
 from posefuse.core import InputError, Recording, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.track import JointCentres, read_joint_centres
 
 from .clock import StageClock
 from .following import Seen, follow
@@ -62,7 +64,8 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
     _check_somebody(seen, rig, warn)
     with clock.stage("smooth"):
         views = views_over_time(seen)
-        poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth)
+        centres = _joint_centres(instants.joint_centres_file, config)
+        poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth, centres)
     provenance = {
         "posefuse": __version__,
         "rig_id": rig.id,
@@ -70,10 +73,15 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         "session": session.folder.name,
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
         "config": dataclasses.asdict(config),
+        "joint_centres": centres.made_by if centres else None,
         "interrupted": interrupted,
     }
     recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px, provenance)
     return Tracked(recording, clock.seconds, interrupted, _found(views))
+
+
+def _joint_centres(path: Path | None, config: TrackConfig) -> JointCentres | None:
+    return read_joint_centres(path) if path and config.joint_centres else None
 
 
 def _follow(
@@ -81,7 +89,7 @@ def _follow(
 ) -> tuple[list[Seen], bool]:
     seen: list[Seen] = []
     try:
-        for one in follow(instants, rig, config.associate, config.fuse, clock):
+        for one in follow(instants, instants.skeleton, rig, config.associate, config.fuse, clock):
             seen.append(one)
             progress(len(seen), timeline.count)
     except KeyboardInterrupt:

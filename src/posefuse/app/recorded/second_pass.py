@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core import InputError, Pose3D, PoseSequence, Recording, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.fuse import FuseSettings, fuse
-from posefuse.track import SmoothSettings, sides_like, smooth, steady_sides
+from posefuse.track import JointCentres, SmoothSettings, sides_like, smooth, steady_sides, to_joint_centres
 
 from .following import Seen
 
@@ -107,8 +107,15 @@ def _to_instants(t_ns: Array, frame_t_ns: Array, xy: Array, score: Array, sigma:
         sigma[i][both] = (sigma_then[i] * (1 - share) + sigma_then[j] * share)[both]
 
 
-def poses_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None) -> PoseSequence:
-    """Fuse every instant, then (with `smoothing`) treat gaps and noise over the whole recording.
+def poses_over_time(
+    views: ViewSequence,
+    rig: Rig,
+    fusing: FuseSettings,
+    smoothing: SmoothSettings | None,
+    centres: JointCentres | None = None,
+) -> PoseSequence:
+    """Fuse every instant, move keypoints to joint centres (with `centres`), then (with `smoothing`) treat gaps and noise over
+    the whole recording.
 
     Where sides may be untangled, the recording is first steadied over time and then every view's limbs are named left and
     right as the steadied recording has them: when legs pass each other, several views confuse them at once and no single
@@ -121,6 +128,7 @@ def poses_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothi
             reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
             xy, score, sigma = sides_like(reference, rig, views.xy_img, views.score, views.sigma_px)
             fused = _fused(replace(views, xy_img=xy, score=score, sigma_px=sigma), rig, named)
+    fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused
 
 
