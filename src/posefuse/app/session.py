@@ -37,6 +37,7 @@ _FOLDERS = {
     "pose2d": ("pose2d", "openpose_json", "pose", "pose-2d"),
 }
 LEAST_CAMERAS = 2
+UNFINISHED_FILE = "INCOMPLETE"
 _FRAMES_TO_TELL_BARS = 15
 
 
@@ -79,6 +80,8 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such session folder")
+    if (folder / UNFINISHED_FILE).exists():
+        raise InputError(f"{folder}: this simulated session is unfinished; run the same `posefuse simulate` again to finish it")
     rig_path = _rig_path(folder, config)
     rig = read_rig(rig_path)
     unknown = sorted(set(config.cameras) - set(rig.names))
