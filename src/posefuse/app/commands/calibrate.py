@@ -8,8 +8,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from posefuse.app.terminal import Terminal
 from posefuse.core import InputError
+from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
 if TYPE_CHECKING:
@@ -48,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_target(check, "charuco")
     _add_inputs(check)
     check.add_argument("--rig", type=Path, required=True, metavar="FILE", help="rig file to verify")
+    check.add_argument("--offset-ms", nargs="*", default=[], metavar="CAMERA=MS", help="clocks found by `extrinsics`")
     sheets = steps.add_parser("print", help="PDF of a target at its true size")
     sheets.add_argument("--cube", action="store_true", help="six markers for a cube")
     _add_target(sheets, "charuco")
@@ -169,7 +173,7 @@ def _verify(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     from posefuse.files.rig import read_rig
 
     target, rig = _target(args), read_rig(args.rig)
-    found = verify(rig, observe_all(_sources(args.inputs), target, args.every), target)
+    found = verify(rig, observe_all(_sources(args.inputs), target, args.every), target, _late_s(args.offset_ms, rig))
     _show(found.report, terminal)
     pictures = {
         f"{camera.name}: rms reprojection in px": heat_picture(found.cell_px[i], camera.size_wh, 3.0)
@@ -220,6 +224,17 @@ def _target(args: argparse.Namespace) -> Target:
         return Chessboard(columns, rows, square)
     columns, rows, side, gap = need("columns", "rows", "marker_mm", "gap_mm")
     return ArucoBoard(columns, rows, side, gap, args.dictionary, args.ids[0] if args.ids else 0, args.inverted)
+
+
+def _late_s(offsets: list[str], rig: Rig) -> Array:
+    late_s = np.zeros(len(rig))
+    for text in offsets:
+        name, _, value = text.partition("=")
+        try:
+            late_s[rig.names.index(rig[name].name)] = float(value) / 1e3
+        except ValueError:
+            raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
+    return late_s
 
 
 def _named(text: str) -> tuple[str, Path]:

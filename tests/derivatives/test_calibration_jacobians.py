@@ -1,0 +1,68 @@
+"""Jacobians of the calibration solvers against finite differences."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from posefuse.calibrate.bundle import grouped_sum
+from posefuse.calibrate.pipeline import Options, key_snapshots, link
+from posefuse.calibrate.projection import Lenses
+from posefuse.calibrate.prop_solve import Freedom, Noise, PropState, _Model
+from posefuse.calibrate.rotations import Poses, stacked
+from posefuse.calibrate.synthetic import Faults, Waving, cube, observe_prop
+from posefuse.calibrate.targets import Markers, patch_corners
+from posefuse.core import Rig
+
+STEP = 1e-6
+
+
+def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
+    rig, target = ring_rig(3, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.01)), Markers(0.24)
+    seen = key_snapshots(observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults()), Options(instants=8), np.zeros((3, 2)))
+    links, _ = link(observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults()), rig.cameras, target, seen)
+    patches = len(seen.patches)
+    poses = [links.shape.prop_from_patch.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(patches)]
+    random = np.random.default_rng(0)
+    world = Waving(seconds=4).pose(seen.t_s + 2)
+    cameras = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
+    state = PropState(cameras, Poses.from_se3(world), stacked(poses), np.zeros((3, 2)), random.normal(0, 1e-3, (3, 6)))
+    freedom = Freedom(0, 0, offset=True, drift=True, lens_sigma=np.ones(6))
+    model = _Model(seen, patch_corners(target, seen.patches), rig.cameras, np.zeros((3, 2)), freedom, Noise(0.5, 0.004))
+    linear = model.linearise(state)
+    zeros = [np.zeros((block.count, block.jacobian.shape[2])) for block in linear.blocks]
+    nothing = np.zeros((len(seen.t_s), 6))
+    for b, block in enumerate(linear.blocks):
+        for p in range(block.jacobian.shape[2]):
+            steps = [z.copy() for z in zeros]
+            steps[b][:, p] = STEP
+            forward = model.residual(model.step(state, steps, nothing))
+            steps[b][:, p] = -STEP
+            change = (forward - model.residual(model.step(state, steps, nothing))) / (2 * STEP)
+            np.testing.assert_allclose(block.jacobian[:, :, p], change, rtol=2e-5, atol=2e-4)
+    for p in range(6):
+        step = nothing.copy()
+        step[:, p] = STEP
+        change = (model.residual(model.step(state, zeros, step)) - model.residual(model.step(state, zeros, -step))) / (2 * STEP)
+        np.testing.assert_allclose(linear.local_jacobian[:, :, p], change, rtol=2e-5, atol=2e-4)
+
+
+def test_pixels_of_lenses_are_those_of_the_shared_camera_model(ring_rig: Callable[..., Rig]) -> None:
+    rig = ring_rig(2, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.01))
+    points = np.random.default_rng(1).uniform(-0.8, 0.8, (40, 3)) + [0, 0, 1]
+    which = np.arange(40) % 2
+    in_cam = np.stack([rig.cameras[c].cam_from_world @ xyz for c, xyz in zip(which, points, strict=True)])
+    px, jacobian = Lenses(rig.cameras).project(which, in_cam)
+    np.testing.assert_allclose(px, [rig.cameras[c].project(xyz) for c, xyz in zip(which, points, strict=True)], atol=1e-9)
+    for axis in range(3):
+        step = np.eye(3)[axis] * STEP
+        change = (Lenses(rig.cameras).project(which, in_cam + step)[0] - Lenses(rig.cameras).project(which, in_cam - step)[0]) / (
+            2 * STEP
+        )
+        np.testing.assert_allclose(jacobian[:, :, axis], change, rtol=1e-6, atol=1e-5)
+
+
+def test_grouped_sums() -> None:
+    values = np.arange(30.0).reshape(5, 2, 3)
+    index = np.array([2, 0, 2, 1, 0])
+    want = np.stack([values[index == i].sum(axis=0) for i in range(4)])
+    np.testing.assert_allclose(grouped_sum(values, index, 4), want)
