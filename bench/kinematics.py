@@ -1,12 +1,15 @@
 """Joint angles: against a gait laboratory, against the simulator's truth, after the real pipeline; and how long they take.
 
-python bench/kinematics.py lab FunctionalWalk.c3d
-python bench/kinematics.py truth SESSION/truth/truth.npz
-python bench/kinematics.py tracked RESULT SESSION/truth/truth.npz
-python bench/kinematics.py speed SESSION/truth/truth.npz
+    python bench/kinematics.py [--session examples/demo] [--lab ../shared/data/btk/FunctionalWalk.c3d]
+
+Tables on stderr, one JSON object on stdout. The laboratory part is left out, by name, where its file is not there.
 """
 
 import argparse
+import json
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -26,66 +29,81 @@ LIMB_FLEXION = ("hip flexion", "knee flexion", "elbow flexion", "ankle dorsiflex
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("lab", "truth", "tracked", "speed"))
-    parser.add_argument("paths", nargs="+", type=Path)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--session", type=Path, default=Path("examples/demo"))
+    parser.add_argument("--lab", type=Path, default=Path("../shared/data/btk/FunctionalWalk.c3d"))
     args = parser.parse_args()
-    {"lab": lab, "truth": truth, "tracked": tracked, "speed": speed}[args.what](*args.paths)
+    exact = read_truth(args.session / "truth" / "truth.npz")
+    figures = {"lab": lab(args.lab), "truth": truth(exact), "tracked": tracked(args.session, exact), "speed": speed(exact)}
+    print(json.dumps(figures, indent=2))
 
 
-def lab(path: Path) -> None:
-    errors = angle_errors(joints_from_poses(poses_from_lab(path)), joints_from_lab(path))
-    print(f"{path.name}: angles from joint centres minus the laboratory's Plug-in-Gait angles, degrees")
-    table(errors)
+def say(text: str) -> None:
+    print(text, file=sys.stderr)
 
 
-def truth(path: Path) -> None:
-    exact = read_truth(path)
+def lab(path: Path) -> list[dict] | None:
+    if not path.is_file():
+        say(f"laboratory: left out, {path.name} is not on this machine")
+        return None
+    say(f"{path.name}: angles from joint centres minus the laboratory's Plug-in-Gait angles, degrees")
+    return table(angle_errors(joints_from_poses(poses_from_lab(path)), joints_from_lab(path)))
+
+
+def truth(exact: Truth) -> dict:
     sequence = exact_poses(exact)
-    print("from exact joint centres, minus the body model's own angles, degrees (ideal hinges)")
-    table(angle_errors(joints_from_poses(sequence, IDEAL_HINGES), with_joints(exact)))
-    print("\nthe same with the settings for real people")
-    table(angle_errors(joints_from_poses(sequence), with_joints(exact)))
+    say("\nfrom exact joint centres, minus the body model's own angles, degrees (ideal hinges)")
+    ideal = table(angle_errors(joints_from_poses(sequence, IDEAL_HINGES), with_joints(exact)))
+    say("\nthe same with the settings for real people")
+    return {"ideal_hinges": ideal, "default": table(angle_errors(joints_from_poses(sequence), with_joints(exact)))}
 
 
-def tracked(result: Path, truth_path: Path) -> None:
-    recording, exact = read_recording(result), read_truth(truth_path)
+def tracked(session: Path, exact: Truth) -> dict:
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["track", str(session), "--out", f"{folder}/result", "--outputs", "", "--json"]
+        subprocess.run([sys.executable, "-m", "posefuse.app.cli", *command], check=True, capture_output=True)
+        recording = read_recording(Path(folder) / "result")
     bodies = bodies_from_poses(recording.poses)
     fits = {"points": fit_poses(recording.poses, bodies=bodies), "rays": fit_views(recording, bodies=bodies)}
+    figures = {}
     for name, (joints, poses) in {
         "without the whole-body fit": (joints_from_poses(recording.poses), recording.poses),
         "whole-body fit to points": (fits["points"].joints, fits["points"].poses),
         "whole-body fit to rays": (fits["rays"].joints, fits["rays"].poses),
     }.items():
-        print(f"\n{name}: MPJPE {joint_errors(poses, exact).mpjpe_mm:.1f} mm over 14 joints; angles minus truth, degrees")
-        table(angle_errors(joints, with_joints(exact)))
-    print("\nsegment lengths, mm (spread over time)")
+        mpjpe_mm = joint_errors(poses, exact).mpjpe_mm
+        say(f"\nreal network, {name}: MPJPE {mpjpe_mm:.1f} mm over 14 joints; angles minus truth, degrees")
+        figures[name] = {"mpjpe_mm": mpjpe_mm, "angles": table(angle_errors(joints, with_joints(exact)))}
+    say("\nsegment lengths, mm (spread over time)")
     for person, body in bodies.items():
-        print(
-            f"  person {person}: "
-            + ", ".join(f"{n} {1e3 * v.value_m:.0f} ({1e3 * v.spread_m:.0f})" for n, v in body.lengths.items())
-        )
+        lengths = ", ".join(f"{n} {1e3 * v.value_m:.0f} ({1e3 * v.spread_m:.0f})" for n, v in body.lengths.items())
+        say(f"  person {person}: {lengths}")
+    return figures
 
 
-def speed(path: Path) -> None:
-    sequence = noisy(exact_poses(read_truth(path)), 0.012)
+def speed(exact: Truth) -> dict:
+    sequence = noisy(exact_poses(exact), 0.012)
     poses = [sequence.at(i) for i in range(len(sequence))]
     tracker = JointTracker(sequence.skeleton)
     body_tracker = BodyTracker(bodies_from_poses(sequence))
-    for name, step in (("frames + angles, live", tracker.step), ("whole-body fit, live", body_tracker.step)):
+    figures: dict = {"people": len(sequence.person_id)}
+    say("")
+    for name, step in (("frames and angles, live", tracker.step), ("whole-body fit, live", body_tracker.step)):
         step(poses[0])
         took_us = []
         for pose in poses[1:]:
             began = time.perf_counter()
             step(pose)
             took_us.append(1e6 * (time.perf_counter() - began))
-        people = len(sequence.person_id)
-        print(f"{name}: median {np.median(took_us):.0f} us, p95 {np.percentile(took_us, 95):.0f} us for {people} people")
-    for name, whole in (("frames + angles, recorded", joints_from_poses), ("whole-body fit, recorded", fit_poses)):
+        figures[name] = {"median_us": float(np.median(took_us)), "p95_us": float(np.percentile(took_us, 95))}
+        say(f"{name}: median {figures[name]['median_us']:.0f} us, p95 {figures[name]['p95_us']:.0f} us")
+    for name, whole in (("frames and angles, recorded", joints_from_poses), ("whole-body fit, recorded", fit_poses)):
         whole(sequence)
         began = time.perf_counter()
         whole(sequence)
-        print(f"{name}: {1e6 * (time.perf_counter() - began) / len(sequence):.0f} us per instant")
+        figures[name] = {"us_per_instant": 1e6 * (time.perf_counter() - began) / len(sequence)}
+        say(f"{name}: {figures[name]['us_per_instant']:.0f} us per instant")
+    return figures
 
 
 def exact_poses(exact: Truth) -> PoseSequence:
@@ -111,14 +129,17 @@ def with_joints(exact: Truth) -> Joints:
     return exact.joints
 
 
-def table(errors: list[AngleError]) -> None:
-    print(f"  {'joint':16s}{'angle':22s}{'bias':>8s}{'sd':>8s}{'rmse':>8s}{'stated':>8s}{'defined':>9s}")
+def table(errors: list[AngleError]) -> list[dict]:
+    say(f"  {'joint':16s}{'angle':22s}{'bias':>8s}{'sd':>8s}{'rmse':>8s}{'stated':>8s}{'defined':>9s}")
+    rows = []
     for e in errors:
         if e.defined > 0:
             numbers = "".join(f"{value:8.2f}" for value in (e.bias_deg, e.sd_deg, e.rmse_deg, e.stated_deg))
-            print(f"  {e.joint:16s}{e.angle:22s}{numbers}{100 * e.defined:8.0f}%")
+            say(f"  {e.joint:16s}{e.angle:22s}{numbers}{100 * e.defined:8.0f}%")
+            rows.append({"joint": e.joint, "angle": e.angle, "bias_deg": e.bias_deg, "sd_deg": e.sd_deg, "rmse_deg": e.rmse_deg})
     chosen = [e for e in errors if f"{e.joint.split('_', 1)[-1]} {e.angle}" in LIMB_FLEXION and e.defined > 0]
-    print(f"  mean rmse of {len(chosen)} limb flexion angles: {np.mean([e.rmse_deg for e in chosen]):.2f}")
+    say(f"  mean rmse of {len(chosen)} limb flexion angles: {np.mean([e.rmse_deg for e in chosen]):.2f}")
+    return rows
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ TITLES = {
     "detect": "2D estimation: time per image",
     "fuse": "Fusion: time per solve",
     "fuse_accuracy": "Fusion: accuracy with outliers",
+    "kinematics": "Joint angles",
     "wire": "Network: one-way time of a skeleton",
 }
 PACKAGES = ("posefuse", "numpy", "openvino", "opencv-contrib-python-headless", "numba", "av")
