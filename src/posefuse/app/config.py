@@ -60,6 +60,7 @@ class TrackConfig:
         rate_hz: output rate; the cameras' own when left out. Also the frame rate of image and 2D pose folders
             that do not say theirs.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
+        joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
         outputs: names of sinks, see `posefuse plugins`.
     """
@@ -74,6 +75,7 @@ class TrackConfig:
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
+    joint_centres: bool = True
     raw: bool = False
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS
 

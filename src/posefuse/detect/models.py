@@ -23,7 +23,7 @@ from posefuse.core.errors import choices
 from posefuse.files.settings import read_mapping, settings, settings_from_mapping
 
 CARDS_FOLDER = Path(__file__).parent / "cards"
-_NOISE_SUFFIX = ".noise.toml"
+_BESIDE_SUFFIXES = (".noise.toml", ".joint_centres.toml")
 Progress = Callable[[str], None]
 
 
@@ -78,6 +78,7 @@ class LandmarkDecoding:
         channels: landmarks the network gives; the skeleton's keypoints are the first of them.
         skeleton: its name in `core.SKELETONS`.
         noise: file beside the card with the fitted noise model.
+        joint_centres: file beside the card with the offsets from landmarks to joint centres; None when not known.
     """
 
     landmarks: str
@@ -86,6 +87,7 @@ class LandmarkDecoding:
     channels: Annotated[int, Gt(0)]
     skeleton: str
     noise: str
+    joint_centres: str | None = None
 
 
 @settings
@@ -115,7 +117,7 @@ class ModelCard:
 
 def list_cards() -> list[ModelCard]:
     """The cards that come with the package, by name."""
-    paths = [path for path in CARDS_FOLDER.glob("*.toml") if not path.name.endswith(_NOISE_SUFFIX)]
+    paths = [path for path in CARDS_FOLDER.glob("*.toml") if not path.name.endswith(_BESIDE_SUFFIXES)]
     return [read_card(path) for path in sorted(paths)]
 
 

@@ -47,7 +47,7 @@ def joint_errors(estimate: PoseSequence, truth: Truth, joints: Sequence[str] = P
     inside = (estimate.t_ns >= truth.t_ns[0]) & (estimate.t_ns <= truth.t_ns[-1])
     if not inside.any():
         raise InputError("truth and estimate have no instant in common: check the clocks of the session")
-    true_xyz = _at_times(truth, estimate.t_ns[inside])
+    true_xyz = true_xyz_at(truth, estimate.t_ns[inside])
     wanted = pick_keypoints(true_xyz, truth.skeleton, joints)
     got = pick_keypoints(estimate.xyz_world[inside], estimate.skeleton, joints)
     distance_mm = 1000 * _paired_distance_m(got, wanted)
@@ -72,8 +72,8 @@ def summary(joints: Sequence[str], distance_mm: Array) -> JointErrors:
     )
 
 
-def _at_times(truth: Truth, t_ns: Array) -> Array:
-    """(T, N, K, 3) truth at other times within its own."""
+def true_xyz_at(truth: Truth, t_ns: Array) -> Array:
+    """(T, N, K, 3) truth at other times (T,) within its own, interpolated linearly."""
     later = (
         np.clip(np.searchsorted(truth.t_ns, t_ns), 1, len(truth.t_ns) - 1) if len(truth.t_ns) > 1 else np.zeros(len(t_ns), int)
     )

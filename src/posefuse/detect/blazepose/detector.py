@@ -73,6 +73,8 @@ class BlazePoseDetector:
         self._person_decoding, self._decoding = persons.decoding, landmarks.decoding
         self._skeleton = SKELETONS[landmarks.decoding.skeleton]
         self._noise: NoiseModel = read_noise(landmarks.folder / landmarks.decoding.noise)
+        beside = landmarks.decoding.joint_centres
+        self._joint_centres_file = landmarks.folder / beside if beside else None
         streams = config.streams or len(os.sched_getaffinity(0))
         outputs = (self._decoding.landmarks, self._decoding.presence, self._decoding.heatmaps)
         self._landmarks = Network(file, outputs, landmarks.input, config.precision, streams)
@@ -83,6 +85,11 @@ class BlazePoseDetector:
     def skeleton(self) -> Skeleton:
         """The landmark network's keypoints."""
         return self._skeleton
+
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Table of where joint centres lie beside the network's landmarks, in the format of `track.joint_centres`."""
+        return self._joint_centres_file
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or whoever is found (best first)."""

@@ -1,0 +1,134 @@
+"""Joint centres beside landmarks: offsets move with the body, mirror with it, and never invent a point."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import ConfigError, Kind, PoseSequence
+from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.detect import read_card
+from posefuse.track import JointCentres, read_joint_centres, to_joint_centres
+from posefuse.track.joint_centres import JOINTS, SIDES, directions
+
+T, N, K = 4, 2, len(BLAZEPOSE33)
+EVERY = JointCentres(
+    made_by="a test",
+    offsets={
+        joint: {name: 0.01 * (i + 1) for i, name in enumerate(known)}
+        for joint, known in directions(np.full((K, 3), np.nan), BLAZEPOSE33, "left").items()
+    },
+)
+
+
+def people(seed: int = 3) -> PoseSequence:
+    rng = np.random.default_rng(seed)
+    shape = (T, N, K)
+    cov = np.broadcast_to(np.diag([1.0, 2.0, 3.0]) * 1e-4, (*shape, 3, 3))
+    return PoseSequence(
+        np.arange(T) * 10**7, BLAZEPOSE33, np.arange(N), rng.normal(size=(*shape, 3)), cov, np.ones(shape), np.full(shape, 4),
+        np.full(shape, Kind.FUSED),
+    )  # fmt: skip
+
+
+def standing() -> np.ndarray:
+    """(K, 3) facing +x, left is +y, hands ahead, left knee bent backwards a little."""
+    xyz = np.full((K, 3), np.nan)
+    for side, y in (("left", 1.0), ("right", -1.0)):
+        for name, point in {
+            "shoulder": (0, 0.2 * y, 1.4), "elbow": (0, 0.2 * y, 1.1), "wrist": (0.25, 0.2 * y, 1.1),
+            "index": (0.33, 0.17 * y, 1.1), "pinky": (0.33, 0.24 * y, 1.1), "hip": (0, 0.1 * y, 0.9), "knee": (0, 0.1 * y, 0.5),
+            "ankle": (0, 0.1 * y, 0.1), "heel": (-0.05, 0.1 * y, 0), "foot_index": (0.2, 0.1 * y, 0),
+        }.items():  # fmt: skip
+            xyz[BLAZEPOSE33.index(f"{side}_{name}")] = point
+    return xyz
+
+
+def test_directions_of_somebody_standing_are_what_their_names_say() -> None:
+    for side, out in (("left", [0, 1, 0]), ("right", [0, -1, 0])):
+        known = directions(standing(), BLAZEPOSE33, side)
+        for joint in ("shoulder", "hip"):
+            np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
+            np.testing.assert_allclose(known[joint]["up"], [0, 0, 1], atol=1e-12)
+            np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
+        for joint in ("knee", "ankle"):
+            np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
+            np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
+        np.testing.assert_allclose(known["hip"]["sinking"], 0, atol=1e-12)
+        np.testing.assert_allclose(known["knee"]["bend"], 0, atol=1e-12)
+        np.testing.assert_allclose(known["elbow"]["bend"], [1, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(known["wrist"]["palm"], [0, -out[1], 0], atol=1e-12)
+        np.testing.assert_allclose(known["ankle"]["foot"], [1, 0, 0], atol=1e-12)
+
+
+def test_moving_the_world_moves_the_result() -> None:
+    before = people()
+    turn, shift = Rotation.from_rotvec([0.3, -1.2, 0.7]).as_matrix(), np.array([2.0, -1.0, 0.5])
+    moved = replace(before, xyz_world=before.xyz_world @ turn.T + shift)
+    expected = to_joint_centres(before, EVERY).xyz_world @ turn.T + shift
+    np.testing.assert_allclose(to_joint_centres(moved, EVERY).xyz_world, expected, atol=1e-12)
+
+
+def test_a_mirror_image_gives_the_mirror_image() -> None:
+    before = people()
+
+    def mirrored(xyz: np.ndarray) -> np.ndarray:
+        return xyz[:, :, BLAZEPOSE33.mirror] * [1, -1, 1]
+
+    after = to_joint_centres(replace(before, xyz_world=mirrored(before.xyz_world)), EVERY).xyz_world
+    np.testing.assert_allclose(after, mirrored(to_joint_centres(before, EVERY).xyz_world), atol=1e-12)
+
+
+def test_offsets_are_added_in_full_and_only_to_joints() -> None:
+    before = replace(people(), xyz_world=np.tile(standing(), (T, N, 1, 1)))
+    table = JointCentres(made_by="a test", offsets={"hip": {"up": -0.02, "outward": 0.005}, "wrist": {"forearm": -0.03}})
+    move = to_joint_centres(before, table).xyz_world - before.xyz_world
+    expected = np.zeros((K, 3))
+    for side, y in (("left", 1.0), ("right", -1.0)):
+        expected[BLAZEPOSE33.index(f"{side}_hip")] = [0, 0.005 * y, -0.02]
+        expected[BLAZEPOSE33.index(f"{side}_wrist")] = [-0.03, 0, 0]
+    there = np.isfinite(before.xyz_world)
+    np.testing.assert_allclose(move[there], np.broadcast_to(expected, move.shape)[there], atol=1e-12)
+
+
+def test_a_joint_without_its_directions_stays_and_a_missing_one_stays_missing() -> None:
+    before = people()
+    xyz = np.array(before.xyz_world)
+    knee, hip = BLAZEPOSE33.index("left_knee"), BLAZEPOSE33.index("left_hip")
+    xyz[1, 0, knee] = np.nan
+    after = to_joint_centres(replace(before, xyz_world=xyz), EVERY)
+    assert np.isnan(after.xyz_world[1, 0, knee]).all()
+    np.testing.assert_array_equal(after.xyz_world[1, 0, hip], xyz[1, 0, hip])
+    assert not np.allclose(after.xyz_world[2, 0, hip], xyz[2, 0, hip])
+    np.testing.assert_array_equal(after.cov_world, before.cov_world)
+    np.testing.assert_array_equal(after.kind, before.kind)
+
+
+def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
+    card = read_card("blazepose_landmarks")
+    assert card.decoding.joint_centres
+    table = read_joint_centres(card.folder / card.decoding.joint_centres)
+    assert set(table.offsets) == set(JOINTS)
+    before = replace(people(), xyz_world=np.tile(standing(), (T, N, 1, 1)))
+    columns = BLAZEPOSE33.indices([f"{side}_{joint}" for side in SIDES for joint in JOINTS])
+    moved = np.linalg.norm(to_joint_centres(before, table).xyz_world - before.xyz_world, axis=-1)[..., columns]
+    assert (moved > 0.0005).all() and (moved < 0.05).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('made_by = "x"\n[offsets.tail]\nup = 0.1\n', ["tail", "shoulder", "ankle"]),
+        ('made_by = "x"\n[offsets.hip]\nsideways = 0.1\n', ["sideways", "outward", "offsets.hip"]),
+        ('made_by = "x"\n[offsets.hip]\nup = "much"\n', ["offsets.hip.up", "much"]),
+    ],
+)
+def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, words: list[str]) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        read_joint_centres(path)
+    assert "wrong.toml" in str(caught.value) and "\n" not in str(caught.value)
+    assert all(word in str(caught.value) for word in words)
