@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Gt
 
@@ -15,6 +15,7 @@ from posefuse.files.settings import read_mapping, settings, settings_from_mappin
 from posefuse.fuse import FuseSettings
 from posefuse.track import SmoothSettings
 
+T = TypeVar("T")
 CONFIG_FILE = "posefuse.toml"
 DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "parquet", "json", "overlay", "overview")
 
@@ -81,7 +82,12 @@ class TrackConfig:
 
 
 def read_config(path: Path | None, overrides: Sequence[str]) -> TrackConfig:
-    """The config file (if any) with ``key.sub=value`` overrides from the command line put on top.
+    """The settings of `posefuse track`, see `read_overridden`."""
+    return read_overridden(path, overrides, TrackConfig)
+
+
+def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T]) -> T:
+    """The config file (if any) as settings of class `cls`, with ``key.sub=value`` overrides from the command line put on top.
 
     Raises:
         ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
@@ -92,7 +98,7 @@ def read_config(path: Path | None, overrides: Sequence[str]) -> TrackConfig:
         if not equals or not key:
             raise ConfigError(f"--set {override}: expected KEY=VALUE, e.g. --set fuse.weights=score")
         _put(content, key.split("."), _value(text))
-    return settings_from_mapping(content, TrackConfig, where=str(path) if path else "settings")
+    return settings_from_mapping(content, cls, where=str(path) if path else "settings")
 
 
 def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:

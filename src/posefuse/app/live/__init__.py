@@ -1,0 +1,1 @@
+"""The live pipeline: camera groups in processes of their own, one steady fusion loop, outputs beside it."""

@@ -1,0 +1,152 @@
+"""One thread per camera that takes frames as they come and keeps the newest only."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
+
+from .messages import CameraState
+
+_RETRY_S = 1.0
+# every so many pixels in both directions are compared to tell a frozen camera
+_SAMPLE_STEP = 12
+
+
+@dataclass(frozen=True)
+class LiveInput:
+    """One camera's source.
+
+    Attributes:
+        camera: name in the rig. kind: how the user called it, e.g. ``rtsp``.
+        config: source config with `build()`; one with a field `zero_ns` counts time from there (monotonic clock).
+        reopen: a source that ends or fails is opened again until the session ends.
+    """
+
+    camera: str
+    kind: str
+    config: Any
+    reopen: bool
+
+    @property
+    def from_zero(self) -> bool:
+        """Its times count from a zero that the session sets."""
+        return any(field.name == "zero_ns" for field in dataclasses.fields(self.config))
+
+    def open(self, camera: Camera, zero_ns: int | None = None) -> Source:
+        """Build the source; raises SourceError when it cannot be opened or its frames are not of the calibrated size."""
+        config = dataclasses.replace(self.config, zero_ns=zero_ns) if self.from_zero and zero_ns is not None else self.config
+        source: Source = config.build()
+        if source.size_wh != camera.size_wh:
+            source.close()
+            got, want = source.size_wh, camera.size_wh
+            raise SourceError(
+                f"camera {self.camera}: frames are {got[0]}x{got[1]} px, it was calibrated at {want[0]}x{want[1]}; "
+                "set the camera to that size"
+            )
+        return source
+
+
+@dataclass(frozen=True, eq=False)
+class Caught:
+    """A frame in the source's own time, and for how many frames in a row the image has not changed."""
+
+    frame: Frame
+    still: int
+
+
+class Capture:
+    """Frames of one camera from a thread of its own. `news` is notified of each new frame."""
+
+    def __init__(self, entry: LiveInput, camera: Camera, news: threading.Condition) -> None:
+        self.entry, self.camera = entry, camera
+        self._news = news
+        self._newest: Caught | None = None
+        self._source: Source | None = None
+        self._stop = threading.Event()
+        self._state, self._text = "opening", ""
+        self._captured = self._used = self._replaced = self._missing = 0
+        self._thread: threading.Thread | None = None
+
+    def open(self) -> None:
+        """Open the source now, so that what is wrong shows at the start; raises SourceError."""
+        self._source = self.entry.open(self.camera)
+
+    def begin(self, zero_ns: int) -> None:
+        """Let frames come."""
+        self._thread = threading.Thread(target=self._run, args=(zero_ns,), name=f"capture {self.entry.camera}", daemon=True)
+        self._thread.start()
+
+    def waiting(self) -> Caught | None:
+        """The newest frame nobody has taken yet; call with `news` held."""
+        return self._newest
+
+    def take(self) -> Caught | None:
+        """Take it; call with `news` held."""
+        caught, self._newest = self._newest, None
+        self._used += caught is not None
+        return caught
+
+    def state(self) -> CameraState:
+        """How it fares."""
+        return CameraState(self.entry.camera, self._state, self._text, self._captured, self._used, self._replaced, self._missing)
+
+    def close(self) -> None:
+        """Stop without waiting for a source that hangs."""
+        self._stop.set()
+        if self._source is not None:
+            self._source.close()
+
+    def _run(self, zero_ns: int) -> None:
+        while not self._stop.is_set():
+            try:
+                self._deliver(zero_ns)
+                self._state, self._text = "ended", "the source has ended"
+            except (PosefuseError, OSError, RuntimeError, ValueError) as error:
+                self._state, self._text = "lost", str(error)
+            if not self.entry.reopen:
+                return
+            self._stop.wait(_RETRY_S)
+
+    def _deliver(self, zero_ns: int) -> None:
+        if self._source is None or self.entry.from_zero:
+            self._source = self.entry.open(self.camera, zero_ns)
+        still, before, seq = 0, None, None
+        try:
+            for frame in self._source.frames():
+                if self._stop.is_set():
+                    return
+                sample = frame.image[::_SAMPLE_STEP, ::_SAMPLE_STEP].copy()
+                still = still + 1 if before is not None and np.array_equal(sample, before) else 0
+                before = sample
+                self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
+                seq = frame.seq
+                self._state, self._text = "running", ""
+                self._put(Caught(frame, still))
+        finally:
+            self._source.close()
+            self._source = None
+
+    def _put(self, caught: Caught) -> None:
+        with self._news:
+            self._captured += 1
+            self._replaced += self._newest is not None
+            self._newest = caught
+            self._news.notify()
+
+
+def pick(captures: list[Capture], worth: Callable[[Capture], float]) -> tuple[Capture, Caught] | None:
+    """Take the waiting frame that is worth most; None when none waits. Call with `news` held."""
+    waiting = [capture for capture in captures if capture.waiting() is not None]
+    if not waiting:
+        return None
+    best = max(waiting, key=worth)
+    caught = best.take()
+    assert caught is not None
+    return best, caught

@@ -1,0 +1,72 @@
+"""What `posefuse live` does around the session: settings, outputs, tables, the report."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.app.config import read_overridden
+from posefuse.app.terminal import Terminal
+from posefuse.core import InputError, Rig
+from posefuse.files.rig import read_rig
+
+from .clock import SessionClock
+from .config import LiveConfig
+from .inputs import inputs_from_arguments
+from .outputs import OutputPlan
+from .report import figures_of, show, write_report
+from .session import run_live
+
+
+def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Run a session, or replay one; returns the figures of the tables."""
+    config = settled_config(args)
+    rig = read_rig(args.rig)
+    if args.replay:
+        from .replay import replay
+
+        return replay(args.replay, rig, config, terminal)
+    if args.report and args.report.exists() and any(args.report.iterdir()):
+        raise InputError(f"{args.report}: is there already and not empty; choose another folder")
+    inputs = inputs_from_arguments(args.source, rig, args.domain)
+    terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
+    done = run_live(rig, inputs, config, output_plan(args, rig), args.duration, terminal.note)
+    figures = figures_of(done)
+    show(terminal, figures)
+    if args.report:
+        write_report(args.report, done, figures)
+    return figures
+
+
+def settled_config(args: argparse.Namespace) -> LiveConfig:
+    """The config file with the command line's options on top."""
+    config: LiveConfig = read_overridden(args.config, args.overrides, LiveConfig)
+    track = config.track
+    if args.tracker:
+        track = dataclasses.replace(track, tracker=args.tracker)
+    if args.people:
+        track = dataclasses.replace(track, max_people=args.people)
+    changes = {"rate_hz": args.rate, "groups": args.groups}
+    return dataclasses.replace(config, track=track, **{key: value for key, value in changes.items() if value is not None})
+
+
+def output_plan(args: argparse.Namespace, rig: Rig) -> OutputPlan:
+    """Where the command line sends results."""
+    network = None
+    if args.ros:
+        from posefuse.wire.dds import Network
+
+        network = Network(args.domain, args.local_only, args.interface, tuple(args.peer))
+    if args.record is not None and args.record.exists():
+        raise InputError(f"{args.record}: is there already; choose another name or move it away")
+    view = str(args.view_file) if args.view_file else "spawn" if args.view else ""
+    return OutputPlan(
+        rig, SessionClock.begin(), _absolute(args.record), tuple(args.osc), tuple(args.json_udp), args.axes, network, view
+    )
+
+
+def _absolute(path: Path | None) -> Path | None:
+    return None if path is None else path.absolute()

@@ -1,0 +1,156 @@
+"""Figures of a live session: tables on the terminal, latency.json, and pictures of where the time went."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse import __version__
+from posefuse.app.terminal import Terminal, plain
+from posefuse.core import InputError
+
+from .latency import STAGES
+from .session import Finished
+
+JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
+
+
+def figures_of(done: Finished) -> dict[str, Any]:
+    """Everything as plain values."""
+    fusion = done.fusion
+    cameras = {}
+    for name in fusion.rig.names:
+        source = fusion.monitor.source(name)
+        captured = source.captured if source else 0
+        health = fusion.tracker.health[name]
+        verdict = fusion.verdicts.get(name)
+        cameras[name] = {
+            "state": verdict.state if verdict else "opening",
+            "captured": captured,
+            "used": fusion.used[name],
+            "used_share": fusion.used[name] / captured if captured else float("nan"),
+            "replaced": source.replaced if source else 0,
+            "missing": source.missing if source else 0,
+            "refused": fusion.monitor.refused(name),
+            "innovation_sigmas": health.innovation_sigmas,
+            "gated_share": health.gated_share,
+            "late": health.late,
+        }
+    captured = sum(camera["captured"] for camera in cameras.values())
+    return {
+        "seconds": done.seconds,
+        "stopped_by": done.stopped_by,
+        "zero_ns": done.zero_ns,
+        "poses": fusion.poses,
+        "poses_with_people": fusion.poses_with_people,
+        "poses_per_s": fusion.poses / done.seconds if done.seconds > 0 else float("nan"),
+        "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
+        "cpu_fusion_share": done.cpu_s[0] / done.seconds,
+        "cpu_children_share": done.cpu_s[1] / done.seconds,
+        "restarts": done.restarts,
+        "outputs": done.outputs,
+        "outputs_lost": done.lost,
+        "outputs_trouble": done.trouble,
+        "cameras": cameras,
+        "events": [
+            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "camera": event.camera, "state": event.state, "text": event.text}
+            for event in fusion.monitor.events
+        ],
+        "latency": fusion.latencies.figures(),
+    }
+
+
+def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
+    """The tables a person reads."""
+    latency = figures["latency"]
+    rows = [
+        [
+            name, camera["state"], camera["captured"], f"{camera['used_share']:.0%}" if camera["captured"] else "-",
+            *(latency["cameras_ms"][name][stage]["p50"] for stage in STAGES),
+            latency["cameras_ms"][name]["total"]["p95"], latency["cameras_ms"][name]["total"]["p99"],
+        ]
+        for name, camera in figures["cameras"].items()
+    ]  # fmt: skip
+    medians = [f"{stage} ms" for stage in STAGES]
+    terminal.table(
+        "Latency from exposure to output (medians)", ("camera", "state", "frames", "used", *medians, "p95 ms", "p99 ms"), rows
+    )
+    whole, beat = latency["all_cameras_total_ms"], latency["output"]
+    facts = {
+        "poses": f"{figures['poses']} ({figures['poses_per_s']:.1f}/s), with somebody in {figures['poses_with_people']}",
+        "exposure to output": f"p50 {whole['p50']:.1f}, p95 {whole['p95']:.1f}, p99 {whole['p99']:.1f} ms",
+        "output beat": (
+            f"p99 {beat['behind_due_ms']['p99']:.2f} ms behind due, {beat['period_deviation_ms']['p99']:.2f} ms off the period, "
+            f"{beat['skipped']} skipped"
+        ),
+        "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
+        "frames used": f"{figures['used_share']:.0%}",
+    }
+    if figures["restarts"]:
+        facts["restarts"] = str(figures["restarts"])
+    for name, sink in figures["outputs"].items():
+        fault = f"; {sink['fault']}" if sink["fault"] else ""
+        facts[f"output {name}"] = f"{sink['taken']} taken, {sink['dropped']} dropped{fault}"
+    if figures["outputs_lost"] or figures["outputs_trouble"]:
+        facts["outputs"] = f"{figures['outputs_lost']} lost; {figures['outputs_trouble'] or 'they did not keep up'}"
+    terminal.facts("Session", facts)
+
+
+def write_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
+    """latency.json, latency.md and latency.html (the newest views' latencies over time) into `folder`."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
+        (folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
+        (folder / TABLE_FILE).write_text(_markdown(figures), encoding="utf-8")
+        (folder / PAGE_FILE).write_text(_page(done, figures), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{folder}: the report cannot be written ({error})") from None
+
+
+def _markdown(figures: Mapping[str, Any]) -> str:
+    head = "| camera | stage | n | mean | p50 | p95 | p99 | max |"
+    lines = ["# Latency per camera and stage, ms", "", head, "|---" * 8 + "|"]
+    for name, stages in figures["latency"]["cameras_ms"].items():
+        for stage in STAGES:
+            row = stages[stage]
+            numbers = " | ".join(f"{row[key]:.1f}" for key in ("mean", "p50", "p95", "p99", "max"))
+            lines.append(f"| {name} | {stage} | {row['n']} | {numbers} |")
+    lines += ["", "# What happened", "", "| s | camera | state | |", "|---|---|---|---|"]
+    lines += [f"| {event['t_s']:.2f} | {event['camera']} | {event['state']} | {event['text']} |" for event in figures["events"]]
+    return "\n".join(lines) + "\n"
+
+
+def _page(done: Finished, figures: Mapping[str, Any]) -> str:
+    """The paper's spike plot: one spike per view, as high as its latency; the dashed line is the camera's mean."""
+    views = list(done.fusion.latencies.newest)
+    if not views:
+        return "<!doctype html><title>Latency</title><p>No view reached an output.</p>\n"
+    zero_s = done.zero_ns / 1e9
+    first, last = min(t for t, _, _ in views) - zero_s, max(t for t, _, _ in views) - zero_s
+    parts = []
+    for name in done.fusion.rig.names:
+        spikes = [(t - zero_s, ms) for t, camera, ms in views if camera == name]
+        parts.append(
+            _spikes(name, spikes, first, max(last, first + 1e-3), figures["latency"]["cameras_ms"][name]["total"]["mean"])
+        )
+    return (
+        '<!doctype html><meta charset="utf-8"><title>Latency</title><style>body{font:14px sans-serif;margin:2em}</style>'
+        f"<h1>From exposure to output, ms</h1>{''.join(parts)}\n"
+    )
+
+
+def _spikes(name: str, spikes: list[tuple[float, float]], first_s: float, last_s: float, mean_ms: float) -> str:
+    width, height = 900, 110
+    top_ms = max([ms for _, ms in spikes], default=1.0)
+    path = "".join(
+        f"M{(t - first_s) / (last_s - first_s) * width:.1f} {height}V{height * (1 - ms / top_ms):.1f}" for t, ms in spikes
+    )
+    y = height * (1 - mean_ms / top_ms) if spikes else height
+    return (
+        f"<h3>{name}: mean {mean_ms:.1f} ms, highest {top_ms:.1f} ms, {first_s:.1f} to {last_s:.1f} s</h3>"
+        f'<svg width="{width}" height="{height}"><path d="{path}" stroke="#36c" fill="none"/>'
+        f'<path d="M0 {y:.1f}H{width}" stroke="#c33" stroke-dasharray="6 4"/></svg>'
+    )

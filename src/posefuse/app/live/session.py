@@ -1,0 +1,175 @@
+"""A live session from sources to outputs: groups started, the beat kept, everything ended again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from posefuse.core import Rig, Skeleton, SourceError
+from posefuse.track.live import Tracker, build_tracker
+
+from .board import Board
+from .capture import LiveInput
+from .config import LiveConfig
+from .fusion import Fusion, build_solve
+from .group import GroupPlan
+from .outputs import NoOutputs, OutputPlan, OutputProcess
+from .processes import Groups
+
+LEAST_CAMERAS = 2
+_LEAD_NS = 300_000_000
+Say = Callable[[str], None]
+
+
+@dataclass
+class Finished:
+    """What a session leaves behind: figures for tables and reports.
+
+    Attributes:
+        fusion: with its latencies and monitor. zero_ns: session time at which recorded sources showed their time 0.
+        seconds: how long it ran. outputs: per way out, what happened to what it was given.
+        lost: values there was no room for. trouble: of the outputs. restarts: of camera processes.
+        cpu_s: processor time of the fusion process, and of all its children.
+    """
+
+    fusion: Fusion
+    skeleton: Skeleton
+    zero_ns: int = 0
+    seconds: float = 0.0
+    outputs: dict[str, Any] = field(default_factory=dict)
+    lost: int = 0
+    trouble: str = ""
+    restarts: int = 0
+    stopped_by: str = ""
+    cpu_s: tuple[float, float] = (0.0, 0.0)
+
+
+def run_live(
+    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, duration_s: float | None, say: Say
+) -> Finished:
+    """Run until the time is over, all sources have ended, or Ctrl-C.
+
+    Raises:
+        SourceError: fewer than two cameras, or one that cannot be opened.
+        InputError: an output that cannot be opened.
+    """
+    if len(inputs) < LEAST_CAMERAS:
+        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
+    rig = rig.only(entry.camera for entry in inputs)
+    plan = replace(plan, rig=rig)
+    board = _board(rig)
+    with stop_requests() as stopped:
+        outputs = NoOutputs() if plan.empty else OutputProcess(plan)
+        try:
+            with Groups(group_plans(rig, inputs, config, plan), board) as groups:
+                outputs.wait_ready()
+                skeleton = groups.wait_ready()
+                tracker = ready_tracker(rig, skeleton, config)
+                fusion = Fusion(rig, tracker, board, plan.clock, outputs)
+                done = Finished(fusion, skeleton)
+                done.zero_ns = _run(fusion, groups, config, duration_s, stopped, say)
+                done.restarts = groups.restarts
+                done.stopped_by = stopped[0] if stopped else ""
+        finally:
+            outputs.close()
+    times = os.times()
+    done.cpu_s = (times.user + times.system, times.children_user + times.children_system)
+    done.seconds = (plan.clock.now_ns() - done.zero_ns) / 1e9
+    done.outputs, done.lost, done.trouble = outputs.figures, outputs.lost, outputs.trouble
+    return done
+
+
+def _run(fusion: Fusion, groups: Groups, config: LiveConfig, duration_s: float | None, stopped: list[str], say: Say) -> int:
+    zero_ns = time.monotonic_ns() + _LEAD_NS
+    groups.begin(zero_ns)
+    zero_session_ns = zero_ns + fusion.clock.offset_ns
+    end_ns = None if duration_s is None else zero_session_ns + round(duration_s * 1e9)
+    told = [0]
+
+    def until(now_ns: int) -> bool:
+        while told[0] < len(fusion.monitor.events):
+            event = fusion.monitor.events[told[0]]
+            told[0] += 1
+            at_s = (event.t_ns - zero_session_ns) / 1e9
+            say(f"{at_s:6.2f} s  camera {event.camera}: {event.state}{': ' + event.text if event.text else ''}")
+        over = end_ns is not None and now_ns >= end_ns
+        return over or bool(stopped) or fusion.monitor.all_ended()
+
+    fusion.run(groups, config.rate_hz, until)
+    return zero_session_ns
+
+
+def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
+    """Cameras dealt out to groups in turn, so that neighbours are in different ones."""
+    cores = len(os.sched_getaffinity(0))
+    count = config.groups or max(1, min(cores, len(inputs) // 2))
+    count = min(count, len(inputs))
+    detector = config.detector
+    if detector.name == "blazepose":
+        streams = max(1, cores // count)
+        detector = replace(detector, options={"streams": streams, **detector.options})
+    return [
+        GroupPlan(
+            group, rig, tuple(inputs[group::count]), detector, plan.clock, config.track.max_people,
+            config.search_every_s, config.preview_hz if plan.view or plan.ros else 0.0,
+        )
+        for group in range(count)
+    ]  # fmt: skip
+
+
+def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
+    """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
+    solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
+    warm_tracker(build_tracker(rig, skeleton, config.track, solve), rig, skeleton)
+    return build_tracker(rig, skeleton, config.track, solve)
+
+
+def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
+    """Show it a made-up person in front of the cameras for a moment."""
+    import numpy as np
+
+    from posefuse.core import Detections2D
+
+    rng = np.random.default_rng(0)
+    k = len(skeleton)
+    middle = rig.centres_world().mean(axis=0) + np.mean([c.cam_from_world.matrix()[2] for c in rig], axis=0)
+    person = middle + rng.normal(size=(k, 3)) * 0.4
+    for i in range(15):
+        for c, camera in enumerate(rig):
+            xy = camera.project(person + rng.normal(size=(k, 3)) * 0.01)
+            seen = np.isfinite(xy[..., 0])
+            if i % 5 == 4 and c == 0:
+                xy[: k // 2] += 60.0
+            t_ns = 10**15 + i * 33_000_000 + c * 3_000_000
+            score, sigma = seen.astype(np.float32), np.where(seen, 2.0, np.nan)
+            tracker.add(Detections2D(camera.name, t_ns, skeleton, xy[None], score[None], sigma[None], np.zeros((1, 4))))
+            tracker.at(t_ns + 20_000_000)
+
+
+def _board(rig: Rig) -> Board:
+    import multiprocessing
+
+    return Board(multiprocessing.get_context("spawn"), len(rig))
+
+
+@contextmanager
+def stop_requests() -> Iterator[list[str]]:
+    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual."""
+    stopped: list[str] = []
+
+    def note(number: int, frame: Any) -> None:
+        if stopped:
+            raise KeyboardInterrupt
+        stopped.append(signal.Signals(number).name)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

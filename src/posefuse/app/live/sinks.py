@@ -1,0 +1,124 @@
+"""Ways out of a live session: recording, ROS 2, OSC and JSON datagrams. The viewer is in `viewer.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from posefuse.core import Pose3D
+from posefuse.wire import topics
+from posefuse.wire.messages import message_from_detections, message_from_pose
+from posefuse.wire.osc import json_from_pose, osc_from_pose
+from posefuse.wire.ros_output import Health, RosOutput
+
+from .outputs import OutputPlan
+from .viewer import ViewSink
+
+__all__ = ["RecordSink", "RosSink", "UdpSink", "ViewSink"]
+
+_LEVELS = {"ok": 0, "opening": 1, "flood": 1, "clock": 1}
+_ERROR = 2
+WORLD = "world"
+
+
+class RecordSink:
+    """Views and poses in the order the tracker took and gave them, so that a replay reproduces the session."""
+
+    name, keeps_all = "record", True
+
+    def __init__(self, plan: OutputPlan) -> None:
+        from posefuse.wire.bags import Recorder
+
+        assert plan.record is not None
+        self._recorder = Recorder(plan.record)
+        RosOutput(self._recorder, plan.rig).start(plan.clock.now_ns())
+
+    def take(self, kind: str, values: Sequence[Any]) -> None:
+        """See `LiveSink`."""
+        if kind == "view":
+            view, stages = values
+            self._recorder.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
+        elif kind == "pose":
+            pose, stages = values
+            self._recorder.publish(topics.POSE, message_from_pose(pose, stages, WORLD), pose.t_ns)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._recorder.close()
+
+
+class RosSink:
+    """ROS 2 topics, see docs/ros.md; previews only while somebody listens."""
+
+    name, keeps_all = "ros", False
+
+    def __init__(self, plan: OutputPlan) -> None:
+        from posefuse.wire.dds import RosNode
+
+        self._node = RosNode("posefuse", plan.ros)
+        self._output = RosOutput(self._node, plan.rig)
+        self._output.start(plan.clock.now_ns())
+
+    def take(self, kind: str, values: Sequence[Any]) -> None:
+        """See `LiveSink`."""
+        if kind == "pose":
+            pose, stages = values
+            self._output.step(pose, None, stages)
+        elif kind == "view":
+            view, stages = values
+            self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
+        elif kind == "health":
+            t_ns, states, rates = values
+            self._output.diagnose(t_ns, health_lines(states, rates))
+        elif kind == "preview":
+            [preview] = values
+            self._preview(preview)
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._node.close()
+
+    def _preview(self, preview: Any) -> None:
+        import cv2
+        import numpy as np
+
+        from posefuse.wire.camera_messages import jpeg_from_image
+
+        topic = topics.preview(preview.camera)
+        if self._node.writer(topic).readers():
+            image = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+            self._node.publish(topic, jpeg_from_image(np.asarray(image), preview.t_ns, preview.camera, 80), preview.t_ns)
+
+
+class UdpSink:
+    """Poses as datagrams."""
+
+    keeps_all = False
+
+    def __init__(self, name: str, addresses: Sequence[str], axes: str) -> None:
+        from posefuse.wire.osc import AXES
+        from posefuse.wire.streams import UdpStream
+
+        assert axes in AXES
+        self.name, self._axes = name, axes
+        self._packets: Callable[..., list[bytes]] = osc_from_pose if name == "osc" else json_from_pose
+        self._stream = UdpStream(addresses)
+
+    def take(self, kind: str, values: Sequence[Any]) -> None:
+        """See `LiveSink`."""
+        if kind == "pose":
+            pose: Pose3D = values[0]
+            self._stream.send(self._packets(pose, None, self._axes))
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._stream.close()
+
+
+def health_lines(states: dict[str, tuple[str, str]], rates: dict[str, dict[str, float]]) -> list[Health]:
+    """One line of ROS diagnostics per camera."""
+    lines = []
+    for camera, (state, text) in states.items():
+        values = {name: f"{value:g}" for name, value in rates.get(camera, {}).items()}
+        lines.append(Health(f"camera {camera}", _LEVELS.get(state, _ERROR), text or state, values))
+    return lines

@@ -1,0 +1,168 @@
+"""The session in Rerun, live: views with what was seen in them, the skeleton in the room, and how every camera fares."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from posefuse.core import Camera, DependencyError, Detections2D, Pose3D
+from posefuse.core.arrays import Array
+
+from .messages import Preview
+
+if TYPE_CHECKING:
+    from .outputs import OutputPlan
+
+TIMELINE = "session"
+_POSE_EVERY_NS = 30_000_000
+_VIEW_EVERY_NS = 60_000_000
+_IMAGE_PLANE_M = 0.5
+_MEMORY = "512MiB"
+_DETECTION_RGB = (255, 220, 60)
+_GOOD_RGB, _BAD_RGB = (90, 200, 120), (235, 70, 60)
+
+
+class ViewSink:
+    """Logs at a pace an eye can follow; cameras that are ill turn red."""
+
+    name, keeps_all = "view", False
+
+    def __init__(self, plan: OutputPlan) -> None:
+        from posefuse.sinks.rerun import check_rerun
+
+        check_rerun()
+        import rerun as rr
+
+        if (
+            plan.view == "spawn"
+            and sys.platform == "linux"
+            and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+        ):
+            raise DependencyError("--view needs a display and there is none: use --view-file FILE.rrd and open it elsewhere")
+        self._rig, self._zero_ns = plan.rig, plan.clock.now_ns()
+        self._stream = rr.RecordingStream("posefuse live")
+        if plan.view == "spawn":
+            self._stream.spawn(memory_limit=_MEMORY, default_blueprint=_blueprint(plan.rig.cameras))
+        else:
+            self._stream.save(plan.view, default_blueprint=_blueprint(plan.rig.cameras))
+        self._shown_ns: dict[str, int] = {}
+        self._people: set[int] = set()
+        self._log_cameras()
+
+    def take(self, kind: str, values: Sequence[Any]) -> None:
+        """See `LiveSink`."""
+        if kind == "pose" and self._due("pose", values[0].t_ns, _POSE_EVERY_NS):
+            self._pose(values[0])
+        elif kind == "view" and self._due(f"view {values[0].camera}", values[0].t_ns, _VIEW_EVERY_NS):
+            self._view(values[0])
+        elif kind == "preview":
+            self._preview(values[0])
+        elif kind == "health":
+            self._health(*values)
+
+    def close(self) -> None:
+        """Finish the stream."""
+        self._stream.disconnect()
+
+    def _due(self, what: str, t_ns: int, every_ns: int) -> bool:
+        if t_ns - self._shown_ns.get(what, 0) < every_ns:
+            return False
+        self._shown_ns[what] = t_ns
+        self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
+        return True
+
+    def _log_cameras(self) -> None:
+        import rerun as rr
+
+        self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for camera in self._rig:
+            pose, path = camera.cam_from_world.inverse(), _path(camera.name)
+            self._stream.log(path, rr.Transform3D(translation=pose.xyz, mat3x3=pose.matrix()), static=True)
+            self._stream.log(path, _pinhole(camera, _GOOD_RGB), static=True)
+
+    def _pose(self, pose: Pose3D) -> None:
+        import rerun as rr
+
+        from posefuse.sinks.drawing import bone_colours, keypoint_colours
+
+        bones = pose.skeleton.bone_indices
+        bone_rgb, point_rgb = np.array(bone_colours(pose.skeleton)), np.array(keypoint_colours(pose.skeleton))
+        for person, xyz in zip(pose.person_id.tolist(), pose.xyz_world, strict=True):
+            here = np.isfinite(xyz).all(axis=-1)
+            whole = here[bones].all(axis=1)
+            path = f"world/people/{person}"
+            self._stream.log(f"{path}/bones", rr.LineStrips3D(xyz[bones[whole]], colors=bone_rgb[whole], radii=0.012))
+            self._stream.log(f"{path}/keypoints", rr.Points3D(xyz[here], colors=point_rgb[here], radii=0.02))
+        for gone in self._people - set(pose.person_id.tolist()):
+            self._stream.log(f"world/people/{gone}", rr.Clear(recursive=True))
+        self._people = set(pose.person_id.tolist())
+        for camera in self._rig:
+            strips = camera.project(pose.xyz_world)[:, bones] + 0.5
+            strips = strips[np.isfinite(strips).all(axis=(-1, -2))]
+            self._stream.log(f"{_path(camera.name)}/skeleton", rr.LineStrips2D(strips, colors=_GOOD_RGB, radii=-1.5))
+
+    def _view(self, view: Detections2D) -> None:
+        import rerun as rr
+
+        points: Array = view.xy_img[view.score > 0] + 0.5
+        self._stream.log(f"{_path(view.camera)}/detections", rr.Points2D(points, colors=_DETECTION_RGB, radii=-1.5))
+
+    def _preview(self, preview: Preview) -> None:
+        import cv2
+        import rerun as rr
+
+        if not self._due(f"preview {preview.camera}", preview.t_ns, 1):
+            return
+        # one pixel grid for pictures, points and lines: the camera's own
+        size = self._rig[preview.camera].size_wh
+        small = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+        shown = cv2.resize(np.asarray(small), size, interpolation=cv2.INTER_LINEAR)
+        self._stream.log(f"{_path(preview.camera)}/image", rr.Image(shown).compress(jpeg_quality=70))
+
+    def _health(self, t_ns: int, states: dict[str, tuple[str, str]], rates: dict[str, dict[str, float]]) -> None:
+        import rerun as rr
+
+        self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
+        rows = ["| camera | state | captured | used | p95 ms | residual |", "|---|---|---|---|---|---|"]
+        for name, (state, text) in states.items():
+            camera, rate = self._rig[name], rates[name]
+            self._stream.log(_path(name), _pinhole(camera, _GOOD_RGB if state == "ok" else _BAD_RGB))
+            self._stream.log(f"plots/latency_p95_ms/{name}", rr.Scalars(rate["latency_p95_ms"]))
+            self._stream.log(f"plots/residual_sigmas/{name}", rr.Scalars(rate["innovation_sigmas"]))
+            rows.append(
+                f"| {name} | {state} {text} | {rate['captured']:.0f} | {rate['used']:.0f} | {rate['latency_p95_ms']:.0f} "
+                f"| {rate['innovation_sigmas']:.2f} |"
+            )
+        self._stream.log("health", rr.TextDocument("\n".join(rows), media_type="text/markdown"))
+
+
+def _pinhole(camera: Camera, rgb: tuple[int, int, int]) -> Any:
+    import rerun as rr
+
+    return rr.Pinhole(
+        image_from_camera=camera.K, resolution=camera.size_wh, camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=_IMAGE_PLANE_M, color=rgb,
+    )  # fmt: skip
+
+
+def _path(camera: str) -> str:
+    import rerun as rr
+
+    return f"world/cameras/{rr.escape_entity_path_part(camera)}"
+
+
+def _blueprint(cameras: Sequence[Camera]) -> Any:
+    import rerun.blueprint as rrb
+
+    views = [rrb.Spatial2DView(origin=_path(camera.name), contents=["$origin/**"], name=camera.name) for camera in cameras]
+    plots = [
+        rrb.TimeSeriesView(origin="plots/latency_p95_ms", name="latency p95, ms"),
+        rrb.TimeSeriesView(origin="plots/residual_sigmas", name="residual, sigmas"),
+        rrb.TextDocumentView(origin="health", name="cameras"),
+    ]
+    above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), rrb.Grid(*views), column_shares=[3, 4])
+    return rrb.Blueprint(rrb.Vertical(above, rrb.Horizontal(*plots), row_shares=[3, 1]), collapse_panels=True)

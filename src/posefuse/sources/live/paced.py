@@ -1,0 +1,71 @@
+"""A video file played as if its camera were there: frames come when they are due."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from posefuse.core import Frame
+
+from ..video import VideoConfig, VideoSource
+
+# decoded ahead of its time by so much, as decoding takes time of its own
+_AHEAD_NS = 15_000_000
+
+
+@dataclass(frozen=True)
+class PacedVideoConfig:
+    """A video file at wall-clock pace.
+
+    Attributes:
+        path: the file. camera: name of the camera in the rig.
+        offset_s: added to the file's times; positive when this file began later than the others.
+        zero_ns: monotonic time at which the file shows its time 0, so that several cameras agree; None is when the first
+            frame is asked for.
+    """
+
+    path: Path
+    camera: str
+    offset_s: float = 0.0
+    zero_ns: int | None = None
+
+    def build(self) -> PacedVideoSource:
+        """Open the file and look at its first frame; raises SourceError when that cannot be done."""
+        return PacedVideoSource(self)
+
+
+class PacedVideoSource:
+    """Frames of a video file at their times; one that could not be decoded before the next was due is left out."""
+
+    def __init__(self, config: PacedVideoConfig) -> None:
+        self._config = config
+        self._video: VideoSource = VideoConfig(config.path, config.camera, config.offset_s).build()
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        return self._config.camera
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) of every frame in px."""
+        return self._video.size_wh
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames in time order; `received_ns` is when a frame was handed on, on the file's own clock."""
+        zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
+        period_ns, before_ns = 0, None
+        for frame in self._video.frames():
+            period_ns = frame.t_ns - before_ns if before_ns is not None else period_ns
+            before_ns = frame.t_ns
+            now_ns = time.monotonic_ns() - zero_ns
+            if period_ns and now_ns > frame.t_ns + period_ns + _AHEAD_NS:
+                continue
+            time.sleep(max(0, frame.t_ns - now_ns) / 1e9)
+            yield replace(frame, received_ns=time.monotonic_ns() - zero_ns)
+
+    def close(self) -> None:
+        """Nothing stays open between calls of `frames`."""
+        self._video.close()

@@ -1,0 +1,159 @@
+"""USB cameras (V4L2) and network cameras (RTSP, HTTP), through the libraries PyAV brings.
+
+A stream's own time stamps are even but start anywhere; arrival is late by a delay that varies. The stamps are placed so
+that the frame with the least delay arrives just when it says: an offset that is the least of (arrival - stamp) over the
+newest seconds, so that a clock that drifts is followed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+
+from posefuse.core import Frame, SourceError
+from posefuse.core.errors import choices
+
+_FOLLOW_NS = 10_000_000_000
+_OPEN_S, _READ_S = 8.0, 5.0
+
+
+@dataclass(frozen=True)
+class StreamConfig:
+    """One live camera.
+
+    Attributes:
+        where: ``/dev/video0``, ``rtsp://...``, ``http://...``.
+        camera: name of the camera in the rig.
+        size: ``WIDTHxHEIGHT`` or ``WIDTHxHEIGHT@RATE`` to ask a USB camera for; empty takes its own choice.
+        delay_s: how old an image is when it arrives, at best: half the exposure plus reading out, coding and transport.
+        read_s: a stream that says nothing for so long is lost.
+    """
+
+    where: str
+    camera: str
+    size: str = ""
+    delay_s: float = 0.0
+    read_s: float = _READ_S
+
+    def build(self) -> StreamSource:
+        """Connect and wait for the first image; raises SourceError that says what there is."""
+        return StreamSource(self)
+
+
+class StreamSource:
+    """Frames of a live camera in RGB; times are Unix epoch by the machine's clock, mid-exposure as far as it is known."""
+
+    def __init__(self, config: StreamConfig) -> None:
+        self._config = config
+        self._container: Any = _connected(config)
+        self._decoded = self._container.decode(video=0)
+        self._times = StampClock(round(config.delay_s * 1e9))
+        self._seq = 0
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+        self._first: Frame | None = self._next()
+        self._size_wh = self._first.size_wh
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        return self._config.camera
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) of every frame in px."""
+        return self._size_wh
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames as they come; raises SourceError when they stop coming or change size."""
+        if self._first is not None:
+            first, self._first = self._first, None
+            yield first
+        while self._container is not None:
+            frame = self._next()
+            if frame.size_wh != self._size_wh:
+                raise SourceError(f"{self._where}: frames were {self._size_wh}, now {frame.size_wh} px")
+            yield frame
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        container, self._container = self._container, None
+        if container is not None:
+            container.close()
+
+    @property
+    def _where(self) -> str:
+        return f"{self._config.where}: camera {self.camera}"
+
+    def _next(self) -> Frame:
+        try:
+            decoded = next(self._decoded)
+        except StopIteration:
+            raise SourceError(f"{self._where}: the stream has ended") from None
+        except (av.error.FFmpegError, OSError) as error:
+            raise SourceError(f"{self._where}: no image any more ({getattr(error, 'strerror', None) or error})") from None
+        now_ns = time.monotonic_ns() + self._epoch_ns
+        stamp_ns = None if decoded.pts is None else round(decoded.pts * decoded.time_base * 1_000_000_000)
+        t_ns = self._times.placed(stamp_ns, now_ns)
+        self._seq += 1
+        return Frame(self.camera, self._seq - 1, t_ns, now_ns, np.ascontiguousarray(decoded.to_ndarray(format="rgb24")))
+
+
+class StampClock:
+    """Places a stream's stamps on the clock of arrival."""
+
+    def __init__(self, delay_ns: int) -> None:
+        self._delay_ns = delay_ns
+        self._offsets: deque[tuple[int, int]] = deque()
+        self._newest_ns: int | None = None
+
+    def placed(self, stamp_ns: int | None, arrived_ns: int) -> int:
+        """Time of the image: stamp plus least offset minus the known delay; arrival where there is no stamp. Increasing."""
+        t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, arrived_ns)
+        t_ns -= self._delay_ns
+        if self._newest_ns is not None:
+            t_ns = max(t_ns, self._newest_ns + 1)
+        self._newest_ns = t_ns
+        return t_ns
+
+    def _offset(self, offset_ns: int, now_ns: int) -> int:
+        # a queue of increasing offsets: its head is the least within the window
+        while self._offsets and self._offsets[-1][1] >= offset_ns:
+            self._offsets.pop()
+        self._offsets.append((now_ns, offset_ns))
+        while self._offsets[0][0] < now_ns - _FOLLOW_NS:
+            self._offsets.popleft()
+        return self._offsets[0][1]
+
+
+def _connected(config: StreamConfig) -> Any:
+    where = f"{config.where}: camera {config.camera}"
+    device = "://" not in config.where
+    if device and not Path(config.where).exists():
+        there = choices(sorted(str(path) for path in Path("/dev").glob("video*")))
+        raise SourceError(f"{where}: no such device; there are: {there}")
+    size, _, rate = config.size.partition("@")
+    options = {"fflags": "nobuffer", "flags": "low_delay"}
+    if config.where.startswith("rtsp"):
+        options["rtsp_transport"] = "tcp"
+    options |= ({"video_size": size} if size else {}) | ({"framerate": rate} if rate else {})
+    try:
+        container: Any = av.open(
+            config.where, format="v4l2" if device else None, options=options, timeout=(_OPEN_S, config.read_s)
+        )
+    except PermissionError:
+        raise SourceError(f"{where}: no permission to read it; add yourself to its group (usually: video)") from None
+    except (av.error.FFmpegError, OSError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise SourceError(f"{where}: cannot be opened ({reason}); is it switched on, and the address right?") from None
+    if not container.streams.video:
+        container.close()
+        raise SourceError(f"{where}: carries no video")
+    container.streams.video[0].thread_type = "SLICE"
+    return container
