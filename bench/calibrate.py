@@ -50,10 +50,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     seeds = parser.parse_args().seeds
-    print(
     print(f"Waved cube of unknown geometry, {SECONDS:.0f} s at 30 Hz, {RADIUS_M} m radius, corner noise 0.25 px;")
     print(f"worst camera of {seeds} seeds\n")
-    )
     print("| case | position mm | rotation deg | clock ms | solve and checks s |")
     print("|---|---|---|---|---|")
     target = Markers(0.24)

@@ -1,0 +1,80 @@
+"""`posefuse calibrate` from the outside: exit codes, one-line errors, reports and files."""
+
+import argparse
+import json
+from pathlib import Path
+
+import pytest
+
+from posefuse.app.commands import calibrate
+from posefuse.app.terminal import Terminal
+from posefuse.calibrate.report import CalibrationReport, Check, RefusedCalibration
+from posefuse.calibrate.report_html import html_page
+from posefuse.core import InputError
+from posefuse.files.rig import read_rig
+
+
+def run(*words: str) -> dict:
+    parser = argparse.ArgumentParser()
+    calibrate.add_arguments(parser)
+    return dict(calibrate.run(parser.parse_args(list(words)), Terminal(as_json=True)))
+
+
+def test_printing_needs_its_sizes_and_says_which(tmp_path: Path) -> None:
+    out = str(tmp_path / "cube.pdf")
+    with pytest.raises(InputError, match="--target markers: missing --marker-mm"):
+        run("print", "--cube", "--out", out)
+    assert run("print", "--cube", "--marker-mm", "120", "--out", out)["pages"] == 6
+    assert (tmp_path / "cube.pdf").read_bytes().startswith(b"%PDF-1.4")
+    with pytest.raises(InputError, match="a plain chessboard is not offered"):
+        run("print", "--target", "chessboard", "--columns", "5", "--rows", "7", "--square-mm", "30", "--out", out)
+
+
+def test_inputs_that_are_not_there_are_named(tmp_path: Path) -> None:
+    board = ("--columns", "5", "--rows", "7", "--square-mm", "50", "--marker-mm", "37.5")
+    with pytest.raises(InputError, match="no such video or folder of images"):
+        run("intrinsics", *board, "--out", str(tmp_path / "r.toml"), f"cam={tmp_path / 'none.mp4'}")
+
+
+@pytest.mark.slow
+def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = shared_data / "caliscope" / "post_optimization"
+    videos = [str(folder / "calibration" / "extrinsic" / f"cam_{i}.mp4") for i in range(4)]
+    board = ("--target", "charuco", "--columns", "4", "--rows", "5", "--square-mm", "54", "--marker-mm", "40.5",
+             "--dictionary", "DICT_4X4_1000", "--inverted")  # fmt: skip
+    lenses, rig, page = str(folder / "camera_array.toml"), tmp_path / "rig.toml", tmp_path / "report.html"
+    figures = run("extrinsics", *board, "--intrinsics", lenses, "--out", str(rig), "--report", str(page), *videos)
+    json.dumps(figures)
+    assert read_rig(rig).names == ("cam_0", "cam_1", "cam_2", "cam_3")
+    text = page.read_text()
+    assert "extrinsics: passed" in text
+    assert text.count("data:image/png;base64,") == 4
+    offsets = [f"cam_{i}={figures[f'cam_{i}_offset_ms']}" for i in range(4)]
+    assert run("verify", *board, "--rig", str(rig), *videos, "--offset-ms", *offsets)["length_rms_mm"] < 1.2
+    refused = tmp_path / "refused.toml"
+    with pytest.raises(RefusedCalibration, match="halves agree"):
+        run(
+            "extrinsics",
+            *board,
+            "--intrinsics",
+            lenses,
+            "--clocks",
+            "together",
+            "--out",
+            str(refused),
+            "--report",
+            str(page),
+            *videos,
+        )
+    assert not refused.exists()
+    assert "extrinsics: refused: halves agree" in page.read_text()
+
+
+def test_a_report_shows_remedies_only_for_what_failed() -> None:
+    good, bad = Check("a", True, "fine <1>", "not shown"), Check("b", False, "broken", "do this")
+    page = html_page(CalibrationReport("thing", (good, bad), ("left out",), {"n": 3.0}))
+    assert "fine &lt;1&gt;" in page
+    assert "not shown" not in page
+    assert "broken; do this" in page
+    with pytest.raises(RefusedCalibration, match="thing: b: broken; do this"):
+        CalibrationReport("thing", (good, bad)).require()

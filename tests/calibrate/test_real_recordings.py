@@ -1,0 +1,104 @@
+"""Real recordings of others: a ChArUco board before four webcams, one marker in a gait lab, a man on a beam."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.calibrate.checks import camera_differences
+from posefuse.calibrate.detection import observe, observe_all
+from posefuse.calibrate.extrinsics import Calibration, calibrate_extrinsics
+from posefuse.calibrate.observations import Observations, joined
+from posefuse.calibrate.person import KnownLength, calibrate_from_person, person_views
+from posefuse.calibrate.pipeline import Options
+from posefuse.calibrate.report import RefusedCalibration
+from posefuse.calibrate.rotations import Poses, stacked
+from posefuse.calibrate.targets import Charuco, Markers
+from posefuse.calibrate.verify import verify
+from posefuse.core import SE3, Rig
+from posefuse.detect.openpose import read_openpose_folder
+from posefuse.files.rig import read_rig
+from posefuse.sources import ImagesConfig, VideoConfig
+
+BOARD = Charuco(4, 5, 0.054, 0.0405, "DICT_4X4_1000", inverted=True)
+
+
+@pytest.fixture(scope="module")
+def reference(shared_data: Path) -> Rig:
+    return read_rig(shared_data / "caliscope" / "post_optimization" / "camera_array.toml")
+
+
+@pytest.fixture(scope="module")
+def board_views(shared_data: Path) -> Observations:
+    folder = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic"
+    return observe_all([VideoConfig(folder / f"cam_{i}.mp4", f"cam_{i}").build() for i in range(4)], BOARD)
+
+
+@pytest.fixture(scope="module")
+def found(board_views: Observations, reference: Rig) -> Calibration:
+    return calibrate_extrinsics(board_views, reference.cameras, BOARD)
+
+
+def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
+    first, second = (stacked([Poses.from_se3(camera.cam_from_world) for camera in rig]) for rig in (a, b))
+    return camera_differences(first, second)
+
+
+def test_webcams_out_of_step_are_not_taken_as_synchronised(board_views: Observations, reference: Rig) -> None:
+    with pytest.raises(RefusedCalibration, match=r"halves agree.*also failed: .*cameras are in step"):
+        calibrate_extrinsics(board_views, reference.cameras, BOARD, Options(clocks="together"))
+
+
+def test_the_board_measures_right_in_the_rig_that_was_found(found: Calibration, board_views: Observations) -> None:
+    measured = verify(found.rig, board_views, BOARD, found.delay_s[:, 0])
+    assert measured.length_rms_m <= 1.2e-3
+    assert measured.report.failed == ()
+
+
+def test_it_measures_the_board_better_than_the_reference_rig_does(
+    found: Calibration, board_views: Observations, reference: Rig
+) -> None:
+    """The reference was made as if the webcams were synchronised, which they are not; so it is near, and less true."""
+    ours = verify(found.rig, board_views, BOARD, found.delay_s[:, 0])
+    theirs = verify(reference, board_views, BOARD)
+    assert ours.length_rms_m < 0.85 * theirs.length_rms_m
+    metres, radians = differences(found.rig, reference)
+    assert metres.max() < 0.015
+    assert np.rad2deg(radians.max()) < 0.8
+
+
+def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
+    folder = shared_data / "pose2sim_single"
+    rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
+    poses = {
+        name: list(read_openpose_folder(folder / "openpose_json" / f"{name.replace('_', '')}_json", name).frames(60.0))
+        for name in rig.names
+    }
+    result = calibrate_from_person(person_views(poses), rig.cameras, KnownLength(stature_m=1.75))
+    assert result.report.failed == ()
+    centres, true = result.rig.centres_world(), rig.centres_world()
+    spread = [np.linalg.norm(c - c.mean(axis=0)) for c in (centres, true)]
+    grown = replace(
+        result.rig,
+        cameras=tuple(
+            replace(c, cam_from_world=SE3(c.cam_from_world.wxyz, c.cam_from_world.xyz * spread[1] / spread[0]))
+            for c in result.rig
+        ),
+    )
+    metres, radians = differences(rig, grown)
+    assert np.rad2deg(radians.max()) < 1.0
+    assert metres.max() < 0.075
+
+
+def test_one_marker_with_foreign_intrinsics_is_refused_by_name(shared_data: Path, reference: Rig, tmp_path: Path) -> None:
+    target, seen = Markers(0.1), []
+    for i in range(4):
+        place = tmp_path / f"cam_{i}"
+        place.mkdir()
+        for image in sorted((shared_data / "caliscope" / "aruco_extrinsic").glob(f"cam_{i}_*.jpg")):
+            shutil.copy(image, place)
+        seen.append(observe(ImagesConfig(place, f"cam_{i}", rate_hz=1.0).build(), target))
+    with pytest.raises(RefusedCalibration, match=r"corners fit|cannot be linked|cameras agree"):
+        calibrate_extrinsics(joined(seen), reference.cameras, target)
