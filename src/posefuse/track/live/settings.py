@@ -34,6 +34,8 @@ class LiveSettings:
         outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
         tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
         min_share: share of a detection's keypoints that must do so.
+        score_min: keypoints below it are not used.
+        sigma_share: noise of a keypoint of score 1 where the network states none, as a share of the body's extent.
         bone_sigma_m: how constant the lengths of bones are, as this network sees them.
     """
 
@@ -53,4 +55,6 @@ class LiveSettings:
     gate_chi2: Annotated[float, Gt(0)] = 36.0
     tolerance_m: Annotated[float, Gt(0)] = 0.2
     min_share: Annotated[float, Gt(0), Le(1)] = 0.4
+    score_min: Annotated[float, Ge(0), Le(1)] = 0.1
+    sigma_share: Annotated[float, Gt(0)] = 0.015
     bone_sigma_m: Annotated[float, Gt(0)] = 0.015

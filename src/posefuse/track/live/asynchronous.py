@@ -1,0 +1,215 @@
+"""Every view counts at its own time; the pose is predicted to the time it is wanted for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
+from posefuse.core.arrays import Array
+
+from .admission import Admission
+from .contract import CameraHealth, Solve
+from .optics import Optics, Rays
+from .person import Model, Person, Pose3DArrays, View
+from .settings import LiveSettings
+
+# a person is looked for in views nobody claimed that are not older than this against the newest, so often at most
+_BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
+# who was not measured for so long may be found anew within this distance
+_STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
+_SAME_PERSON_M = 0.3
+_LEAST_POINTS, _LEAST_SHARE = 5, 0.3
+# how fast a person may move during the views a birth is made from
+_BIRTH_SPEED_M_S = 1.0
+_LEAST_KEYPOINTS = 3
+_HEALTH_MEMORY = 0.01
+
+
+@dataclass
+class _Figures:
+    """Running figures of one camera."""
+
+    used: int = 0
+    unclaimed: int = 0
+    newest_ns: int | None = None
+    square: float = float("nan")
+    gated: float = 0.0
+    flipped: float = 0.0
+
+    def count(self, figures: Array) -> None:
+        """Work in what `kernels.step` said about a view."""
+        self.used += 1
+        if figures[0] == 0:
+            return
+        memory = max(_HEALTH_MEMORY, 1 / self.used)
+        square = float(figures[2] / (2 * figures[0]))
+        self.square = square if np.isnan(self.square) else self.square + memory * (square - self.square)
+        self.gated += memory * (float(figures[1] / figures[0]) - self.gated)
+        self.flipped += memory * (float(figures[3] > 0) - self.flipped)
+
+
+class AsynchronousTracker:
+    """A Kalman filter bank per keypoint; see `kernels`. A person is born from the robust solve of views nobody claimed."""
+
+    def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve) -> None:
+        self._model = Model(rig, skeleton, settings)
+        self._solve = solve
+        self._admission = Admission(rig, skeleton, settings)
+        self._place = {name: c for c, name in enumerate(rig.names)}
+        self._optics = [Optics(camera, settings) for camera in rig]
+        self._figures = {name: _Figures() for name in rig.names}
+        self._people: list[Person] = []
+        self._unclaimed: dict[str, Detections2D] = {}
+        self._tried_ns: int | None = None
+        self._restarts = 0
+
+    def add(self, detections: Detections2D) -> None:
+        """See `Tracker.add`."""
+        if not self._admission.admits(detections):
+            return
+        if self._admission.restarts != self._restarts:
+            self._restarts, self._tried_ns = self._admission.restarts, None
+            self._people.clear()
+            self._unclaimed.clear()
+        detections = _surest(detections, self._model.settings.detections_max)
+        figures, c = self._figures[detections.camera], self._place[detections.camera]
+        figures.newest_ns = max(detections.t_ns, figures.newest_ns or detections.t_ns)
+        rays = self._optics[c].rays(detections)
+        claims = self._claims(rays, c, detections.t_ns)
+        for person, p in claims:
+            view = View(detections.t_ns, c, rays.z[p], rays.white[p], rays.late_s[p], rays.sigma_px[p])
+            told = person.add(view)
+            if told is not None:
+                figures.count(told)
+        self._keep_unclaimed(detections, {p for _, p in claims}, figures)
+        self._forget()
+        self._look_for_newcomers()
+
+    def at(self, t_ns: int) -> Pose3D:
+        """See `Tracker.at`. Times older than the lag buffer are forgotten: nobody."""
+        self._admission.asked(t_ns)
+        out = Pose3DArrays(len(self._people), self._model.sizes[0])
+        ids: list[int] = []
+        for person in self._people:
+            if person.pose_into(t_ns, out, len(ids)):
+                ids.append(person.id)
+        return out.pose(t_ns, self._model.skeleton, ids)
+
+    @property
+    def health(self) -> Mapping[str, CameraHealth]:
+        """See `CameraHealth`."""
+        newest_ns = self._admission.newest_ns
+        result = {}
+        for name, heard in self._admission.heard.items():
+            own = self._figures[name]
+            age_s = float("nan") if newest_ns is None or own.newest_ns is None else (newest_ns - own.newest_ns) * 1e-9
+            result[name] = CameraHealth(
+                own.used, age_s, float(np.sqrt(own.square)), own.gated, own.flipped, own.unclaimed, heard.late, heard.ahead,
+                heard.repeated, heard.crowded,
+            )  # fmt: skip
+        return result
+
+    def _claims(self, rays: Rays, c: int, t_ns: int) -> list[tuple[Person, int]]:
+        """Who is who in one view: pairs of person and detection, the best supported first, each at most once."""
+        from . import kernels
+
+        if not self._people or not len(rays):
+            return []
+        settings, model = self._model.settings, self._model
+        support, share = np.empty((len(self._people), len(rays))), np.empty((len(self._people), len(rays)))
+        for n, person in enumerate(self._people):
+            means, sigmas = person.expected(t_ns)
+            kernels.agreement(
+                model.cameras[c], means, sigmas, rays.z, model.mirror, settings.tolerance_m, support[n], share[n]
+            )  # fmt: skip
+        support = np.where(share >= settings.min_share, support, 0.0)
+        claims = []
+        while support.max() > 0:
+            n, p = np.unravel_index(int(support.argmax()), support.shape)
+            claims.append((self._people[n], int(p)))
+            support[n], support[:, p] = 0.0, 0.0
+        return claims
+
+    def _keep_unclaimed(self, detections: Detections2D, claimed: set[int], figures: _Figures) -> None:
+        enough = (np.isfinite(detections.xy_img[..., 0]) & (detections.score > 0)).sum(axis=1) >= _LEAST_KEYPOINTS
+        left = [p for p in range(len(detections)) if p not in claimed and enough[p]]
+        figures.unclaimed += bool(left) and not claimed
+        before = self._unclaimed.get(detections.camera)
+        if before is not None and before.t_ns > detections.t_ns:
+            return
+        self._unclaimed.pop(detections.camera, None)
+        if left:
+            self._unclaimed[detections.camera] = _only(detections, left)
+
+    def _forget(self) -> None:
+        newest_ns = self._admission.newest_ns
+        assert newest_ns is not None
+        settings = self._model.settings
+        self._people = [p for p in self._people if newest_ns - p.measured_ns <= round(settings.lost_after_s * 1e9)]
+        for person in self._people:
+            person.forget(newest_ns - round(settings.lag_s * 1e9))
+
+    def _look_for_newcomers(self) -> None:
+        newest_ns = self._admission.newest_ns
+        assert newest_ns is not None
+        fresh = [person for person in self._people if newest_ns - person.measured_ns <= _STALE_NS]
+        views = {name: one for name, one in self._unclaimed.items() if newest_ns - one.t_ns <= _BIRTH_WINDOW_NS}
+        if len(fresh) >= self._model.settings.max_people or len(views) < 2:
+            return
+        if self._tried_ns is not None and abs(newest_ns - self._tried_ns) < _BIRTH_EVERY_NS:
+            return
+        self._tried_ns = newest_ns
+        skeleton = self._model.skeleton
+        together = [
+            replace(views[name], t_ns=newest_ns) if name in views else Detections2D.nobody(name, newest_ns, skeleton)
+            for name in self._place
+        ]
+        pose = self._solve(together, None)
+        # views of one moment each, on average half a window old
+        t_ns = int(np.mean([one.t_ns for one in views.values()]))
+        for xyz, cov in zip(pose.xyz_world, pose.cov_world, strict=True):
+            spread_m = _BIRTH_SPEED_M_S * (max(one.t_ns for one in views.values()) - t_ns) * 1e-9
+            self._welcome(t_ns, np.array(xyz), cov + spread_m**2 * np.eye(3), fresh)
+
+    def _welcome(self, t_ns: int, xyz: Array, cov: Array, fresh: list[Person]) -> None:
+        there = np.isfinite(xyz[:, 0]).sum()
+        if there < max(_LEAST_POINTS, _LEAST_SHARE * len(xyz)):
+            return
+        if any(_apart_m(person, t_ns, xyz) < _SAME_PERSON_M for person in fresh):
+            return
+        stale = {_apart_m(person, t_ns, xyz): person for person in self._people if person not in fresh}
+        near_m = min(stale, default=np.inf)
+        if near_m < _FOUND_AGAIN_M:
+            self._people.remove(stale[near_m])
+            number = stale[near_m].id
+        else:
+            taken = {person.id for person in self._people}
+            free = [i for i in range(self._model.settings.max_people) if i not in taken]
+            if not free:
+                return
+            number = free[0]
+        self._people.append(Person(self._model, number, t_ns, xyz, cov))
+        self._people.sort(key=lambda person: person.id)
+        fresh.append(next(person for person in self._people if person.id == number))
+
+
+def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
+    distances = np.linalg.norm(person.expected(t_ns)[0] - xyz, axis=-1)
+    return float(np.nanmedian(distances)) if np.isfinite(distances).any() else np.inf
+
+
+def _surest(detections: Detections2D, most: int) -> Detections2D:
+    if len(detections) <= most:
+        return detections
+    order = np.argsort(-np.nan_to_num(detections.score).sum(axis=1), kind="stable")[:most]
+    return _only(detections, [int(p) for p in np.sort(order)])
+
+
+def _only(detections: Detections2D, people: list[int]) -> Detections2D:
+    if len(people) == len(detections):
+        return detections
+    arrays = {name: getattr(detections, name)[people] for name in ("xy_img", "score", "sigma_px", "box_img")}
+    return replace(detections, **arrays)

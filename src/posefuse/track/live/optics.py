@@ -1,0 +1,72 @@
+"""A camera's view as rays: raw pixels to ideal image points with their noise, fast enough for every frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import Camera, Detections2D
+from posefuse.core.arrays import Array
+
+from .settings import LiveSettings
+
+# of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
+_SPACING_PX = 6.0
+# keypoints may be told that far outside the image, as a share of its size
+_MARGIN = 0.3
+_LEAST_SIGMA_PX = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """What one camera saw of P people, ready to be worked in.
+
+    Attributes:
+        z: (P, K, 2) ideal image points; NaN where there is none. white: (P, K, 2, 2) turns their errors into sigmas.
+        late_s: (P, K) how long after mid-exposure the row was exposed (rolling shutter).
+        sigma_px: (P, K).
+    """
+
+    z: Array
+    white: Array
+    late_s: Array
+    sigma_px: Array
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+
+class Optics:
+    """One camera, with its lens as a table."""
+
+    def __init__(self, camera: Camera, settings: LiveSettings) -> None:
+        width, height = camera.size_wh
+        self._corner = np.array([-_MARGIN * width, -_MARGIN * height])
+        columns, rows = (int(np.ceil(size * (1 + 2 * _MARGIN) / _SPACING_PX)) + 2 for size in (width, height))
+        at = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) * _SPACING_PX + self._corner
+        self._table = np.ascontiguousarray(camera.norm_from_px(at))
+        self._readout_s, self._rows = camera.readout_s, max(height - 1, 1)
+        self._settings = settings
+
+    def rays(self, detections: Detections2D) -> Rays:
+        """Every keypoint that can be used: scored, finite, where the lens can be inverted."""
+        from . import kernels
+
+        xy = detections.xy_img.astype(np.float64)
+        sigma = self._sigma_px(xy, detections.score, detections.sigma_px.astype(np.float64))
+        z, white = np.empty(xy.shape), np.empty((*xy.shape, 2))
+        kernels.measure(self._table, self._corner, _SPACING_PX, xy, sigma, z, white)
+        late = self._readout_s * (np.clip(xy[..., 1] / self._rows, 0, 1) - 0.5) if self._readout_s else np.zeros(sigma.shape)
+        return Rays(z, white, late, sigma)
+
+    def _sigma_px(self, xy: Array, score: Array, sigma: Array) -> Array:
+        """NaN where unusable; where the network states none, from the body's extent and the score."""
+        usable = score >= self._settings.score_min
+        missing = usable & ~(sigma > 0)
+        if missing.any():
+            seen = np.isfinite(xy)
+            extent = np.where(seen, xy, -np.inf).max(axis=1) - np.where(seen, xy, np.inf).min(axis=1)
+            full = np.maximum(self._settings.sigma_share * extent.max(axis=-1), 1.0)
+            sigma = np.where(missing, full[:, None] / np.maximum(score, 1e-3), sigma)
+        return np.where(usable, np.maximum(sigma, _LEAST_SIGMA_PX), np.nan)

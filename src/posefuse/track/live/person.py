@@ -1,0 +1,202 @@
+"""One tracked person: views in the order of their own times, and what was known after each of them."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from posefuse.core import Kind, Pose3D, Rig, Skeleton
+from posefuse.core.arrays import Array
+
+from .settings import LiveSettings
+
+_ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
+_LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
+# what a newborn's keypoint may do, one standard deviation
+_BORN_M_S = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Everything about a session the kernels read, packed once."""
+
+    rig: Rig
+    skeleton: Skeleton
+    settings: LiveSettings
+
+    @cached_property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Keypoints, motion models, cameras, bones."""
+        return len(self.skeleton), len(self.settings.acceleration_m_s2), len(self.rig), len(self.ends)
+
+    @cached_property
+    def cameras(self) -> Array:
+        """(C, 15): rotation, translation, centre."""
+        return np.stack(
+            [np.concatenate([c.cam_from_world.matrix().ravel(), c.cam_from_world.xyz, c.centre_world]) for c in self.rig]
+        )
+
+    @cached_property
+    def models(self) -> Array:
+        """(M, 2): acceleration, and how long it lasts."""
+        return np.stack([self.settings.acceleration_m_s2, self.settings.persistence_s], axis=1).astype(np.float64)
+
+    @cached_property
+    def mirror(self) -> Array:
+        """(K,) counterparts."""
+        return np.asarray(self.skeleton.mirror, np.int64)
+
+    @cached_property
+    def group(self) -> Array:
+        """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
+        groups = np.full(len(self.skeleton), -1, np.int64)
+        for i, name in enumerate(self.skeleton.keypoints):
+            if self.mirror[i] != i:
+                part = name.split("_", 1)[1]
+                groups[i] = 0 if part in _ARMS else 1 if part in _LEGS else 2
+        return groups
+
+    @cached_property
+    def ends(self) -> Array:
+        """(B, 2) bones."""
+        return np.asarray(self.skeleton.bone_indices, np.int64)
+
+    @cached_property
+    def neighbours(self) -> Array:
+        """(K, n) keypoints at the other ends of each one's bones, -1 for none."""
+        lists: list[list[int]] = [[] for _ in self.skeleton.keypoints]
+        for a, b in self.ends:
+            lists[a].append(int(b))
+            lists[b].append(int(a))
+        most = max(1, *(len(one) for one in lists))
+        return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
+
+    @cached_property
+    def step_rules(self) -> Array:
+        """As `kernels.step` wants them."""
+        s = self.settings
+        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s])
+
+    @cached_property
+    def pose_rules(self) -> Array:
+        """As `kernels.pose` wants them."""
+        s = self.settings
+        kinds = [float(Kind.FUSED), float(Kind.PREDICTED)]
+        return np.array([s.measured_s, s.lost_after_s, s.switch_s, s.lasting_share, s.bone_sigma_m, *kinds])
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One camera's keypoints of this person: z, sigma_px (K, ...) and so on as in `optics.Rays`."""
+
+    t_ns: int
+    camera: int
+    z: Array
+    white: Array
+    late_s: Array
+    sigma_px: Array
+
+
+@dataclass(eq=False)
+class _Moment:
+    """What was known just after a view; the first has none: it is where memory begins."""
+
+    t_ns: int
+    camera: int
+    view: View | None
+    state: Array
+
+
+class Person:
+    """A person from birth on. Views may come late: what was known before them is still there, and the rest is done anew."""
+
+    def __init__(self, model: Model, person_id: int, t_ns: int, xyz: Array, cov: Array) -> None:
+        from . import kernels
+
+        self.id = person_id
+        self.measured_ns = t_ns
+        self._model, self._birth_ns = model, t_ns
+        state = np.empty(kernels.state_size(*model.sizes))
+        kernels.born(state, *model.sizes, xyz, cov, _BORN_M_S, model.models[:, 0].copy())
+        self._moments = [_Moment(t_ns, -1, None, state)]
+        self._figures = np.empty(kernels.FIGURES)
+
+    def add(self, view: View) -> Array | None:
+        """Work a view in at its own time; its figures (`kernels.FIGURES`), or None when it is older than memory."""
+        if view.t_ns < self._moments[0].t_ns:
+            return None
+        place = bisect_right(self._moments, (view.t_ns, view.camera), key=lambda m: (m.t_ns, m.camera))
+        self._moments.insert(place, _Moment(view.t_ns, view.camera, view, np.empty_like(self._moments[0].state)))
+        figures = self._redone(place)
+        for later in range(place + 1, len(self._moments)):
+            self._redone(later)
+        if figures[0] > figures[1]:
+            self.measured_ns = max(self.measured_ns, view.t_ns)
+        return figures
+
+    def forget(self, before_ns: int) -> None:
+        """Views older than this will not come any more."""
+        keep = 0
+        while keep + 1 < len(self._moments) and self._moments[keep + 1].t_ns <= before_ns:
+            keep += 1
+        del self._moments[:keep]
+
+    def expected(self, t_ns: int) -> tuple[Array, Array]:
+        """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
+        from . import kernels
+
+        model = self._model
+        means, sigmas = np.empty((model.sizes[0], 3)), np.empty(model.sizes[0])
+        state = self._before(t_ns).state
+        kernels.where(state, self._seconds(t_ns), model.sizes, model.models, model.settings.switch_s, means, sigmas)
+        return means, sigmas
+
+    def pose_into(self, t_ns: int, out: Pose3DArrays, row: int) -> bool:
+        """Fill row `row` with the pose at t_ns; whether any keypoint of the person is there."""
+        from . import kernels
+
+        if t_ns < self._moments[0].t_ns:
+            return False
+        model = self._model
+        kernels.pose(
+            self._before(t_ns).state, self._seconds(t_ns), model.cameras, model.ends, model.sizes, model.models,
+            model.pose_rules, out.xyz[row], out.cov[row], out.reproj[row], out.n_views[row], out.kind[row],
+        )  # fmt: skip
+        return bool(out.kind[row].any())
+
+    def _redone(self, place: int) -> Array:
+        from . import kernels
+
+        model, now = self._model, self._moments[place]
+        view = now.view
+        assert view is not None
+        kernels.step(
+            self._moments[place - 1].state, now.state, self._seconds(now.t_ns), view.camera, view.z, view.white, view.late_s,
+            view.sigma_px, model.cameras, model.mirror, model.group, model.neighbours, model.ends, model.sizes, model.models,
+            model.step_rules, self._figures,
+        )  # fmt: skip
+        return self._figures.copy()
+
+    def _before(self, t_ns: int) -> _Moment:
+        return self._moments[max(0, bisect_right(self._moments, t_ns, key=lambda m: m.t_ns) - 1)]
+
+    def _seconds(self, t_ns: int) -> float:
+        return (t_ns - self._birth_ns) * 1e-9
+
+
+class Pose3DArrays:
+    """Room for the pose of up to n people."""
+
+    def __init__(self, n: int, k: int) -> None:
+        self.xyz, self.cov, self.reproj = np.empty((n, k, 3)), np.empty((n, k, 3, 3)), np.empty((n, k))
+        self.n_views, self.kind = np.zeros((n, k), np.uint8), np.zeros((n, k), np.uint8)
+
+    def pose(self, t_ns: int, skeleton: Skeleton, ids: list[int]) -> Pose3D:
+        """The first rows, one per id, as a value."""
+        n = len(ids)
+        return Pose3D(
+            t_ns, skeleton, np.array(ids, np.int64), self.xyz[:n], self.cov[:n], self.reproj[:n], self.n_views[:n], self.kind[:n]
+        )
