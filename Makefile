@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 EXTRAS := dev,sim,viewer,ros
 READY  := $(VENV)/.ready-$(shell cat pyproject.toml constraints.txt tools/install.sh | cksum | cut -d' ' -f1)
 
-.PHONY: help setup demo test test-slow check bench demo-clip clean
+.PHONY: help setup demo test test-slow check bench demo-clip pictures clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
@@ -14,6 +14,7 @@ help:
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
 	@echo "make demo-clip  render the bundled clip anew with the simulator"
+	@echo "make pictures   draw the pictures of the docs anew"
 
 setup: $(READY)
 
@@ -40,6 +41,10 @@ bench: setup
 
 demo-clip: setup
 	$(BIN)/posefuse simulate examples/scenes/demo.yaml --out examples/demo --force
+
+pictures: demo
+	cp out/demo/overview.png docs/images/overview.png
+	$(BIN)/python docs/make_simulation_pictures.py
 
 clean:
 	rm -rf out build dist .pytest_cache .mypy_cache .ruff_cache
