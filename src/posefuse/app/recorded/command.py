@@ -105,7 +105,7 @@ def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path]
 def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | None) -> None:
     facts = {
         "cameras": figures["cameras"],
-        "instants": figures["instants"],
+        "frames": f"{figures['instants']} instants, {figures['instants'] * figures['cameras']} images",
         "people": figures["people"],
         "seen in": ", ".join(f"{name} {share:.0%}" for name, share in figures["found"].items()),
     }
