@@ -23,6 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
     add_outputs(parser)
     add_settings(parser)
+    parser.add_argument(
+        "--fault", action="append", default=[], metavar="CAMERA=KIND@START[-END]",
+        help="let a camera freeze, jump, flood, hang or unplug after START seconds, to see that the set-up survives it",
+    )  # fmt: skip
     parser.add_argument("--replay", type=Path, metavar="FILE", help="feed a recording to the tracker again, and compare")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
 
+from .faults import Fault, disturbed
 from .messages import CameraState
 
 _RETRY_S = 1.0
@@ -27,12 +29,14 @@ class LiveInput:
         camera: name in the rig. kind: how the user called it, e.g. ``rtsp``.
         config: source config with `build()`; one with a field `zero_ns` counts time from there (monotonic clock).
         reopen: a source that ends or fails is opened again until the session ends.
+        faults: what is to go wrong, for trials.
     """
 
     camera: str
     kind: str
     config: Any
     reopen: bool
+    faults: tuple[Fault, ...] = ()
 
     @property
     def from_zero(self) -> bool:
@@ -73,6 +77,7 @@ class Capture:
         self._state, self._text = "opening", ""
         self._captured = self._used = self._replaced = self._missing = 0
         self._thread: threading.Thread | None = None
+        self._began_s = 0.0
 
     def open(self) -> None:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
@@ -119,7 +124,9 @@ class Capture:
             self._source = self.entry.open(self.camera, zero_ns)
         still, before, seq = 0, None, None
         try:
-            for frame in self._source.frames():
+            frames = self._source.frames()
+            self._began_s = self._began_s or time.monotonic()
+            for frame in disturbed(frames, self.entry.faults, self._began_s) if self.entry.faults else frames:
                 if self._stop.is_set():
                     return
                 sample = frame.image[::_SAMPLE_STEP, ::_SAMPLE_STEP].copy()

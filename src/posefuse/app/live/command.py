@@ -15,6 +15,7 @@ from posefuse.files.rig import read_rig
 
 from .clock import SessionClock
 from .config import LiveConfig
+from .faults import faults_from_arguments
 from .inputs import inputs_from_arguments
 from .outputs import OutputPlan
 from .report import figures_of, show, write_report
@@ -31,7 +32,11 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
         return replay(args.replay, rig, config, terminal)
     if args.report and args.report.exists() and any(args.report.iterdir()):
         raise InputError(f"{args.report}: is there already and not empty; choose another folder")
-    inputs = inputs_from_arguments(args.source, rig, args.domain)
+    faults = faults_from_arguments(args.fault, rig)
+    inputs = tuple(
+        dataclasses.replace(entry, faults=faults.get(entry.camera, ()), reopen=entry.reopen or entry.camera in faults)
+        for entry in inputs_from_arguments(args.source, rig, args.domain)
+    )
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     done = run_live(rig, inputs, config, output_plan(args, rig), args.duration, terminal.note)
     figures = figures_of(done)

@@ -74,7 +74,15 @@ class Latencies:
         # newest views: (exposure in s, camera, total in ms)
         self.newest: deque[tuple[float, str, float]] = deque(maxlen=_NEWEST)
         self.periods = Histogram()
+        self._first_out_ns: int | None = None
         self._last_out_ns: int | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """Outputs per second."""
+        if self._first_out_ns is None or self._last_out_ns is None or self.ticks.count < 2:
+            return float("nan")
+        return (self.ticks.count - 1) * 1e9 / (self._last_out_ns - self._first_out_ns)
 
     def view_out(self, way: Way, output_ns: int) -> None:
         """The first output that rests on this view has gone out."""
@@ -91,6 +99,8 @@ class Latencies:
         self.ticks.add((output_ns - due_ns) / 1e6)
         if self._last_out_ns is not None:
             self.periods.add(abs(output_ns - self._last_out_ns - period_ns) / 1e6)
+        else:
+            self._first_out_ns = output_ns
         self._last_out_ns = output_ns
 
     def figures(self) -> dict[str, Any]:

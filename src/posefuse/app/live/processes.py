@@ -85,10 +85,9 @@ class Groups:
     def __exit__(self, *problem: object) -> None:
         self.stop()
 
-    @property
-    def pids(self) -> list[int]:
-        """Process ids, one per group."""
-        return [member.process.pid for member in self._members]
+    def whereabouts(self) -> list[str]:
+        """Which cameras are in which process, in words."""
+        return [f"cameras {_cameras(member.plan)} in process {member.process.pid}" for member in self._members]
 
     @property
     def restarts(self) -> int:

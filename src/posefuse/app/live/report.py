@@ -45,7 +45,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "zero_ns": done.zero_ns,
         "poses": fusion.poses,
         "poses_with_people": fusion.poses_with_people,
-        "poses_per_s": fusion.poses / done.seconds if done.seconds > 0 else float("nan"),
+        "poses_per_s": fusion.latencies.rate_hz,
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         "cpu_fusion_share": done.cpu_s[0] / done.seconds,
         "cpu_children_share": done.cpu_s[1] / done.seconds,
@@ -67,15 +67,16 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
     latency = figures["latency"]
     rows = [
         [
-            name, camera["state"], camera["captured"], f"{camera['used_share']:.0%}" if camera["captured"] else "-",
-            *(latency["cameras_ms"][name][stage]["p50"] for stage in STAGES),
-            latency["cameras_ms"][name]["total"]["p95"], latency["cameras_ms"][name]["total"]["p99"],
+            name, camera["state"], f"{camera['used_share']:.0%}" if camera["captured"] else "-",
+            *(f"{latency['cameras_ms'][name][stage]['p50']:.1f}" for stage in STAGES),
+            *(f"{latency['cameras_ms'][name]['total'][share]:.0f}" for share in ("p95", "p99")),
         ]
         for name, camera in figures["cameras"].items()
     ]  # fmt: skip
-    medians = [f"{stage} ms" for stage in STAGES]
     terminal.table(
-        "Latency from exposure to output (medians)", ("camera", "state", "frames", "used", *medians, "p95 ms", "p99 ms"), rows
+        "Median ms per stage from exposure to output, and of the total p95 and p99",
+        ("camera", "state", "used", *STAGES, "p95", "p99"),
+        rows,
     )
     whole, beat = latency["all_cameras_total_ms"], latency["output"]
     facts = {

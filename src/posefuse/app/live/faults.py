@@ -1,0 +1,63 @@
+"""Camera faults on purpose, to see that a set-up survives them: `posefuse live --fault cam01=freeze@3-6`."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from posefuse.core import ConfigError, Frame, Rig, SourceError
+from posefuse.core.errors import choices
+
+FAULTS = ("freeze", "jump", "flood", "hang", "unplug")
+_JUMP_NS = 3600 * 1_000_000_000
+_COPIES = 40
+_POLL_S = 0.02
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong with a camera, and when.
+
+    Attributes:
+        kind: ``freeze`` (the same image again and again), ``jump`` (its clock is an hour ahead), ``flood`` (forty frames
+            for one), ``hang`` (says nothing), ``unplug`` (the source ends, and comes back).
+        start_s, end_s: seconds after the camera's first frame.
+    """
+
+    kind: str
+    start_s: float
+    end_s: float
+
+
+def faults_from_arguments(arguments: Sequence[str], rig: Rig) -> dict[str, tuple[Fault, ...]]:
+    """Faults by camera of ``CAMERA=KIND@START[-END]``; raises ConfigError for anything else."""
+    found: dict[str, tuple[Fault, ...]] = {}
+    for argument in arguments:
+        match = re.fullmatch(r"([^=]+)=([a-z]+)@([0-9.]+)(?:-([0-9.]+))?", argument)
+        if not match or match[2] not in FAULTS or match[1] not in rig.names:
+            raise ConfigError(
+                f"--fault {argument}: expected CAMERA=KIND@START[-END], cameras: {choices(rig.names)}; kinds: {choices(FAULTS)}"
+            )
+        fault = Fault(match[2], float(match[3]), float(match[4]) if match[4] else float("inf"))
+        found[match[1]] = (*found.get(match[1], ()), fault)
+    return found
+
+
+def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) -> Iterator[Frame]:
+    """The frames as a faulty camera gives them; `begun_s` is the monotonic time of its first one."""
+    last: Frame | None = None
+    for frame in frames:
+        active = {fault.kind: fault for fault in faults if fault.start_s <= time.monotonic() - begun_s < fault.end_s}
+        if "unplug" in active:
+            raise SourceError(f"camera {frame.camera}: unplugged on purpose")
+        while "hang" in active and time.monotonic() - begun_s < active["hang"].end_s:
+            time.sleep(_POLL_S)
+        if "freeze" not in active or last is None:
+            last = frame
+        shown = replace(frame, image=last.image)
+        if "jump" in active:
+            shown = replace(shown, t_ns=frame.t_ns + _JUMP_NS)
+        for copy in range(_COPIES if "flood" in active else 1):
+            yield replace(shown, t_ns=shown.t_ns + copy)
