@@ -14,7 +14,7 @@ from posefuse.calibrate.synthetic import Faults, board, cube, observe_prop
 from posefuse.calibrate.targets import Charuco, Chessboard, Markers
 from posefuse.core import SE3, CalibrationError, Rig
 
-TOGETHER = Options(instants=100, clocks="together")
+TOGETHER = Options(instants=160, clocks="together")
 
 
 @pytest.fixture(scope="module")

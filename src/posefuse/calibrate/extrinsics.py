@@ -181,11 +181,14 @@ def _solution_checks(
     quick = [
         checks.check_still(cameras, solved),
         checks.check_facing(cameras, solved),
-        _with_clock_hint(checks.check_fit(cameras, solved), observations, cameras, target, options),
-        _with_clock_hint(checks.check_cameras_agree(cameras, solved), observations, cameras, target, options),
+        checks.check_fit(cameras, solved),
+        checks.check_cameras_agree(cameras, solved),
         checks.check_determined(cameras, solved, distance_m),
         checks.check_apart(cameras, state.cam_from_world),
     ]
+    wrong = next((i for i, check in enumerate(quick) if not check.passed), None)
+    if wrong is not None:
+        quick[wrong] = _with_clock_hint(quick[wrong], observations, cameras, target, options)
     # the rest takes further solves, which say nothing about a rig that already fails
     _stop_if_failed([*before, *quick])
     done = [
