@@ -131,6 +131,8 @@ def _feature(xyz: Array, xy: Array, size_wh: tuple[int, int]) -> Array:
 def _sharp(views: list[_View]) -> list[_View]:
     """Views whose edges are not much softer than usual; all when too few would be left."""
     sharpness = np.array([view.sharpness for view in views])
+    if not np.isfinite(sharpness).any():
+        return views
     keep = sharpness >= _LEAST_SHARPNESS * np.nanmedian(sharpness)
     return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= _LEAST_VIEWS else views
 
