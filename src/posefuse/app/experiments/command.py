@@ -1,0 +1,50 @@
+"""What `posefuse experiment` does around the experiments: files, headline figures, the summary."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from posefuse.app.terminal import Terminal, plain
+from posefuse.files.atomic import atomic_file
+
+from .runs import Context, about
+from .summary import write_summary
+
+EXPERIMENTS = ("static", "walking", "latency", "drift", "scaling")
+
+
+def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Run one experiment or all; returns the files written."""
+    wanted = EXPERIMENTS if args.name == "all" else (args.name,)
+    args.out.mkdir(parents=True, exist_ok=True)
+    options = " --quick" if args.quick else ""
+    written: list[Path] = []
+    for name in wanted:
+        context = Context(
+            args.sessions or args.out / "sessions", args.quick, args.workers, f"posefuse experiment {name}{options}", terminal
+        )
+        written += _one(name, context, args.out)
+    if not args.quick:
+        written.append(write_summary(args.out))
+    terminal.facts("Experiments", {path.name: str(path) for path in written})
+    return {"files": written}
+
+
+def _one(name: str, context: Context, out: Path) -> list[Path]:
+    module = importlib.import_module(f"posefuse.app.experiments.{name}")
+    outcome = module.run(context)
+    facts = about(context)
+    outcome.page.section("How it was made")
+    outcome.page.facts(facts)
+    page = outcome.page.write(out / f"{name}.html")
+    figures = out / f"{name}.json"
+    with atomic_file(figures) as beside:
+        content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}
+        beside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    return [page, figures]

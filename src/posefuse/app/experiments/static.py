@@ -1,0 +1,67 @@
+"""T-pose amid eight cameras, free and occluded: what weights do (the paper's table of static accuracy)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from posefuse.evaluate.experiments import paper
+from posefuse.evaluate.experiments.page import Page
+from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, static_scene
+from posefuse.evaluate.metrics import JointErrors
+
+from .runs import Context, Outcome, Run, errors_row, joint_table, pictures, run_scene
+
+SUMMARY = "T-pose, 8 cameras, free and occluded: none, score, all, robust"
+TITLES = {"free": "Nothing in the way", "occluded": "Walls, boxes and clutter in the way"}
+_QUICK_S, _FULL_S, _CHECK_S = 0.3, 3.0, 1.0
+
+
+def run(context: Context) -> Outcome:
+    """Both cases with every weighting, and with other bodies as a check."""
+    page = Page("Static accuracy: what weights do")
+    figures: dict[str, Any] = {}
+    for case, title in TITLES.items():
+        scene = static_scene(case == "occluded", 1, _QUICK_S if context.quick else _FULL_S)
+        done = run_scene(f"static-{case}-1", scene, context)
+        columns = {name: errors_row(errors) for name, errors in _columns(done).items()}
+        figures[case] = columns
+        page.section(
+            title,
+            "none, score, all: the paper's weights on the landmarks as they are, instant by instant. robust: our estimator on "
+            "the same. + centres: landmarks moved to joint centres. default: that, smoothed over time, as `posefuse track` does.",
+        )
+        joint_table(page, columns, paper.STATIC[case])
+        page.pictures({k: v for c in (0, 3, 6) for k, v in pictures(done, c, [0], 400).items()})
+    if not context.quick:
+        figures["check"] = _check(context, page)
+    return Outcome(figures, page)
+
+
+def _columns(done: Run) -> dict[str, JointErrors]:
+    return {
+        **{weights: done.errors(weights, smoothed=False, centred=False) for weights in ("none", "score", "all", "robust")},
+        "robust + centres": done.errors(smoothed=False),
+        "default": done.errors(),
+    }
+
+
+def _check(context: Context, page: Page) -> dict[str, Any]:
+    """The default on other bodies and other clutter."""
+    found: dict[str, Any] = {case: {} for case in TITLES}
+    for seed in CHECK_SEEDS:
+        for case in TITLES:
+            done = run_scene(f"static-{case}-{seed}", static_scene(case == "occluded", seed, _CHECK_S), context)
+            found[case][str(seed)] = {
+                "default": errors_row(done.errors())["mean_mm"],
+                "landmarks": errors_row(done.errors(centred=False))["mean_mm"],
+            }
+    page.section("Other bodies", "Mean over 14 joints, mm. Bodies drawn by these seeds; clutter drawn anew.")
+    rows = [
+        [f"{case}, {what}", *(found[case][str(seed)][what] for seed in CHECK_SEEDS)]
+        for case in TITLES
+        for what in ("landmarks", "default")
+    ]
+    page.table(["case", *(f"seed {seed}" for seed in CHECK_SEEDS), "mean"], [[*row, float(np.mean(row[1:]))] for row in rows])
+    return found

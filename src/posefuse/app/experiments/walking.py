@@ -1,0 +1,100 @@
+"""A random walk amid four cameras (the paper's walking experiment)."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from posefuse.app.recorded.second_pass import views_of
+from posefuse.core import Pose3D
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import pick_keypoints
+from posefuse.evaluate.experiments import paper
+from posefuse.evaluate.experiments.page import Line, Page, plot
+from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, walking_scene
+from posefuse.evaluate.metrics import true_xyz_at
+from posefuse.fuse import FuseSettings, fuse
+
+from .runs import Context, Outcome, Run, errors_row, joint_table, pictures, run_scene
+
+SUMMARY = "walking, 4 cameras, 60 s at 1.35 m/s: error per joint, trajectories, rate of the fusion"
+_SHOWN = ("right_wrist", "left_hip", "left_ankle")
+_QUICK_S, _FULL_S, _CHECK_S = 2.0, 60.0, 12.0
+_MOMENTS = 6
+_SHOWN_S = 12.0
+
+
+def run(context: Context) -> Outcome:
+    """Errors per joint and weighting, trajectories against the truth, rate of the fusion, six moments."""
+    done = run_scene("walking-1", walking_scene(1, _QUICK_S if context.quick else _FULL_S), context)
+    page = Page("Walking amid four cameras")
+    columns = {
+        **{weights: done.errors(weights, smoothed=False, centred=False) for weights in ("none", "score", "all", "robust")},
+        "robust, smoothed": done.errors(centred=False),
+        "robust + centres": done.errors(smoothed=False),
+        "default": done.errors(),
+    }
+    figures: dict[str, Any] = {"columns": {name: errors_row(errors) for name, errors in columns.items()}}
+    page.section(
+        "Error per joint",
+        f"The paper reports a mean of {paper.WALKING_MEAN} mm, its best joint at {paper.WALKING_BEST} and its worst at "
+        f"{paper.WALKING_WORST} mm. Columns as in the static experiment.",
+    )
+    joint_table(page, figures["columns"], {})
+    page.section("Trajectories against the truth", f"Default result; the first {_SHOWN_S:g} s.")
+    page.plots(_trajectories(done))
+    figures["fusion"], rates = _fusion(done)
+    page.section("Rate of the fusion", "Solves of all keypoints of one instant, timed one after the other in one process.")
+    page.facts({"median": f"{figures['fusion']['median_ms']:.2f} ms per instant", "paper": f"< {paper.TRIANGULATE_MS:g} ms"})
+    page.plots([plot("Fusion", "s of the walk", "instants per s", [Line("rate", *rates, dots=True)], from_zero=True)])
+    page.section("Six moments")
+    count = len(done.recording.poses)
+    page.pictures(pictures(done, 0, np.linspace(0, count - 1, _MOMENTS + 2).astype(int)[1:-1].tolist()))
+    if not context.quick:
+        figures["check"] = _check(context, page)
+    return Outcome(figures, page)
+
+
+def _trajectories(done: Run) -> list[str]:
+    poses, truth = done.recording.poses, done.truth
+    inside = (poses.t_ns <= truth.t_ns[-1]) & (poses.t_ns - poses.t_ns[0] < _SHOWN_S * 1e9)
+    t_s = (poses.t_ns[inside] - poses.t_ns[0]) / 1e9
+    true_xyz = true_xyz_at(truth, poses.t_ns[inside])[:, 0]
+    drawn = []
+    for joint in _SHOWN:
+        got = pick_keypoints(poses.xyz_world[inside, 0], poses.skeleton, [joint])[:, 0]
+        true = pick_keypoints(true_xyz, truth.skeleton, [joint])[:, 0]
+        for axis, name in enumerate("xyz"):
+            lines = [Line("truth", t_s, true[:, axis]), Line("estimate", t_s, got[:, axis])]
+            drawn.append(plot(f"{joint.replace('_', ' ')}, {name}", "s", "m", lines))
+    return drawn
+
+
+def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:
+    views, rig, settings = views_of(done.recording), done.recording.rig, FuseSettings()
+    previous: Pose3D | None = None
+    seconds = []
+    for i in range(len(views.t_ns)):
+        began_s = time.perf_counter()
+        previous = fuse(views.at(i), rig, settings, previous)
+        seconds.append(time.perf_counter() - began_s)
+    took = np.array(seconds)
+    figures = {"median_ms": float(1000 * np.median(took)), "p99_ms": float(1000 * np.percentile(took, 99))}
+    return figures, ((views.t_ns - views.t_ns[0]) / 1e9, 1 / took)
+
+
+def _check(context: Context, page: Page) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for seed in CHECK_SEEDS:
+        done = run_scene(f"walking-{seed}", walking_scene(seed, _CHECK_S), context)
+        found[str(seed)] = {name: errors_row(done.errors(centred=name == "default")) for name in ("landmarks", "default")}
+    page.section("Other bodies and ways", f"{_CHECK_S:g} s each; mm.")
+    rows = [
+        [f"{what}: {label}", *(found[str(seed)][what][key] for seed in CHECK_SEEDS)]
+        for what in ("landmarks", "default")
+        for label, key in (("mean over 14 joints", "mean_mm"), ("worst joint", "worst_mm"))
+    ]
+    page.table(["", *(f"seed {seed}" for seed in CHECK_SEEDS), "mean"], [[*row, float(np.mean(row[1:]))] for row in rows])
+    return found

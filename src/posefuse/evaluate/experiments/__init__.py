@@ -1,0 +1,1 @@
+"""The paper's experiments: scenes, the paper's own numbers, statistics, pages."""
