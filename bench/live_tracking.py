@@ -36,11 +36,14 @@ WARM_UP_S = 1.0
 MOTIONS = {
     "stand": {"kind": "idle"},
     "walk": {"kind": "walk", "path": {"shape": "circle", "radius_m": 1.4}, "speed_mps": 1.35},
-    "arm swing": {"kind": "wave", "period_s": 0.9},
+    "arm swing": {"kind": "idle"},
     "jump": {"kind": "idle"},
 }
 # where each motion is fast: the keypoints whose error counts as moving; others: all
-FAST = {"arm swing": ("right_wrist", "right_elbow")}
+FAST = {
+    "walk": ("left_ankle", "right_ankle", "left_wrist", "right_wrist"),
+    "arm swing": ("left_wrist", "right_wrist", "left_elbow", "right_elbow"),
+}
 
 Place = Callable[[np.ndarray], np.ndarray]
 
@@ -59,7 +62,30 @@ def scene_of(motion: str, cameras: int, seconds: float, seed: int) -> tuple[Rig,
     content = {"duration_s": seconds, "seed": seed, "cameras": {"kind": "ring", "count": cameras}, "people": [person]}
     live = live_scene(settings_from_mapping(content, Scene, "bench"))
     place: Place = lambda t_s: live.keypoints(t_s)[:, 0]  # noqa: E731
-    return live.rig, (jumping(place) if motion == "jump" else place)
+    return live.rig, {"jump": jumping, "arm swing": swinging}.get(motion, lambda same: same)(place)
+
+
+def swinging(place: Place) -> Place:
+    """The same person, both arms swinging to and fro by 60 degrees each way, 0.9 times a second."""
+    arms = [[ANATOMICAL23.index(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
+
+    def swung(t_s: np.ndarray) -> np.ndarray:
+        xyz = place(t_s)
+        across = xyz[:, arms[0][0]] - xyz[:, arms[1][0]]
+        axis = across / np.linalg.norm(across, axis=-1, keepdims=True)
+        for sign, (shoulder, *rest) in zip((1, -1), arms, strict=True):
+            angle = sign * np.deg2rad(60) * np.sin(2 * np.pi * 0.9 * t_s)
+            xyz[:, rest] = xyz[:, [shoulder]] + turned(xyz[:, rest] - xyz[:, [shoulder]], axis[:, None], angle[:, None, None])
+        return xyz
+
+    return swung
+
+
+def turned(vector: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rodrigues' rotation of vectors (..., 3) about unit axes."""
+    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
+    beside = np.cross(np.broadcast_to(axis, vector.shape), vector)
+    return vector * np.cos(angle) + beside * np.sin(angle) + along * (1 - np.cos(angle))
 
 
 def jumping(place: Place) -> Place:
@@ -74,7 +100,7 @@ def jumping(place: Place) -> Place:
         up = leap * phase - gravity * phase**2 / 2
         down = -leap * u + leap / ground_s * u**2
         share = np.clip(xyz[..., 2] / 1.0, 0, 1)  # feet stay on the floor
-        xyz[..., 2] += np.where((phase < flight_s)[:, None], up[:, None], share * down[:, None] * 0.5)
+        xyz[..., 2] += np.where((phase < flight_s)[:, None], up[:, None], share * down[:, None])
         return xyz
 
     return jumped

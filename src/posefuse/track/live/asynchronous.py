@@ -23,7 +23,7 @@ _STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
 _SAME_PERSON_M = 0.3
 _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
-_BIRTH_SPEED_M_S = 1.0
+_BIRTH_SPEED_M_S = 1.5
 _LEAST_KEYPOINTS = 3
 _HEALTH_MEMORY = 0.01
 
@@ -168,10 +168,10 @@ class AsynchronousTracker:
             for name in self._place
         ]
         pose = self._solve(together, None)
-        # views of one moment each, on average half a window old
-        t_ns = int(np.mean([one.t_ns for one in views.values()]))
+        times_ns = [one.t_ns for one in views.values()]
+        t_ns = sum(times_ns) // len(times_ns)
+        spread_m = _BIRTH_SPEED_M_S * (max(times_ns) - min(times_ns)) / 2 * 1e-9
         for xyz, cov in zip(pose.xyz_world, pose.cov_world, strict=True):
-            spread_m = _BIRTH_SPEED_M_S * (max(one.t_ns for one in views.values()) - t_ns) * 1e-9
             self._welcome(t_ns, np.array(xyz), cov + spread_m**2 * np.eye(3), fresh)
 
     def _welcome(self, t_ns: int, xyz: Array, cov: Array, fresh: list[Person]) -> None:

@@ -27,6 +27,10 @@ _BONE_MEMORY = 600.0  # views over which a bone's length is averaged
 _BONE_SURE_M = 0.05  # only ends known as well as this teach lengths
 _BONE_LEARNT = 30.0  # views before a bone holds
 _START_M, _START_M_S = 0.35, 2.0  # of a keypoint seen for the first time, about its neighbour
+# a keypoint that so many views in a row put elsewhere is elsewhere: as much is added to what is uncertain about it
+_REFUSED_MOST, _DOUBT_M, _DOUBT_M_S = 4.0, 0.1, 2.0
+# no keypoint is further from the middle of the body, or faster against it
+_REACH_M, _FASTEST_M_S = 1.7, 20.0
 _OUT_OF_SIGHT_M = 0.5  # along a ray nobody else crosses
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
@@ -35,13 +39,17 @@ _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 @njit(**_JIT)
 def state_size(k, m, c, b):
     """Length of a state of k keypoints, m models, c cameras, b bones."""
-    return k * m * 91 + 3 * k * c + GROUPS + 2 * b + 1
+    return k * m * 91 + 6 * k * c + k + GROUPS + 2 * b + 1
 
 
 @njit(**_JIT)
 def parts(state, k, m, c, b):
-    """x (K, M, 9), P (K, M, 9, 9), share (K, M) of each model, per camera (K, C): time seen, squared px residual, 1/variance;
-    share of exchanged views (GROUPS,), bones (B, 2) mean length and views, time (1,)."""
+    """Views into a state.
+
+    x (K, M, 9), its covariance (K, M, 9, 9), the share (K, M) of each model; per camera (K, C): when it last measured, the
+    squared px residual, 1/variance; its lasting error (K, C, 3): x, y on the ideal image plane, variance in squared sigmas;
+    views refused in a row (K,); share of exchanged views (GROUPS,); bones (B, 2): mean length, views; the time (1,).
+    """
     at = k * m * 9
     x = state[:at].reshape(k, m, 9)
     cov = state[at : at + k * m * 81].reshape(k, m, 9, 9)
@@ -54,16 +62,20 @@ def parts(state, k, m, c, b):
     at += k * c
     precision = state[at : at + k * c].reshape(k, c)
     at += k * c
+    lasting = state[at : at + 3 * k * c].reshape(k, c, 3)
+    at += 3 * k * c
+    refused = state[at : at + k]
+    at += k
     flips = state[at : at + GROUPS]
     at += GROUPS
     bones = state[at : at + 2 * b].reshape(b, 2)
-    return x, cov, share, seen, square, precision, flips, bones, state[at + 2 * b :]
+    return x, cov, share, seen, square, precision, lasting, refused, flips, bones, state[at + 2 * b :]
 
 
 @njit(**_JIT)
 def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, acceleration):
     """Fill a state at time 0: positions (K, 3) with covariance (K, 3, 3), NaN where not known yet."""
-    x, cov, share, seen, square, precision, flips, bones, time = parts(state, k, m, c, b)
+    x, cov, share, seen, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     state[:] = 0.0
     seen[:] = _NEVER
     time[0] = 0.0
@@ -110,24 +122,33 @@ def _singer(dt, sigma, lasts, f, q):
 
 
 @njit(**_JIT)
+def _goes(i, j, m, stay):
+    """Chance to change from model i to j: only to the next calmer or more agile one."""
+    if abs(i - j) > 1:
+        return 0.0
+    ways = 1 if i in (0, m - 1) else 2
+    if i == j:
+        return stay if m > 1 else 1.0
+    return (1.0 - stay) / ways
+
+
+@njit(**_JIT)
 def _mix(x, cov, share, stay, mixed_x, mixed_cov, mixed_share):
     """What each model of one keypoint starts the next step from, and its share, when a model is kept with chance `stay`."""
     m = len(share)
-    other = (1.0 - stay) / m
     for j in range(m):
         total = 0.0
         for i in range(m):
-            total += ((stay + other) if i == j else other) * share[i]
+            total += _goes(i, j, m, stay) * share[i]
         mixed_share[j] = total
-        for a in range(9):
-            mixed_x[j, a] = 0.0
-        for i in range(m):
-            w = ((stay + other) if i == j else other) * share[i] / total
-            for a in range(9):
-                mixed_x[j, a] += w * x[i, a]
+        mixed_x[j, :] = 0.0
         mixed_cov[j, :, :] = 0.0
         for i in range(m):
-            w = ((stay + other) if i == j else other) * share[i] / total
+            w = _goes(i, j, m, stay) * share[i] / total
+            for a in range(9):
+                mixed_x[j, a] += w * x[i, a]
+        for i in range(m):
+            w = _goes(i, j, m, stay) * share[i] / total
             if w < 1e-9:
                 continue
             for a in range(9):
@@ -204,9 +225,9 @@ def _whitened(white, slope, z, h, rows, error):
 
 
 @njit(**_JIT)
-def _expected(rows, spread):
+def _expected(rows, spread, noise):
     """Three entries of the innovation covariance rows spread rows^T + 1."""
-    s00, s01, s11 = 1.0, 0.0, 1.0
+    s00, s01, s11 = noise, 0.0, noise
     for a in range(3):
         t0, t1 = 0.0, 0.0
         for d in range(3):
@@ -224,7 +245,7 @@ def _square(s00, s01, s11, e0, e1):
 
 
 @njit(**_JIT)
-def _update(x, cov, share, rows, away, outlier, gate):
+def _update(x, cov, share, rows, away, noise, outlier, gate):
     """One ray into all models of a keypoint; `away` (M, 2) its error from each.
 
     Returns its squared distance from the model that expected it most; nothing is changed beyond `gate`.
@@ -232,7 +253,7 @@ def _update(x, cov, share, rows, away, outlier, gate):
     m = len(share)
     nearest = np.inf
     for j in range(m):
-        s00, s01, s11 = _expected(rows, cov[j, :3, :3])
+        s00, s01, s11 = _expected(rows, cov[j, :3, :3], noise)
         nearest = min(nearest, _square(s00, s01, s11, away[j, 0], away[j, 1]))
     if not nearest <= gate:
         return nearest
@@ -241,11 +262,11 @@ def _update(x, cov, share, rows, away, outlier, gate):
     total = 0.0
     best = np.inf
     for j in range(m):
-        s00, s01, s11 = _expected(rows, cov[j, :3, :3])
+        s00, s01, s11 = _expected(rows, cov[j, :3, :3], noise)
         best = min(best, _square(s00 + extra, s01, s11 + extra, away[j, 0], away[j, 1]))
     gain = np.empty((9, 2))
     for j in range(m):
-        s00, s01, s11 = _expected(rows, cov[j, :3, :3])
+        s00, s01, s11 = _expected(rows, cov[j, :3, :3], noise)
         s00 += extra
         s11 += extra
         det = s00 * s11 - s01 * s01
@@ -273,6 +294,26 @@ def _update(x, cov, share, rows, away, outlier, gate):
 
 
 @njit(**_JIT)
+def _doubt(cov):
+    for j in range(len(cov)):
+        for a in range(3):
+            cov[j, a, a] += _DOUBT_M**2
+            cov[j, 3 + a, 3 + a] += _DOUBT_M_S**2
+
+
+@njit(**_JIT)
+def _learn_lasting(lasting, white, s00, s01, s11, error):
+    """What of an error is this camera's own and will be there in its next view too."""
+    det = s00 * s11 - s01 * s01
+    v = lasting[2]
+    g0, g1 = v * (s11 * error[0] - s01 * error[1]) / det, v * (s00 * error[1] - s01 * error[0]) / det
+    scale = white[0, 0] * white[1, 1] - white[0, 1] * white[1, 0]
+    lasting[0] += (white[1, 1] * g0 - white[0, 1] * g1) / scale
+    lasting[1] += (white[0, 0] * g1 - white[1, 0] * g0) / scale
+    lasting[2] = v - 0.5 * v * v * (s00 + s11) / det
+
+
+@njit(**_JIT)
 def _flipped_groups(camera, z, white, late, x, means, spreads, mirror, group, out):
     """out (GROUPS,): which limbs fit clearly better with left and right exchanged."""
     gain = np.zeros(GROUPS)
@@ -288,7 +329,7 @@ def _flipped_groups(camera, z, white, late, x, means, spreads, mirror, group, ou
             if not _ray(camera, point, h, slope):
                 continue
             _whitened(white[k], slope, z[k], h, rows, error)
-            s00, s01, s11 = _expected(rows, spreads[i])
+            s00, s01, s11 = _expected(rows, spreads[i], 1.0)
             loss = min(_square(s00, s01, s11, error[0], error[1]), _FLIP_MOST)
             gain[g] += loss if turn == 0 else -loss
     for g in range(GROUPS):
@@ -334,7 +375,30 @@ def _start_missing(x, cov, seen, z, now, lost_after, neighbours, acceleration):
 
 
 @njit(**_JIT)
-def _exchange_person(x, cov, share, seen, square, precision, mirror, group, g):
+def _let_go_of_strays(x, share, means):
+    """Keypoints where no body can have them are no longer tracked; their next view starts them anew."""
+    known = np.flatnonzero(np.isfinite(means[:, 0]))
+    if len(known) < 3:
+        return
+    middle, motion = np.empty(3), np.empty(3)
+    for a in range(3):
+        middle[a] = np.median(means[known, a])
+        motion[a] = np.median(x[known, 0, 3 + a])
+    for i in known:
+        away2, fast2 = 0.0, 0.0
+        for a in range(3):
+            speed = 0.0
+            for j in range(x.shape[1]):
+                speed += share[i, j] * x[i, j, 3 + a]
+            away2 += (means[i, a] - middle[a]) ** 2
+            fast2 += (speed - motion[a]) ** 2
+        if not (away2 < _REACH_M**2 and fast2 < _FASTEST_M_S**2):
+            x[i, :, :] = np.nan
+            means[i, :] = np.nan
+
+
+@njit(**_JIT)
+def _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g):
     """Exchange left and right of one limb of the person."""
     for i in range(len(x)):
         o = mirror[i]
@@ -346,6 +410,8 @@ def _exchange_person(x, cov, share, seen, square, precision, mirror, group, g):
                 seen[i, c], seen[o, c] = seen[o, c], seen[i, c]
                 square[i, c], square[o, c] = square[o, c], square[i, c]
                 precision[i, c], precision[o, c] = precision[o, c], precision[i, c]
+                for r in range(3):
+                    lasting[i, c, r], lasting[o, c, r] = lasting[o, c, r], lasting[i, c, r]
 
 
 @njit(**_JIT)
@@ -378,11 +444,11 @@ def step(
         c: camera. z (K, 2) ideal points, NaN where unseen; white (K, 2, 2); late (K,) how much after t a row was exposed.
         px_scale: (K,) pixels per sigma. cameras: (C, 15). mirror, group: (K,). neighbours: (K, n), -1 for none.
         ends: (B, 2). sizes: (K, M, C, B). models: (M, 2) acceleration and how long it lasts.
-        rules: outlier, gate, switch_s, lost_after_s. figures: (FIGURES,) filled.
+        rules: outlier, gate, switch_s, lost_after_s, lasting_share, lasting_s. figures: (FIGURES,) filled.
     """
     k, m, count, b = sizes
     after[:] = before
-    x, cov, share, seen, square, precision, flips, bones, time = parts(after, k, m, count, b)
+    x, cov, share, seen, square, precision, lasting, refused, flips, bones, time = parts(after, k, m, count, b)
     dt = t - time[0]
     time[0] = t
     figures[:] = 0.0
@@ -419,17 +485,32 @@ def step(
         if not _ray(cameras[c], point, h, slope):
             continue
         _whitened(white[o], slope, z[o], h, rows, error)
+        keep = math.exp(-(t - seen[i, c]) / rules[5])
+        lasting[i, c, 0] *= keep
+        lasting[i, c, 1] *= keep
+        lasting[i, c, 2] = rules[4] - (rules[4] - lasting[i, c, 2]) * keep * keep
+        for r in range(2):
+            error[r] -= white[o, r, 0] * lasting[i, c, 0] + white[o, r, 1] * lasting[i, c, 1]
+        noise = 1.0 - rules[4] + lasting[i, c, 2]
         for j in range(m):
             for r in range(2):
                 away[j, r] = error[r]
                 for a in range(3):
                     away[j, r] -= rows[r, a] * (x[i, j, a] - means[i, a])
-        s00, s01, s11 = _expected(rows, spreads[i])
+        s00, s01, s11 = _expected(rows, spreads[i], noise)
         figures[0] += 1.0
         figures[2] += min(_square(s00, s01, s11, error[0], error[1]), 4.0 * rules[1])
-        if not _update(x[i], cov[i], share[i], rows, away, rules[0], rules[1]) <= rules[1]:
+        nearest = _update(x[i], cov[i], share[i], rows, away, noise, rules[0], rules[1])
+        if not nearest <= rules[1]:
             figures[1] += 1.0
+            refused[i] += 1.0
+            if refused[i] >= _REFUSED_MOST:
+                refused[i] = 0.0
+                _doubt(cov[i])
             continue
+        refused[i] = 0.0
+        extra = max(nearest / rules[0], 1.0) - 1.0
+        _learn_lasting(lasting[i, c], white[o], s00 + extra, s01, s11 + extra, error)
         seen[i, c] = t
         _combined(x[i], cov[i], share[i], means[i], spreads[i])
         for a in range(3):
@@ -442,22 +523,23 @@ def step(
         figures[3] += exchanged[g]
         flips[g] += _FLIP_MEMORY * (exchanged[g] - flips[g])
         if flips[g] > _FLIP_STATE:
-            _exchange_person(x, cov, share, seen, square, precision, mirror, group, g)
+            _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g)
             flips[g] = 0.0
+    _let_go_of_strays(x, share, means)
     _learn_bones(bones, ends, means, spreads)
 
 
 @njit(**_JIT)
-def where(state, t, sizes, models, switch_s, means, sigmas):
+def where(state, t, sizes, models, means, sigmas):
     """Positions (K, 3) expected at time t and how sure (K,), standard deviation; NaN where not tracked."""
     k, m, c, b = sizes
     spread = np.empty((3, 3))
-    x, cov, share, _, _, _, _, _, time = parts(state, k, m, c, b)
+    x, cov, share, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     f, q = _all_models(t - time[0], models)
     for i in range(k):
         means[i], sigmas[i] = np.nan, np.nan
         if math.isfinite(x[i, 0, 0]):
-            _position(x[i], cov[i], share[i], f, q, math.exp(-max(t - time[0], 0.0) / switch_s), means[i], spread)
+            _position(x[i], cov[i], share[i], f, q, means[i], spread)
             sigmas[i] = math.sqrt((spread[0, 0] + spread[1, 1] + spread[2, 2]) / 3.0)
 
 
@@ -471,14 +553,10 @@ def _all_models(dt, models):
 
 
 @njit(**_JIT)
-def _position(x, cov, share, f, q, stay, mean, spread):
-    """Position (3,) and covariance (3, 3) of one keypoint carried on by f, q; `stay` as in `_mix`."""
+def _position(x, cov, share, f, q, mean, spread):
+    """Position (3,) and covariance (3, 3) of one keypoint carried on by f, q."""
     m = len(share)
     p, s = np.empty((m, 3)), np.empty((m, 3, 3))
-    w = np.empty(m)
-    for j in range(m):
-        # switching under way widens what is expected by the more agile models' noise
-        w[j] = stay * share[j] + (1.0 - stay) / m
     for j in range(m):
         for a in range(3):
             p[j, a] = x[j, a] + f[j, 0, 1] * x[j, 3 + a] + f[j, 0, 2] * x[j, 6 + a]
@@ -492,11 +570,11 @@ def _position(x, cov, share, f, q, stay, mean, spread):
     spread[:] = 0.0
     for j in range(m):
         for a in range(3):
-            mean[a] += w[j] * p[j, a]
+            mean[a] += share[j] * p[j, a]
     for j in range(m):
         for a in range(3):
             for d in range(3):
-                spread[a, d] += w[j] * (s[j, a, d] + (p[j, a] - mean[a]) * (p[j, d] - mean[d]))
+                spread[a, d] += share[j] * (s[j, a, d] + (p[j, a] - mean[a]) * (p[j, d] - mean[d]))
 
 
 @njit(**_JIT)
@@ -577,30 +655,29 @@ def _hold_bones(xyz, cov, bones, ends, sigma_m):
 def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_views, kind):
     """What comes out at time t: positions (K, 3), covariances (K, 3, 3), rms px (K,), views (K,), kind (K,).
 
-    rules: measured_s, lost_after_s, switch_s, lasting_share, bone_sigma_m, kinds FUSED and PREDICTED.
+    rules: measured_s, lost_after_s, lasting_share, bone_sigma_m, kinds FUSED and PREDICTED.
     """
     k, m, count, b = sizes
-    x, p, share, seen, square, precision, _, bones, time = parts(state, k, m, count, b)
+    x, p, share, seen, square, precision, _, _, _, bones, time = parts(state, k, m, count, b)
     dt = t - time[0]
     f, q = _all_models(dt, models)
-    stay = math.exp(-max(dt, 0.0) / rules[2])
     information = np.empty((3, 3))
     for i in range(k):
         xyz[i], cov[i], reproj[i], n_views[i], kind[i] = np.nan, np.nan, np.nan, 0, 0
         newest = seen[i].max()
         if not math.isfinite(x[i, 0, 0]) or t - max(newest, 0.0) > rules[1]:
             continue
-        _position(x[i], p[i], share[i], f, q, stay, xyz[i], cov[i])
-        _add_lasting(rules[3], xyz[i], seen[i], precision[i], newest - rules[0], cameras, information, cov[i])
+        _position(x[i], p[i], share[i], f, q, xyz[i], cov[i])
+        _add_lasting(rules[2], xyz[i], seen[i], precision[i], newest - rules[0], cameras, information, cov[i])
         total = 0.0
         for c in range(count):
             if t - seen[i, c] <= rules[0]:
                 n_views[i] += 1
                 total += square[i, c]
-        kind[i] = rules[5] if n_views[i] > 0 else rules[6]
+        kind[i] = rules[4] if n_views[i] > 0 else rules[5]
         if n_views[i] > 0:
             reproj[i] = math.sqrt(total / n_views[i])
-    _hold_bones(xyz, cov, bones, ends, rules[4])
+    _hold_bones(xyz, cov, bones, ends, rules[3])
 
 
 @njit(**_JIT)

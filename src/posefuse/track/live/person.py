@@ -15,6 +15,8 @@ from .settings import LiveSettings
 
 _ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
+# share of the lasting errors' covariance that the filter's own does not hold already
+_UNFILTERED = 0.3
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
 
@@ -30,7 +32,7 @@ class Model:
     @cached_property
     def sizes(self) -> tuple[int, int, int, int]:
         """Keypoints, motion models, cameras, bones."""
-        return len(self.skeleton), len(self.settings.acceleration_m_s2), len(self.rig), len(self.ends)
+        return len(self.skeleton), len(self.settings.motion_models), len(self.rig), len(self.ends)
 
     @cached_property
     def cameras(self) -> Array:
@@ -42,7 +44,7 @@ class Model:
     @cached_property
     def models(self) -> Array:
         """(M, 2): acceleration, and how long it lasts."""
-        return np.stack([self.settings.acceleration_m_s2, self.settings.persistence_s], axis=1).astype(np.float64)
+        return np.array([[one.acceleration_m_s2, one.persistence_s] for one in self.settings.motion_models])
 
     @cached_property
     def mirror(self) -> Array:
@@ -78,14 +80,14 @@ class Model:
     def step_rules(self) -> Array:
         """As `kernels.step` wants them."""
         s = self.settings
-        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s])
+        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s, s.lasting_share, s.lasting_s])
 
     @cached_property
     def pose_rules(self) -> Array:
         """As `kernels.pose` wants them."""
         s = self.settings
         kinds = [float(Kind.FUSED), float(Kind.PREDICTED)]
-        return np.array([s.measured_s, s.lost_after_s, s.switch_s, s.lasting_share, s.bone_sigma_m, *kinds])
+        return np.array([s.measured_s, s.lost_after_s, _UNFILTERED * s.lasting_share, s.bone_sigma_m, *kinds])
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +153,7 @@ class Person:
         model = self._model
         means, sigmas = np.empty((model.sizes[0], 3)), np.empty(model.sizes[0])
         state = self._before(t_ns).state
-        kernels.where(state, self._seconds(t_ns), model.sizes, model.models, model.settings.switch_s, means, sigmas)
+        kernels.where(state, self._seconds(t_ns), model.sizes, model.models, means, sigmas)
         return means, sigmas
 
     def pose_into(self, t_ns: int, out: Pose3DArrays, row: int) -> bool:

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from posefuse.files.settings import settings
 
 TrackerName = Literal["asynchronous", "latest"]
 TRACKERS: tuple[TrackerName, ...] = ("asynchronous", "latest")
+
+
+@settings
+class MotionModelSettings:
+    """One way a keypoint may move: accelerations of this standard deviation, each of which fades within this time."""
+
+    acceleration_m_s2: Annotated[float, Gt(0)]
+    persistence_s: Annotated[float, Gt(0)] = 0.15
 
 
 @settings
@@ -27,10 +35,10 @@ class LiveSettings:
         ahead_s: a view from further in the future than this has a wrong clock and is not used.
         camera_rate_max_hz: of one camera's views closer in time than this only the first is used.
         detections_max: people looked at in one view, the surest first.
-        acceleration_m_s2: standard deviation of a keypoint's acceleration in each of the motion models that are run side
-            by side, from calm to agile. persistence_s: how long an acceleration lasts in each.
+        motion_models: run side by side for every keypoint, from calm to agile; the views tell how much of each it is.
         switch_s: how long a keypoint stays in one of them.
-        lasting_share: share of a view's stated variance that is the same from frame to frame and no filter removes.
+        lasting_share: share of a view's stated variance that lasts from frame to frame, and lasting_s: for how long. The
+            defaults are those of the default network on simulated people.
         outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
         tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
         min_share: share of a detection's keypoints that must do so.
@@ -47,10 +55,14 @@ class LiveSettings:
     ahead_s: Annotated[float, Gt(0)] = 0.5
     camera_rate_max_hz: Annotated[float, Gt(0), Le(1000)] = 250.0
     detections_max: Annotated[int, Ge(1)] = 16
-    acceleration_m_s2: tuple[Annotated[float, Gt(0)], ...] = (0.6, 6.0, 25.0)
-    persistence_s: tuple[Annotated[float, Gt(0)], ...] = (0.3, 0.3, 0.25)
-    switch_s: Annotated[float, Gt(0)] = 0.3
-    lasting_share: Annotated[float, Ge(0), Le(1)] = 0.3
+    motion_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
+        MotionModelSettings(acceleration_m_s2=0.4),
+        MotionModelSettings(acceleration_m_s2=6.0),
+        MotionModelSettings(acceleration_m_s2=25.0),
+    )
+    switch_s: Annotated[float, Gt(0)] = 0.4
+    lasting_share: Annotated[float, Ge(0), Le(1)] = 0.7
+    lasting_s: Annotated[float, Gt(0)] = 0.25
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
     tolerance_m: Annotated[float, Gt(0)] = 0.2
