@@ -14,7 +14,7 @@ from posefuse.core import PosefuseError
 
 from .terminal import Terminal
 
-COMMANDS = ("track", "live", "calibrate", "view", "report", "simulate", "models", "plugins", "doctor")
+COMMANDS = ("track", "live", "node", "calibrate", "view", "report", "simulate", "models", "plugins", "doctor")
 INTERRUPTED = 130
 
 

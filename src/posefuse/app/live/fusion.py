@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import Pose3D, Rig
+from posefuse.core import Detections2D, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.track.live import Tracker
 
@@ -18,6 +18,7 @@ from .board import Board
 from .budget import expected_gain
 from .channel import Channel
 from .clock import SessionClock
+from .clocks import ClockOffsets
 from .latency import Latencies, Way
 from .messages import Preview, Seen, Status
 from .monitor import Monitor, Verdict
@@ -58,16 +59,21 @@ class Outlets(Protocol):
 class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread."""
 
-    def __init__(self, rig: Rig, tracker: Tracker, board: Board, clock: SessionClock, outlets: Outlets) -> None:
+    def __init__(
+        self, rig: Rig, tracker: Tracker, board: Board, clock: SessionClock, outlets: Outlets, correct_clocks: bool = False
+    ) -> None:
         self.rig, self.tracker, self._board, self.clock, self._outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
+        self.offsets = ClockOffsets(rig.names)
+        self._correct_clocks = correct_clocks
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
         self.sigma_px = np.full(len(rig), _SIGMA_PX)
         self._waiting: list[Way] = []
         self._last_told: Pose3D | None = None
+        self._velocity = np.zeros((0, 0, 3))
         self._judged_ns = 0
 
     def run(self, intake: Intake, rate_hz: float, until: Callable[[int], bool]) -> None:
@@ -119,9 +125,13 @@ class Fusion:
 
     def _see(self, seen: Seen) -> None:
         now_ns = self.clock.now_ns()
+        if seen.state is not None:
+            self.monitor.told(seen.state, now_ns)
         view = self.monitor.admit(seen, now_ns)
         if view is None:
             return
+        if self._correct_clocks:
+            view = self._on_one_clock(view)
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1
@@ -132,6 +142,13 @@ class Fusion:
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
         }  # fmt: skip
         self._outlets.offer("view", view, stages)
+
+    def _on_one_clock(self, view: Detections2D) -> Detections2D:
+        """The view with its camera's clock put right, as far as it is known; learns from it."""
+        view = replace(view, t_ns=self.offsets.corrected_ns(view.camera, view.t_ns))
+        if self._last_told is not None and len(view):
+            self.offsets.learn(self.rig[view.camera], view, self._last_told, self._velocity)
+        return view
 
     def _learn_noise(self, camera: str, sigma_px: Array) -> None:
         stated = sigma_px[np.isfinite(sigma_px)]
@@ -155,7 +172,8 @@ class Fusion:
             return
         known = np.isfinite(pose.xyz_world).any(axis=(1, 2))
         shown = pose if known.all() else _only(pose, known)
-        self._board.write(shown, _velocity(before, shown), expected_gain(shown, self.rig, self.sigma_px))
+        self._velocity = velocity_between(before, shown)
+        self._board.write(shown, self._velocity, expected_gain(shown, self.rig, self.sigma_px))
         self._last_told = shown
 
     def _judge(self, intake: Intake, now_ns: int) -> None:
@@ -197,7 +215,7 @@ def _only(pose: Pose3D, known: Array) -> Pose3D:
     )
 
 
-def _velocity(before: Pose3D | None, now: Pose3D) -> Array:
+def velocity_between(before: Pose3D | None, now: Pose3D) -> Array:
     """(N, K, 3) from the prediction told before; 0 for people or keypoints it did not have."""
     if before is None or now.t_ns <= before.t_ns or not np.array_equal(before.person_id, now.person_id):
         return np.zeros(now.xyz_world.shape)

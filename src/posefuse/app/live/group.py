@@ -61,22 +61,20 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
     with contextlib.suppress(OSError):
         os.nice(_NICENESS)
     with contextlib.suppress(ChannelClosed):
-        group = _opened(plan, channel, board)
-        if group is not None:
+        try:
+            group = _opened(plan, channel, board)
             group.run()
+        except PosefuseError as error:
+            channel.send(Failed(plan.group, str(error)), _SEND_S)
     # a thread that hangs in a driver must not keep the process
     os._exit(0)
 
 
-def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group | None:
+def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
     import cv2
 
     cv2.setNumThreads(1)
-    try:
-        group = Group(plan, channel, board)
-    except PosefuseError as error:
-        channel.send(Failed(plan.group, str(error)), _SEND_S)
-        return None
+    group = Group(plan, channel, board)
     channel.send(Ready(plan.group, group.detector.skeleton), _SEND_S)
     return group
 
@@ -148,7 +146,7 @@ class Group:
         [found] = self.detector.detect([frame], [regions])
         shown = _in_session(found, shift_ns)
         seen = Seen(
-            shown, frame.seq, frame.received_ns + shift_ns, started_ns, clock.now_ns(), caught.still, regions is None
+            shown, capture.state(), frame.received_ns + shift_ns, started_ns, clock.now_ns(), caught.still, regions is None
         )  # fmt: skip
         self._channel.send(seen, _SEND_S)
         self._preview(frame, shown.t_ns)

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from posefuse.core import Detections2D, Skeleton
 
-DETECTED = "detected"
-
 
 @dataclass(frozen=True)
 class Ready:
@@ -37,27 +35,6 @@ class Stop:
     """Finish and leave."""
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """One frame looked at.
-
-    Attributes:
-        detections: the people in it; its t_ns is mid-exposure.
-        seq: frame number of the camera.
-        received_ns: the frame reached its process. started_ns: the 2D estimator began. detected_ns: it had finished.
-        still: how many frames in a row, this one included, were the same image to the last sampled pixel.
-        searched: the whole image was searched for people.
-    """
-
-    detections: Detections2D
-    seq: int
-    received_ns: int
-    started_ns: int
-    detected_ns: int
-    still: int = 0
-    searched: bool = False
-
-
 @dataclass(frozen=True)
 class CameraState:
     """How one camera fares in its group.
@@ -76,6 +53,27 @@ class CameraState:
     used: int
     replaced: int
     missing: int
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One frame looked at.
+
+    Attributes:
+        detections: the people in it; its t_ns is mid-exposure.
+        state: how its camera fares; None when another machine looks after it.
+        received_ns: the frame reached its process. started_ns: the 2D estimator began. detected_ns: it had finished.
+        still: how many frames in a row, this one included, were the same image to the last sampled pixel.
+        searched: the whole image was searched for people.
+    """
+
+    detections: Detections2D
+    state: CameraState | None
+    received_ns: int
+    started_ns: int
+    detected_ns: int
+    still: int = 0
+    searched: bool = False
 
 
 @dataclass(frozen=True)

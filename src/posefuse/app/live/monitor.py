@@ -29,6 +29,7 @@ SILENT_NS = _S
 # one camera may deliver so many frames a second
 FLOOD_HZ = 250
 _WINDOW_NS = _S // 2
+_COUNT_NS = _S // 5
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,9 @@ class _Watch:
     flooding_ns: int = -(10**18)
     flood_hz: float = 0.0
     source: CameraState | None = None
-    status_ns: int = 0
+    before: tuple[int, int, int] = (0, 0, 0)
+    counted_ns: int = 0
+    counted: int = 0
     refused: dict[str, int] = field(default_factory=dict)
 
 
@@ -107,11 +110,17 @@ class Monitor:
         watch = self._watches.get(state.camera)
         if watch is None:
             return
-        if watch.source is not None and now_ns > watch.status_ns:
-            rate_hz = (state.captured - watch.source.captured) * _S / (now_ns - watch.status_ns)
+        if now_ns - watch.counted_ns >= _COUNT_NS:
+            rate_hz = (state.captured - watch.counted) * _S / (now_ns - watch.counted_ns)
             if rate_hz > FLOOD_HZ:
                 watch.flooding_ns, watch.flood_hz = now_ns, rate_hz
-        watch.source, watch.status_ns = state, now_ns
+            watch.counted_ns, watch.counted = now_ns, state.captured
+        if watch.source is not None and state.captured < watch.source.captured:
+            # its process was started again and counts from 0
+            captured, replaced, missing = watch.before
+            last = watch.source
+            watch.before = captured + last.captured, replaced + last.replaced, missing + last.missing
+        watch.source = state
 
     def judge(self, now_ns: int, troubles: Mapping[str, str]) -> Mapping[str, Verdict]:
         """Every camera's state; `troubles` says what is wrong with its process, by camera."""
@@ -127,8 +136,17 @@ class Monitor:
         return dict(self._watches[camera].refused)
 
     def source(self, camera: str) -> CameraState | None:
-        """What the camera's process said last."""
-        return self._watches[camera].source
+        """What the camera's process said last, counts over all processes it has had."""
+        watch = self._watches[camera]
+        if watch.source is None:
+            return None
+        captured, replaced, missing = watch.before
+        return replace(
+            watch.source,
+            captured=watch.source.captured + captured,
+            replaced=watch.source.replaced + replaced,
+            missing=watch.source.missing + missing,
+        )
 
     def all_ended(self) -> bool:
         """Every source is over and will not come back."""

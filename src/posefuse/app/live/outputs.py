@@ -32,7 +32,7 @@ class OutputPlan:
     Attributes:
         rig: the cameras. clock: of the session.
         record: .mcap file. osc, json_udp: ``host:port`` each. axes: of those two, see `wire.osc.AXES`.
-        ros: `wire.dds.Network` to publish in.
+        ros: `wire.dds.Network` to publish in. ros_views: 2D poses too; not where they came from the network.
         view: ``spawn`` opens the Rerun viewer, a path records an .rrd file, empty shows nothing.
     """
 
@@ -43,6 +43,7 @@ class OutputPlan:
     json_udp: tuple[str, ...] = ()
     axes: str = "z_up"
     ros: Any = None
+    ros_views: bool = True
     view: str = ""
 
     @property

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from posefuse.core import Skeleton, SourceError
@@ -93,6 +94,13 @@ class Groups:
     def restarts(self) -> int:
         """How often a process had to be started again."""
         return sum(member.restarts for member in self._members)
+
+    def memory_mb(self) -> float:
+        """Most memory this process and those of the groups have held (resident), added up; NaN where nobody tells."""
+        try:
+            return sum(_peak_mb(pid) for pid in (os.getpid(), *(member.process.pid for member in self._members)))
+        except (OSError, IndexError, ValueError):
+            return float("nan")
 
     def wait_ready(self, timeout_s: float = START_S) -> Skeleton:
         """Wait for every group's sources and network.
@@ -209,6 +217,11 @@ class Groups:
         member.trouble = f"{why}; starting again"
         member.again_at_s = time.monotonic() + member.retry_s
         member.retry_s = min(2 * member.retry_s, _LONGEST_RETRY_S)
+
+
+def _peak_mb(pid: int) -> float:
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
 def _cameras(plan: GroupPlan) -> str:

@@ -49,6 +49,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         "cpu_fusion_share": done.cpu_s[0] / done.seconds,
         "cpu_children_share": done.cpu_s[1] / done.seconds,
+        "memory_mb": done.memory_mb,
         "restarts": done.restarts,
         "outputs": done.outputs,
         "outputs_lost": done.lost,
@@ -87,6 +88,7 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
             f"{beat['skipped']} skipped"
         ),
         "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
+        "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
         "frames used": f"{figures['used_share']:.0%}",
     }
     if figures["restarts"]:

@@ -35,6 +35,7 @@ class Finished:
         seconds: how long it ran. outputs: per way out, what happened to what it was given.
         lost: values there was no room for. trouble: of the outputs. restarts: of camera processes.
         cpu_s: processor time of the fusion process, and of all its children.
+        memory_mb: most memory of this process and its camera processes, added up.
     """
 
     fusion: Fusion
@@ -47,6 +48,7 @@ class Finished:
     restarts: int = 0
     stopped_by: str = ""
     cpu_s: tuple[float, float] = (0.0, 0.0)
+    memory_mb: float = 0.0
 
 
 def run_live(
@@ -62,7 +64,7 @@ def run_live(
         raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
     rig = rig.only(entry.camera for entry in inputs)
     plan = replace(plan, rig=rig)
-    board = _board(rig)
+    board = new_board(rig)
     with stop_requests() as stopped:
         outputs = NoOutputs() if plan.empty else OutputProcess(plan)
         try:
@@ -74,7 +76,7 @@ def run_live(
                 fusion = Fusion(rig, tracker, board, plan.clock, outputs)
                 done = Finished(fusion, skeleton)
                 done.zero_ns = _run(fusion, groups, config, duration_s, stopped, say)
-                done.restarts = groups.restarts
+                done.restarts, done.memory_mb = groups.restarts, groups.memory_mb()
                 done.stopped_by = stopped[0] if stopped else ""
         finally:
             outputs.close()
@@ -168,7 +170,8 @@ def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
             tracker.at(t_ns + 20_000_000)
 
 
-def _board(rig: Rig) -> Board:
+def new_board(rig: Rig) -> Board:
+    """An empty board for all cameras of the rig."""
     import multiprocessing
 
     return Board(multiprocessing.get_context("spawn"), len(rig))

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from posefuse.core import Pose3D
 from posefuse.wire import topics
-from posefuse.wire.messages import message_from_detections, message_from_pose
+from posefuse.wire.messages import header, message_from_detections, message_from_pose, optical_frame
 from posefuse.wire.osc import json_from_pose, osc_from_pose
 from posefuse.wire.ros_output import Health, RosOutput
+from posefuse.wire.types import message
 
+from .messages import Preview
 from .outputs import OutputPlan
 from .viewer import ViewSink
 
@@ -55,7 +59,7 @@ class RosSink:
     def __init__(self, plan: OutputPlan) -> None:
         from posefuse.wire.dds import RosNode
 
-        self._node = RosNode("posefuse", plan.ros)
+        self._node, self._views = RosNode("posefuse", plan.ros), plan.ros_views
         self._output = RosOutput(self._node, plan.rig)
         self._output.start(plan.clock.now_ns())
 
@@ -64,30 +68,18 @@ class RosSink:
         if kind == "pose":
             pose, stages = values
             self._output.step(pose, None, stages)
-        elif kind == "view":
+        elif kind == "view" and self._views:
             view, stages = values
             self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
         elif kind == "health":
             t_ns, states, rates = values
             self._output.diagnose(t_ns, health_lines(states, rates))
         elif kind == "preview":
-            [preview] = values
-            self._preview(preview)
+            publish_preview(self._node, values[0])
 
     def close(self) -> None:
         """Leave the network."""
         self._node.close()
-
-    def _preview(self, preview: Any) -> None:
-        import cv2
-        import numpy as np
-
-        from posefuse.wire.camera_messages import jpeg_from_image
-
-        topic = topics.preview(preview.camera)
-        if self._node.writer(topic).readers():
-            image = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
-            self._node.publish(topic, jpeg_from_image(np.asarray(image), preview.t_ns, preview.camera, 80), preview.t_ns)
 
 
 class UdpSink:
@@ -113,6 +105,19 @@ class UdpSink:
     def close(self) -> None:
         """Close the socket."""
         self._stream.close()
+
+
+def publish_preview(node: Any, preview: Preview) -> None:
+    """A small picture on its camera's topic, while somebody listens."""
+    topic = topics.preview(preview.camera)
+    if node.writer(topic).readers():
+        msg = message(
+            topic.type_name,
+            header=header(preview.t_ns, optical_frame(preview.camera)),
+            format="rgb8; jpeg compressed bgr8",
+            data=np.frombuffer(preview.jpeg, np.uint8),
+        )
+        node.publish(topic, msg, preview.t_ns)
 
 
 def health_lines(states: dict[str, tuple[str, str]], rates: dict[str, dict[str, float]]) -> list[Health]:

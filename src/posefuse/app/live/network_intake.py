@@ -1,0 +1,97 @@
+"""Views that camera nodes send, as the fusion takes them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from posefuse.core import Rig, Skeleton
+from posefuse.wire import topics
+from posefuse.wire.dds import Network, RosNode
+from posefuse.wire.intake import Intake
+from posefuse.wire.messages import DETECTIONS_TYPE, detections_from_message
+
+from .channel import Channel, ChannelClosed
+from .clock import SessionClock
+from .messages import Seen
+
+_WAIT_S = 0.2
+_AT_ONCE = 64
+_MAX_BYTES = 2**18
+
+
+class NetworkIntake:
+    """Reads the topic of 2D poses in a thread of its own.
+
+    Attributes:
+        intake: counts what came and what was refused, and why. strangers: views of cameras the rig does not have.
+        dropped: views the fusion had no room for.
+    """
+
+    def __init__(self, rig: Rig, network: Network, clock: SessionClock, name: str = "posefuse_fusion_intake") -> None:
+        self.intake = Intake(DETECTIONS_TYPE, detections_from_message, _MAX_BYTES)
+        self.strangers: dict[str, int] = {}
+        self.dropped = 0
+        self._names, self._clock = set(rig.names), clock
+        self._node = RosNode(name, network)
+        self._reader = self._node.reader(topics.DETECTIONS)
+        self._ours, self._theirs = Channel.pair()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="views from the network", daemon=True)
+        self._thread.start()
+
+    def channels(self) -> list[Channel]:
+        """For `select`."""
+        return [self._ours]
+
+    def messages(self) -> Iterator[Seen]:
+        """What has come; never waits."""
+        for _ in range(_AT_ONCE):
+            seen = self._ours.receive()
+            if seen is None:
+                return
+            yield seen
+
+    def troubles(self) -> Mapping[str, str]:
+        """Nothing is known of processes on other machines; their silence is seen by the monitor."""
+        return {}
+
+    def first_skeleton(self, timeout_s: float) -> Skeleton | None:
+        """Skeleton of the first view that comes; None when none does."""
+        if not self._ours.wait(timeout_s):
+            return None
+        seen = self._ours.receive()
+        return None if seen is None else seen.detections.skeleton
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._stop.set()
+        self._thread.join(2 * _WAIT_S)
+        self._node.close()
+        self._ours.close()
+        self._theirs.close()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            if not self._node.wait(_WAIT_S):
+                continue
+            for sample in self._reader.take():
+                taken = self.intake.take(sample.raw)
+                if taken is None:
+                    continue
+                seen = _seen(*taken, sample.sent_ns, self._clock.now_ns())
+                if seen.detections.camera not in self._names:
+                    camera = seen.detections.camera if len(self.strangers) < 100 else "others"
+                    self.strangers[camera] = self.strangers.get(camera, 0) + 1
+                    continue
+                try:
+                    self.dropped += not self._theirs.send(seen)
+                except ChannelClosed:
+                    return
+
+
+def _seen(view: Any, stages: Mapping[str, int], sent_ns: int, now_ns: int) -> Seen:
+    received_ns = stages.get("received", min(sent_ns, now_ns))
+    started_ns = stages.get("started", received_ns)
+    return Seen(view, None, received_ns, started_ns, stages.get("detected", started_ns))
