@@ -26,7 +26,7 @@ LIMBS = tuple(f"{s}_{j}" for j in ("shoulder", "elbow", "wrist", "hip", "knee", 
 SIDES = {"R": "right_", "L": "left_"}
 REFERENCE = Path("reference") / "S00_P00_T01_BalancingTrial_0-100.trc"
 JUMP_M = 0.15
-# he stands 250 px and more tall, and the bystander is further away than this
+# he is 600 px tall, and the bystander is further away than this
 HIM_PX = 60.0
 RATE_HZ = 60
 
@@ -47,11 +47,13 @@ def tracked(session: Path, out: Path, *options: str) -> Recording:
 
 
 def man_found(recording: Recording, xyz: np.ndarray) -> dict[str, int]:
-    """Per camera, frames in which the keypoints seen are those of the man of the reference."""
+    """Per camera, frames in which the keypoints seen are those of the man of the reference, whichever side is called left."""
     found = {}
     for c, camera in enumerate(recording.rig):
         seen = pick_keypoints(recording.xy_img[: len(xyz), 0, c], recording.poses.skeleton, LIMBS)
-        away = np.linalg.norm(seen - camera.project(xyz[: len(seen)]), axis=-1)
+        expected = camera.project(xyz[: len(seen)]).reshape(len(seen), -1, 2, 2)
+        pairs = seen.reshape(expected.shape)
+        away = np.minimum(*(np.linalg.norm(pairs[:, :, ::step] - expected, axis=-1) for step in (1, -1))).reshape(len(seen), -1)
         found[camera.name] = int((np.nanmedian(np.where(np.isfinite(away), away, np.inf), axis=1) < HIM_PX).sum())
     return found
 

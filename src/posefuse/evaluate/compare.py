@@ -1,0 +1,181 @@
+"""Two recordings of the same movement by different systems: aligned in time and space, then compared joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+
+from .metrics import JointErrors, summary
+
+_LEAST_INSTANTS = 5
+_SPEED_HZ = 60.0
+_GAP_S = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Named points over time, of one person.
+
+    Attributes:
+        name: of the recording, for people. points: K names. t_s: (T,) seconds, increasing. xyz_m: (T, K, 3); NaN where missing.
+    """
+
+    name: str
+    points: tuple[str, ...]
+    t_s: Array
+    xyz_m: Array
+
+    def at(self, t_s: Array) -> Array:
+        """(n, K, 3) at other times, linearly between instants at most a quarter of a second apart; NaN elsewhere."""
+        out = np.full((len(t_s), len(self.points), 3), np.nan)
+        for k in range(len(self.points)):
+            known = np.isfinite(self.xyz_m[:, k]).all(axis=-1)
+            times, xyz = self.t_s[known], self.xyz_m[known, k]
+            if len(times) < 2:
+                continue
+            later = np.clip(np.searchsorted(times, t_s), 1, len(times) - 1)
+            near = (times[later] - times[later - 1] < _GAP_S) & (t_s >= times[0] - 1e-9) & (t_s <= times[-1] + 1e-9)
+            for axis in range(3):
+                out[near, k, axis] = np.interp(t_s[near], times, xyz[:, axis])
+        return out
+
+    def only(self, points: Sequence[str]) -> Tracks:
+        """The given points, in that order."""
+        return Tracks(self.name, tuple(points), self.t_s, self.xyz_m[:, [self.points.index(p) for p in points]])
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """How b was brought onto a: xyz_a = scale * rotation @ xyz_b + shift_m, t_a = t_b + offset_s.
+
+    Attributes:
+        rotation: (3, 3). shift_m: (3,). residual_m: rms distance after it.
+    """
+
+    offset_s: float
+    rotation: Array
+    shift_m: Array
+    scale: float
+    residual_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What two recordings differ by.
+
+    Attributes:
+        alignment: of b onto a. points: those in both. t_s: (T,) times of a. a_m, b_m: (T, K, 3), b aligned.
+        errors: distances per point.
+        walked_m: (T,) way of the middle of a. apart_m: (T,) level distance of the middles. drift_mm_per_m: its slope.
+    """
+
+    alignment: Alignment
+    points: tuple[str, ...]
+    t_s: Array
+    a_m: Array
+    b_m: Array
+    errors: JointErrors
+    walked_m: Array
+    apart_m: Array
+    drift_mm_per_m: float
+
+
+def compare(a: Tracks, b: Tracks, time: bool = True, space: bool = True, scale: bool = False, start_s: float | None = None) -> Comparison:
+    """Bring b onto a and measure what is left.
+
+    Args:
+        a, b: recordings with at least three points in common (by name).
+        time: find b's offset in time, to fractions of a frame.
+        space: find the rigid motion that brings b onto a; with `scale` also its scale.
+        start_s: align in space by the first seconds only, so that a drift later on shows.
+
+    Raises:
+        InputError: too little in common.
+    """
+    points = [p for p in a.points if p in b.points]
+    if len(points) < 3 and space or not points:
+        raise InputError(
+            f"{a.name} and {b.name} have {len(points)} points in common, too few to align; "
+            f"{a.name} has: {choices(a.points)}; {b.name} has: {choices(b.points)}"
+        )
+    a, b = a.only(points), b.only(points)
+    offset = _offset(a, b) if time else 0.0
+    moved = b.at(a.t_s - offset)
+    both = np.isfinite(a.xyz_m).all(axis=-1) & np.isfinite(moved).all(axis=-1)
+    if both.any(axis=1).sum() < _LEAST_INSTANTS:
+        raise InputError(f"{a.name} and {b.name}: fewer than {_LEAST_INSTANTS} instants in common after alignment in time")
+    used = both & (a.t_s <= a.t_s[0] + start_s)[:, None] if start_s else both
+    rotation, shift, factor = similarity(moved[used], a.xyz_m[used], scale) if space else (np.eye(3), np.zeros(3), 1.0)
+    onto = factor * moved @ rotation.T + shift
+    distance = np.linalg.norm(onto - a.xyz_m, axis=-1)
+    alignment = Alignment(offset, rotation, shift, factor, float(np.sqrt(np.nanmean(distance[both] ** 2))))
+    return Comparison(alignment, tuple(points), a.t_s, a.xyz_m, onto, summary(points, 1000 * distance), *_drift(a.xyz_m, onto))
+
+
+def similarity(moving: Array, fixed: Array, scale: bool) -> tuple[Array, Array, float]:
+    """Rotation (3, 3), shift (3,) and scale with least squares fixed = scale * rotation @ moving + shift (Umeyama 1991)."""
+    centre_m, centre_f = moving.mean(axis=0), fixed.mean(axis=0)
+    m, f = moving - centre_m, fixed - centre_f
+    left, values, right = np.linalg.svd(f.T @ m)
+    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation = left @ sign @ right
+    factor = float((values * np.diag(sign)).sum() / (m**2).sum()) if scale else 1.0
+    return rotation, centre_f - factor * rotation @ centre_m, factor
+
+
+def _offset(a: Tracks, b: Tracks) -> float:
+    """Seconds to add to b's times: speeds of all points agree best, first over the whole range of overlaps, then finely.
+
+    Speeds do not depend on where either system's origin is.
+    """
+    rate_hz = _SPEED_HZ
+    times = [np.arange(one.t_s[0], one.t_s[-1], 1 / rate_hz) for one in (a, b)]
+    speeds = [_speed(one.at(t), rate_hz) for one, t in zip((a, b), times, strict=True)]
+    overlap = min(len(times[0]), len(times[1])) // 2
+    lags = range(-(len(times[1]) - overlap), len(times[0]) - overlap + 1)
+    cost = [_speed_cost(speeds[0], speeds[1], lag, overlap) for lag in lags]
+    coarse = lags[int(np.nanargmin(cost))] / rate_hz + times[0][0] - times[1][0]
+    grid = times[0]
+    known = speeds[0]
+
+    def misfit(offset: float) -> float:
+        apart = known - _speed(b.at(grid - offset), rate_hz)
+        return float(np.nanmean(np.abs(apart))) if np.isfinite(apart).any() else np.inf
+
+    fine = minimize_scalar(misfit, bounds=(coarse - 2 / rate_hz, coarse + 2 / rate_hz), method="bounded", options={"xatol": 1e-4})
+    return float(fine.x)
+
+
+def _speed(xyz: Array, rate_hz: float) -> Array:
+    """(n, K) speed in m/s over a few samples."""
+    span = 4
+    moved = np.full(xyz.shape[:2], np.nan)
+    moved[span // 2 : -span // 2] = np.linalg.norm(xyz[span:] - xyz[:-span], axis=-1) * rate_hz / span
+    return moved
+
+
+def _speed_cost(one: Array, two: Array, lag: int, least: int) -> float:
+    """Mean absolute difference where two, shifted by `lag` samples, overlaps one."""
+    start, end = max(0, lag), min(len(one), len(two) + lag)
+    if end - start < max(least, 1):
+        return np.nan
+    apart = np.abs(one[start:end] - two[start - lag : end - lag])
+    return float(np.nanmean(apart)) if np.isfinite(apart).mean() > 0.1 else np.nan
+
+
+def _drift(a: Array, b: Array) -> tuple[Array, Array, float]:
+    both = np.isfinite(a).all(axis=-1) & np.isfinite(b).all(axis=-1)
+    middles = [np.nanmean(np.where(both[..., None], one, np.nan), axis=1) for one in (a, b)]
+    steps = np.nan_to_num(np.linalg.norm(np.diff(middles[0][:, :2], axis=0), axis=-1))
+    walked = np.concatenate([[0.0], np.cumsum(steps)])
+    apart = np.linalg.norm((middles[1] - middles[0])[:, :2], axis=-1)
+    known = np.isfinite(apart)
+    slope = 1000 * float(np.polyfit(walked[known], apart[known], 1)[0]) if np.ptp(walked[known]) > 0.5 else float("nan")
+    return walked, apart, slope
