@@ -14,7 +14,20 @@ from posefuse.core import PosefuseError
 
 from .terminal import Terminal
 
-COMMANDS = ("track", "live", "node", "calibrate", "view", "report", "simulate", "models", "plugins", "doctor")
+COMMANDS = (
+    "track",
+    "live",
+    "node",
+    "calibrate",
+    "view",
+    "report",
+    "simulate",
+    "experiment",
+    "compare",
+    "models",
+    "plugins",
+    "doctor",
+)
 INTERRUPTED = 130
 
 

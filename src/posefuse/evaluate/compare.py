@@ -87,7 +87,9 @@ class Comparison:
     drift_mm_per_m: float
 
 
-def compare(a: Tracks, b: Tracks, time: bool = True, space: bool = True, scale: bool = False, start_s: float | None = None) -> Comparison:
+def compare(
+    a: Tracks, b: Tracks, time: bool = True, space: bool = True, scale: bool = False, start_s: float | None = None
+) -> Comparison:
     """Bring b onto a and measure what is left.
 
     Args:
@@ -100,19 +102,19 @@ def compare(a: Tracks, b: Tracks, time: bool = True, space: bool = True, scale: 
         InputError: too little in common.
     """
     points = [p for p in a.points if p in b.points]
-    if len(points) < 3 and space or not points:
+    if (len(points) < 3 and space) or not points:
         raise InputError(
             f"{a.name} and {b.name} have {len(points)} points in common, too few to align; "
             f"{a.name} has: {choices(a.points)}; {b.name} has: {choices(b.points)}"
         )
     a, b = a.only(points), b.only(points)
-    offset = _offset(a, b) if time else 0.0
+    offset = _offset(a, b, space, scale) if time else 0.0
     moved = b.at(a.t_s - offset)
     both = np.isfinite(a.xyz_m).all(axis=-1) & np.isfinite(moved).all(axis=-1)
     if both.any(axis=1).sum() < _LEAST_INSTANTS:
         raise InputError(f"{a.name} and {b.name}: fewer than {_LEAST_INSTANTS} instants in common after alignment in time")
-    used = both & (a.t_s <= a.t_s[0] + start_s)[:, None] if start_s else both
-    rotation, shift, factor = similarity(moved[used], a.xyz_m[used], scale) if space else (np.eye(3), np.zeros(3), 1.0)
+    early = moved if start_s is None else np.where((a.t_s <= a.t_s[0] + start_s)[:, None, None], moved, np.nan)
+    (rotation, shift, factor), _ = _fitted(a.xyz_m, early, space, scale)
     onto = factor * moved @ rotation.T + shift
     distance = np.linalg.norm(onto - a.xyz_m, axis=-1)
     alignment = Alignment(offset, rotation, shift, factor, float(np.sqrt(np.nanmean(distance[both] ** 2))))
@@ -130,8 +132,20 @@ def similarity(moving: Array, fixed: Array, scale: bool) -> tuple[Array, Array, 
     return rotation, centre_f - factor * rotation @ centre_m, factor
 
 
-def _offset(a: Tracks, b: Tracks) -> float:
-    """Seconds to add to b's times: speeds of all points agree best, first over the whole range of overlaps, then finely.
+def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Array, Array, float], float]:
+    """The similarity of b (T, K, 3) onto a where both are, and the rms distance it leaves; inf where too little is."""
+    both = np.isfinite(a_m).all(axis=-1) & np.isfinite(b_m).all(axis=-1)
+    onto = (np.eye(3), np.zeros(3), 1.0)
+    if both.sum() < _LEAST_INSTANTS:
+        return onto, np.inf
+    if space:
+        onto = similarity(b_m[both], a_m[both], scale)
+    left = onto[2] * b_m[both] @ onto[0].T + onto[1] - a_m[both]
+    return onto, float(np.sqrt((left**2).sum(axis=-1).mean()))
+
+
+def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
+    """Seconds to add to b's times: speeds agree best over all overlaps, then, around there, positions once aligned.
 
     Speeds do not depend on where either system's origin is.
     """
@@ -142,12 +156,9 @@ def _offset(a: Tracks, b: Tracks) -> float:
     lags = range(-(len(times[1]) - overlap), len(times[0]) - overlap + 1)
     cost = [_speed_cost(speeds[0], speeds[1], lag, overlap) for lag in lags]
     coarse = lags[int(np.nanargmin(cost))] / rate_hz + times[0][0] - times[1][0]
-    grid = times[0]
-    known = speeds[0]
 
     def misfit(offset: float) -> float:
-        apart = known - _speed(b.at(grid - offset), rate_hz)
-        return float(np.nanmean(np.abs(apart))) if np.isfinite(apart).any() else np.inf
+        return _fitted(a.xyz_m, b.at(a.t_s - offset), space, scale)[1]
 
     fine = minimize_scalar(misfit, bounds=(coarse - 2 / rate_hz, coarse + 2 / rate_hz), method="bounded", options={"xatol": 1e-4})
     return float(fine.x)
@@ -170,9 +181,15 @@ def _speed_cost(one: Array, two: Array, lag: int, least: int) -> float:
     return float(np.nanmean(apart)) if np.isfinite(apart).mean() > 0.1 else np.nan
 
 
+def middle_of(xyz: Array) -> Array:
+    """(T, 3) mean of the points (T, K, 3) that are there; NaN where none is."""
+    count = np.isfinite(xyz).all(axis=-1).sum(axis=1)[:, None]
+    return np.asarray(np.nansum(xyz, axis=1) / np.where(count > 0, count, np.nan))
+
+
 def _drift(a: Array, b: Array) -> tuple[Array, Array, float]:
     both = np.isfinite(a).all(axis=-1) & np.isfinite(b).all(axis=-1)
-    middles = [np.nanmean(np.where(both[..., None], one, np.nan), axis=1) for one in (a, b)]
+    middles = [middle_of(np.where(both[..., None], one, np.nan)) for one in (a, b)]
     steps = np.nan_to_num(np.linalg.norm(np.diff(middles[0][:, :2], axis=0), axis=-1))
     walked = np.concatenate([[0.0], np.cumsum(steps)])
     apart = np.linalg.norm((middles[1] - middles[0])[:, :2], axis=-1)
