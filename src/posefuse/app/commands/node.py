@@ -22,6 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--source", action="append", default=[], metavar="CAMERA=KIND:WHERE", help="camera: see `posefuse live --help`"
     )
     parser.add_argument("--name", default="1", help="camera: tells this machine's node apart from others")
+    parser.add_argument(
+        "--zero",
+        type=float,
+        metavar="UNIX_S",
+        help="camera: when recorded and simulated sources begin, the same on every machine",
+    )
     parser.add_argument("--fault", action="append", default=[], metavar="CAMERA=KIND@START[-END]", help="camera: fail on purpose")
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
     live.add_outputs(parser)

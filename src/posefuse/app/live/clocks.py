@@ -1,79 +1,164 @@
-"""What is left of the difference between camera clocks, found from the moving person.
+"""What is left of the difference between camera clocks, found again and again from the moving person.
 
-A camera whose stamps are late by d shows people where they were d before: its keypoints lie behind the prediction along
-their own motion in the picture. Over many keypoints, d = -sum(v . r) / sum(v . v) with r the residual in px and v the
-velocity in px/s. The prediction rests on all cameras, so what one camera is found to be off is taken away from its stamps and
-the rest found again, until nothing is left; only differences can be seen, so the mean over the cameras is kept at 0.
+The work is `calibrate.sync`: where two cameras' stamps disagree, a moving point leaves its epipolar line. It runs in a
+process of its own on the newest seconds, so that the beat never waits for it.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
+import time
+from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Pose3D
-from posefuse.core.arrays import Array
+from posefuse.core import CalibrationError, Detections2D, Rig
+
+from .channel import Channel, ChannelClosed
+from .processes import ended, spawned
 
 _S = 1e9
-# slower keypoints say nothing about time, nor do those that jumped
-_LEAST_PX_S, _MOST_PX = 20.0, 60.0
-_STEP_S = 1e-3
-_FORGET = 0.01
-_GAIN = 0.02
-_ENOUGH = 40.0
-# a single view counts no more than a usual one: one keypoint in a hundred wild pixels must not set a clock
-_MOST_SHIFT_S = 0.15
+_KEPT_S = 8.0
+_EVERY_S = 2.0
+_LEAST_FRAMES = 60
+_LEAST_SCORE = 0.5
+_TRUSTED_S = 0.005
+_BLEND = 0.5
+# pairs that disagree with the rest by more than this count less and less
+_USUAL_S = 0.004
+_ROUNDS = 20
+_NICENESS = 10
 
 
 class ClockOffsets:
-    """Offsets of all cameras' stamps, learnt view by view. No clock inside."""
+    """Offsets of all cameras' stamps. Use as a context manager: leaving it ends the process."""
 
-    def __init__(self, cameras: Sequence[str]) -> None:
-        self._names = tuple(cameras)
-        self._offset_s = np.zeros(len(self._names))
-        self._along, self._speed, self._views = (np.zeros(len(self._names)) for _ in range(3))
+    def __init__(self, rig: Rig) -> None:
+        self._names = rig.names
+        self._offset_s = dict.fromkeys(rig.names, float("nan"))
+        self._channel, theirs = Channel.pair()
+        self._process = spawned(run_clocks, rig, theirs, name="posefuse clocks")
+        theirs.close_own()
+
+    def __enter__(self) -> ClockOffsets:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._channel.close()
+        ended(self._process, 0.3)
 
     @property
     def offset_s(self) -> Mapping[str, float]:
-        """How much later each camera's stamps are than the mean of all; NaN until enough has moved in its picture."""
-        known = self._views >= _ENOUGH
-        return {
-            name: float(offset) if ok else float("nan")
-            for name, offset, ok in zip(self._names, self._offset_s, known, strict=True)
-        }
+        """How much later each camera's stamps are than the mean of all; NaN until that is known."""
+        return dict(self._offset_s)
 
-    def corrected_ns(self, camera: str, t_ns: int) -> int:
-        """The stamp with what was found taken away."""
-        return t_ns - round(self._offset_s[self._names.index(camera)] * _S)
-
-    def learn(self, camera: Camera, view: Detections2D, pose: Pose3D, velocity_world: Array) -> None:
-        """Hold a view, its stamp corrected, against a pose near it in time and how fast everybody moves (N, K, 3)."""
-        late_s = (view.t_ns - pose.t_ns) / _S
-        best: tuple[int, float, float] = (0, 0.0, 0.0)
-        for xyz, speed in zip(pose.xyz_world, velocity_world, strict=True):
-            then = xyz + speed * late_s
-            expected = camera.project(then)
-            motion = (camera.project(then + speed * _STEP_S) - expected) / _STEP_S
-            for seen, score in zip(view.xy_img, view.score, strict=True):
-                best = max(best, _sums(seen, score, expected, motion))
-        if best[0] == 0 or best[2] == 0:
-            return
-        c = self._names.index(camera.name)
-        self._along[c] += _FORGET * (best[1] - self._along[c])
-        self._speed[c] += _FORGET * (best[2] - self._speed[c])
-        self._views[c] += 1
-        if self._views[c] >= _ENOUGH:
-            found_s = float(np.clip(-self._along[c] / max(self._speed[c], 1e-9), -_MOST_SHIFT_S, _MOST_SHIFT_S))
-            self._offset_s[c] += _GAIN * found_s
-            self._offset_s -= self._offset_s.mean()
+    def corrected_ns(self, view: Detections2D) -> int:
+        """The view's stamp with what was found taken away; the view goes into the next finding."""
+        with contextlib.suppress(ChannelClosed):
+            if len(view) == 1:
+                self._channel.send((view.camera, view.t_ns, view.xy_img[0], view.score[0]))
+            while (found := self._channel.receive()) is not None:
+                self._offset_s = found
+        offset_s = self._offset_s[view.camera]
+        return view.t_ns if np.isnan(offset_s) else view.t_ns - round(offset_s * _S)
 
 
-def _sums(seen: Array, score: Array, expected: Array, motion: Array) -> tuple[int, float, float]:
-    """Keypoints that count, sum of v . r, sum of v . v."""
-    residual = seen - expected
-    speed = np.linalg.norm(motion, axis=-1)
-    with np.errstate(invalid="ignore"):
-        use = (score > 0) & (speed > _LEAST_PX_S) & (np.linalg.norm(residual, axis=-1) < _MOST_PX)
-    v, r = motion[use], residual[use]
-    return int(use.sum()), float((v * r).sum()), float((v * v).sum())
+def run_clocks(rig: Rig, channel: Channel) -> None:
+    """Body of the process: collects views, tells offsets."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(OSError):
+        os.nice(_NICENESS)
+    kept: dict[str, deque[Any]] = {name: deque() for name in rig.names}
+    known: dict[str, float] = {}
+    next_s = time.monotonic() + _EVERY_S
+    with contextlib.suppress(ChannelClosed):
+        while True:
+            channel.wait(0.2)
+            while (message := channel.receive()) is not None:
+                camera, *view = message
+                _keep(kept[camera], view)
+            if time.monotonic() >= next_s:
+                known = blended(known, found_offsets(rig, kept))
+                channel.send({name: known.get(name, float("nan")) for name in rig.names})
+                next_s = time.monotonic() + _EVERY_S
+    os._exit(0)
+
+
+def _keep(views: deque[Any], view: Sequence[Any]) -> None:
+    if views and view[0] <= views[-1][0]:
+        return
+    views.append(view)
+    while view[0] - views[0][0] > _KEPT_S * _S:
+        views.popleft()
+
+
+def blended(before: Mapping[str, float], now: Mapping[str, float]) -> dict[str, float]:
+    """Offsets that follow the newest finding half way; new ones at once. Their mean is 0."""
+    mixed = {name: before.get(name, value) + _BLEND * (value - before.get(name, value)) for name, value in now.items()}
+    kept = {**before, **mixed}
+    mean = sum(kept.values()) / len(kept) if kept else 0.0
+    return {name: value - mean for name, value in kept.items()}
+
+
+def found_offsets(rig: Rig, kept: Mapping[str, Sequence[Any]]) -> dict[str, float]:
+    """Offsets in s, about their mean, of the cameras whose pictures can be compared.
+
+    Args:
+        kept: per camera (t_ns, xy_img (K, 2), score (K,)), oldest first.
+    """
+    from posefuse.calibrate.sync import Track, estimate_clocks
+
+    ready = [name for name in rig.names if len(kept[name]) >= _LEAST_FRAMES]
+    if len(ready) < 2:
+        return {}
+    zero_ns = kept[ready[0]][0][0]
+    tracks = {
+        name: Track(
+            np.array([(t_ns - zero_ns) / _S for t_ns, _, _ in kept[name]]),
+            np.array([np.where((score >= _LEAST_SCORE)[:, None], xy, np.nan) for _, xy, score in kept[name]], np.float64),
+        )
+        for name in ready
+    }
+    pairs = []
+    for i, one in enumerate(ready):
+        for other in ready[i + 1 :]:
+            with contextlib.suppress(CalibrationError):
+                estimate = estimate_clocks(rig.only((one, other)), (tracks[one], tracks[other]))
+                if estimate.offset_sigma_s[1] < _TRUSTED_S:
+                    pairs.append((i, ready.index(other), float(estimate.offset_s[1])))
+    return agreed(ready, pairs)
+
+
+def agreed(names: Sequence[str], pairs: Sequence[tuple[int, int, float]]) -> dict[str, float]:
+    """Offsets about their mean that fit the differences of pairs (one, other, other minus one) best, wild ones left aside.
+
+    Cameras that no chain of pairs joins to the most others are left out.
+    """
+    joined = _joined(len(names), pairs)
+    used = [(i, j, late_s) for i, j, late_s in pairs if i in joined]
+    if not used:
+        return {}
+    rows = np.zeros((len(used) + 1, len(names)))
+    for row, (i, j, _) in zip(rows, used, strict=False):
+        row[i], row[j] = -1.0, 1.0
+    rows[-1, sorted(joined)] = 1.0
+    late = np.array([late_s for _, _, late_s in used] + [0.0])
+    weight = np.ones(len(late))
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)
+        offset_s = np.linalg.lstsq(rows * root[:, None], late * root, rcond=None)[0]
+        weight = 1 / (1 + ((rows @ offset_s - late) / _USUAL_S) ** 2)
+    return {names[i]: float(offset_s[i]) for i in sorted(joined)}
+
+
+def _joined(count: int, pairs: Sequence[tuple[int, int, float]]) -> set[int]:
+    """The largest set of cameras that pairs join."""
+    label = list(range(count))
+    for i, j, _ in pairs:
+        label = [label[i] if value == label[j] else value for value in label]
+    largest = max(set(label), key=label.count)
+    return {i for i in range(count) if label[i] == largest}

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from posefuse.core import ConfigError, Frame, Rig, SourceError
 from posefuse.core.errors import choices
 
-FAULTS = ("freeze", "jump", "flood", "hang", "unplug")
-_JUMP_NS = 3600 * 1_000_000_000
+FAULTS = ("freeze", "jump", "skew", "flood", "hang", "unplug")
+_OFF_NS = {"jump": 3600 * 1_000_000_000, "skew": 50_000_000}
 _COPIES = 40
 _POLL_S = 0.02
 
@@ -21,7 +21,8 @@ class Fault:
     """What goes wrong with a camera, and when.
 
     Attributes:
-        kind: ``freeze`` (the same image again and again), ``jump`` (its clock is an hour ahead), ``flood`` (forty frames
+        kind: ``freeze`` (the same image again and again), ``jump`` (its clock is an hour ahead),
+            ``skew`` (50 ms ahead), ``flood`` (forty frames
             for one), ``hang`` (says nothing), ``unplug`` (the source ends, and comes back).
         start_s, end_s: seconds after the camera's first frame.
     """
@@ -57,7 +58,6 @@ def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) 
         if "freeze" not in active or last is None:
             last = frame
         shown = replace(frame, image=last.image)
-        if "jump" in active:
-            shown = replace(shown, t_ns=frame.t_ns + _JUMP_NS)
+        shown = replace(shown, t_ns=frame.t_ns + sum(_OFF_NS.get(kind, 0) for kind in active))
         for copy in range(_COPIES if "flood" in active else 1):
             yield replace(shown, t_ns=shown.t_ns + copy)

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import Detections2D, Pose3D, Rig
+from posefuse.core import Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.track.live import Tracker
 
@@ -60,20 +60,24 @@ class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread."""
 
     def __init__(
-        self, rig: Rig, tracker: Tracker, board: Board, clock: SessionClock, outlets: Outlets, correct_clocks: bool = False
+        self,
+        rig: Rig,
+        tracker: Tracker,
+        board: Board,
+        clock: SessionClock,
+        outlets: Outlets,
+        offsets: ClockOffsets | None = None,
     ) -> None:
         self.rig, self.tracker, self._board, self.clock, self._outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
-        self.offsets = ClockOffsets(rig.names)
-        self._correct_clocks = correct_clocks
+        self._offsets = offsets
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
         self.sigma_px = np.full(len(rig), _SIGMA_PX)
         self._waiting: list[Way] = []
         self._last_told: Pose3D | None = None
-        self._velocity = np.zeros((0, 0, 3))
         self._judged_ns = 0
 
     def run(self, intake: Intake, rate_hz: float, until: Callable[[int], bool]) -> None:
@@ -130,8 +134,8 @@ class Fusion:
         view = self.monitor.admit(seen, now_ns)
         if view is None:
             return
-        if self._correct_clocks:
-            view = self._on_one_clock(view)
+        if self._offsets is not None:
+            view = replace(view, t_ns=self._offsets.corrected_ns(view))
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1
@@ -142,13 +146,6 @@ class Fusion:
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
         }  # fmt: skip
         self._outlets.offer("view", view, stages)
-
-    def _on_one_clock(self, view: Detections2D) -> Detections2D:
-        """The view with its camera's clock put right, as far as it is known; learns from it."""
-        view = replace(view, t_ns=self.offsets.corrected_ns(view.camera, view.t_ns))
-        if self._last_told is not None and len(view):
-            self.offsets.learn(self.rig[view.camera], view, self._last_told, self._velocity)
-        return view
 
     def _learn_noise(self, camera: str, sigma_px: Array) -> None:
         stated = sigma_px[np.isfinite(sigma_px)]
@@ -172,8 +169,7 @@ class Fusion:
             return
         known = np.isfinite(pose.xyz_world).any(axis=(1, 2))
         shown = pose if known.all() else _only(pose, known)
-        self._velocity = velocity_between(before, shown)
-        self._board.write(shown, self._velocity, expected_gain(shown, self.rig, self.sigma_px))
+        self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
         self._last_told = shown
 
     def _judge(self, intake: Intake, now_ns: int) -> None:

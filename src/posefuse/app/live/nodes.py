@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -12,6 +13,7 @@ import numpy as np
 
 from posefuse.app.terminal import Terminal
 from posefuse.core import Pose3D, Rig, SourceError
+from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.files.rig import read_rig
 from posefuse.wire import topics
 from posefuse.wire.dds import Network, RosNode
@@ -22,6 +24,7 @@ from posefuse.wire.ros_output import RosOutput
 from .board import Board
 from .budget import expected_gain
 from .clock import SessionClock
+from .clocks import ClockOffsets
 from .command import output_plan, settled_config
 from .config import LiveConfig
 from .faults import faults_from_arguments
@@ -31,7 +34,7 @@ from .messages import Preview, Seen, Status
 from .monitor import Monitor
 from .network_intake import NetworkIntake
 from .outputs import OutputPlan, OutputProcess
-from .processes import Groups
+from .processes import Groups, peak_mb
 from .report import figures_of, show, write_report
 from .session import Finished, favoured, group_plans, new_board, ready_tracker, stop_requests
 from .sinks import health_lines, publish_preview
@@ -67,7 +70,7 @@ def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     ):
         groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
-        groups.begin(time.monotonic_ns())
+        groups.begin(time.monotonic_ns() if args.zero is None else round(args.zero * _S) - clock.offset_ns)
         worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock)
         end_ns = None if args.duration is None else clock.now_ns() + round(args.duration * _S)
         while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
@@ -141,13 +144,15 @@ def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
         finally:
             outputs.close()
             intake.close()
+    times = os.times()
+    done.cpu_s = (times.user + times.system, times.children_user + times.children_system)
     done.outputs, done.lost, done.trouble = outputs.figures, outputs.lost, outputs.trouble
     figures = {
         **figures_of(done),
         "messages": {"accepted": intake.intake.counts.accepted, "refused": intake.intake.counts.refused},
         "last_refusal": intake.intake.counts.last_refusal,
         "strangers": intake.strangers,
-        "clock_offset_ms": {name: 1000 * offset for name, offset in done.fusion.offsets.offset_s.items()},
+        "clock_offset_ms": {name: 1000 * offset for name, offset in done.clock_offset_s.items()},
     }
     show(terminal, figures)
     terminal.facts("Clocks, ms after the mean", {name: f"{ms:+.1f}" for name, ms in figures["clock_offset_ms"].items()})
@@ -166,6 +171,8 @@ def _fuse(
     stopped: list[str],
     say: Callable[[str], None],
 ) -> Finished:
+    # compiled for any skeleton, before anybody waits
+    ready_tracker(rig, BLAZEPOSE33, config)
     begun_ns = plan.clock.now_ns()
     end_ns = None if duration_s is None else begun_ns + round(duration_s * _S)
 
@@ -181,10 +188,13 @@ def _fuse(
             raise SourceError(f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?")
         skeleton = intake.first_skeleton(_FIRST_VIEW_S)
     say(f"first view after {(plan.clock.now_ns() - begun_ns) / _S:.1f} s")
-    fusion = Fusion(rig, ready_tracker(rig, skeleton, config), new_board(rig), plan.clock, outputs, correct_clocks=True)
-    done = Finished(fusion, skeleton, zero_ns=begun_ns)
-    with favoured():
-        fusion.run(intake, config.rate_hz, until)
+    with ClockOffsets(rig) as offsets:
+        fusion = Fusion(rig, ready_tracker(rig, skeleton, config), new_board(rig), plan.clock, outputs, offsets)
+        done = Finished(fusion, skeleton, zero_ns=begun_ns)
+        with favoured():
+            fusion.run(intake, config.rate_hz, until)
+        done.clock_offset_s = dict(offsets.offset_s)
+    done.memory_mb = peak_mb([os.getpid()])
     done.seconds = (plan.clock.now_ns() - begun_ns) / _S
     done.stopped_by = stopped[0] if stopped else ""
     return done

@@ -96,11 +96,8 @@ class Groups:
         return sum(member.restarts for member in self._members)
 
     def memory_mb(self) -> float:
-        """Most memory this process and those of the groups have held (resident), added up; NaN where nobody tells."""
-        try:
-            return sum(_peak_mb(pid) for pid in (os.getpid(), *(member.process.pid for member in self._members)))
-        except (OSError, IndexError, ValueError):
-            return float("nan")
+        """Most memory this process and those of the groups have held, added up, see `peak_mb`."""
+        return peak_mb([os.getpid(), *(member.process.pid for member in self._members)])
 
     def wait_ready(self, timeout_s: float = START_S) -> Skeleton:
         """Wait for every group's sources and network.
@@ -219,9 +216,13 @@ class Groups:
         member.retry_s = min(2 * member.retry_s, _LONGEST_RETRY_S)
 
 
-def _peak_mb(pid: int) -> float:
-    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
-    return int(status.split("VmHWM:")[1].split()[0]) / 1024
+def peak_mb(pids: Sequence[int]) -> float:
+    """Most memory processes have held (resident, what they share counted in each), added up; NaN where nobody tells."""
+    try:
+        told = [Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace") for pid in pids]
+        return sum(int(status.split("VmHWM:")[1].split()[0]) for status in told) / 1024
+    except (OSError, IndexError, ValueError):
+        return float("nan")
 
 
 def _cameras(plan: GroupPlan) -> str:

@@ -36,6 +36,7 @@ class Finished:
         lost: values there was no room for. trouble: of the outputs. restarts: of camera processes.
         cpu_s: processor time of the fusion process, and of all its children.
         memory_mb: most memory of this process and its camera processes, added up.
+        clock_offset_s: by camera, on several machines only, see `clocks.ClockOffsets`.
     """
 
     fusion: Fusion
@@ -49,6 +50,7 @@ class Finished:
     stopped_by: str = ""
     cpu_s: tuple[float, float] = (0.0, 0.0)
     memory_mb: float = 0.0
+    clock_offset_s: dict[str, float] = field(default_factory=dict)
 
 
 def run_live(
