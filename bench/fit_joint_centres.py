@@ -28,7 +28,7 @@ from posefuse.track.joint_centres import JOINTS, SIDES, directions
 # the mesh says 12 mm down, real footage (bench/real_footage.py) says up; "sinking" is nothing when standing, and grows as the
 # thigh is lifted.
 WANTED = {
-    "shoulder": ("forward", "up", "outward", "arm"),
+    "shoulder": ("forward", "up", "outward", "arm", "raising"),
     "elbow": ("upper_arm", "bend"),
     "wrist": ("forearm", "hand", "palm"),
     "hip": ("forward", "outward", "sinking"),

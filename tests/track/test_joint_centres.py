@@ -53,6 +53,7 @@ def test_directions_of_somebody_standing_are_what_their_names_say() -> None:
             np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
             np.testing.assert_allclose(known[joint]["up"], [0, 0, 1], atol=1e-12)
             np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
+        np.testing.assert_allclose(known["shoulder"]["raising"], 0, atol=1e-12)
         for joint in ("knee", "ankle"):
             np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
             np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
@@ -61,6 +62,14 @@ def test_directions_of_somebody_standing_are_what_their_names_say() -> None:
         np.testing.assert_allclose(known["elbow"]["bend"], [1, 0, 1], atol=1e-12)
         np.testing.assert_allclose(known["wrist"]["palm"], [0, -out[1], 0], atol=1e-12)
         np.testing.assert_allclose(known["ankle"]["foot"], [1, 0, 0], atol=1e-12)
+
+
+def test_a_raised_arm_counts_as_far_as_it_points_outward() -> None:
+    xyz = standing()
+    xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.5, 1.4]
+    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -1, 0], atol=1e-12)
+    xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.4, 1.2]
+    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -np.sqrt(0.5), 0], atol=1e-12)
 
 
 def test_moving_the_world_moves_the_result() -> None:

@@ -77,7 +77,8 @@ def directions(xyz: Array, skeleton: Skeleton, side: str) -> Mapping[str, Mappin
     ``foot`` heel to toe, ``hand`` wrist to knuckles; at the knee and ankle ``outward`` is the pelvis's, normal to the limb,
     and ``forward`` normal to both. Others: ``bend``, the difference of the limbs' directions below and above the joint,
     nothing when it is straight; ``sinking``, of the thigh's direction and the spine's downward one, nothing when standing;
-    ``palm``, from little to index finger, about one long. NaN where keypoints are missing.
+    ``palm``, from little to index finger, about one long; ``raising``, outward as far as the arm points outward. NaN where
+    keypoints are missing.
     """
     other = "left" if side == "right" else "right"
 
@@ -96,7 +97,7 @@ def directions(xyz: Array, skeleton: Skeleton, side: str) -> Mapping[str, Mappin
     pelvis = _trunk(spine, at(f"{side}_hip") - at(f"{other}_hip"), side)
     knee_out, ankle_out = _normal_to(thigh, pelvis["outward"]), _normal_to(shank, pelvis["outward"])
     return {
-        "shoulder": {**chest, "arm": upper_arm},
+        "shoulder": {**chest, "arm": upper_arm, "raising": chest["outward"] * _cosine(upper_arm, chest["outward"])},
         "elbow": {"upper_arm": upper_arm, "forearm": forearm, "bend": forearm - upper_arm},
         "wrist": {"forearm": forearm, "hand": hand, "palm": palm / _PALM_M},
         "hip": {**pelvis, "thigh": thigh, "sinking": thigh + _unit(spine)},
@@ -116,9 +117,14 @@ def _ahead(up: Array, outward: Array, side: str) -> Array:
     return np.asarray(np.cross(outward, up) if side == "left" else np.cross(up, outward))
 
 
+def _cosine(one: Array, other: Array) -> Array:
+    """(..., 1) of the angle between unit vectors."""
+    return np.asarray((one * other).sum(axis=-1, keepdims=True))
+
+
 def _normal_to(axis: Array, vector: Array) -> Array:
     """Unit part of `vector` normal to the unit vector `axis`."""
-    return _unit(vector - (vector * axis).sum(axis=-1, keepdims=True) * axis)
+    return _unit(vector - _cosine(vector, axis) * axis)
 
 
 def _unit(vector: Array) -> Array:
