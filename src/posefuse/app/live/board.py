@@ -43,8 +43,8 @@ class Board:
     def __init__(self, context: BaseContext, cameras: int) -> None:
         self._cameras = cameras
         # revision (odd while being written), t_ns, people, keypoints
-        self._words = context.RawArray("q", 4)  # type: ignore[attr-defined]
-        self._numbers = context.RawArray("d", cameras + 2 * MOST_PEOPLE * _MOST_KEYPOINTS * 3)  # type: ignore[attr-defined]
+        self._words = context.RawArray("q", 4)
+        self._numbers = context.RawArray("d", cameras + 2 * MOST_PEOPLE * _MOST_KEYPOINTS * 3)
 
     def write(self, pose: Pose3D, velocity_world: Array, gain: Array) -> None:
         """Replace what is there."""

@@ -69,7 +69,14 @@ def output_plan(args: argparse.Namespace, rig: Rig) -> OutputPlan:
         raise InputError(f"{args.record}: is there already; choose another name or move it away")
     view = str(args.view_file) if args.view_file else "spawn" if args.view else ""
     return OutputPlan(
-        rig, SessionClock.begin(), _absolute(args.record), tuple(args.osc), tuple(args.json_udp), args.axes, network, view
+        rig,
+        SessionClock.begin(),
+        record=_absolute(args.record),
+        osc=tuple(args.osc),
+        json_udp=tuple(args.json_udp),
+        axes=args.axes,
+        ros=network,
+        view=view,
     )
 
 

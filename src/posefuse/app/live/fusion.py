@@ -167,7 +167,7 @@ class Fusion:
         before = self._last_told
         if before is not None and 0 <= pose.t_ns - before.t_ns < _BOARD_NS:
             return
-        known = np.isfinite(pose.xyz_world).any(axis=(1, 2))
+        known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
         shown = pose if known.all() else _only(pose, known)
         self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
         self._last_told = shown

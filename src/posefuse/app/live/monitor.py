@@ -97,12 +97,15 @@ class Monitor:
             return None
         watch.heard_ns = now_ns
         if self._floods(watch, now_ns):
-            return _refused(watch, "flood")
+            _count(watch, "flood")
+            return None
         t_ns = self._timed(watch, seen, now_ns)
         if t_ns is None:
-            return _refused(watch, "clock")
+            _count(watch, "clock")
+            return None
         if self._is_frozen(watch, seen, t_ns):
-            return _refused(watch, "frozen")
+            _count(watch, "frozen")
+            return None
         return seen.detections if t_ns == seen.detections.t_ns else replace(seen.detections, t_ns=t_ns)
 
     def told(self, state: CameraState, now_ns: int) -> None:
@@ -207,5 +210,5 @@ class Monitor:
         return watch.frozen and (not others or any(not other.frozen for other in others))
 
 
-def _refused(watch: _Watch, why: str) -> None:
+def _count(watch: _Watch, why: str) -> None:
     watch.refused[why] = watch.refused.get(why, 0) + 1

@@ -87,7 +87,7 @@ class OutputProcess:
         try:
             if not self._channel.wait(_START_S):
                 raise InputError(f"outputs: not ready within {_START_S:g} s")
-            kind, text = self._channel.receive()
+            kind, text = self._channel.receive() or ("failed", "outputs: their process said nothing")
         except ChannelClosed:
             raise InputError("outputs: their process ended while starting") from None
         if kind == "failed":
@@ -107,11 +107,11 @@ class OutputProcess:
         """Let it finish, files first; safe to call twice."""
         if self._process is None:
             return
-        with contextlib.suppress(ChannelClosed, TypeError):
+        with contextlib.suppress(ChannelClosed):
             self._channel.send(("end", ()), 0.3)
             end_s = time.monotonic() + _END_S
             while not self.figures and self._channel.wait(max(0.0, end_s - time.monotonic())):
-                kind, figures = self._channel.receive()
+                kind, figures = self._channel.receive() or ("", {})
                 if kind == "done":
                     self.figures = figures
         ended(self._process, 0.5)

@@ -20,7 +20,7 @@ JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
 def figures_of(done: Finished) -> dict[str, Any]:
     """Everything as plain values."""
     fusion = done.fusion
-    cameras = {}
+    cameras: dict[str, dict[str, Any]] = {}
     for name in fusion.rig.names:
         source = fusion.monitor.source(name)
         captured = source.captured if source else 0

@@ -101,7 +101,7 @@ class ViewSink:
             self._stream.log(f"world/people/{gone}", rr.Clear(recursive=True))
         self._people = set(pose.person_id.tolist())
         for camera in self._rig:
-            strips = camera.project(pose.xyz_world)[:, bones] + 0.5
+            strips: Any = camera.project(pose.xyz_world)[:, bones] + 0.5
             strips = strips[np.isfinite(strips).all(axis=(-1, -2))]
             self._stream.log(f"{_path(camera.name)}/skeleton", rr.LineStrips2D(strips, colors=_GOOD_RGB, radii=-1.5))
 

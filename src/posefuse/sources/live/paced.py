@@ -11,8 +11,8 @@ from posefuse.core import Frame
 
 from ..video import VideoConfig, VideoSource
 
-# decoded ahead of its time by so much, as decoding takes time of its own
-_AHEAD_NS = 15_000_000
+# decoding takes time of its own; and so much is forgiven the first frame, whose successor is not known yet
+_SLACK_NS, _FIRST_NS = 15_000_000, 100_000_000
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class PacedVideoSource:
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; `received_ns` is when a frame was handed on, on the file's own clock."""
         zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
-        period_ns, before_ns = 0, None
+        period_ns, before_ns = _FIRST_NS, None
         for frame in self._video.frames():
             period_ns = frame.t_ns - before_ns if before_ns is not None else period_ns
             before_ns = frame.t_ns
             now_ns = time.monotonic_ns() - zero_ns
-            if period_ns and now_ns > frame.t_ns + period_ns + _AHEAD_NS:
+            if now_ns > frame.t_ns + period_ns + _SLACK_NS:
                 continue
             time.sleep(max(0, frame.t_ns - now_ns) / 1e9)
             yield replace(frame, received_ns=time.monotonic_ns() - zero_ns)

@@ -1,0 +1,80 @@
+"""Live sources against a network camera of our own: MJPEG over HTTP, as cheap cameras send it."""
+
+import threading
+import time
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.core import SourceError
+from posefuse.sources.live import PacedVideoConfig, StreamConfig
+
+PERIOD_S = 0.04
+
+
+class Camera(BaseHTTPRequestHandler):
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        for i in range(40):
+            image = np.full((48, 64, 3), 5 * i, np.uint8)
+            data = cv2.imencode(".jpg", image)[1].tobytes()
+            try:
+                self.wfile.write(
+                    b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data) + data + b"\r\n"
+                )
+            except OSError:
+                return
+            time.sleep(PERIOD_S)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def network_camera() -> Iterator[str]:
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Camera)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}/stream.mjpg"
+    server.shutdown()
+    server.server_close()
+
+
+def test_a_network_camera_delivers_until_it_ends(network_camera: str) -> None:
+    source = StreamConfig(network_camera, "cam").build()
+    assert source.size_wh == (64, 48)
+    frames = []
+    with pytest.raises(SourceError, match=r"ended|no image"):
+        for frame in source.frames():
+            frames.append(frame)
+    source.close()
+    source.close()
+    assert len(frames) > 20
+    assert [frame.seq for frame in frames] == list(range(len(frames)))
+    assert (np.diff([frame.t_ns for frame in frames]) > 0).all()
+    assert all(frame.t_ns <= frame.received_ns for frame in frames[1:])
+    assert (np.diff([frame.image.mean() for frame in frames]) > 3).all()
+
+
+def test_nobody_there_is_one_line() -> None:
+    with pytest.raises(SourceError, match="switched on"):
+        StreamConfig("http://127.0.0.1:9/none", "cam").build()
+    with pytest.raises(SourceError, match="there are"):
+        StreamConfig("/dev/video77", "cam").build()
+
+
+def test_a_film_comes_at_its_own_pace_and_from_the_zero_it_is_given(demo_session) -> None:
+    film = demo_session / "videos" / "cam00.mp4"
+    began_ns = time.monotonic_ns()
+    source = PacedVideoConfig(film, "cam00", zero_ns=began_ns - 9_000_000_000).build()
+    frames = list(source.frames())
+    # nine of ten seconds are over when it begins
+    assert all(frame.t_ns >= 8_900_000_000 for frame in frames)
+    assert len(frames) > 5
+    assert all(frame.received_ns >= frame.t_ns for frame in frames)
+    assert frames[-1].received_ns <= time.monotonic_ns() - began_ns + 9_000_000_000
