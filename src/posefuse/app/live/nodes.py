@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import select
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -94,7 +95,7 @@ class CameraNode:
 
     def step(self, groups: Groups) -> None:
         """A moment's work."""
-        self._node.wait(_POLL_S)
+        select.select(groups.channels(), [], [], _POLL_S)
         self._hear()
         for message in groups.messages():
             if isinstance(message, Seen):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -89,8 +90,9 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         ),
         "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
         "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
-        "frames used": f"{figures['used_share']:.0%}",
     }
+    if math.isfinite(figures["used_share"]):
+        facts["frames used"] = f"{figures['used_share']:.0%}"
     if figures["restarts"]:
         facts["restarts"] = str(figures["restarts"])
     for name, sink in figures["outputs"].items():
