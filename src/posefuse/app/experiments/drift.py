@@ -85,5 +85,8 @@ def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit
         for a, name in enumerate("xy")
     ]
     way = [Line("truth", true[:, 0], true[:, 1]), Line("cameras", seen[:, 0], seen[:, 1]), Line("suit", suit[:, 0], suit[:, 1])]
-    error = [Line("cameras", vision.walked_m, 1000 * vision.error_m), Line("suit", worn.walked_m, 1000 * worn.error_m)]
+    error = [
+        Line("cameras", vision.walked_m, 1000 * vision.error_m, colour=1),
+        Line("suit", worn.walked_m, 1000 * worn.error_m, colour=2),
+    ]
     return [plot("From above", "x, m", "m", way, equal=True), *over_time, plot("Error", "m walked", "mm", error, from_zero=True)]

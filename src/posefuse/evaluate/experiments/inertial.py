@@ -1,9 +1,9 @@
 """A suit of 17 inertial sensors, simulated from the truth and integrated as such suits do.
 
 Each segment carries a sensor whose fused orientation errs: a mounting error, a slowly wandering heading (gyroscope bias and
-magnetic disturbance), and noise. The suit has no eyes: it chains segments of known length from the foot that stands, which it
-takes to be at rest (zero-velocity update), so the body's place is the sum of all steps so far, and every error of heading
-bends the way.
+magnetic disturbance), and noise. The suit has no eyes: it chains segments of known length from the point of the feet that
+stands, which it takes to be at rest (zero-velocity update), so the body's place is the sum of all steps so far, and every
+error of heading bends the way.
 
 Figures, all published (MTw Awinda user manual, sensor specification; Paulich et al. 2018, "Xsens MTw Awinda"): dynamic accuracy
 0.75 deg RMS in roll and pitch, 1.5 deg RMS in heading, gyroscope bias instability 10 deg/h. How such suits place the body
@@ -25,6 +25,7 @@ from posefuse.core.skeleton import pick_keypoints
 # pelvis, sternum, head, and per side: shoulder, upper arm, forearm, hand, thigh, shank, foot
 SENSORS = 17
 _CHAIN = (("ankle", "knee"), ("knee", "hip"))
+_SOLES = ("heel", "big_toe")
 _SIDES = ("left", "right")
 
 
@@ -47,11 +48,20 @@ class SuitNoise:
     slip_m: float = 0.003
 
 
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """Times (T,) in seconds, where the body faces (T,) and how far the whole suit's heading has turned away (T,), radians."""
+
+    t_s: Array
+    facing_rad: Array
+    suit_turn_rad: Array
+
+
 def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> Array:
     """The middle of the hips (T, 3) as the suit tells it, in world metres; it begins where the truth does.
 
     Args:
-        truth: of one person, with ankles, knees and hips.
+        truth: of one person, with heels, big toes, ankles, knees and hips.
         noise: of the sensors.
         seed: of everything drawn.
 
@@ -60,44 +70,58 @@ def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> 
     """
     noise = noise or SuitNoise()
     rng = np.random.default_rng(seed)
-    names = [f"{side}_{joint}" for side in _SIDES for joint in ("ankle", "knee", "hip")]
+    names = [f"{side}_{joint}" for side in _SIDES for joint in ("ankle", "knee", "hip", *_SOLES)]
     missing = [name for name in names if name not in truth.skeleton.keypoints]
     if missing:
         raise ConfigError(f"inertial suit: the truth lacks {choices(missing)}; there are: {choices(truth.skeleton.keypoints)}")
     t_s = (truth.t_ns - truth.t_ns[0]) / 1e9
     points = {name: pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, [name])[:, 0] for name in names}
     suit_turn = np.deg2rad(rng.normal(0, noise.bias_deg_per_h)) / 3600 * t_s
-    pelvis_from_ankle = {side: _leg(points, side, t_s, suit_turn, noise, rng) for side in _SIDES}
-    return _stepped(points, pelvis_from_ankle, noise, rng)
+    across = points["left_hip"] - points["right_hip"]
+    body = _Body(t_s, np.arctan2(-across[:, 0], across[:, 1]), suit_turn)
+    pelvis_from: dict[str, Array] = {}
+    for side in _SIDES:
+        leg, foot = _leg(points, side, body, noise, rng), _sensor(body, noise, rng)
+        for part in _SOLES:
+            pelvis_from[f"{side}_{part}"] = leg + _erring(points[f"{side}_ankle"] - points[f"{side}_{part}"], *foot)
+    return _stepped(points, pelvis_from, noise, rng)
 
 
-def standing_side(left_ankle: Array, right_ankle: Array) -> Array:
-    """(T,) 0 while the left foot stands, 1 while the right one does: the lower, slower one, held through a few instants."""
-    speed = [np.linalg.norm(np.gradient(ankle, axis=0), axis=-1) for ankle in (left_ankle, right_ankle)]
-    raw = speed[0] > speed[1]
-    kernel = np.ones(5) / 5
-    return np.asarray(np.convolve(np.pad(raw.astype(float), 2, mode="edge"), kernel, mode="valid") > 0.5).astype(int)
+def standing_point(points: Array) -> Array:
+    """(T,) which of the points (T, P, 3) of the feet is slowest, that is stands."""
+    speed = np.linalg.norm(np.gradient(points, axis=0), axis=-1)
+    return np.asarray(speed.argmin(axis=1))
 
 
-def _leg(points: dict[str, Array], side: str, t_s: Array, suit_turn: Array, noise: SuitNoise, rng: np.random.Generator) -> Array:
+def _leg(points: dict[str, Array], side: str, body: _Body, noise: SuitNoise, rng: np.random.Generator) -> Array:
     """(T, 3) from the ankle to the middle of the hips, along bones as their sensors tell them."""
-    total = np.zeros((len(t_s), 3))
+    total = np.zeros((len(body.t_s), 3))
     for low, high in _CHAIN:
-        total += _erring(points[f"{side}_{high}"] - points[f"{side}_{low}"], t_s, suit_turn, noise, rng)
+        total += _erring(points[f"{side}_{high}"] - points[f"{side}_{low}"], *_sensor(body, noise, rng))
     other = "right" if side == "left" else "left"
     half_pelvis = (points[f"{other}_hip"] - points[f"{side}_hip"]) / 2
-    return total + _erring(half_pelvis, t_s, suit_turn, noise, rng)
+    return total + _erring(half_pelvis, *_sensor(body, noise, rng))
 
 
-def _erring(bone: Array, t_s: Array, suit_turn: Array, noise: SuitNoise, rng: np.random.Generator) -> Array:
-    """A bone (T, 3) turned by its sensor's error, of a slightly wrong length."""
-    tilt = np.deg2rad(noise.tilt_deg) * _wander(t_s, 1.0, (2,), rng) + np.deg2rad(rng.normal(0, noise.mounting_deg, 2))
-    heading = np.deg2rad(noise.heading_deg) * _wander(t_s, noise.heading_time_s, (1,), rng)[:, 0] + suit_turn
-    small = np.concatenate([tilt, heading[:, None]], axis=-1)
+def _sensor(body: _Body, noise: SuitNoise, rng: np.random.Generator) -> tuple[Array, float]:
+    """How a segment's sensor errs: a small rotation (T, 3) in world axes, and metres by which its length was measured wrong.
+
+    What is mounted askew turns with the body.
+    """
+    ahead, aside = np.deg2rad(rng.normal(0, 1, 2) * noise.mounting_deg)
+    cos, sin = np.cos(body.facing_rad), np.sin(body.facing_rad)
+    mounting = np.stack([ahead * cos - aside * sin, ahead * sin + aside * cos], axis=-1)
+    tilt = np.deg2rad(noise.tilt_deg) * _wander(body.t_s, 1.0, (2,), rng) + mounting
+    heading = np.deg2rad(noise.heading_deg) * _wander(body.t_s, noise.heading_time_s, (1,), rng)[:, 0] + body.suit_turn_rad
+    return np.concatenate([tilt, heading[:, None]], axis=-1), float(rng.normal() * noise.length_m)
+
+
+def _erring(bone: Array, small_turn: Array, longer_m: float) -> Array:
+    """A bone (T, 3) turned by a small rotation (T, 3), and longer in proportion."""
     length = float(np.median(np.linalg.norm(bone, axis=-1)))
-    turned = bone + np.cross(small, bone)
+    turned = bone + np.cross(small_turn, bone)
     turned *= np.linalg.norm(bone, axis=-1, keepdims=True) / np.linalg.norm(turned, axis=-1, keepdims=True)
-    return np.asarray(turned * (1 + rng.normal(0, noise.length_m) / length))
+    return np.asarray(turned * (1 + longer_m / length))
 
 
 def _wander(t_s: Array, time_s: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
@@ -110,18 +134,20 @@ def _wander(t_s: Array, time_s: float, shape: tuple[int, ...], rng: np.random.Ge
     return out
 
 
-def _stepped(points: dict[str, Array], pelvis_from_ankle: dict[str, Array], noise: SuitNoise, rng: np.random.Generator) -> Array:
-    """The pelvis over the standing foot; at each change of feet the new one is put where the chain says it is."""
-    standing = standing_side(points["left_ankle"], points["right_ankle"])
+def _stepped(points: dict[str, Array], pelvis_from: dict[str, Array], noise: SuitNoise, rng: np.random.Generator) -> Array:
+    """The pelvis over the standing point of the feet; when another one stands, it is put where the chain says it is."""
+    names = list(pelvis_from)
+    standing = standing_point(np.stack([points[name] for name in names], axis=1))
     start = (points["left_hip"][0] + points["right_hip"][0]) / 2
+    # the floor is known to be level
+    height = {name: float(np.percentile(points[name][:, 2], 5)) for name in names}
     pelvis = np.empty((len(standing), 3))
-    anchor = start - pelvis_from_ankle[_SIDES[standing[0]]][0]
-    height = {side: points[f"{side}_ankle"][0, 2] for side in _SIDES}
-    for i, foot in enumerate(standing):
-        side = _SIDES[foot]
-        if i and foot != standing[i - 1]:
-            anchor = pelvis[i - 1] - pelvis_from_ankle[side][i - 1] + np.append(rng.normal(0, noise.slip_m, 2), 0.0)
-            # the floor is known to be level
-            anchor[2] = height[side]
-        pelvis[i] = anchor + pelvis_from_ankle[side][i]
+    anchor = start - pelvis_from[names[standing[0]]][0]
+    for i, place in enumerate(standing):
+        if i and place != standing[i - 1]:
+            name, before = names[place], names[standing[i - 1]]
+            slip = noise.slip_m if name.partition("_")[0] != before.partition("_")[0] else 0.0
+            anchor = pelvis[i - 1] - pelvis_from[name][i - 1] + np.append(rng.normal(0, 1, 2) * slip, 0.0)
+            anchor[2] = height[name]
+        pelvis[i] = anchor + pelvis_from[names[place]][i]
     return pelvis

@@ -33,12 +33,13 @@ _STYLE = (
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One line of a plot: x and y (n,), NaN for gaps; `dots` draws points, not a line."""
+    """One line of a plot: x and y (n,), NaN for gaps; `dots` draws points, not a line; `colour` 0 to 5, None: by its place."""
 
     name: str
     x: Array
     y: Array
     dots: bool = False
+    colour: int | None = None
 
 
 class Page:
@@ -130,8 +131,9 @@ def plot(title: str, x_label: str, y_label: str, lines: Sequence[Line], equal: b
         parts.append(f'<text x="{x:.1f}" y="{HEIGHT - _BOTTOM + 14}" text-anchor="middle">{value:g}</text>')
     legend_x = float(_LEFT)
     for i, line in enumerate(lines):
-        parts.append(_drawn(line, i % 6, across, up))
-        parts.append(f'<rect class="f{i % 6}" x="{legend_x:.0f}" y="25" width="10" height="4"/>')
+        colour = i % 6 if line.colour is None else line.colour
+        parts.append(_drawn(line, colour, across, up))
+        parts.append(f'<rect class="f{colour}" x="{legend_x:.0f}" y="25" width="10" height="4"/>')
         parts.append(f'<text x="{legend_x + 14:.0f}" y="31">{escape(line.name)}</text>')
         legend_x += 26 + _LETTER_PX * len(line.name)
     return "".join(parts) + "</svg>"
@@ -172,7 +174,7 @@ def _cell(value: Any) -> str:
     if value is None:
         return "–"
     if isinstance(value, float):
-        return f"{value:.1f}" if np.isfinite(value) else "–"
+        return (f"{value:.1f}" if abs(value) >= 0.1 or value == 0 else f"{value:.2g}") if np.isfinite(value) else "–"
     return str(value)
 
 

@@ -1,0 +1,99 @@
+"""The paper's numbers are the paper's; suit, drift and studies behave as their physics says; pages stand alone."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import ConfigError, Truth
+from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
+from posefuse.evaluate.experiments import paper
+from posefuse.evaluate.experiments.drift import drift
+from posefuse.evaluate.experiments.inertial import SuitNoise, standing_point, suit_pelvis
+from posefuse.evaluate.experiments.page import Line, Page, plot
+from posefuse.evaluate.experiments.scaling import STUDIES, Setup, measure, run_study
+from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, PATHS, path_scene, scene_name, static_scene, walking_scene
+from posefuse.simulate.exact import truth_of
+
+QUIET = SuitNoise(0, 0, 20, 0, 0, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def walker() -> Truth:
+    pytest.importorskip("anny")
+    return truth_of(path_scene("circle", 20.0))
+
+
+def pelvis(truth: Truth) -> np.ndarray:
+    return pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, ["mid_hip"])[:, 0]
+
+
+@pytest.mark.parametrize("case", ["free", "occluded"])
+def test_the_papers_columns_average_to_what_the_paper_prints(case: str) -> None:
+    for weights, column in paper.STATIC[case].items():
+        assert tuple(column) == PAPER14.keypoints
+        # the paper's own joints are rounded to 0.01
+        assert np.mean([mean for mean, _ in column.values()]) == pytest.approx(paper.STATIC_AVERAGE[case][weights], abs=0.02)
+
+
+def test_reported_scenes_share_no_body_with_any_fit() -> None:
+    bodies = [person.body.random_seed for seed in (1, *CHECK_SEEDS) for scene in
+              (static_scene(True, seed), walking_scene(seed)) for person in scene.people]  # fmt: skip
+    assert all(body is None or not 7000 <= body <= 7107 for body in bodies)
+    assert len({scene_name("x", scene) for scene in (static_scene(True), static_scene(False), *map(path_scene, PATHS))}) == 5
+
+
+def test_a_perfect_suit_stays_near_the_truth_and_noise_takes_it_away(walker: Truth) -> None:
+    quiet = drift(suit_pelvis(walker, QUIET), pelvis(walker))
+    # what is left is that a foot takes its weight between two samples
+    assert quiet.walked_m[-1] > 15
+    noisy = np.mean([drift(suit_pelvis(walker, seed=s), pelvis(walker)).end_m for s in range(8)])
+    assert quiet.end_m < 0.5 * noisy
+
+
+def test_the_suit_is_the_same_for_a_seed_and_differs_between_seeds(walker: Truth) -> None:
+    np.testing.assert_array_equal(suit_pelvis(walker, seed=3), suit_pelvis(walker, seed=3))
+    assert not np.allclose(suit_pelvis(walker, seed=3), suit_pelvis(walker, seed=4))
+    with pytest.raises(ConfigError, match="left_ankle"):
+        k = COCO17.indices(["nose", "left_hip"])
+        views = tuple(replace(v, xy_img=v.xy_img[:, :, k], visible=v.visible[:, :, k]) for v in walker.views)
+        few = replace(COCO17, keypoints=("nose", "left_hip"), bones=())
+        suit_pelvis(replace(walker, skeleton=few, xyz_world=walker.xyz_world[:, :, k], views=views, joints=None))
+
+
+def test_the_slowest_point_stands() -> None:
+    still, moving = np.zeros((20, 3)), np.cumsum(np.full((20, 3), 0.05), axis=0)
+    assert (standing_point(np.stack([moving, still, moving * 2], axis=1)) == 1).all()
+
+
+def test_drift_is_the_slope_over_the_way() -> None:
+    truth = np.stack([np.linspace(0, 10, 200), np.zeros(200)], axis=-1)
+    found = drift(truth + 0.013 * np.linspace(0, 10, 200)[:, None] * [0, 1], truth)
+    assert found.mm_per_m == pytest.approx(13, rel=1e-6)
+    assert found.end_m == pytest.approx(0.013 * 9.5, rel=0.02)
+
+
+def test_studies_get_worse_where_they_must() -> None:
+    pytest.importorskip("anny")
+    good, outliers = measure(Setup(outlier_share=0.0), 1.0), measure(Setup(outlier_share=0.3), 1.0)
+    assert measure(Setup(cameras=12, outlier_share=0.0), 1.0)[0] < good[0] < outliers[0]
+    assert measure(Setup(rotation_deg=1.0, outlier_share=0.0), 1.0)[0] > 1.5 * good[0]
+    study = run_study("offset", quick=True)
+    assert study.x == (0, 66) and study.robust_mm[0] < study.robust_mm[1]
+    assert set(STUDIES) >= {"cameras", "radius", "resolution", "rotation", "offset", "dropped", "outliers"}
+
+
+def test_a_page_needs_no_other_file_and_shows_what_it_is_given(tmp_path: Path) -> None:
+    page = Page("A <title>")
+    page.section("First", "a & b")
+    page.table(["joint", "mm"], [["neck", 12.345], ["hip", float("nan")]])
+    gap = np.array([0, 1, np.nan, 3.0])
+    page.plots([plot("curve", "s", "mm", [Line("a line", np.arange(4.0), gap), Line("dots", np.arange(4.0), gap, dots=True)])])
+    page.pictures({"a picture": np.zeros((8, 12, 3), np.uint8)})
+    text = page.write(tmp_path / "page.html").read_text()
+    assert "12.3" in text and "–" in text and "A &lt;title&gt;" in text and "a &amp; b" in text
+    assert not re.search(r'(src|href)="(?!data:)', text) and "<script" not in text
+    assert text.count("<circle") == 3 and re.search(r'd="M\S+ \S+ L\S+ \S+ M\S+ \S+"', text)
+    assert "NaN" not in text and "nan" not in text
