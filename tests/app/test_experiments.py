@@ -57,9 +57,9 @@ def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
     )
     segments = "".join(f'<segment label="{label}" id="{i + 1}"/>' for i, label in enumerate(labels))
     path = tmp_path / "suit.mvnx"
-    path.write_text(f'<mvnx xmlns="http://www.xsens.com/mvn/mvnx"><subject>'
-                    f'<segments>{segments}</segments>'
-                    f'<frames><frame type="identity"><position>0</position></frame>{frames}</frames></subject></mvnx>')  # fmt: skip
+    identity = '<frame type="identity"><position>0</position></frame>'
+    body = f"<subject><segments>{segments}</segments><frames>{identity}{frames}</frames></subject>"
+    path.write_text(f'<mvnx xmlns="http://www.xsens.com/mvn/mvnx">{body}</mvnx>')
     tracks = read_tracks(path)
     assert tracks.points == ("mid_hip", "right_hip", "right_knee")
     np.testing.assert_allclose(tracks.t_s, [0, 0.01, 0.02])
