@@ -2,6 +2,7 @@
 
 import itertools
 import multiprocessing
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from posefuse.app.live.board import Board
 from posefuse.app.live.budget import expected_gain
+from posefuse.app.live.capture import Capture, Caught, LiveInput, pick
 from posefuse.app.live.channel import Channel, ChannelClosed
 from posefuse.app.live.faults import Fault, disturbed, faults_from_arguments
 from posefuse.app.live.inputs import inputs_from_arguments
@@ -243,6 +245,29 @@ def test_a_source_that_cannot_be_meant_says_what_there_is(ring_rig, arguments: l
     with pytest.raises(SourceError) as raised:
         inputs_from_arguments(arguments, ring_rig(2))
     assert all(word in str(raised.value) for word in words)
+
+
+def test_a_source_of_another_size_than_calibrated_is_refused(ring_rig, demo_session) -> None:
+    rig = ring_rig(2, size_wh=(1280, 720))
+    [entry] = inputs_from_arguments([f"cam01=video:{demo_session / 'videos' / 'cam01.mp4'}"], rig)
+    with pytest.raises(SourceError, match="640x480 px, it was calibrated at 1280x720"):
+        entry.open(rig["cam01"])
+
+
+def test_the_frame_worth_most_is_taken_and_only_the_newest_waits(ring_rig) -> None:
+    rig, news = ring_rig(2), threading.Condition()
+    captures = [Capture(LiveInput(camera.name, "test", None, False), camera, news) for camera in rig]
+    assert pick(captures, lambda _: 1.0) is None
+    frames = [Frame("cam00", i, i * PERIOD_NS, 0, np.zeros((4, 4, 3), np.uint8)) for i in range(3)]
+    for frame in frames:
+        captures[0].put(Caught(frame, 0))
+    captures[1].put(Caught(replace(frames[0], camera="cam01"), 0))
+    order = [pick(captures, lambda capture: float(capture.entry.camera == "cam01")) for _ in range(2)]
+    assert [taken[1].frame.camera for taken in order if taken] == ["cam01", "cam00"]
+    assert order[1][1].frame is frames[2]
+    assert pick(captures, lambda _: 1.0) is None
+    state = captures[0].state()
+    assert (state.captured, state.used, state.replaced) == (3, 1, 2)
 
 
 def test_faults_are_read_and_happen(ring_rig) -> None:

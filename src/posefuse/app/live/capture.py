@@ -135,12 +135,13 @@ class Capture:
                 self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
                 seq = frame.seq
                 self._state, self._text = "running", ""
-                self._put(Caught(frame, still))
+                self.put(Caught(frame, still))
         finally:
             self._source.close()
             self._source = None
 
-    def _put(self, caught: Caught) -> None:
+    def put(self, caught: Caught) -> None:
+        """A new frame; one that still waits gives way to it."""
         with self._news:
             self._captured += 1
             self._replaced += self._newest is not None

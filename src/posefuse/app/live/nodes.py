@@ -65,7 +65,6 @@ def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     board = new_board(rig)
     plan = OutputPlan(rig, clock, ros=network_of(args))
     with (
-        stop_requests() as stopped,
         RosNode(f"posefuse_cameras_{topics.ros_name(args.name)}", plan.ros) as node,
         Groups(group_plans(rig, inputs, config, plan), board) as groups,
     ):
@@ -74,8 +73,9 @@ def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
         groups.begin(time.monotonic_ns() if args.zero is None else round(args.zero * _S) - clock.offset_ns)
         worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock)
         end_ns = None if args.duration is None else clock.now_ns() + round(args.duration * _S)
-        while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
-            worker.step(groups)
+        with stop_requests() as stopped:
+            while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
+                worker.step(groups)
     return {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
 
 

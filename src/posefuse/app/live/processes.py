@@ -23,7 +23,7 @@ from .messages import Failed, Go, Ready, Status, Stop
 START_S = 120.0
 # no word for so long: something is wrong; then: it hangs and is ended
 SILENT_S = 1.5
-_HUNG_S = 8.0
+_HUNG_S = 5.0
 _FIRST_RETRY_S = 0.2
 _LONGEST_RETRY_S = 10.0
 _AT_ONCE = 32
@@ -201,10 +201,8 @@ class Groups:
                 self._died(member, message.reason)
                 return
             else:
-                if isinstance(message, Status) and not member.trouble:
-                    member.retry_s = _FIRST_RETRY_S
-                if not isinstance(message, Ready | Status):
-                    member.trouble = ""
+                if isinstance(message, Status) and all(state.state != "opening" for state in message.cameras):
+                    member.trouble, member.retry_s = "", _FIRST_RETRY_S
                 yield message
         if time.monotonic() - member.heard_s > _HUNG_S:
             os.kill(member.process.pid, signal.SIGKILL)

@@ -67,21 +67,20 @@ def run_live(
     rig = rig.only(entry.camera for entry in inputs)
     plan = replace(plan, rig=rig)
     board = new_board(rig)
-    with stop_requests() as stopped:
-        outputs = NoOutputs() if plan.empty else OutputProcess(plan)
-        try:
-            with Groups(group_plans(rig, inputs, config, plan), board) as groups:
-                outputs.wait_ready()
-                skeleton = groups.wait_ready()
-                say("; ".join(groups.whereabouts()))
-                tracker = ready_tracker(rig, skeleton, config)
-                fusion = Fusion(rig, tracker, board, plan.clock, outputs)
-                done = Finished(fusion, skeleton)
+    outputs = NoOutputs() if plan.empty else OutputProcess(plan)
+    try:
+        with Groups(group_plans(rig, inputs, config, plan), board) as groups:
+            outputs.wait_ready()
+            skeleton = groups.wait_ready()
+            say("; ".join(groups.whereabouts()))
+            fusion = Fusion(rig, ready_tracker(rig, skeleton, config), board, plan.clock, outputs)
+            done = Finished(fusion, skeleton)
+            with stop_requests() as stopped:
                 done.zero_ns = _run(fusion, groups, config, duration_s, stopped, say)
-                done.restarts, done.memory_mb = groups.restarts, groups.memory_mb()
-                done.stopped_by = stopped[0] if stopped else ""
-        finally:
-            outputs.close()
+            done.restarts, done.memory_mb = groups.restarts, groups.memory_mb()
+            done.stopped_by = stopped[0] if stopped else ""
+    finally:
+        outputs.close()
     times = os.times()
     done.cpu_s = (times.user + times.system, times.children_user + times.children_system)
     done.seconds = (plan.clock.now_ns() - done.zero_ns) / 1e9
