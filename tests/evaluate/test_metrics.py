@@ -5,7 +5,7 @@ import pytest
 
 from posefuse.core import CameraTruth, InputError, Kind, PoseSequence, Truth
 from posefuse.core.skeleton import ANATOMICAL23, BLAZEPOSE33, PAPER14
-from posefuse.evaluate.metrics import joint_errors, summary
+from posefuse.evaluate.metrics import joint_errors, summary, typical_nees
 
 T, N = 7, 2
 K = len(ANATOMICAL23)
@@ -86,3 +86,25 @@ def test_statistics() -> None:
     assert errors.sd_mm.tolist() == [1.0, 0.0]
     assert errors.p95_mm[0] == pytest.approx(2.9)
     assert errors.found.tolist() == [1.0, 0.5]
+
+
+def test_typical_nees_is_3_when_covariances_say_how_wrong_points_are(ring_rig) -> None:
+    rng = np.random.default_rng(7)
+    t_ns, body = np.arange(400) * 10**7, ANATOMICAL23
+    shape = (len(t_ns), 1, len(body))
+    exact = rng.normal(size=shape + (3,))
+    root = rng.normal(size=shape + (3, 3)) * 0.01
+    cov = root @ np.swapaxes(root, -1, -2) + np.eye(3) * 1e-5
+    error = (np.linalg.cholesky(cov) @ rng.normal(size=shape + (3, 1)))[..., 0]
+    rig, times = ring_rig(3), np.zeros(0, np.int64)
+    views = tuple(CameraTruth(n, times, np.zeros((0, 1, K, 2)), np.ones((0, 1, K), bool)) for n in rig.names)
+    truth = Truth(rig, t_ns, body, np.zeros(1), exact, views)
+
+    def stated(factor: float) -> float:
+        poses = PoseSequence(
+            t_ns, body, np.zeros(1), exact + error, cov * factor, np.ones(shape), np.full(shape, 3), np.full(shape, Kind.FUSED)
+        )
+        return typical_nees(poses, truth, ("left_hip", "right_wrist", "nose"))
+
+    assert stated(1.0) == pytest.approx(3, rel=0.1)
+    assert stated(0.25) == pytest.approx(12, rel=0.1)

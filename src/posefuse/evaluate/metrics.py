@@ -11,6 +11,9 @@ from posefuse.core import InputError, PoseSequence, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 
+# median of a chi-square of 3 degrees of freedom
+_MEDIAN_CHI2 = 2.366
+
 
 @dataclass(frozen=True)
 class JointErrors:
@@ -70,6 +73,23 @@ def summary(joints: Sequence[str], distance_mm: Array) -> JointErrors:
         each(lambda c: np.percentile(c, 95)),
         np.array([len(c) / max(len(flat), 1) for c in columns]),
     )
+
+
+def typical_nees(estimate: PoseSequence, truth: Truth, joints: Sequence[str]) -> float:
+    """How the stated covariances fit the errors of one person's joints: 3 is right, more is overconfident.
+
+    The median of e^T cov^-1 e over joints and instants, times what makes the median of a chi-square of 3 degrees of freedom 3;
+    midpoints (neck, mid_hip) have no covariance of their own and cannot be asked for.
+    """
+    inside = (estimate.t_ns >= truth.t_ns[0]) & (estimate.t_ns <= truth.t_ns[-1])
+    columns = estimate.skeleton.indices(joints)
+    error = estimate.xyz_world[inside, 0][:, columns] - pick_keypoints(
+        true_xyz_at(truth, estimate.t_ns[inside])[:, 0], truth.skeleton, joints
+    )
+    cov = estimate.cov_world[inside, 0][:, columns]
+    known = np.isfinite(error).all(axis=-1) & np.isfinite(cov).all(axis=(-1, -2))
+    solved = np.linalg.solve(cov[known], error[known][..., None])[..., 0]
+    return float(np.median((error[known] * solved).sum(axis=-1)) * 3 / _MEDIAN_CHI2) if known.any() else float("nan")
 
 
 def true_xyz_at(truth: Truth, t_ns: Array) -> Array:

@@ -24,7 +24,8 @@ def write_summary(out: Path) -> Path:
         "over the paper's 14 joints unless said otherwise.",
         "Bodies, motions and rooms reported here are used in no fit. The noise model and the joint centres were fitted on bodies "
         f"of random seeds 7000 to 7107 (`bench/fit_*.py`); the tables below are of the default body, and of seeds "
-        f"{', '.join(map(str, CHECK_SEEDS))} as a check.",
+        f"{', '.join(map(str, CHECK_SEEDS))} as a check. "
+        "What was tried, what stays and what does not: [ablation.md](ablation.md).",
     ]
     for name, writer in (
         ("static", _static),
@@ -70,12 +71,17 @@ def _walking(figures: Mapping[str, Any]) -> list[str]:
             f"default, body and way of seed {seed}",
             one["default"]["mean_mm"],
             one["default"]["worst_mm"],
-            one["default"]["worst_joint"],
+            one["default"]["worst_joint"].replace("_", " "),
         ]
         for seed, one in figures["check"].items()
     ]
     rows.append(["paper", paper.WALKING_MEAN, paper.WALKING_WORST, None])
-    return ["## Walking, four cameras", _table(["", "mean", "worst joint", "which"], rows)]
+    stated = ", ".join(f"{value:.1f} {name}" for name, value in figures["nees"].items())
+    return [
+        "## Walking, four cameras",
+        _table(["", "mean", "worst joint", "which"], rows),
+        f"Stated uncertainty against these errors (typical NEES; 3 is right, more is overconfident): {stated}.",
+    ]
 
 
 def _drift(figures: Mapping[str, Any]) -> list[str]:

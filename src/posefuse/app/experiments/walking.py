@@ -10,17 +10,19 @@ import numpy as np
 from posefuse.app.recorded.second_pass import views_of
 from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.page import Line, Page, plot
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, walking_scene
-from posefuse.evaluate.metrics import true_xyz_at
+from posefuse.evaluate.metrics import true_xyz_at, typical_nees
 from posefuse.fuse import FuseSettings, fuse
 
 from .runs import Context, Outcome, Run, errors_row, joint_table, pictures, run_scene
 
 SUMMARY = "walking, 4 cameras, 60 s at 1.35 m/s: error per joint, trajectories, rate of the fusion"
 _SHOWN = ("right_wrist", "left_hip", "left_ankle")
+# joints that have a covariance of their own
+_ASKED = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))
 _QUICK_S, _FULL_S, _CHECK_S = 2.0, 60.0, 12.0
 _MOMENTS = 6
 _SHOWN_S = 12.0
@@ -43,6 +45,14 @@ def run(context: Context) -> Outcome:
         f"{paper.WALKING_WORST} mm. Columns as in the static experiment.",
     )
     joint_table(page, figures["columns"], {})
+    figures["nees"] = {
+        name: typical_nees(done.poses(smoothed=smoothed), done.truth, _ASKED)
+        for name, smoothed in (("instant by instant", False), ("smoothed", True))
+    }
+    page.section(
+        "Stated uncertainty", "Typical squared error in units of the stated covariance: 3 is right, more is overconfident."
+    )
+    page.facts(figures["nees"])
     page.section("Trajectories against the truth", f"Default result; the first {_SHOWN_S:g} s.")
     page.plots(_trajectories(done))
     figures["fusion"], rates = _fusion(done)
