@@ -20,6 +20,7 @@ GROUPS = 3  # arms, legs, head: what is exchanged together
 FIGURES = 4  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs
 _NEVER = -1e9
 _FLIP_GAIN = 12.0  # least loss saved by exchanging a limb: noise does not exchange
+_FLIP_OBJECTION = 4.0  # least loss added by which a limb says that its own sides are right
 _FLIP_MOST = 16.0  # most a keypoint can say about it
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
 _FLIP_STATE = 0.75  # when so many views are exchanged it is the person who is
@@ -29,6 +30,8 @@ _BONE_LEARNT = 30.0  # views before a bone holds
 _START_M, _START_M_S = 0.35, 2.0  # of a keypoint seen for the first time, about its neighbour
 # a keypoint that so many views in a row put elsewhere is elsewhere: as much is added to what is uncertain about it
 _REFUSED_MOST, _DOUBT_M, _DOUBT_M_S = 4.0, 0.1, 2.0
+# of the changes of a keypoint's model, the share that goes to the more agile one
+_AGILER = 0.5
 # no keypoint is further from the middle of the body, or faster against it
 _REACH_M, _FASTEST_M_S = 1.7, 20.0
 _OUT_OF_SIGHT_M = 0.5  # along a ray nobody else crosses
@@ -123,13 +126,14 @@ def _singer(dt, sigma, lasts, f, q):
 
 @njit(**_JIT)
 def _goes(i, j, m, stay):
-    """Chance to change from model i to j: only to the next calmer or more agile one."""
-    if abs(i - j) > 1:
-        return 0.0
-    ways = 1 if i in (0, m - 1) else 2
-    if i == j:
-        return stay if m > 1 else 1.0
-    return (1.0 - stay) / ways
+    """Chance to change from model i to j: only to the next calmer or more agile one, more readily to the calmer."""
+    up = (1.0 - stay) * _AGILER if i < m - 1 else 0.0
+    down = (1.0 - stay) * (1.0 - _AGILER) if i > 0 else 0.0
+    if j == i + 1:
+        return up
+    if j == i - 1:
+        return down
+    return 1.0 - up - down if i == j else 0.0
 
 
 @njit(**_JIT)
@@ -332,8 +336,10 @@ def _flipped_groups(camera, z, white, late, x, means, spreads, mirror, group, ou
             s00, s01, s11 = _expected(rows, spreads[i], 1.0)
             loss = min(_square(s00, s01, s11, error[0], error[1]), _FLIP_MOST)
             gain[g] += loss if turn == 0 else -loss
+    # a body is exchanged as a whole when no limb objects: eyes and ears are too close together to tell by themselves
+    whole = gain.sum() > _FLIP_GAIN and gain.min() > -_FLIP_OBJECTION
     for g in range(GROUPS):
-        out[g] = gain[g] > _FLIP_GAIN
+        out[g] = whole or gain[g] > _FLIP_GAIN
 
 
 @njit(**_JIT)
