@@ -110,7 +110,7 @@ def compare(
     a, b = a.only(points), b.only(points)
     offset = _offset(a, b, space, scale) if time else 0.0
     moved = b.at(a.t_s - offset)
-    both = np.isfinite(a.xyz_m).all(axis=-1) & np.isfinite(moved).all(axis=-1)
+    both = np.asarray(np.isfinite(a.xyz_m).all(axis=-1) & np.isfinite(moved).all(axis=-1))
     if both.any(axis=1).sum() < _LEAST_INSTANTS:
         raise InputError(f"{a.name} and {b.name}: fewer than {_LEAST_INSTANTS} instants in common after alignment in time")
     early = moved if start_s is None else np.where((a.t_s <= a.t_s[0] + start_s)[:, None, None], moved, np.nan)
@@ -188,7 +188,7 @@ def middle_of(xyz: Array) -> Array:
 
 
 def _drift(a: Array, b: Array) -> tuple[Array, Array, float]:
-    both = np.isfinite(a).all(axis=-1) & np.isfinite(b).all(axis=-1)
+    both = np.asarray(np.isfinite(a).all(axis=-1) & np.isfinite(b).all(axis=-1))
     middles = [middle_of(np.where(both[..., None], one, np.nan)) for one in (a, b)]
     steps = np.nan_to_num(np.linalg.norm(np.diff(middles[0][:, :2], axis=0), axis=-1))
     walked = np.concatenate([[0.0], np.cumsum(steps)])

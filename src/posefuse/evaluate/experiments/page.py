@@ -167,7 +167,7 @@ def _ticks(low: float, high: float) -> Array:
     raw = (high - low) / 5
     size = 10 ** np.floor(np.log10(raw))
     step = size * min((1, 2, 5, 10), key=lambda m: abs(m * size - raw))
-    return np.round(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step, 9) + 0.0
+    return np.asarray(np.round(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step, 9) + 0.0)
 
 
 def _cell(value: Any) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, PoseSequence, Rig, Truth, Views
+from posefuse.core import SE3, Pose3D, PoseSequence, Rig, Truth, Views
 from posefuse.detect import OracleNoise, oracle_views
 from posefuse.evaluate.metrics import joint_errors
 from posefuse.files.settings import settings_from_mapping
@@ -91,7 +91,7 @@ def measure(setup: Setup, duration_s: float = _DURATION_S) -> tuple[float, float
     rig = _disturbed(truth.rig, setup, rng)
     errors = []
     for weights in ("robust", "score"):
-        poses = []
+        poses: list[Pose3D] = []
         for i, t_ns in enumerate(truth.t_ns):
             views = Views(int(t_ns), truth.skeleton, rig.names, truth.person_id, xy[i], score[i], sigma[i])
             poses.append(fuse(views, rig, FuseSettings(weights=weights), poses[-1] if poses else None))
