@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 EXTRAS := dev,sim,viewer,ros
 READY  := $(VENV)/.ready-$(shell cat pyproject.toml constraints.txt tools/install.sh | cksum | cut -d' ' -f1)
 
-.PHONY: help setup demo test test-slow check bench paper demo-clip pictures clean
+.PHONY: help setup demo test test-slow check bench bench-live paper demo-clip pictures clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
@@ -13,6 +13,7 @@ help:
 	@echo "make test-slow  the minutes-long studies"
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
+	@echo "make bench-live the figures of live tracking"
 	@echo "make paper      the paper's experiments: pages in out/paper, docs/accuracy.md"
 	@echo "make demo-clip  render the bundled clip anew with the simulator"
 	@echo "make pictures   draw the pictures of the docs anew"
@@ -39,6 +40,9 @@ check: setup
 
 bench: setup
 	$(BIN)/python bench/run.py
+
+bench-live: setup
+	$(BIN)/python bench/run.py live live_tracking
 
 paper: setup
 	$(BIN)/posefuse experiment all --out out/paper

@@ -19,11 +19,14 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.app.recorded.second_pass import poses_over_time, views_of
+from posefuse.detect.models import CARDS_FOLDER
 from posefuse.evaluate.metrics import joint_errors
 from posefuse.files.recording import read_recording
 from posefuse.files.truth import read_truth
 from posefuse.fuse import WEIGHTS, FuseSettings
-from posefuse.track import SmoothSettings
+from posefuse.track import SmoothSettings, read_joint_centres
+
+JOINT_CENTRES = CARDS_FOLDER / "blazepose_landmarks.joint_centres.toml"
 
 
 def tracked(session: Path, out: Path, *options: str) -> dict:
@@ -53,10 +56,11 @@ def accuracy(session: Path, result: Path) -> dict:
     """MPJPE over the paper's 14 joints per weighting, from the same 2D, raw and smoothed."""
     recording, truth = read_recording(result), read_truth(session / "truth" / "truth.npz")
     views, rows = views_of(recording), {}
+    centres = read_joint_centres(JOINT_CENTRES)
     for weights in WEIGHTS:
         settings = FuseSettings(weights=weights)
-        raw = joint_errors(poses_over_time(views, recording.rig, settings, None), truth)
-        smoothed = joint_errors(poses_over_time(views, recording.rig, settings, SmoothSettings()), truth)
+        raw = joint_errors(poses_over_time(views, recording.rig, settings, None, centres), truth)
+        smoothed = joint_errors(poses_over_time(views, recording.rig, settings, SmoothSettings(), centres), truth)
         rows[weights] = {
             "raw_mpjpe_mm": raw.mpjpe_mm,
             "mpjpe_mm": smoothed.mpjpe_mm,

@@ -33,7 +33,7 @@ RIG_FOLDERS = (".", "calibration", "Calibration")
 KINDS = ("videos", "images", "pose2d")
 _FOLDERS = {
     "videos": (".", "videos", "Videos"),
-    "images": ("images", "frames"),
+    "images": ("images", "frames", "videos"),
     "pose2d": ("pose2d", "openpose_json", "pose", "pose-2d"),
 }
 LEAST_CAMERAS = 2
