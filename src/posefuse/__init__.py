@@ -1,6 +1,6 @@
 """posefuse: several ordinary cameras + AI -> one accurate 3D human skeleton, with honest uncertainty.
 
-    xyz, cov, reproj = posefuse.triangulate(posefuse.read_rig("rig.toml"), xy_img, score)
+xyz, cov, reproj = posefuse.triangulate(posefuse.read_rig("rig.toml"), xy_img, score)
 """
 
 from typing import TYPE_CHECKING, Any
