@@ -56,11 +56,12 @@ class LiveSettings:
     camera_rate_max_hz: Annotated[float, Gt(0), Le(1000)] = 250.0
     detections_max: Annotated[int, Ge(1)] = 16
     motion_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
-        MotionModelSettings(acceleration_m_s2=0.4),
-        MotionModelSettings(acceleration_m_s2=6.0),
-        MotionModelSettings(acceleration_m_s2=25.0),
+        MotionModelSettings(acceleration_m_s2=0.2),
+        MotionModelSettings(acceleration_m_s2=2.0),
+        MotionModelSettings(acceleration_m_s2=8.0),
+        MotionModelSettings(acceleration_m_s2=30.0),
     )
-    switch_s: Annotated[float, Gt(0)] = 0.4
+    switch_s: Annotated[float, Gt(0)] = 0.3
     lasting_share: Annotated[float, Ge(0), Le(1)] = 0.7
     lasting_s: Annotated[float, Gt(0)] = 0.25
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
