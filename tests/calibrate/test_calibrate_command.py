@@ -3,15 +3,21 @@
 import argparse
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from posefuse.app.commands import calibrate
+from posefuse.app.config import TrackConfig
 from posefuse.app.terminal import Terminal
+from posefuse.calibrate.coverage import coverage, coverage_sheet
 from posefuse.calibrate.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibrate.report_html import html_page
 from posefuse.core import InputError
 from posefuse.files.rig import read_rig
+from posefuse.files.settings import read_settings
 
 
 def run(*words: str) -> dict:
@@ -68,6 +74,35 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
         )
     assert not refused.exists()
     assert "extrinsics: refused: halves agree" in page.read_text()
+
+
+@pytest.mark.parametrize(("late_s", "settings"), [((0.0, 0.0, 0.0, 0.0), False), ((0.0, 0.12, -0.05, 0.031), True)])
+def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
+    lab: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], late_s: tuple[float, ...], settings: bool
+) -> None:
+    found = SimpleNamespace(rig=lab.rig, delay_s=np.column_stack([late_s, np.zeros(4)]))
+    path = calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
+    assert (path is not None) == settings
+    if path is None:
+        return
+    read = read_settings(path, TrackConfig)
+    assert [read.cameras[name].offset_s for name in lab.rig.names] == [-s for s in late_s]
+    path.write_text("raw = true\n")
+    assert calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True)) is None
+    assert path.read_text() == "raw = true\n"
+    assert "offset_s = -0.120000" in capsys.readouterr().err
+
+
+def test_the_coverage_sheet_shows_which_camera_saw_nothing(lab: Any) -> None:
+    seen = lab.watch()
+    blind = coverage(seen.rows(seen.camera != 2))
+    sheet = coverage_sheet(blind, [camera.size_wh for camera in lab.rig], 160)
+    width, height = lab.rig.cameras[0].size_wh
+    tall = round(160 * height / width)
+    assert sheet.shape == (2 * tall, 320, 3)
+    green = sheet[..., 1].astype(int) - sheet[..., 0]
+    parts = [green[r : r + tall, c : c + 160].max() for r in (0, tall) for c in (0, 160)]
+    assert [part > 0 for part in parts] == [True, True, False, True]
 
 
 def test_a_report_shows_remedies_only_for_what_failed() -> None:

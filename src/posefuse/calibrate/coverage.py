@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -56,6 +57,20 @@ class Coverage:
         height = ("top", "middle", "bottom")[int(3 * row / self.cells.shape[1])]
         side = ("left", "centre", "right")[int(3 * column / self.cells.shape[2])]
         return f"{self.cameras[poorest]}: {self.share[poorest]:.0%} covered; go to the {height} {side} of its image"
+
+
+def coverage_sheet(found: Coverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
+    """RGB picture (H, W, 3) of all cameras, each with its name, in two columns; `width_px` is that of one camera."""
+    tiles = []
+    for name, cells, (width, height) in zip(found.cameras, found.cells, sizes_wh, strict=True):
+        tile = coverage_picture(cells, (width_px, round(width_px * height / width)))
+        cv2.putText(tile, name, (10, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 2, cv2.LINE_AA)
+        tiles.append(tile)
+    tall = max(len(tile) for tile in tiles)
+    padded = [np.pad(tile, ((0, tall - len(tile)), (0, 0), (0, 0))) for tile in tiles]
+    if len(padded) % 2:
+        padded.append(np.zeros_like(padded[0]))
+    return np.concatenate([np.concatenate(padded[i : i + 2], axis=1) for i in range(0, len(padded), 2)])
 
 
 def coverage(observations: Observations) -> Coverage:

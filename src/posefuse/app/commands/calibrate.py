@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,8 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
 if TYPE_CHECKING:
+    from posefuse.calibrate.extrinsics import Calibration
+    from posefuse.calibrate.observations import Observations
     from posefuse.calibrate.report import CalibrationReport
     from posefuse.calibrate.targets import Target
     from posefuse.core import Rig, Source
@@ -129,6 +132,7 @@ def _extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
             seen.append(observe(source, target, args.every))
             advance(i + 1, len(sources))
     observations = joined(seen)
+    covered = _write_coverage(args.out, observations, terminal)
     world = None
     if args.floor_marker is not None:
         if not isinstance(target, Markers):
@@ -146,7 +150,48 @@ def _extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
         for i, camera in enumerate(found.rig)
     }
     _write_report(args.report, found.report, pictures, found.rig)
-    return {"rig": str(args.out), **found.report.numbers, "notes": list(found.report.notes)}
+    settings = _write_clocks(args.out, found, terminal)
+    return {
+        "rig": str(args.out),
+        "coverage": str(covered),
+        "settings": settings and str(settings),
+        **found.report.numbers,
+        "notes": list(found.report.notes),
+    }
+
+
+def _write_coverage(rig_path: Path, observations: Observations, terminal: Terminal) -> Path:
+    """The picture of what the waving has met, before the solve: it is needed most when that refuses."""
+    import cv2
+
+    from posefuse.calibrate.coverage import coverage, coverage_sheet
+
+    found, path = coverage(observations), rig_path.with_name(f"{rig_path.stem}_coverage.png")
+    _, png = cv2.imencode(".png", cv2.cvtColor(coverage_sheet(found, observations.sizes_wh), cv2.COLOR_RGB2BGR))
+    path.write_bytes(png.tobytes())
+    terminal.note(f"{path}: {found.advice()}")
+    return path
+
+
+def _write_clocks(rig_path: Path, found: Calibration, terminal: Terminal) -> Path | None:
+    """The clocks that were found, as settings that `posefuse track` reads; a rig file cannot carry them.
+
+    A frame stamped s was taken at s - offset, and `track` adds its `offset_s`: the sign turns.
+    Returns None when the cameras were in step, or the settings are somebody's already.
+    """
+    from posefuse.app.config import CONFIG_FILE
+
+    if not found.delay_s.any():
+        return None
+    late_s = zip(found.rig.names, found.delay_s[:, 0], strict=True)
+    text = "\n".join(f"[cameras.{json.dumps(name)}]\noffset_s = {-float(s):.6f}\n" for name, s in late_s)
+    path = rig_path.with_name(CONFIG_FILE)
+    if path.exists():
+        terminal.warn(f"{path} is there already and is left as it is; the clocks found belong into it:\n{text}")
+        return None
+    path.write_text(text, encoding="utf-8")
+    terminal.note(f"{path}: clocks of the cameras, for `posefuse track` of recordings made together with these")
+    return path
 
 
 def _person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
