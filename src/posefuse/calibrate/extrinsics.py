@@ -156,7 +156,7 @@ def _solve(
 def _with_clock_hint(
     check: Check, observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options
 ) -> Check:
-    """A failed check of cameras taken as synchronised, with the offset that would explain it."""
+    """A failed check of cameras taken as synchronised, with the offset that may explain it before its own remedy."""
     if check.passed or options.clocks != "together":
         return check
     late = rough_offsets(observations, cameras, target, options.most_offset_s)
@@ -165,7 +165,7 @@ def _with_clock_hint(
            if abs(value) > _OUT_OF_STEP_S]  # fmt: skip
     if not far:
         return check
-    return replace(check, remedy=f"{OUT_OF_STEP} ({', '.join(far)}): use clocks = offset")
+    return replace(check, remedy=f"{OUT_OF_STEP} ({', '.join(far)}): use clocks = offset; or else: {check.remedy}")
 
 
 def _solution_checks(

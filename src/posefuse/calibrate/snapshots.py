@@ -134,8 +134,8 @@ def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
     if len(track_s) < 2:
         return np.zeros_like(xy)
     step = np.diff(track_s)
-    near = (step <= longest_gap_s)[:, None]
-    chord = np.where(near, np.diff(xy, axis=0) / step[:, None], 0.0)
+    near = ((step > 0) & (step <= longest_gap_s))[:, None]
+    chord = np.where(near, np.diff(xy, axis=0) / np.where(near, step[:, None], 1.0), 0.0)
     left, right = np.vstack([[[0, 0]], chord]), np.vstack([chord, [[0, 0]]])
     has_left, has_right = np.vstack([[[False]], near]), np.vstack([near, [[False]]])
     gap_left, gap_right = np.append([0.0], step)[:, None], np.append(step, [0.0])[:, None]
