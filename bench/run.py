@@ -22,6 +22,7 @@ TITLES = {
     "detect": "2D estimation: time per image",
     "fuse": "Fusion: time per solve",
     "fuse_accuracy": "Fusion: accuracy with outliers",
+    "render": "Simulator: rendering",
     "kinematics": "Joint angles",
     "calibrate": "Calibration",
     "live": "Live: the whole pipeline",
@@ -51,7 +52,7 @@ def run(name: str) -> None:
         sys.exit(f"bench/{name}.py ended with code {done.returncode}")
     OUT.mkdir(parents=True, exist_ok=True)
     (OUT / f"{name}.json").write_text(
-        json.dumps({"machine": machine(), "date": str(date.today()), **json.loads(done.stdout)}, indent=2)
+        json.dumps({"machine": machine(), "date": str(date.today()), "figures": json.loads(done.stdout)}, indent=2)
     )
     (OUT / f"{name}.txt").write_text(done.stderr)
 
