@@ -32,13 +32,14 @@ class BiomechanicsSettings:
     """What is made of a recording.
 
     Attributes:
-        fit: ``rays`` fits one skeleton per person to the rays of all views, ``points`` to the 3D points, ``none`` takes the
-            angles straight from the points.
+        fit: ``points`` fits one skeleton per person to the 3D points, which lie at joint centres; ``rays`` to what the views
+            saw, so that one camera still counts, but landmarks are not joint centres; ``none`` takes the angles straight
+            from the points.
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
         joints, body: see `JointSettings`, `BodySettings`.
     """
 
-    fit: Literal["none", "points", "rays"] = "rays"
+    fit: Literal["none", "points", "rays"] = "points"
     opensim: bool = False
     joints: JointSettings = field(default_factory=JointSettings)
     body: BodySettings = field(default_factory=BodySettings)

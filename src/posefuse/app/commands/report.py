@@ -18,8 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER})")
     parser.add_argument(
-        "--fit", choices=("none", "points", "rays"), default="rays",
-        help="fit one skeleton of constant lengths to the rays of all views (default), to the 3D points, or not at all",
+        "--fit", choices=("none", "points", "rays"), default="points",
+        help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",
     )  # fmt: skip
     parser.add_argument("--opensim", action="store_true", help="run OpenSim's inverse kinematics too (extra: biomech)")
 
