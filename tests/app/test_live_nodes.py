@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from posefuse.app.live.clock import SessionClock
+from posefuse.app.live.config import LiveConfig
 from posefuse.app.live.network_intake import NetworkIntake
+from posefuse.app.live.session import ready_tracker
 from posefuse.core import SKELETONS, Detections2D
+from posefuse.files.rig import read_rig
 
 pytest.importorskip("cyclonedds")
 # apart from what tests of `wire` use, and from another run on this machine
@@ -25,6 +28,13 @@ def node(part: str, session: Path, *options: str) -> subprocess.Popen:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.fixture(scope="module")
+def compiled(demo_session: Path) -> None:
+    """The kernels are on disk: on a new machine a fusion node compiles longer than these camera nodes play."""
+    ready_tracker(read_rig(demo_session / "rig.toml"), SKELETONS["anatomical23"], LiveConfig())
+
+
+@pytest.mark.usefixtures("compiled")
 def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> None:
     oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={demo_session / 'truth' / 'truth.npz'}"]
     zero = str(time.time() + 6)
