@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="one per camera: video:FILE, usb:/dev/video0[@640x480@30], rtsp://..., http://..., ros:/TOPIC; "
         "or sim:SCENE|SESSION for all",
     )  # fmt: skip
-    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    add_timing(parser)
     add_outputs(parser)
     add_settings(parser)
     parser.add_argument(
@@ -28,6 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="let a camera freeze, jump, flood, hang or unplug after START seconds, to see that the set-up survives it",
     )  # fmt: skip
     parser.add_argument("--replay", type=Path, metavar="FILE", help="feed a recording to the tracker again, and compare")
+
+
+def add_timing(parser: argparse.ArgumentParser) -> None:
+    """When it ends."""
+    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    parser.add_argument("--loop", type=float, metavar="S", help="films and simulated sessions begin again every S seconds")
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="camera: when recorded and simulated sources begin, the same on every machine",
     )
     parser.add_argument("--fault", action="append", default=[], metavar="CAMERA=KIND@START[-END]", help="camera: fail on purpose")
-    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    live.add_timing(parser)
     live.add_outputs(parser)
     live.add_settings(parser)
 

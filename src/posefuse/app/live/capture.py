@@ -30,6 +30,7 @@ class LiveInput:
         config: source config with `build()`; one with a field `zero_ns` counts time from there (monotonic clock).
         reopen: a source that ends or fails is opened again until the session ends.
         faults: what is to go wrong, for trials.
+        loop_s: a film or simulated session begins again every so many seconds after the session's zero; None plays it once.
     """
 
     camera: str
@@ -37,6 +38,7 @@ class LiveInput:
     config: Any
     reopen: bool
     faults: tuple[Fault, ...] = ()
+    loop_s: float | None = None
 
     @property
     def from_zero(self) -> bool:
@@ -109,9 +111,13 @@ class Capture:
             self._source.close()
 
     def _run(self, zero_ns: int) -> None:
+        turn = -1
         while not self._stop.is_set():
+            turn = self._next_turn(turn, zero_ns)
             try:
-                self._deliver(zero_ns)
+                self._deliver(zero_ns, turn * self._loop_ns)
+                if self._loop_ns:
+                    continue
                 self._state, self._text = "ended", "the source has ended"
             except (PosefuseError, OSError, RuntimeError, ValueError) as error:
                 self._state, self._text = "lost", str(error)
@@ -119,16 +125,27 @@ class Capture:
                 return
             self._stop.wait(_RETRY_S)
 
-    def _deliver(self, zero_ns: int) -> None:
+    @property
+    def _loop_ns(self) -> int:
+        return round((self.entry.loop_s or 0.0) * 1e9) if self.entry.from_zero else 0
+
+    def _next_turn(self, turn: int, zero_ns: int) -> int:
+        """Number of the next showing; ones that are over already are left out, so that all cameras show the same."""
+        return max(turn + 1, (time.monotonic_ns() - zero_ns) // self._loop_ns, 0) if self._loop_ns else 0
+
+    def _deliver(self, zero_ns: int, later_ns: int) -> None:
+        """Frames of one showing of the source, which begins `later_ns` after zero."""
         if self._source is None or self.entry.from_zero:
-            self._source = self.entry.open(self.camera, zero_ns)
+            self._source = self.entry.open(self.camera, zero_ns + later_ns)
         still, before, seq = 0, None, None
         try:
             frames = self._source.frames()
             self._began_s = self._began_s or time.monotonic()
             for frame in disturbed(frames, self.entry.faults, self._began_s) if self.entry.faults else frames:
-                if self._stop.is_set():
+                if self._stop.is_set() or (self._loop_ns and frame.t_ns >= self._loop_ns):
                     return
+                if later_ns:
+                    frame = dataclasses.replace(frame, t_ns=frame.t_ns + later_ns, received_ns=frame.received_ns + later_ns)
                 sample = frame.image[::_SAMPLE_STEP, ::_SAMPLE_STEP].copy()
                 still = still + 1 if before is not None and np.array_equal(sample, before) else 0
                 before = sample

@@ -10,9 +10,10 @@ from typing import Any
 
 from posefuse.app.config import read_overridden
 from posefuse.app.terminal import Terminal
-from posefuse.core import InputError, Rig
+from posefuse.core import ConfigError, InputError, Rig
 from posefuse.files.rig import read_rig
 
+from .capture import LiveInput
 from .clock import SessionClock
 from .config import LiveConfig
 from .faults import faults_from_arguments
@@ -32,11 +33,7 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
         return replay(args.replay, rig, config, terminal)
     if args.report and args.report.exists() and any(args.report.iterdir()):
         raise InputError(f"{args.report}: is there already and not empty; choose another folder")
-    faults = faults_from_arguments(args.fault, rig)
-    inputs = tuple(
-        dataclasses.replace(entry, faults=faults.get(entry.camera, ()), reopen=entry.reopen or entry.camera in faults)
-        for entry in inputs_from_arguments(args.source, rig, args.domain)
-    )
+    inputs = settled_inputs(args, rig)
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     done = run_live(rig, inputs, config, output_plan(args, rig), args.duration, terminal.note)
     figures = figures_of(done)
@@ -44,6 +41,19 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     if args.report:
         write_report(args.report, done, figures)
     return figures
+
+
+def settled_inputs(args: argparse.Namespace, rig: Rig) -> tuple[LiveInput, ...]:
+    """The sources of the command line, with what is to go wrong with them and when they begin again."""
+    if args.loop is not None and args.loop <= 0:
+        raise ConfigError(f"--loop: expected more than 0 s, got {args.loop:g}")
+    faults = faults_from_arguments(args.fault, rig)
+    return tuple(
+        dataclasses.replace(
+            entry, faults=faults.get(entry.camera, ()), reopen=entry.reopen or entry.camera in faults, loop_s=args.loop
+        )
+        for entry in inputs_from_arguments(args.source, rig, args.domain)
+    )
 
 
 def settled_config(args: argparse.Namespace) -> LiveConfig:

@@ -60,7 +60,7 @@ class _Watch:
     """What is remembered of one camera."""
 
     ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_USUAL_OF))
-    strange_ns: list[int] = field(default_factory=list)
+    strange_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_AGREEING))
     shift_ns: int = 0
     jumped: str = ""
     jumped_at_ns: int = -(10**18)
@@ -191,7 +191,7 @@ class Monitor:
             watch.strange_ns.clear()
             return t_ns
         watch.strange_ns.append(age_ns)
-        recent = watch.strange_ns[-_AGREEING:]
+        recent = watch.strange_ns
         jump_ns = int(np.median(recent)) - usual_ns
         watch.jumped = f"its clock is {-(jump_ns + watch.shift_ns) / _S:+.1f} s off; frames are timed by their arrival"
         watch.jumped_at_ns = now_ns

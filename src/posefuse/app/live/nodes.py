@@ -26,11 +26,9 @@ from .board import Board
 from .budget import expected_gain
 from .clock import SessionClock
 from .clocks import ClockOffsets
-from .command import output_plan, settled_config
+from .command import output_plan, settled_config, settled_inputs
 from .config import LiveConfig
-from .faults import faults_from_arguments
 from .fusion import Fusion, velocity_between
-from .inputs import inputs_from_arguments
 from .messages import Preview, Seen, Status
 from .monitor import Monitor
 from .network_intake import NetworkIntake
@@ -56,8 +54,7 @@ def network_of(args: argparse.Namespace) -> Network:
 def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Capture and look on this machine, send 2D poses; the fused pose tells where to look."""
     config, rig = settled_config(args), read_rig(args.rig)
-    faults = faults_from_arguments(args.fault, rig)
-    inputs = [replace(e, faults=faults.get(e.camera, ())) for e in inputs_from_arguments(args.source, rig, args.domain)]
+    inputs = settled_inputs(args, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
     clock = SessionClock.begin()
