@@ -71,8 +71,8 @@ class Latencies:
     def __post_init__(self) -> None:
         self.stages = {name: {stage: Histogram() for stage in STAGES} for name in self.cameras}
         self.whole = Histogram()
-        # newest views: (exposure in s, camera, total in ms)
-        self.newest: deque[tuple[float, str, float]] = deque(maxlen=_NEWEST)
+        # newest views, and when their outputs went out, session ns
+        self.newest: deque[tuple[Way, int]] = deque(maxlen=_NEWEST)
         self.periods = Histogram()
         self._first_out_ns: int | None = None
         self._last_out_ns: int | None = None
@@ -92,7 +92,7 @@ class Latencies:
         for stage, ms in zip(STAGES, (*spans_ms, total_ms), strict=True):
             self.stages[way.camera][stage].add(ms)
         self.whole.add(total_ms)
-        self.newest.append((way.exposed_ns / 1e9, way.camera, total_ms))
+        self.newest.append((way, output_ns))
 
     def tick_out(self, due_ns: int, output_ns: int, period_ns: int) -> None:
         """One output went out that was due at `due_ns`."""
