@@ -19,6 +19,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("out/paper"), metavar="DIR", help="pages and figures; default out/paper")
     parser.add_argument("--sessions", type=Path, metavar="DIR", help="where rendered sessions are kept; default DIR/sessions")
     parser.add_argument("--quick", action="store_true", help="seconds of everything: to see that it works, not for figures")
+    parser.add_argument(
+        "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
+        help="any setting of `posefuse track`, in place of its default, e.g. detector.name=NAME; take another --out",
+    )  # fmt: skip
     parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
 
 

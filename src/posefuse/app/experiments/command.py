@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from posefuse.app.plugins import plugin_config
 from posefuse.app.terminal import Terminal, plain
 from posefuse.files.atomic import atomic_file
 
@@ -23,17 +24,24 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     """Run one experiment or all; returns the files written."""
     wanted = EXPERIMENTS if args.name == "all" else (args.name,)
     args.out.mkdir(parents=True, exist_ok=True)
-    options = " --quick" if args.quick else ""
+    options = (" --quick" if args.quick else "") + "".join(f" --set {override}" for override in args.overrides)
     written: list[Path] = []
     for name in wanted:
-        context = Context(
-            args.sessions or args.out / "sessions", args.quick, args.workers, f"posefuse experiment {name}{options}", terminal
-        )
+        command = f"posefuse experiment {name}{options}"
+        sessions = args.sessions or args.out / "sessions"
+        context = Context(sessions, args.quick, args.workers, command, terminal, tuple(args.overrides))
+        _check_settings(context)
         written += _one(name, context, args.out)
     if not args.quick:
         written.append(write_summary(args.out))
     terminal.facts("Experiments", {path.name: str(path) for path in written})
     return {"files": written}
+
+
+def _check_settings(context: Context) -> None:
+    """Refuse what cannot be before an hour of rendering."""
+    detector = context.config.detector
+    plugin_config("detectors", detector.name, detector.options)
 
 
 def _one(name: str, context: Context, out: Path) -> list[Path]:

@@ -1,10 +1,12 @@
-"""Time per stage of the pipeline and from image to skeleton (the paper's latency experiment)."""
+"""Time per stage and end to end, live and recorded (the paper's latency experiment)."""
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +16,16 @@ from posefuse.core.arrays import Array
 from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.page import Line, Page, plot
 from posefuse.evaluate.experiments.scenes import walking_scene
+from posefuse.files.video import read_video
+from posefuse.simulate.session import SessionPaths
 
-from .runs import Context, Outcome, run_scene
+from .live_page import live_figures, show_live, spread
+from .live_times import live_times
+from .runs import Context, Outcome, rendered, run_scene
 
-SUMMARY = "time per stage, 4 cameras: decode, 2D, fuse"
-_QUICK_S, _FULL_S = 2.0, 60.0
+SUMMARY = "time per stage and end to end, 4 cameras, live and recorded: capture, decode, 2D, fuse, track, output"
+_QUICK_S, _FULL_S, _LIVE_S = 2.0, 60.0, 20.0
+_DECODED = 60
 _STAGES = ("decode", "detect", "fuse")
 _SPIKES_S = 1.0
 
@@ -40,13 +47,32 @@ class SpikeClock(StageClock):
 
 
 def run(context: Context) -> Outcome:
-    """Run the walking session and time every instant."""
+    """The walking session, live at the pace of the clock, and as fast as the recorded pipeline goes."""
+    scene = walking_scene(1, _QUICK_S if context.quick else _FULL_S)
+    folder = rendered("walking-1", scene, context)
+    page = Page("Latency")
+    live = live_times(folder, context, _QUICK_S if context.quick else _LIVE_S)
+    alone_ms = {name: decode_ms(SessionPaths(folder).film(name)) for name in live.cameras}
+    figures: dict[str, Any] = {"live": live_figures(live, alone_ms)}
+    show_live(page, live, figures["live"])
     clock = SpikeClock()
-    done = run_scene("walking-1", walking_scene(1, _QUICK_S if context.quick else _FULL_S), context, clock)
+    done = run_scene("walking-1", scene, context, clock)
+    figures |= show_recorded(page, clock, len(done.recording.rig))
+    return Outcome(figures, page)
+
+
+def decode_ms(film: Path) -> float:
+    """Mean time per image of decoding the first images of a film, with nothing else to do."""
+    began_s = time.perf_counter()
+    count = sum(1 for _ in itertools.islice(read_video(film), _DECODED))
+    return 1000 * (time.perf_counter() - began_s) / max(count, 1)
+
+
+def show_recorded(page: Page, clock: SpikeClock, cameras: int) -> dict[str, Any]:
+    """Table, bars and spikes of the recorded pipeline's instants; returns the figures."""
     spans = {stage: np.array([(begin, took) for name, begin, took in clock.spans if name == stage]) for stage in _STAGES}
     per_instant = {stage: 1000 * _per_instant(spans[stage], spans["decode"][:, 0]) for stage in _STAGES}
     total = np.sum(list(per_instant.values()), axis=0)
-    cameras = len(done.recording.rig)
     stages = {
         "decode (wait for the next images)": per_instant["decode"],
         "2D pose, all cameras": per_instant["detect"],
@@ -57,25 +83,21 @@ def run(context: Context) -> Outcome:
     figures: dict[str, Any] = {
         "cameras": cameras,
         "instants": len(total),
-        "stages_ms": {name: _spread(ms) for name, ms in stages.items()},
+        "stages_ms": {name: spread(ms) for name, ms in stages.items()},
+        "second_pass_ms": 1000 * clock.seconds["smooth"] / len(total),
         "instants_per_s": float(1000 / total.mean()),
         "paper_ms": {"capture": paper.CAPTURE_MS, "2D pose": list(paper.DETECT_MS), "triangulation": paper.TRIANGULATE_MS},
     }
-    page = Page("Latency")
     page.section(
-        "Time per stage",
-        "Four cameras, one process, recorded images: decoding runs ahead in threads, so its time is what is left to wait for. A "
-        f"camera at 30 Hz adds up to {paper.CAPTURE_MS} ms of capture. Live, with a camera's own clock: posefuse live --help.",
+        "Recorded: time per stage",
+        "The same images as `posefuse track` takes them, all cameras of one instant together and as fast as it goes: no capture, "
+        "and decoding runs ahead in threads, so its time is what is left to wait for. The second pass (track: names sides, "
+        "moves to joint centres, smooths) has all of time at once; its time is shared out among the instants.",
     )
-    rows = [[name, *spread.values()] for name, spread in figures["stages_ms"].items()]
+    rows = [[name, *spread_ms.values()] for name, spread_ms in figures["stages_ms"].items()]
+    rows.append(["track: second pass", None, figures["second_pass_ms"], None, None])
     page.table(["stage", "median ms", "mean ms", "p95 ms", "most ms"], rows)
-    page.facts(
-        {
-            "instants per second": figures["instants_per_s"],
-            "paper: 2D pose per image": f"{paper.DETECT_MS[0]:g} to {paper.DETECT_MS[1]:g} ms on three GPUs",
-            "paper: triangulation": f"< {paper.TRIANGULATE_MS:g} ms",
-        }
-    )
+    page.facts({"instants per second": figures["instants_per_s"]})
     instants = np.arange(len(total), dtype=float)
     page.plots(
         [
@@ -83,16 +105,7 @@ def run(context: Context) -> Outcome:
             plot("Every instant", "instant", "ms", [Line(k, instants, v) for k, v in per_instant.items()], from_zero=True),
         ]
     )
-    return Outcome(figures, page)
-
-
-def _spread(ms: Array) -> dict[str, float]:
-    return {
-        "median": float(np.median(ms)),
-        "mean": float(ms.mean()),
-        "p95": float(np.percentile(ms, 95)),
-        "most": float(ms.max()),
-    }
+    return figures
 
 
 def _per_instant(spans: Array, begins_s: Array) -> Array:

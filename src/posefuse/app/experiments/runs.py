@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.app.config import TrackConfig
+from posefuse.app.config import TrackConfig, read_config
 from posefuse.app.detectors import build_detector
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import build_source, track_session
 from posefuse.app.recorded.second_pass import poses_over_time, views_of
-from posefuse.app.session import find_session
+from posefuse.app.session import UNFINISHED_FILE, find_session
 from posefuse.app.terminal import Terminal
 from posefuse.core import PoseSequence, Recording, Truth
 from posefuse.core.arrays import Array
@@ -26,10 +26,9 @@ from posefuse.evaluate.experiments.page import Page
 from posefuse.evaluate.experiments.scenes import scene_name
 from posefuse.evaluate.metrics import JointErrors, joint_errors
 from posefuse.files.truth import read_truth
-from posefuse.fuse import FuseSettings
 from posefuse.simulate.scene import Scene
 from posefuse.simulate.session import simulate
-from posefuse.track import JointCentres, SmoothSettings, read_joint_centres
+from posefuse.track import JointCentres, read_joint_centres
 
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-contrib-python-headless")
 
@@ -41,6 +40,7 @@ class Context:
     Attributes:
         sessions: rendered sessions are kept and found here. quick: seconds of everything instead of the paper's length.
         workers: processes that render; None takes one per core. command: as typed, for the reports.
+        overrides: ``KEY=VALUE`` settings of the pipeline in place of its defaults, as `posefuse track --set` takes them.
     """
 
     sessions: Path
@@ -48,6 +48,12 @@ class Context:
     workers: int | None
     command: str
     terminal: Terminal
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def config(self) -> TrackConfig:
+        """How every scene is tracked; raises ConfigError for overrides that cannot be."""
+        return replace(read_config(None, self.overrides), outputs=())
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +69,12 @@ class Run:
     """A rendered session, tracked.
 
     Attributes:
-        folder: the session. recording: the default result. truth: exact. centres: the table of the 2D estimator.
+        folder: the session. config: it was tracked with. recording: the result `posefuse track` gives. truth: exact.
+        centres: the table of the 2D estimator.
     """
 
     folder: Path
+    config: TrackConfig
     recording: Recording
     truth: Truth
     centres: JointCentres | None
@@ -76,8 +84,8 @@ class Run:
         return poses_over_time(
             views_of(self.recording),
             self.recording.rig,
-            FuseSettings(weights=weights),  # type: ignore[arg-type]
-            SmoothSettings() if smoothed else None,
+            replace(self.config.fuse, weights=weights),  # type: ignore[arg-type]
+            self.config.smooth if smoothed else None,
             self.centres if centred else None,
         )
 
@@ -85,19 +93,30 @@ class Run:
         """Distances from the truth of `poses`."""
         return joint_errors(self.poses(weights, smoothed, centred), self.truth)
 
+    def default_errors(self) -> JointErrors:
+        """Distances from the truth of what `posefuse track` gives with these settings."""
+        return joint_errors(self.recording.poses, self.truth)
+
 
 def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | None = None) -> Run:
-    """Render a scene, unless it lies there already, and track it with the defaults."""
-    folder = context.sessions / scene_name(name, scene)
-    if not (folder / "truth" / "truth.npz").is_file() or (folder / "INCOMPLETE").exists():
-        with context.terminal.progress(f"rendering {name}") as advance:
-            simulate(scene, folder, advance, context.workers)
-    config = TrackConfig(outputs=())
+    """Render a scene, unless it lies there already, and track it as the context says."""
+    config = context.config
+    folder = rendered(name, scene, context)
     session = find_session(folder, config)
     with context.terminal.progress(f"tracking {name}") as advance:
         tracked = track_session(session, config, clock or StageClock(), advance, context.terminal.note, context.terminal.warn)
     file = getattr(build_detector(config.detector, tracked.recording.rig), "joint_centres_file", None)
-    return Run(folder, tracked.recording, read_truth(folder / "truth" / "truth.npz"), read_joint_centres(file) if file else None)
+    centres = read_joint_centres(file) if file and config.joint_centres else None
+    return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), centres)
+
+
+def rendered(name: str, scene: Scene, context: Context) -> Path:
+    """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
+    folder = context.sessions / scene_name(name, scene)
+    if not (folder / "truth" / "truth.npz").is_file() or (folder / UNFINISHED_FILE).exists():
+        with context.terminal.progress(f"rendering {name}") as advance:
+            simulate(scene, folder, advance, context.workers)
+    return folder
 
 
 def about(context: Context) -> dict[str, Any]:
@@ -111,6 +130,7 @@ def about(context: Context) -> dict[str, Any]:
             [f"posefuse {__version__}", f"Python {platform.python_version()}", *(f"{p} {version(p)}" for p in _PACKAGES)]
         ),
         "command": context.command,
+        "settings": ", ".join(context.overrides) or "defaults",
         "length": "quick: seconds of everything" if context.quick else "full",
     }
 

@@ -27,7 +27,7 @@ def run(context: Context) -> Outcome:
     studies: dict[str, Any] = {}
     with context.terminal.progress("studies") as advance:
         for i, name in enumerate(STUDIES):
-            studies[name] = study_figures(run_study(name, context.quick))
+            studies[name] = study_figures(run_study(name, context.quick, context.config.fuse))
             advance(i + 1, len(STUDIES))
     page = Page("What the error depends on")
     page.section(

@@ -25,6 +25,8 @@ _MOST_POINTS = 900
 _STYLE = (
     ".plot{width:100%;height:auto}.plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(380px,1fr));gap:16px}"
     ":root{--c0:#2468c9;--c1:#d2542c;--c2:#4c7a51;--c3:#8a5cc2;--c4:#8b6b1f;--c5:#66707d}"
+    ".plots.many{grid-template-columns:repeat(auto-fill,minmax(300px,1fr))}.spike{stroke-width:3}.wide{grid-column:1/-1}"
+    ".plots{margin-top:14px}table+table{margin-top:10px}"
     "@media (prefers-color-scheme:dark){:root{--c0:#6ea5f5;--c1:#f08a63;--c2:#86b98b;--c3:#b694e6;--c4:#d0ae5a;--c5:#98a2b0}}"
     + "".join(f".s{i}{{stroke:var(--c{i});fill:none}}.f{i}{{fill:var(--c{i})}}" for i in range(6))
     + "td.best{font-weight:600}code{font-size:12px;word-break:break-all}"
@@ -33,13 +35,17 @@ _STYLE = (
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One line of a plot: x and y (n,), NaN for gaps; `dots` draws points, not a line; `colour` 0 to 5, None: by its place."""
+    """One line of a plot: x and y (n,), NaN for gaps; `colour` 0 to 5, None: by its place.
+
+    `dots` draws points, not a line; `spikes` a line thick enough to stand alone.
+    """
 
     name: str
     x: Array
     y: Array
     dots: bool = False
     colour: int | None = None
+    spikes: bool = False
 
 
 class Page:
@@ -68,9 +74,9 @@ class Page:
         cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(_cell(value))}</td></tr>" for name, value in facts.items())
         self._into(f'<table class="narrow">{cells}</table>')
 
-    def plots(self, plots: Sequence[str]) -> None:
-        """Drawings of `plot` side by side."""
-        self._into(f'<div class="plots">{"".join(plots)}</div>')
+    def plots(self, plots: Sequence[str], many: bool = False) -> None:
+        """Drawings of `plot` side by side, in two columns or, if they are `many`, in three."""
+        self._into(f'<div class="plots{" many" if many else ""}">{"".join(plots)}</div>')
 
     def pictures(self, pictures: Mapping[str, Array]) -> None:
         """Captions to RGB images, stored inside the page."""
@@ -100,43 +106,83 @@ class Page:
             self._parts.append(f"<section>{html}</section>")
 
 
-def plot(title: str, x_label: str, y_label: str, lines: Sequence[Line], equal: bool = False, from_zero: bool = False) -> str:
-    """Lines over a common x as <svg>, with a legend; `equal`: one scale on both axes; `from_zero`: y begins at 0."""
+def plot(
+    title: str,
+    x_label: str,
+    y_label: str,
+    lines: Sequence[Line],
+    equal: bool = False,
+    from_zero: bool = False,
+    wide: bool = False,
+) -> str:
+    """Lines over a common x as <svg>, with a legend.
+
+    `equal`: one scale on both axes; `from_zero`: y begins at 0; `wide`: twice as wide, over all columns of `Page.plots`.
+    """
+    width = 2 * WIDTH if wide else WIDTH
     (x_low, x_high), (y_low, y_high) = _limits([one.x for one in lines]), _limits([one.y for one in lines])
     y_low = 0.0 if from_zero else y_low
-    wide, high = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
+    across_px, high = width - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
     if equal:
-        metres_px = max((x_high - x_low) / wide, (y_high - y_low) / high)
+        metres_px = max((x_high - x_low) / across_px, (y_high - y_low) / high)
         x_middle, y_middle = (x_low + x_high) / 2, (y_low + y_high) / 2
-        x_low, x_high = x_middle - metres_px * wide / 2, x_middle + metres_px * wide / 2
+        x_low, x_high = x_middle - metres_px * across_px / 2, x_middle + metres_px * across_px / 2
         y_low, y_high = y_middle - metres_px * high / 2, y_middle + metres_px * high / 2
 
     def across(x: Array | float) -> Array:
-        return np.asarray(_LEFT + wide * (np.asarray(x) - x_low) / (x_high - x_low))
+        return np.asarray(_LEFT + across_px * (np.asarray(x) - x_low) / (x_high - x_low))
 
     def up(y: Array | float) -> Array:
         return np.asarray(HEIGHT - _BOTTOM - high * (np.asarray(y) - y_low) / (y_high - y_low))
 
     parts = [
-        f'<svg class="plot" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">',
+        f'<svg class="plot{" wide" if wide else ""}" viewBox="0 0 {width} {HEIGHT}" role="img" aria-label="{escape(title)}">',
         f'<text class="title" x="4" y="15">{escape(title)} [{escape(y_label)}]</text>',
-        f'<text x="{WIDTH - _RIGHT}" y="{HEIGHT - 6}" text-anchor="end">{escape(x_label)}</text>',
+        f'<text x="{width - _RIGHT}" y="{HEIGHT - 6}" text-anchor="end">{escape(x_label)}</text>',
     ]
     for value in _ticks(y_low, y_high):
         y = float(up(value))
-        parts.append(f'<line class="grid" x1="{_LEFT}" x2="{WIDTH - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<line class="grid" x1="{_LEFT}" x2="{width - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text x="{_LEFT - 5}" y="{y + 3:.1f}" text-anchor="end">{value:g}</text>')
     for value in _ticks(x_low, x_high):
         x = float(across(value))
         parts.append(f'<text x="{x:.1f}" y="{HEIGHT - _BOTTOM + 14}" text-anchor="middle">{value:g}</text>')
-    legend_x = float(_LEFT)
-    for i, line in enumerate(lines):
-        colour = i % 6 if line.colour is None else line.colour
-        parts.append(_drawn(line, colour, across, up))
-        parts.append(f'<rect class="f{colour}" x="{legend_x:.0f}" y="25" width="10" height="4"/>')
-        parts.append(f'<text x="{legend_x + 14:.0f}" y="31">{escape(line.name)}</text>')
-        legend_x += 26 + _LETTER_PX * len(line.name)
+    colours = [i % 6 if line.colour is None else line.colour for i, line in enumerate(lines)]
+    parts += [_drawn(line, colour, across, up) for line, colour in zip(lines, colours, strict=True)]
+    parts += _legend([line.name for line in lines], colours)
     return "".join(parts) + "</svg>"
+
+
+def bars(title: str, unit: str, rows: Mapping[str, Sequence[float]], parts_named: Sequence[str]) -> str:
+    """One lying bar per row as <svg>, its parts (in the order of their names) end to end, the sum written behind it."""
+    step, thick, left, right = 22, 14, 118, 44
+    height = _TOP + 6 + step * len(rows)
+    most = max((float(np.sum(values)) for values in rows.values()), default=0.0) or 1.0
+    wide = 2 * WIDTH - left - right
+    out = [
+        f'<svg class="plot wide" viewBox="0 0 {2 * WIDTH} {height}" role="img" aria-label="{escape(title)}">',
+        f'<text class="title" x="4" y="15">{escape(title)} [{escape(unit)}]</text>',
+        *_legend(parts_named, [i % 6 for i in range(len(parts_named))]),
+    ]
+    for row, (name, values) in enumerate(rows.items()):
+        y, x = _TOP + step * row, float(left)
+        out.append(f'<text x="{left - 6}" y="{y + 11}" text-anchor="end">{escape(name)}</text>')
+        for i, value in enumerate(values):
+            length = wide * float(value) / most
+            hint = f"<title>{escape(parts_named[i])} {value:.1f} {escape(unit)}</title>"
+            out.append(f'<rect class="f{i % 6}" x="{x:.1f}" y="{y}" width="{length:.1f}" height="{thick}">{hint}</rect>')
+            x += length
+        out.append(f'<text x="{x + 5:.1f}" y="{y + 11}">{np.sum(values):.1f}</text>')
+    return "".join(out) + "</svg>"
+
+
+def _legend(names: Sequence[str], colours: Sequence[int]) -> list[str]:
+    parts, x = [], float(_LEFT)
+    for name, colour in zip(names, colours, strict=True):
+        parts.append(f'<rect class="f{colour}" x="{x:.0f}" y="25" width="10" height="4"/>')
+        parts.append(f'<text x="{x + 14:.0f}" y="31">{escape(name)}</text>')
+        x += 26 + _LETTER_PX * len(name)
+    return parts
 
 
 def _drawn(line: Line, colour: int, across: Any, up: Any) -> str:
@@ -150,7 +196,7 @@ def _drawn(line: Line, colour: int, across: Any, up: Any) -> str:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(int), [0]])))
     runs = zip(edges[::2], edges[1::2], strict=True)
     path = " ".join("M" + " L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x[i:j], y[i:j], strict=True)) for i, j in runs)
-    return f'<path class="line s{colour}" d="{path}"><title>{escape(line.name)}</title></path>'
+    return f'<path class="line s{colour}{" spike" if line.spikes else ""}" d="{path}"><title>{escape(line.name)}</title></path>'
 
 
 def _limits(columns: Sequence[Array]) -> tuple[float, float]:

@@ -70,17 +70,18 @@ STUDIES: Mapping[str, tuple[str, str, Sequence[float], Callable[[float], Setup]]
 }
 
 
-def run_study(name: str, quick: bool = False) -> Study:
+def run_study(name: str, quick: bool = False, fusing: FuseSettings | None = None) -> Study:
     """Run one of `STUDIES`; `quick` takes its first and last value for a second of walking."""
     title, unit, values, setup_of = STUDIES[name]
     x = (values[0], values[-1]) if quick else tuple(values)
-    rows = [measure(setup_of(value), 1.0 if quick else _DURATION_S) for value in x]
+    rows = [measure(setup_of(value), 1.0 if quick else _DURATION_S, fusing) for value in x]
     robust, score, p95 = zip(*rows, strict=True)
     return Study(title, unit, tuple(map(float, x)), robust, score, p95)
 
 
-def measure(setup: Setup, duration_s: float = _DURATION_S) -> tuple[float, float, float]:
+def measure(setup: Setup, duration_s: float = _DURATION_S, fusing: FuseSettings | None = None) -> tuple[float, float, float]:
     """Mean error in mm over the paper's joints of robust and score weights, and the robust one's mean 95th percentile."""
+    fusing = fusing or FuseSettings()
     truth = _truth(setup, duration_s)
     noise = _noise(setup, truth)
     seen = oracle_views(truth, noise, _SEED)
@@ -94,7 +95,7 @@ def measure(setup: Setup, duration_s: float = _DURATION_S) -> tuple[float, float
         poses: list[Pose3D] = []
         for i, t_ns in enumerate(truth.t_ns):
             views = Views(int(t_ns), truth.skeleton, rig.names, truth.person_id, xy[i], score[i], sigma[i])
-            poses.append(fuse(views, rig, FuseSettings(weights=weights), poses[-1] if poses else None))
+            poses.append(fuse(views, rig, replace(fusing, weights=weights), poses[-1] if poses else None))
         errors.append(joint_errors(PoseSequence.from_poses(poses), truth))
     return errors[0].mpjpe_mm, errors[1].mpjpe_mm, float(np.nanmean(errors[0].p95_mm))
 
