@@ -14,10 +14,11 @@ from posefuse.evaluate.experiments.page import Line, Page, plot
 from posefuse.evaluate.experiments.scenes import PATHS, path_scene
 from posefuse.evaluate.metrics import true_xyz_at
 
-from .runs import Context, Outcome, pictures, run_scene
+from .moments import pictures
+from .runs import Context, Outcome, run_scene
 
 SUMMARY = "three paths: place of the pelvis over time, beside a simulated inertial suit"
-_QUICK_S, _FULL_S = 2.0, 40.0
+_QUICK_S, _FULL_S = 2.0, 60.0
 _SUIT_SEEDS = 20
 
 
@@ -31,7 +32,7 @@ def run(context: Context) -> Outcome:
         "as published for such sensors, see evaluate/experiments/inertial.py. Drawn: the run of median drift of "
         f"{_SUIT_SEEDS} suits.",
     )
-    page.facts({name: float(value) for name, value in vars(noise).items()})
+    page.facts({name: f"{value:g}" for name, value in vars(noise).items()})
     figures: dict[str, Any] = {"paths": {}, "suit": vars(noise), "suits": _SUIT_SEEDS}
     for path in PATHS:
         done = run_scene(f"drift-{path}", path_scene(path, _QUICK_S if context.quick else _FULL_S), context)
@@ -59,7 +60,12 @@ def run(context: Context) -> Outcome:
                 "end_m_of_all": [float(np.min(ends)), float(np.max(ends))],
             },
         }
-        page.section(path.replace("_", " "), f"{vision.walked_m[-1]:.0f} m walked.")
+        rate_hz = 1e9 / np.median(np.diff(truth.t_ns))
+        page.section(
+            path.replace("_", " "),
+            f"{vision.walked_m[-1]:.0f} m in {t_ns[-1] / 1e9:.0f} s, cameras at {rate_hz:.0f} Hz (drift is error over way "
+            "walked, so their rate does not matter).",
+        )
         page.plots(_drawn(true, seen, exact, suit, (t_ns - t_ns[0]) / 1e9, (truth.t_ns - truth.t_ns[0]) / 1e9, vision, worn))
         page.pictures(pictures(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380))
     rows = [

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from posefuse import __version__
 from posefuse.app.config import TrackConfig, read_config
 from posefuse.app.detectors import build_detector
 from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.run import build_source, track_session
+from posefuse.app.recorded.run import track_session
 from posefuse.app.recorded.second_pass import poses_over_time, views_of
 from posefuse.app.session import UNFINISHED_FILE, find_session
 from posefuse.app.terminal import Terminal
 from posefuse.core import PoseSequence, Recording, Truth
-from posefuse.core.arrays import Array
 from posefuse.evaluate.experiments.page import Page
 from posefuse.evaluate.experiments.scenes import scene_name
 from posefuse.evaluate.metrics import JointErrors, joint_errors
@@ -133,61 +130,3 @@ def about(context: Context) -> dict[str, Any]:
         "settings": ", ".join(context.overrides) or "defaults",
         "length": "quick: seconds of everything" if context.quick else "full",
     }
-
-
-def pictures(run: Run, camera: int, instants: Sequence[int], width_px: int = 480) -> dict[str, Array]:
-    """Captions to pictures of one camera at instants of the recording, with the fused skeleton drawn in."""
-    from posefuse.sinks.drawing import view_tile
-
-    config = TrackConfig()
-    recording = run.recording
-    name = recording.rig.names[camera]
-    session = find_session(run.folder, config)
-    source = build_source(next(entry for entry in session.inputs if entry.camera == name), config)
-    width, height = source.size_wh
-    wanted = {int(i): recording.poses.t_ns[i] for i in instants}
-    images: dict[int, Array] = {}
-    try:
-        for frame in source.frames():
-            for i, t_ns in wanted.items():
-                if i not in images and frame.t_ns >= t_ns - 1_000_000:
-                    images[i] = np.array(frame.image)
-            if len(images) == len(wanted):
-                break
-    finally:
-        source.close()
-    tile_wh = (width_px, round(width_px * height / width))
-    return {
-        f"{name}, {recording.poses.t_ns[i] / 1e9:.1f} s": view_tile(recording, i, camera, image, tile_wh)
-        for i, image in sorted(images.items())
-    }
-
-
-def errors_row(errors: JointErrors) -> dict[str, Any]:
-    """Plain figures of a column of the tables."""
-    return {
-        "mean_mm": errors.mpjpe_mm,
-        "worst_joint": errors.joints[int(np.nanargmax(errors.mean_mm))],
-        "worst_mm": float(np.nanmax(errors.mean_mm)),
-        "found": float(errors.found.mean()),
-        "joints": {
-            joint: {"mean_mm": float(errors.mean_mm[i]), "sd_mm": float(errors.sd_mm[i]), "p95_mm": float(errors.p95_mm[i])}
-            for i, joint in enumerate(errors.joints)
-        },
-    }
-
-
-def joint_table(
-    page: Page, columns: Mapping[str, Mapping[str, Any]], paper: Mapping[str, Mapping[str, tuple[float, float]]]
-) -> None:
-    """The paper's layout: 14 joints, mean +- sd per column, ours and then the paper's, averages below."""
-    first = next(iter(columns.values()))["joints"]
-    rows: list[list[str]] = []
-    for joint in first:
-        ours = [f"{c['joints'][joint]['mean_mm']:.1f} ± {c['joints'][joint]['sd_mm']:.1f}" for c in columns.values()]
-        theirs = [f"{c[joint][0]:.1f} ± {c[joint][1]:.1f}" for c in paper.values()]
-        rows.append([joint.replace("_", " "), *ours, *theirs])
-    averages = [f"{c['mean_mm']:.2f}" for c in columns.values()]
-    averages += [f"{np.mean([mean for mean, _ in c.values()]):.2f}" for c in paper.values()]
-    rows.append(["average", *averages])
-    page.table(["joint (mm)", *columns, *(f"paper: {name}" for name in paper)], rows)
