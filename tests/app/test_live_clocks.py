@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.app.live.clocks import agreed, blended, found_offsets
+from posefuse.app.live.clocks import agreed, blended, found_offsets, telling_points
 from posefuse.detect import OracleNoise, oracle_views
 from posefuse.files.truth import read_truth
 
@@ -15,9 +15,11 @@ OFFSET_S = np.array([0.0, 0.05, -0.02, 0.03])
 def test_offsets_of_a_walking_person_are_found(demo_session: Path) -> None:
     truth = read_truth(demo_session / "truth" / "truth.npz")
     views = oracle_views(truth, OracleNoise(sigma_px=3.0), seed=4)
+    told = telling_points(truth.skeleton)
+    assert len(told) == 12
     kept = {
         name: [
-            (int(t_ns + 1e9 * OFFSET_S[c]), views.xy_img[f, 0, c], views.score[f, 0, c])
+            (int(t_ns + 1e9 * OFFSET_S[c]), views.xy_img[f, 0, c][told], views.score[f, 0, c][told])
             for f, t_ns in enumerate(truth.views[c].t_ns[:200])
         ]
         for c, name in enumerate(truth.rig.names)

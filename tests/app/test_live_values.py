@@ -3,6 +3,7 @@
 import itertools
 import multiprocessing
 import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -277,8 +278,27 @@ def test_faults_are_read_and_happen(ring_rig) -> None:
         faults_from_arguments(["cam01=melt@3"], rig)
     frames = [Frame("a", i, i * PERIOD_NS, 0, np.full((4, 4, 3), i, np.uint8)) for i in range(3)]
     frozen = list(disturbed(iter(frames), [Fault("freeze", 0.0, 1e9)], begun_s=0.0))
-    assert [int(frame.image[0, 0, 0]) for frame in frozen] == [0, 0, 0]
-    assert [frame.t_ns for frame in frozen] == [frame.t_ns for frame in frames]
+    assert [int(frame.image[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
+    assert [frame.t_ns + off_ns for frame, off_ns in frozen] == [frame.t_ns for frame in frames]
+    jumped = disturbed(iter(frames), [Fault("jump", 0.0, 1e9)], begun_s=0.0)
+    assert [off_ns for _, off_ns in jumped] == [3600 * S] * 3
+
+
+def test_a_film_begins_again_at_every_turn(ring_rig, demo_session) -> None:
+    [entry] = inputs_from_arguments([f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"], ring_rig(2))
+    capture = Capture(replace(entry, loop_s=0.3), ring_rig(2)["cam00"], threading.Condition())
+    capture.begin(time.monotonic_ns())
+    taken, end_s = [], time.monotonic() + 20
+    while len({caught.later_ns for caught in taken}) < 3 and time.monotonic() < end_s:
+        time.sleep(0.01)
+        taken += [caught] if (caught := capture.take()) else []
+    capture.close()
+    turns = {caught.later_ns for caught in taken}
+    assert len(turns) == 3
+    assert all(later_ns % (3 * S // 10) == 0 for later_ns in turns)
+    assert all(caught.frame.t_ns < 3 * S // 10 for caught in taken)
+    times = [caught.frame.t_ns + caught.later_ns for caught in taken]
+    assert times == sorted(times)
 
 
 # --- times of streams

@@ -61,10 +61,18 @@ class LiveInput:
 
 @dataclass(frozen=True, eq=False)
 class Caught:
-    """A frame in the source's own time, and for how many frames in a row the image has not changed."""
+    """A frame in the source's own time.
+
+    Attributes:
+        still: for how many frames in a row the image has not changed.
+        later_ns: when this showing of the source began, after the session's zero.
+        off_ns: how wrong its stamp is on purpose.
+    """
 
     frame: Frame
     still: int
+    later_ns: int = 0
+    off_ns: int = 0
 
 
 class Capture:
@@ -140,19 +148,17 @@ class Capture:
         still, before, seq = 0, None, None
         try:
             frames = self._source.frames()
-            self._began_s = self._began_s or time.monotonic()
-            for frame in disturbed(frames, self.entry.faults, self._began_s) if self.entry.faults else frames:
+            self._began_s = self._began_s or (zero_ns / 1e9 if self.entry.from_zero else time.monotonic())
+            for frame, off_ns in disturbed(frames, self.entry.faults, self._began_s):
                 if self._stop.is_set() or (self._loop_ns and frame.t_ns >= self._loop_ns):
                     return
-                if later_ns:
-                    frame = dataclasses.replace(frame, t_ns=frame.t_ns + later_ns, received_ns=frame.received_ns + later_ns)
                 sample = frame.image[::_SAMPLE_STEP, ::_SAMPLE_STEP].copy()
                 still = still + 1 if before is not None and np.array_equal(sample, before) else 0
                 before = sample
                 self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
                 seq = frame.seq
                 self._state, self._text = "running", ""
-                self.put(Caught(frame, still))
+                self.put(Caught(frame, still, later_ns, off_ns))
         finally:
             self._source.close()
             self._source = None

@@ -22,9 +22,9 @@ class Fault:
 
     Attributes:
         kind: ``freeze`` (the same image again and again), ``jump`` (its clock is an hour ahead),
-            ``skew`` (50 ms ahead), ``flood`` (forty frames
-            for one), ``hang`` (says nothing), ``unplug`` (the source ends, and comes back).
-        start_s, end_s: seconds after the camera's first frame.
+            ``skew`` (50 ms ahead), ``flood`` (forty frames for one), ``hang`` (says nothing),
+            ``unplug`` (the source ends, and comes back).
+        start_s, end_s: seconds after the session's zero for films and simulated sessions, after its first opening for a camera.
     """
 
     kind: str
@@ -46,8 +46,8 @@ def faults_from_arguments(arguments: Sequence[str], rig: Rig) -> dict[str, tuple
     return found
 
 
-def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) -> Iterator[Frame]:
-    """The frames as a faulty camera gives them; `begun_s` is the monotonic time of its first one."""
+def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) -> Iterator[tuple[Frame, int]]:
+    """The frames of a faulty camera, each with how wrong its stamp is in ns; `begun_s`: monotonic time that faults count from."""
     last: Frame | None = None
     for frame in frames:
         active = {fault.kind: fault for fault in faults if fault.start_s <= time.monotonic() - begun_s < fault.end_s}
@@ -57,7 +57,6 @@ def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) 
             time.sleep(_POLL_S)
         if "freeze" not in active or last is None:
             last = frame
-        shown = replace(frame, image=last.image)
-        shown = replace(shown, t_ns=frame.t_ns + sum(_OFF_NS.get(kind, 0) for kind in active))
+        off_ns = sum(_OFF_NS.get(kind, 0) for kind in active)
         for copy in range(_COPIES if "flood" in active else 1):
-            yield replace(shown, t_ns=shown.t_ns + copy)
+            yield replace(frame, image=last.image), off_ns + copy

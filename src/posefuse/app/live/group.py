@@ -139,12 +139,12 @@ class Group:
 
     def _look(self, capture: Capture, caught: Caught, expected: Expected) -> None:
         name, frame = capture.entry.camera, caught.frame
-        shift_ns, clock = self._shift_ns[name], self._plan.clock
+        shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
         started_ns = clock.now_ns()
         self._looked_s[name] = time.monotonic()
-        regions = self._regions(capture.camera, frame.t_ns + shift_ns, expected, started_ns)
+        regions = self._regions(capture.camera, frame.t_ns + shift_ns + caught.off_ns, expected, started_ns)
         [found] = self.detector.detect([frame], [regions])
-        shown = _in_session(found, shift_ns)
+        shown = _in_session(found, shift_ns + caught.off_ns)
         seen = Seen(
             shown, capture.state(), frame.received_ns + shift_ns, started_ns, clock.now_ns(), caught.still, regions is None
         )  # fmt: skip

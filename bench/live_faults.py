@@ -1,0 +1,311 @@
+"""What goes wrong in a live session, on purpose: how soon it is named, whether the skeleton goes on, how soon it is over.
+
+    python bench/live_faults.py [--only NAME ...] [--detector blazepose] [--session examples/demo]
+
+A simulated session is played at the pace of the clock, again and again. On one machine a camera (or the process of two) fails
+for some seconds; on two, which are network namespaces and need root, the link between cameras and fusion does.
+Errors are of the 14 joints against the truth at output time. Table on stderr, one JSON object on stdout.
+"""
+
+import argparse
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from two_machines import TwoMachines, why_not
+
+from posefuse.app.terminal import plain
+from posefuse.core import Kind
+from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.evaluate.metrics import true_xyz_at
+from posefuse.files.truth import read_truth
+from posefuse.wire.bags import read_detections, read_poses
+
+_START_S, _END_S = 180.0, 40.0
+_BEFORE_S, _LEAST_S = 2.0, 3.0
+# the person jumps back where the film begins again
+_JUMP_S = 1.5
+_DOMAIN = 50 + os.getpid() % 100
+
+
+@dataclass(frozen=True)
+class Case:
+    """One thing that goes wrong.
+
+    Attributes:
+        name: of the row. state: how the monitor should call it; empty when nothing should be named.
+        cameras: that are ill. start_s, end_s: when, after everything runs. last_s: when it is stopped.
+        fault: as of ``--fault``; ``kill`` ends the process of the cameras; empty is a matter of the link.
+        loss, delay_s, cut: what the link does between start and end.
+    """
+
+    name: str
+    state: str
+    cameras: tuple[str, ...]
+    start_s: float = 6.0
+    end_s: float = 9.0
+    last_s: float = 16.0
+    fault: str = ""
+    loss: float = 0.0
+    delay_s: float = 0.0
+    cut: bool = False
+
+
+ONE_MACHINE = (
+    Case("nothing", "", (), fault="none"),
+    Case("the same image", "frozen", ("cam01",), fault="freeze"),
+    Case("clock an hour ahead", "clock", ("cam01",), fault="jump"),
+    Case("1200 frames/s", "flood", ("cam01",), fault="flood"),
+    Case("says nothing", "silent", ("cam01",), fault="hang"),
+    Case("unplugged", "lost", ("cam01",), fault="unplug"),
+    Case("kill -9 of two cameras", "dead", ("cam01", "cam03"), end_s=6.0, last_s=20.0, fault="kill"),
+)
+_NEAR, _FAR = ("cam00", "cam01"), ("cam02", "cam03")
+TWO_MACHINES = (
+    Case("link: nothing", "", ()),
+    Case("link: 5 % lost, 50 ms late", "", (), end_s=18.0, last_s=18.0, loss=0.05, delay_s=0.05),
+    Case("link: cut for 10 s", "silent", _FAR, end_s=16.0, last_s=24.0, cut=True),
+    Case("link: clock 50 ms ahead", "", (), start_s=25.0, end_s=35.0, last_s=35.0, fault="skew"),
+)
+
+
+class Program:
+    """A `posefuse` whose notes are kept as they come."""
+
+    def __init__(self, launch: Callable[..., subprocess.Popen], arguments: Sequence[str]) -> None:
+        self.process = launch(sys.executable, "-m", "posefuse.app.cli", *arguments, "--json", stderr=subprocess.PIPE)
+        self.notes: list[str] = []
+        self._news = threading.Condition()
+        self._listening = threading.Thread(target=self._listen, daemon=True)
+        self._listening.start()
+
+    def wait_for(self, pattern: str) -> re.Match:
+        end_s = time.monotonic() + _START_S
+        with self._news:
+            while not (found := re.search(pattern, "".join(self.notes))):
+                if self.process.poll() is not None or not self._news.wait(max(0.0, end_s - time.monotonic())):
+                    raise SystemExit(f"no {pattern!r} in: {''.join(self.notes)}")
+        return found
+
+    def stopped(self) -> dict:
+        """Its figures after Ctrl-C."""
+        self.process.send_signal(signal.SIGINT)
+        out = self.process.stdout.read()
+        self.process.wait(_END_S)
+        if self.process.returncode:
+            raise SystemExit("".join(self.notes))
+        return json.loads(out)
+
+    def kill(self) -> None:
+        self.process.kill()
+        self._listening.join()
+
+    def _listen(self) -> None:
+        for line in self.process.stderr:
+            with self._news:
+                self.notes.append(line)
+                self._news.notify()
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a case left: figures, when the film showed its beginning, and when the fault began and ended after that."""
+
+    figures: dict
+    zero_ns: int
+    start_s: float
+    end_s: float
+
+
+def on_one_machine(case: Case, recording: Path, args: argparse.Namespace) -> Ran:
+    session = args.session
+    faults = [f"{camera}={case.fault}@{case.start_s}-{case.end_s}" for camera in case.cameras if case.fault != "kill"]
+    options = ["live", str(session / "rig.toml"), "--source", f"sim:{session}", "--record", str(recording), "--groups", "2"]
+    options += [part for fault in faults for part in ("--fault", fault)] + common(args)
+    live = Program(lambda *command, **kept: subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **kept), options)
+    try:
+        pid = int(live.wait_for(r"cam03 in process (\d+)")[1])
+        live.wait_for(": ok")
+        begun_s = time.monotonic()
+        start_s = case.start_s
+        if case.fault == "kill":
+            time.sleep(case.start_s)
+            start_ns = time.time_ns()
+            os.kill(pid, signal.SIGKILL)
+        time.sleep(max(0.0, case.last_s - (time.monotonic() - begun_s)))
+        figures = live.stopped()
+    finally:
+        live.kill()
+    zero_ns = figures["zero_ns"]
+    if case.fault == "kill":
+        start_s = (start_ns - zero_ns) / 1e9
+    return Ran(figures, zero_ns, start_s, start_s if case.fault == "kill" else case.end_s)
+
+
+def on_two_machines(case: Case, recording: Path, args: argparse.Namespace) -> Ran:
+    """Machine 0 fuses and has two cameras, machine 1 has the other two."""
+    session, zero_s = args.session, time.time()
+    with TwoMachines(seed=1) as two:
+        programs: list[Program] = []
+
+        def start(machine: int, part: str, *options: str) -> Program:
+            network = ["--domain", str(_DOMAIN), "--peer", two.addresses[1 - machine]]
+            arguments = ["node", part, str(session / "rig.toml"), *options, *network]
+            programs.append(Program(lambda *command, **kept: two.start(machine, *command, **kept), arguments))
+            return programs[-1]
+
+        def start_cameras(machine: int, cameras: Sequence[str], *options: str) -> Program:
+            sources = [part for camera in cameras for part in ("--source", f"{camera}=sim:{session}")]
+            return start(machine, "camera", "--name", f"m{machine}", "--zero", str(zero_s), *sources, *common(args), *options)
+
+        late = [part for camera in _FAR for part in ("--fault", f"{camera}={case.fault}@0")] if case.fault else []
+        try:
+            fusion = start(0, "fusion", "--record", str(recording))
+            for cameras in (start_cameras(0, _NEAR), start_cameras(1, _FAR, *late)):
+                cameras.wait_for("in process")
+            fusion.wait_for("first view")
+            begun_s = time.time()
+            trouble(two, case, begun_s)
+            figures = fusion.stopped()
+        finally:
+            for program in programs:
+                program.kill()
+    return Ran(figures, round(zero_s * 1e9), *(begun_s - zero_s + t for t in (case.start_s, case.end_s)))
+
+
+def trouble(two: TwoMachines, case: Case, begun_s: float) -> None:
+    """Let the link fail when it should."""
+    wait_until(begun_s + case.start_s)
+    two.loss, two.delay_s, two.cut = case.loss, case.delay_s, case.cut
+    wait_until(begun_s + case.end_s)
+    two.loss, two.delay_s, two.cut = 0.0, 0.0, False
+    wait_until(begun_s + case.last_s)
+
+
+def wait_until(unix_s: float) -> None:
+    time.sleep(max(0.0, unix_s - time.time()))
+
+
+def common(args: argparse.Namespace) -> list[str]:
+    options = ["--loop", str(loop_s(args.session)), "--set", f"detector.name={args.detector}"]
+    if args.detector == "oracle":
+        options += ["--set", f"detector.options.truth={args.session / 'truth' / 'truth.npz'}"]
+    return options
+
+
+def loop_s(session: Path) -> float:
+    truth = read_truth(session / "truth" / "truth.npz")
+    return round((truth.t_ns[-1] - truth.t_ns[0]) / 1e9 + 1 / 30, 3)
+
+
+def figures_of(case: Case, ran: Ran, recording: Path, session: Path) -> dict:
+    """The row of a case."""
+    events = [(e["t_s"] + (ran.figures["zero_ns"] - ran.zero_ns) / 1e9, e["camera"], e["state"]) for e in ran.figures["events"]]
+    ill = [e for e in events if e[1] in case.cameras and e[0] >= ran.start_s]
+    named = [min((t for t, c, state in ill if c == camera and state == case.state), default=np.nan) for camera in case.cameras]
+    back = [max((t for t, c, state in ill if c == camera and state == "ok"), default=np.nan) for camera in case.cameras]
+    blamed = {c for t, c, state in events if c not in case.cameras and state not in ("ok", "opening") and t >= ran.start_s}
+    times_s, errors_mm = errors(recording, session, ran.zero_ns)
+    before = (times_s >= ran.start_s - _BEFORE_S) & (times_s < ran.start_s)
+    during = (times_s >= ran.start_s) & (times_s < max(ran.end_s, ran.start_s + _LEAST_S))
+    offsets = ran.figures.get("clock_offset_ms", {})
+    return {
+        "case": case.name,
+        "named": case.state,
+        "named_s": float(np.max(np.array(named) - ran.start_s)) if named else None,
+        "back_s": float(np.max(np.array(back) - ran.end_s)) if back else None,
+        "unused_s": longest_gap_s(recording, case.cameras, ran) if case.cameras else None,
+        "blamed_wrongly": sorted(blamed),
+        "before_mm": mean(errors_mm[before]),
+        "during_mm": mean(errors_mm[during]),
+        "shown_share": float(np.isfinite(errors_mm[during]).mean()) if during.any() else None,
+        "clock_ms": clock_apart_ms(offsets) if offsets else None,
+    }
+
+
+def mean(values_mm: np.ndarray) -> float | None:
+    return float(np.nanmean(values_mm)) if np.isfinite(values_mm).any() else None
+
+
+def clock_apart_ms(offset_ms: dict[str, float]) -> float:
+    """How much later the far machine's stamps are found to be."""
+    far, near = ([np.nan if o is None else o for c, o in offset_ms.items() if (c in _FAR) == side] for side in (True, False))
+    return float(np.mean(far) - np.mean(near))
+
+
+def longest_gap_s(recording: Path, cameras: Sequence[str], ran: Ran) -> float:
+    """Longest time after the fault began in which no view of one of its cameras was used."""
+    gaps = []
+    for camera in cameras:
+        seen = [(view.t_ns - ran.zero_ns) / 1e9 for view, _ in read_detections(recording) if view.camera == camera]
+        times = np.array([t for t in seen if t >= ran.start_s - 1])
+        gaps.append(float(np.diff(times).max(initial=0.0)))
+    return max(gaps)
+
+
+def errors(recording: Path, session: Path, zero_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times after zero in s, and mean error of the 14 joints in mm of the first person; NaN where nobody is shown."""
+    truth = read_truth(session / "truth" / "truth.npz")
+    times, found, skeleton = [], [], None
+    for pose, _ in read_poses(recording):
+        skeleton = pose.skeleton
+        known = np.where((pose.kind != Kind.MISSING)[..., None], pose.xyz_world, np.nan)
+        times.append((pose.t_ns - zero_ns) / 1e9)
+        found.append(known[0] if len(known) else np.full((len(skeleton), 3), np.nan))
+    times_s = np.array(times)
+    film_s = times_s % loop_s(session)
+    kept = (times_s > 0) & (film_s > _JUMP_S) & (film_s < truth.t_ns[-1] / 1e9)
+    true_xyz = true_xyz_at(truth, np.round(film_s[kept] * 1e9).astype(np.int64))[:, 0]
+    got = pick_keypoints(np.array(found)[kept], skeleton, PAPER14.keypoints)
+    apart = np.linalg.norm(got - pick_keypoints(true_xyz, truth.skeleton, PAPER14.keypoints), axis=-1)
+    known = np.isfinite(apart)
+    return times_s[kept], 1000 * np.where(
+        known.any(axis=-1), np.nansum(apart, axis=-1) / np.maximum(known.sum(axis=-1), 1), np.nan
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="*", default=[], help="cases whose name holds one of these words")
+    parser.add_argument("--detector", choices=("blazepose", "oracle"), default="blazepose", help="oracle: for a busy machine")
+    parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
+    args = parser.parse_args()
+    reason = why_not()
+    if reason:
+        print(f"two machines left out: {reason}", file=sys.stderr)
+    cases = [(case, on_one_machine) for case in ONE_MACHINE] + [(case, on_two_machines) for case in TWO_MACHINES if not reason]
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch:
+        for i, (case, way) in enumerate(cases):
+            if not args.only or any(word in case.name for word in args.only):
+                recording = Path(scratch) / f"{i}.mcap"
+                rows.append(figures_of(case, way(case, recording, args), recording, args.session))
+    table = Table(*rows[0])
+    for row in rows:
+        table.add_row(*(text_of(value) for value in row.values()))
+    Console(stderr=True, width=170).print(table)
+    print(json.dumps(plain({"detector": args.detector, "cases": rows}), indent=2))
+
+
+def text_of(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.2f}"
+    return ", ".join(value) if isinstance(value, list) else str(value)
+
+
+if __name__ == "__main__":
+    main()
