@@ -76,21 +76,3 @@ def test_what_cannot_be_compared_is_said_in_one_line(trc: Path, capsys: pytest.C
     assert "result folder, .trc, .c3d, .csv or .mvnx" in capsys.readouterr().err
     assert main(["compare", str(trc), str(trc.with_name("none.trc"))]) == 1
     assert "no such file" in capsys.readouterr().err
-
-
-def test_the_scaling_experiment_writes_a_page_and_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("anny")
-    assert main(["experiment", "scaling", "--quick", "--out", str(tmp_path), "--json"]) == 0
-    figures = json.loads((tmp_path / "scaling.json").read_text())
-    assert figures["command"] == "posefuse experiment scaling --quick" and figures["length"].startswith("quick")
-    assert "<svg" in (tmp_path / "scaling.html").read_text()
-    assert not (tmp_path / "accuracy.md").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.gl
-@pytest.mark.parametrize("name", ["static", "walking", "latency", "drift"])
-def test_an_experiment_runs_end_to_end(name: str, tmp_path: Path) -> None:
-    assert main(["experiment", name, "--quick", "--out", str(tmp_path)]) == 0
-    page = (tmp_path / f"{name}.html").read_text()
-    assert "<table" in page and json.loads((tmp_path / f"{name}.json").read_text())["figures"]

@@ -12,7 +12,7 @@ from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
 from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.drift import drift
 from posefuse.evaluate.experiments.inertial import SuitNoise, standing_point, suit_pelvis
-from posefuse.evaluate.experiments.page import Line, Page, plot
+from posefuse.evaluate.experiments.page import Line, Page, bars, plot
 from posefuse.evaluate.experiments.scaling import STUDIES, Setup, measure, run_study
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, PATHS, path_scene, scene_name, static_scene, walking_scene
 from posefuse.simulate.exact import truth_of
@@ -83,6 +83,32 @@ def test_studies_get_worse_where_they_must() -> None:
     study = run_study("offset", quick=True)
     assert study.x == (0, 66) and study.robust_mm[0] < study.robust_mm[1]
     assert set(STUDIES) >= {"cameras", "radius", "resolution", "rotation", "offset", "dropped", "outliers"}
+
+
+def test_paths_are_as_long_and_as_fine_as_asked() -> None:
+    scene = path_scene("circle", 5.0, 30.0)
+    assert (scene.duration_s, scene.rate_hz) == (5.0, 30.0)
+    assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (60.0, 15.0)
+    assert scene_name("x", scene) != scene_name("x", path_scene("circle"))
+
+
+def test_a_bars_parts_are_as_long_as_their_values() -> None:
+    svg = bars("means", "ms", {"one": [1.0, 3.0], "two <b>": [0.0, 2.0]}, ("first", "second"))
+    widths = [float(w) for w in re.findall(r'class="f\d" x="[\d.]+" y="\d+" width="([\d.]+)" height="14"', svg)]
+    assert (
+        len(widths) == 4
+        and widths[1] == pytest.approx(3 * widths[0], abs=0.2)
+        and widths[3] == pytest.approx(2 * widths[0], abs=0.2)
+    )
+    assert ">4.0</text>" in svg and "two &lt;b&gt;" in svg and svg.count(">second</text>") == 1
+
+
+def test_spikes_stand_apart_and_wide_plots_are_twice_as_wide() -> None:
+    x, y = np.array([0, 0, np.nan, 1, 1, np.nan]), np.array([0, 5, np.nan, 0, 7, np.nan])
+    svg = plot("p", "s", "ms", [Line("a", x, y, spikes=True)], wide=True)
+    assert 'viewBox="0 0 840' in svg and 'class="plot wide"' in svg
+    [path] = re.findall(r'class="line s0 spike" d="([^"]+)"', svg)
+    assert path.count("M") == 2 and path.count("L") == 2
 
 
 def test_a_page_needs_no_other_file_and_shows_what_it_is_given(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def images_at(run: Run, camera: int, instants: Sequence[int]) -> dict[int, Array
 
 
 def _caption(run: Run, camera: int, i: int) -> str:
-    return f"{run.recording.rig.names[camera]}, {run.recording.poses.t_ns[i] / 1e9:.1f} s"
+    return f"{run.recording.rig.names[camera]}, {run.recording.poses.t_ns[i] / 1e9:.2f} s"
 
 
 def _projected(camera: Camera, xyz_world: Array, skeleton: Skeleton) -> Array:

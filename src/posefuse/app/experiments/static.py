@@ -37,7 +37,8 @@ def run(context: Context) -> Outcome:
         figures[case] = columns
         page.section(title, f"{len(done.recording.poses)} instants. {LANDMARKS}")
         page.table(*joint_rows(columns, paper.STATIC[case]))
-        page.pictures({k: v for c in (0, 3, 6) for k, v in pictures(done, c, [0], 400).items()})
+        around = [place * len(done.recording.rig) // 8 for place in (0, 3, 6)]
+        page.pictures({k: v for c in around for k, v in pictures(done, c, [0], 400).items()})
     if not context.quick:
         figures["check"] = _check(context, page)
     return Outcome(figures, page)
