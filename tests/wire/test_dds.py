@@ -3,11 +3,13 @@
 import dataclasses
 import json
 import os
+import socket
 import subprocess
 import sys
 import threading
 import time
 import uuid
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -204,8 +206,18 @@ def test_topics_of_others_with_their_types(local):
 
 
 def test_an_interface_that_is_not_there_is_said():
-    with pytest.raises(SourceError, match="interface nope0: cannot be opened"):
+    with pytest.raises(SourceError, match=r"no network interface 'nope0', there are: .*\blo\b"):
         RosNode("x", Network(interface="nope0"))
+
+
+def test_ports_in_use_are_said():
+    domain = 91 + os.getpid() % 10
+    with ExitStack() as taken:
+        for port in range(7410 + 250 * domain, 7410 + 250 * domain + 64):
+            taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("", port))
+        with pytest.raises(SourceError, match=rf"domain {domain}: .*are all in use by other programs, choose another domain"):
+            RosNode("x", Network(domain, local_only=True))
+    RosNode("x", Network(domain, local_only=True)).close()
 
 
 @pytest.mark.parametrize(

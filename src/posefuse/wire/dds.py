@@ -8,6 +8,7 @@ their endpoints on ``ros_discovery_info`` (the design document "Node to Particip
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -18,6 +19,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from posefuse.core import ConfigError, DependencyError, SourceError
+from posefuse.core.errors import choices
 
 from .idl import idl_class
 from .intake import Intake, encode
@@ -31,6 +33,8 @@ _LATCHED_WRITERS = 100
 _TIMEOUT = -10
 _PATIENCE_MS = 20
 _MAX_TAKE = 256
+# of one domain on one machine
+_PARTICIPANTS = 32
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,8 @@ def domain_xml(network: Network) -> str:
         f"<AllowMulticast>{'default' if multicast else 'false'}</AllowMulticast>"
         f"<MaxMessageSize>{network.fragment_bytes + 500}B</MaxMessageSize>"
         f"<FragmentSize>{network.fragment_bytes}B</FragmentSize></General>"
-        "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>31</MaxAutoParticipantIndex>"
+        "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+        f"<MaxAutoParticipantIndex>{_PARTICIPANTS - 1}</MaxAutoParticipantIndex>"
         # a peer that was cut off is found again within about this time
         f"<SPDPInterval>1s</SPDPInterval><Peers>{peers}</Peers></Discovery>"
         '<Internal><SocketReceiveBufferSize max="4MB"/></Internal>'
@@ -294,8 +299,29 @@ class _Domain:
         try:
             self.entity = Domain(network.domain_id, domain_xml(network))
         except DDSException as error:
-            where = f"DDS domain {network.domain_id} on interface {network.interface or 'automatic'}"
-            raise SourceError(f"{where}: cannot be opened ({error}); is the interface there?") from None
+            raise SourceError(f"DDS domain {network.domain_id}: cannot be opened; {_why_not_open(network, error)}") from None
+
+
+def _why_not_open(network: Network, error: Exception) -> str:
+    """What is in the way, found out after the fact: Cyclone DDS itself does not tell."""
+    there = [name for _, name in socket.if_nameindex()]
+    if network.interface and network.interface not in there:
+        return f"no network interface {network.interface!r}, there are: {choices(there)}"
+    # DDSI-RTPS 9.6: unicast discovery of participant i
+    first = 7410 + 250 * network.domain_id
+    ports = range(first, first + 2 * _PARTICIPANTS, 2)
+    if not any(map(_free, ports)):
+        return f"UDP ports {ports[0]} to {ports[-1]} are all in use by other programs, choose another domain"
+    return str(error)
+
+
+def _free(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", port))
+        except OSError:
+            return False
+    return True
 
 
 _OPEN: WeakValueDictionary[int, _Domain] = WeakValueDictionary()

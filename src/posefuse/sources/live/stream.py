@@ -7,6 +7,7 @@ newest seconds, so that a clock that drifts is followed.
 
 from __future__ import annotations
 
+import errno
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -22,6 +23,11 @@ from posefuse.core.errors import choices
 
 _FOLLOW_NS = 10_000_000_000
 _OPEN_S, _READ_S = 8.0, 5.0
+_ADVICE = {
+    errno.EBUSY: "another program uses it",
+    errno.ENOTTY: "it is no camera",
+    errno.EINVAL: "does it offer the size and rate asked for?",
+}
 
 
 @dataclass(frozen=True)
@@ -33,13 +39,14 @@ class StreamConfig:
         camera: name of the camera in the rig.
         size: ``WIDTHxHEIGHT`` or ``WIDTHxHEIGHT@RATE`` to ask a USB camera for; empty takes its own choice.
         delay_s: how old an image is when it arrives, at best: half the exposure plus reading out, coding and transport.
-        read_s: a stream that says nothing for so long is lost.
+        open_s: how long connecting may take. read_s: a stream that says nothing for so long is lost.
     """
 
     where: str
     camera: str
     size: str = ""
     delay_s: float = 0.0
+    open_s: float = _OPEN_S
     read_s: float = _READ_S
 
     def build(self) -> StreamSource:
@@ -145,15 +152,24 @@ def _connected(config: StreamConfig) -> Any:
     options |= ({"video_size": size} if size else {}) | ({"framerate": rate} if rate else {})
     try:
         container: Any = av.open(
-            config.where, format="v4l2" if device else None, options=options, timeout=(_OPEN_S, config.read_s)
+            config.where, format="v4l2" if device else None, options=options, timeout=(config.open_s, config.read_s)
         )
     except PermissionError:
-        raise SourceError(f"{where}: no permission to read it; add yourself to its group (usually: video)") from None
+        raise SourceError(f"{where}: no permission to read it; add yourself to its group ({_group(config.where)})") from None
     except (av.error.FFmpegError, OSError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        raise SourceError(f"{where}: cannot be opened ({reason}); is it switched on, and the address right?") from None
+        advice = _ADVICE.get(getattr(error, "errno", None) or 0) if device else None
+        advice = advice or "is it switched on, and the address right?"
+        raise SourceError(f"{where}: cannot be opened ({reason}); {advice}") from None
     if not container.streams.video:
         container.close()
         raise SourceError(f"{where}: carries no video")
     container.streams.video[0].thread_type = "SLICE"
     return container
+
+
+def _group(device: str) -> str:
+    try:
+        return Path(device).group()
+    except (KeyError, OSError):
+        return "usually: video"
