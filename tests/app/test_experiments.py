@@ -49,6 +49,21 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(trc: Path, capsys
     assert "right shoulder" in (trc.parent / "out" / "compare.html").read_text()
 
 
+def test_a_result_is_the_same_as_each_of_its_files(
+    demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "result"
+    options = ["detector.name=oracle", f"detector.options.truth={demo_session / 'truth' / 'truth.npz'}", "end_s=1.0"]
+    track = ["track", str(demo_session), "--out", str(result), "--outputs", "trc,c3d,csv"]
+    assert main([*track, *(part for option in options for part in ("--set", option))]) == 0
+    for kind in ("trc", "c3d", "csv"):
+        capsys.readouterr()
+        [file] = result.glob(f"*.{kind}")
+        assert main(["compare", str(result), str(file), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["mean_mm"] < 0.01 and abs(told["offset_s"]) < 1e-4 and len(told["points"]) > 12
+
+
 def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
     labels = ("Pelvis", "RightUpperLeg", "RightLowerLeg", "T8")
     frames = "".join(

@@ -234,6 +234,7 @@ def _page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Pag
                  [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])])
             for k, point in enumerate(found.points)
             for i, axis in enumerate("xyz")
-        ]
+        ],
+        many=True,
     )  # fmt: skip
     return page
