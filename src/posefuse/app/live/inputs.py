@@ -6,15 +6,15 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from posefuse.core import Rig, SourceError
+from posefuse.core import Camera, Rig, SourceError
 from posefuse.core.errors import choices
 
 from .capture import LiveInput
 
-KINDS = ("video", "usb", "rtsp", "http", "ros", "sim")
+KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
 EXAMPLES = (
     "cam00=video:cam00.mp4, cam00=usb:/dev/video0, cam00=rtsp://host/stream, cam00=http://host/stream.mjpg, "
-    "cam00=ros:/camera/image_raw, sim:SCENE.yaml or sim:SESSION"
+    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL, cam00=oak:any, sim:SCENE.yaml or sim:SESSION"
 )
 
 
@@ -43,6 +43,8 @@ def _entries(argument: str, rig: Rig, domain_id: int) -> list[LiveInput]:
         return [_simulated(name, Path(rest)) for name in ([camera] if camera else rig.names)]
     if camera is None:
         raise SourceError(f"--source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
+    if kind in ("realsense", "oak") and rest:
+        return [_depth_camera(rig[camera], kind, rest)]
     return [_camera_input(argument, camera, kind.lower(), what, rest, domain_id)]
 
 
@@ -50,6 +52,16 @@ def _simulated(camera: str, path: Path) -> LiveInput:
     from posefuse.simulate.source import SimulatedConfig
 
     return LiveInput(camera, "sim", SimulatedConfig(path, camera), reopen=False)
+
+
+def _depth_camera(camera: Camera, kind: str, rest: str) -> LiveInput:
+    """``SERIAL[@WIDTHxHEIGHT[@RATE]]``; the calibrated size where none is given."""
+    from posefuse.sources.live import OakConfig, RealSenseConfig
+
+    serial, _, size = rest.partition("@")
+    size = size or "{}x{}".format(*camera.size_wh)
+    make = RealSenseConfig if kind == "realsense" else OakConfig
+    return LiveInput(camera.name, kind, make(camera.name, serial, size), reopen=True)
 
 
 def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, domain_id: int) -> LiveInput:

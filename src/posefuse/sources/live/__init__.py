@@ -1,6 +1,11 @@
 """Cameras that deliver when they do: USB, network streams, and films played at the pace of the clock."""
 
+from .oak import OakConfig, OakSource
 from .paced import PacedVideoConfig, PacedVideoSource
+from .realsense import RealSenseConfig, RealSenseSource
 from .stream import StreamConfig, StreamSource
 
-__all__ = ["PacedVideoConfig", "PacedVideoSource", "StreamConfig", "StreamSource"]
+__all__ = [
+    "OakConfig", "OakSource", "PacedVideoConfig", "PacedVideoSource", "RealSenseConfig", "RealSenseSource", "StreamConfig",
+    "StreamSource",
+]  # fmt: skip

@@ -1,0 +1,200 @@
+"""RealSense and OAK cameras, with modules like the makers' (names and units of pyrealsense2 2.59, depthai 3.12)."""
+
+import sys
+import time
+from collections.abc import Callable
+from datetime import timedelta
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from posefuse.core import DependencyError, SourceError
+from posefuse.sources.live import OakConfig, RealSenseConfig
+
+EXPOSED_NS, READ_NS = 4_000_000, 9_000_000
+SHAPE = (48, 64, 3)
+
+
+class Ended(RuntimeError):
+    """What the makers' libraries raise, under no name of their own."""
+
+
+class Exposures:
+    """Images whose exposure had its middle EXPOSED_NS + READ_NS before they are handed over."""
+
+    def __init__(self, count: int = 5) -> None:
+        self.middles_ns: list[int] = []
+        self._count = count
+
+    def next(self) -> tuple[int, np.ndarray]:
+        if len(self.middles_ns) == self._count:
+            raise Ended("Frame did not arrive in time!")
+        image = np.full(SHAPE, len(self.middles_ns), np.uint8)
+        self.middles_ns.append(time.time_ns() - EXPOSED_NS - READ_NS)
+        return self.middles_ns[-1], image
+
+
+def realsense(made: Exposures, domain: str = "global_time", metadata: bool = True, serials: tuple[str, ...] = ("A1", "B2")):
+    """A module like pyrealsense2 with cameras of those serial numbers."""
+    asked: dict = {}
+
+    def color_frame(middle_ns: int, image: np.ndarray) -> SimpleNamespace:
+        read_ns = middle_ns + EXPOSED_NS
+        device_us = {"frame": read_ns // 1000 - 10**9, "sensor": middle_ns // 1000 - 10**9}
+        stamp_ns = read_ns if domain != "hardware_clock" else read_ns - 10**15
+        return SimpleNamespace(
+            get_timestamp=lambda: stamp_ns / 1e6,
+            get_frame_timestamp_domain=lambda: domain,
+            get_frame_number=lambda: int(image[0, 0, 0]),
+            supports_frame_metadata=lambda key: metadata,
+            get_frame_metadata=device_us.__getitem__,
+            get_data=lambda: image,
+        )
+
+    class Pipeline:
+        def start(self, config: SimpleNamespace) -> None:
+            if asked["size"][0] > 1920:
+                raise RuntimeError("Couldn't resolve requests")
+
+        def wait_for_frames(self, timeout_ms: int) -> SimpleNamespace:
+            assert timeout_ms == 5000
+            middle_ns, image = made.next()
+            return SimpleNamespace(get_color_frame=lambda: color_frame(middle_ns, image))
+
+        def stop(self) -> None:
+            asked["stopped"] = asked.get("stopped", 0) + 1
+
+    device = [SimpleNamespace(get_info=lambda key, serial=serial: serial) for serial in serials]
+    return SimpleNamespace(
+        context=lambda: SimpleNamespace(query_devices=lambda: device),
+        config=lambda: SimpleNamespace(
+            enable_device=lambda serial: asked.update(serial=serial),
+            enable_stream=lambda stream, w, h, form, rate: asked.update(size=(w, h, rate), form=form, stream=stream),
+        ),
+        pipeline=Pipeline,
+        camera_info=SimpleNamespace(serial_number="serial"),
+        stream=SimpleNamespace(color="color"),
+        format=SimpleNamespace(rgb8="rgb8"),
+        timestamp_domain=SimpleNamespace(hardware_clock="hardware_clock", global_time="global_time", system_time="system_time"),
+        frame_metadata_value=SimpleNamespace(frame_timestamp="frame", sensor_timestamp="sensor"),
+        asked=asked,
+    )
+
+
+def oak(made: Exposures, serials: tuple[str, ...] = ("A1", "B2")):
+    """A module like depthai."""
+    asked: dict = {}
+    offsets = SimpleNamespace(MIDDLE="middle")
+
+    def taken(timeout: timedelta) -> SimpleNamespace:
+        middle_ns, image = made.next()
+        steady_ns = middle_ns - (time.time_ns() - time.monotonic_ns())
+        ends = {"middle": timedelta(microseconds=steady_ns / 1000)}
+        return SimpleNamespace(getTimestamp=ends.__getitem__, getSequenceNum=lambda: int(image[0, 0, 0]), getFrame=lambda: image)
+
+    def output(size: tuple[int, int], form: str, fps: float) -> SimpleNamespace:
+        asked.update(size=(*size, fps), form=form)
+        return SimpleNamespace(createOutputQueue=lambda most, blocking: SimpleNamespace(get=taken))
+
+    def pipeline(device: str) -> SimpleNamespace:
+        asked["serial"] = device
+        lens = SimpleNamespace(requestOutput=output)
+        return SimpleNamespace(
+            create=lambda kind: SimpleNamespace(build=lambda socket: lens),
+            start=lambda: None,
+            stop=lambda: asked.update(stopped=asked.get("stopped", 0) + 1),
+        )
+
+    infos = [SimpleNamespace(getDeviceId=lambda serial=serial: serial, serial=serial) for serial in serials]
+
+    class Device:
+        getAllAvailableDevices = staticmethod(lambda: infos)
+
+        def __new__(cls, info: SimpleNamespace) -> str:
+            return info.serial
+
+    return SimpleNamespace(
+        Device=Device,
+        Pipeline=pipeline,
+        node=SimpleNamespace(Camera="camera"),
+        CameraBoardSocket=SimpleNamespace(CAM_A="a"),
+        CameraExposureOffset=offsets,
+        ImgFrame=SimpleNamespace(Type=SimpleNamespace(RGB888i="rgb")),
+        asked=asked,
+    )
+
+
+CASES = [
+    pytest.param("pyrealsense2", realsense, RealSenseConfig, id="RealSense"),
+    pytest.param("depthai", oak, OakConfig, id="OAK"),
+]
+
+
+@pytest.mark.parametrize(("module", "fake", "config"), CASES)
+def test_the_camera_asked_for_is_opened_read_to_its_end_and_closed_once(
+    monkeypatch, module: str, fake: Callable, config: type
+) -> None:
+    made = Exposures()
+    library = fake(made)
+    monkeypatch.setitem(sys.modules, module, library)
+    source = config("cam", "B2", "64x48@30").build()
+    assert source.size_wh == (64, 48)
+    with pytest.raises(SourceError, match="camera cam: no image any more"):
+        list(source.frames())
+    source.close()
+    source.close()
+    assert (library.asked["serial"], library.asked["size"], library.asked["stopped"]) == ("B2", (64, 48, 30), 1)
+
+
+@pytest.mark.parametrize(("module", "fake", "config"), CASES)
+def test_stamps_images_and_numbers_are_right(monkeypatch, module: str, fake: Callable, config: type) -> None:
+    made = Exposures()
+    monkeypatch.setitem(sys.modules, module, fake(made))
+    stream = config("cam", "any", "64x48").build().frames()
+    frames = [next(stream) for _ in range(5)]
+    assert [frame.seq for frame in frames] == list(range(5))
+    assert [frame.image.shape for frame in frames] == [SHAPE] * 5
+    assert [int(frame.image[0, 0, 0]) for frame in frames] == list(range(5))
+    late_ns = np.array([frame.t_ns for frame in frames]) - made.middles_ns
+    # a stamp in ms as a float, and the fake's own reading of two clocks
+    assert np.abs(late_ns).max() < 1_000_000
+    assert all(frame.received_ns - frame.t_ns > EXPOSED_NS for frame in frames)
+
+
+def test_a_camera_clock_of_its_own_is_placed_by_arrival(monkeypatch) -> None:
+    made = Exposures()
+    monkeypatch.setitem(sys.modules, "pyrealsense2", realsense(made, domain="hardware_clock"))
+    stream = RealSenseConfig("cam").build().frames()
+    frames = [next(stream) for _ in range(5)]
+    late_ns = np.array([frame.t_ns for frame in frames]) - made.middles_ns
+    # how long reading and transport took at best cannot be seen
+    assert np.abs(late_ns - READ_NS).max() < 2_000_000
+
+
+def test_without_metadata_the_stamp_is_taken_as_it_is(monkeypatch) -> None:
+    made = Exposures()
+    monkeypatch.setitem(sys.modules, "pyrealsense2", realsense(made, metadata=False))
+    frame = next(RealSenseConfig("cam").build().frames())
+    assert frame.t_ns - made.middles_ns[0] == pytest.approx(EXPOSED_NS, abs=1e6)
+
+
+@pytest.mark.parametrize(("module", "fake", "config"), CASES)
+def test_what_is_missing_is_one_line(monkeypatch, module: str, fake: Callable, config: type) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(DependencyError, match=rf"{module}: not usable .* pip install 'posefuse\["):
+        config("cam").build()
+    monkeypatch.setitem(sys.modules, module, fake(Exposures(), serials=()))
+    with pytest.raises(SourceError, match="camera cam: no such camera is connected"):
+        config("cam").build()
+    monkeypatch.setitem(sys.modules, module, fake(Exposures()))
+    with pytest.raises(SourceError, match="C3: camera cam: not connected; there are: A1, B2"):
+        config("cam", "C3").build()
+    with pytest.raises(SourceError, match=r"size: expected WIDTHxHEIGHT"):
+        config("cam", size="large").build()
+
+
+def test_a_size_the_camera_does_not_have_is_one_line(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyrealsense2", realsense(Exposures()))
+    with pytest.raises(SourceError, match="cannot deliver 4000x3000"):
+        RealSenseConfig("cam", size="4000x3000").build()
