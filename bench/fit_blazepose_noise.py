@@ -1,7 +1,8 @@
 """Fit the noise model of the BlazePose landmark network on rendered people, whose keypoints are known exactly.
 
     python bench/fit_blazepose_noise.py render OUT     draw the scenes (minutes; may be interrupted and resumed)
-    python bench/fit_blazepose_noise.py fit OUT        fit, print the calibration by score, write the model file
+    python bench/fit_blazepose_noise.py fit OUT [--card NAME]
+                                                       fit, print the calibration by score, write the model file
 
 Bodies, motions and cameras are drawn for this purpose alone; none of them appears in a reported measurement.
 """
@@ -206,8 +207,8 @@ def stand_in(name: str, known: dict[str, float]) -> float:
     return known[f"{side}_wrist"] + np.log(1.2)
 
 
-def fit(out: Path) -> None:
-    card = read_card("blazepose_landmarks")
+def fit(out: Path, card_name: str) -> None:
+    card = read_card(card_name)
     decoding = card.decoding
     file = fetch(card, default_cache_dir(os.environ))
     network = Network(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
@@ -232,11 +233,12 @@ def main() -> None:
     parser.add_argument("step", choices=("render", "fit"))
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=24)
+    parser.add_argument("--card", default="blazepose_full", help="landmark network to fit")
     arguments = parser.parse_args()
     if arguments.step == "render":
         render(arguments.out, arguments.scenes)
     else:
-        fit(arguments.out)
+        fit(arguments.out, arguments.card)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Fit where joint centres lie beside what the BlazePose network marks, on rendered people whose joint centres are known exactly.
 
     python bench/fit_joint_centres.py render OUT            draw people moving all their joints about (minutes; resumes)
-    python bench/fit_joint_centres.py fit OUT [MORE ...]    run the pipeline, fit, judge by bodies left out, write the card
+    python bench/fit_joint_centres.py fit OUT [MORE ...] [--card NAME]
+                                                            run the pipeline, fit, judge by bodies left out, write the card
 
 MORE are folders of other rendered scenes, e.g. those of `fit_blazepose_noise.py render`. Bodies and motions are drawn for these
 two fits alone (bodies of random seeds 7000 to 7107); none of them appears in a reported measurement.
@@ -115,16 +116,17 @@ def render(out: Path) -> None:
         print(f"{folder.name}: done", flush=True)
 
 
-def tracked(folder: Path) -> tuple[PoseSequence, Truth]:
+def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
     """What the pipeline makes of a scene, instant by instant and uncorrected, and the truth."""
-    from posefuse.app.config import CameraInput, TrackConfig
+    from posefuse.app.config import CameraInput, DetectorChoice, TrackConfig
     from posefuse.app.recorded.clock import StageClock
     from posefuse.app.recorded.run import track_session
     from posefuse.app.session import find_session
 
     truth = read_truth(folder / "truth" / "truth.npz")
     inputs = {name: CameraInput(images=f"videos/{name}") for name in truth.rig.names}
-    config = TrackConfig(raw=True, joint_centres=False, rate_hz=RATE_HZ, cameras=inputs)
+    detector = DetectorChoice(options={"landmarks": card_name})
+    config = TrackConfig(detector=detector, raw=True, joint_centres=False, rate_hz=RATE_HZ, cameras=inputs)
 
     def silent(*_: object) -> None: ...
 
@@ -164,9 +166,9 @@ def left(along: np.ndarray, metres: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("mdx,d->mx", along, metres))
 
 
-def fit(folders: list[Path]) -> None:
+def fit(folders: list[Path], card_name: str) -> None:
     scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if (path / "truth" / "truth.npz").exists()]
-    runs = [tracked(path) for path in scenes]
+    runs = [tracked(path, card_name) for path in scenes]
     table = {}
     print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
     for joint in JOINTS:
@@ -183,11 +185,11 @@ def fit(folders: list[Path]) -> None:
         means = [1000 * np.concatenate(rows).mean() for rows in (before, after)]
         told = "  ".join(f"{name} {1000 * metres:+.1f}" for name, metres in table[joint].items())
         print(f"{joint:9s} {means[0]:5.1f} -> {means[1]:5.1f}   {told}")
-    write_card(table, len(runs), sum(len(poses) for poses, _ in runs))
+    write_card(card_name, table, len(runs), sum(len(poses) for poses, _ in runs))
 
 
-def write_card(table: dict[str, dict[str, float]], scenes: int, instants: int) -> None:
-    card = read_card("blazepose_landmarks")
+def write_card(card_name: str, table: dict[str, dict[str, float]], scenes: int, instants: int) -> None:
+    card = read_card(card_name)
     lines = [
         "# metres from the fused landmark to the joint centre along directions of the body itself, see track/joint_centres.py",
         f'made_by = "bench/fit_joint_centres.py: {scenes} rendered scenes of as many bodies, {instants} instants"',
@@ -204,11 +206,12 @@ def main() -> None:
     parser.add_argument("step", choices=("render", "fit"))
     parser.add_argument("out", type=Path)
     parser.add_argument("more", type=Path, nargs="*")
+    parser.add_argument("--card", default="blazepose_full", help="landmark network to fit")
     arguments = parser.parse_args()
     if arguments.step == "render":
         render(arguments.out)
     else:
-        fit([arguments.out, *arguments.more])
+        fit([arguments.out, *arguments.more], arguments.card)
 
 
 if __name__ == "__main__":

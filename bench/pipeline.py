@@ -26,7 +26,7 @@ from posefuse.files.truth import read_truth
 from posefuse.fuse import WEIGHTS, FuseSettings
 from posefuse.track import SmoothSettings, read_joint_centres
 
-JOINT_CENTRES = CARDS_FOLDER / "blazepose_landmarks.joint_centres.toml"
+JOINT_CENTRES = CARDS_FOLDER / "blazepose_full.joint_centres.toml"
 
 
 def tracked(session: Path, out: Path, *options: str) -> dict:

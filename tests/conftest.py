@@ -60,9 +60,9 @@ def models() -> None:
     import os
 
     from posefuse.core import ModelError
-    from posefuse.detect.models import default_cache_dir, fetch_all, list_cards
+    from posefuse.detect import default_cache_dir, default_cards, fetch_all
 
     try:
-        fetch_all(list_cards(), default_cache_dir(os.environ))
+        fetch_all(default_cards(), default_cache_dir(os.environ))
     except ModelError as error:
         pytest.skip(f"the networks cannot be had: {error}")

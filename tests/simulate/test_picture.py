@@ -7,8 +7,8 @@ import pytest
 
 from posefuse.core import Frame
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
+from posefuse.detect import default_cache_dir, default_cards, status
 from posefuse.detect.blazepose import BlazePoseConfig
-from posefuse.detect.models import default_cache_dir, list_cards, status
 from posefuse.simulate import Scene
 from posefuse.simulate.body import BodySettings
 from posefuse.simulate.build import live_scene
@@ -29,9 +29,9 @@ _LIMBS = tuple(
 @pytest.fixture(scope="module")
 def network():
     cache = default_cache_dir(os.environ)
-    missing = [card.name for card in list_cards() if card.name.startswith("blazepose") and status(card, cache) != "ready"]
+    missing = [card.name for card in default_cards() if status(card, cache) != "ready"]
     if missing:
-        pytest.skip(f"networks not fetched yet: {', '.join(missing)} (posefuse models fetch)")
+        pytest.skip(f"networks not fetched yet: {', '.join(missing)} (posefuse models)")
     return BlazePoseConfig(streams=1).build()
 
 

@@ -116,7 +116,7 @@ def test_a_joint_without_its_directions_stays_and_a_missing_one_stays_missing() 
 
 
 def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
-    card = read_card("blazepose_landmarks")
+    card = read_card("blazepose_full")
     assert card.decoding.joint_centres
     table = read_joint_centres(card.folder / card.decoding.joint_centres)
     assert set(table.offsets) == set(JOINTS)

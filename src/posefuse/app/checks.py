@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-from posefuse.detect.models import default_cache_dir, list_cards, status
+from posefuse.detect import default_cache_dir, default_cards, list_cards, status
 
 EXTRAS = {
     "sim": "simulator",
@@ -119,8 +119,18 @@ def _video_codec() -> Check:
 
 def _models() -> list[Check]:
     cache_dir = default_cache_dir(os.environ)
-    states = [(card.name, status(card, cache_dir)) for card in list_cards()]
-    return [Check(f"model {name}", state == "ready", True, state, "posefuse models") for name, state in states]
+    needed = {card.name for card in default_cards()}
+    return [
+        Check(
+            f"model {card.name}",
+            state == "ready",
+            card.name in needed,
+            f"{card.summary}: {state}",
+            f"posefuse models {card.name}",
+        )
+        for card in list_cards()
+        for state in [status(card, cache_dir)]
+    ]
 
 
 def _rendering() -> list[Check]:

@@ -1,5 +1,5 @@
 """BlazePose networks by OpenVINO: the default 2D estimator, no GPU needed."""
 
-from .detector import BlazePoseConfig, BlazePoseDetector
+from .detector import BlazePoseConfig, BlazePoseDetector, default_cards
 
-__all__ = ["BlazePoseConfig", "BlazePoseDetector"]
+__all__ = ["BlazePoseConfig", "BlazePoseDetector", "default_cards"]

