@@ -79,8 +79,11 @@ def done(on_the_clip: Path, tmp_path: Path) -> Run:
 def check_page(out: Path, name: str) -> str:
     """The page stands alone and holds what it should; the figures are JSON without NaN."""
     page = (out / f"{name}.html").read_text(encoding="utf-8")
-    assert not re.search(r'(src|href)="(?!data:)', page) and "http" not in page and "<script" not in page and "url(" not in page
-    assert not re.search(r"\bnan\b", page, re.IGNORECASE)
+    words = re.sub(r'"data:image/jpeg;base64,[^"]*"', '"data:"', page)
+    assert (
+        not re.search(r'(src|href)="(?!data:)', words) and "http" not in words and "<script" not in words and "url(" not in words
+    )
+    assert not re.search(r"\bnan\b", words, re.IGNORECASE)
     for heading in HEADINGS[name]:
         assert f"<h2>{heading}" in page
     assert page.count('src="data:image/jpeg;base64,/9j/') == PICTURES[name]

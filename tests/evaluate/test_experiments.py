@@ -105,10 +105,14 @@ def test_a_bars_parts_are_as_long_as_their_values() -> None:
 
 def test_spikes_stand_apart_and_wide_plots_are_twice_as_wide() -> None:
     x, y = np.array([0, 0, np.nan, 1, 1, np.nan]), np.array([0, 5, np.nan, 0, 7, np.nan])
-    svg = plot("p", "s", "ms", [Line("a", x, y, spikes=True)], wide=True)
+    svg = plot("p", "s", "ms", [Line("a", x, y, spikes=True)], wide=True, window=(0, 2, 0, 10))
     assert 'viewBox="0 0 840' in svg and 'class="plot wide"' in svg
     [path] = re.findall(r'class="line s0 spike" d="([^"]+)"', svg)
     assert path.count("M") == 2 and path.count("L") == 2
+    # half of the window's width lies between the spikes, and the second is as high against the first as 7 against 5
+    points = np.array(re.findall(r"([\d.]+) ([\d.]+)", path), float)
+    assert points[2, 0] - points[0, 0] == pytest.approx((840 - points[0, 0] - 12) / 2, abs=0.2)
+    assert (points[2, 1] - points[3, 1]) / (points[0, 1] - points[1, 1]) == pytest.approx(7 / 5, abs=0.01)
 
 
 def test_a_page_needs_no_other_file_and_shows_what_it_is_given(tmp_path: Path) -> None:

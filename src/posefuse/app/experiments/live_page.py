@@ -74,13 +74,15 @@ def show_live(page: Page, live: LiveTimes, figures: Mapping[str, Any]) -> None:
         "Live: spikes over time",
         "One spike per view, at its exposure and as high as it is late, its stages on top of each other; a second in the middle.",
     )
-    spikes = [plot(name, "s", "ms", view_spikes(live, c, middle_s), from_zero=True) for c, name in enumerate(live.cameras)]
+    near = np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2
+    window = (middle_s - _SPIKES_S / 2, middle_s + _SPIKES_S / 2, 0.0, 1.05 * float(live.total_ms[near].max()))
+    spikes = [plot(name, "s", "ms", view_spikes(live, c, middle_s), window=window) for c, name in enumerate(live.cameras)]
     page.plots([*spikes, plot("Exposure to another program, the whole run", "s", "ms", _totals(live), from_zero=True, wide=True)])
 
 
 def view_spikes(live: LiveTimes, camera: int, middle_s: float) -> list[Line]:
     """One line per stage: its part of every spike of a camera within a second."""
-    near = (live.camera == camera) & (np.abs(live.passed_s[:, 0] - middle_s) < _SPIKES_S / 2)
+    near = (live.camera == camera) & (np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2)
     passed_s = live.passed_s[near]
     late_ms = 1000 * (passed_s - passed_s[:, :1])
     gap = np.full(len(passed_s), np.nan)

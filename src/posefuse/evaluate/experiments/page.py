@@ -114,14 +114,17 @@ def plot(
     equal: bool = False,
     from_zero: bool = False,
     wide: bool = False,
+    window: tuple[float, float, float, float] | None = None,
 ) -> str:
     """Lines over a common x as <svg>, with a legend.
 
-    `equal`: one scale on both axes; `from_zero`: y begins at 0; `wide`: twice as wide, over all columns of `Page.plots`.
+    `equal`: one scale on both axes; `from_zero`: y begins at 0; `wide`: twice as wide, over all columns of `Page.plots`;
+    `window`: least and greatest x, least and greatest y, where several plots are to be compared.
     """
     width = 2 * WIDTH if wide else WIDTH
     (x_low, x_high), (y_low, y_high) = _limits([one.x for one in lines]), _limits([one.y for one in lines])
     y_low = 0.0 if from_zero else y_low
+    x_low, x_high, y_low, y_high = window or (x_low, x_high, y_low, y_high)
     across_px, high = width - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
     if equal:
         metres_px = max((x_high - x_low) / across_px, (y_high - y_low) / high)
