@@ -13,14 +13,10 @@ import numpy as np
 from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
+from .marker_fit import fit_marker
 from .observations import Observations, joined
 from .targets import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of
 
-# how far from a marker's edge its true place is looked for: a share of one module keeps the bits out of it
-_REFINE_SHARE = 0.6
-_REFINE_LEAST_PX, _REFINE_MAX_PX = 1.5, 5.0
-_EDGE_STEP_PX, _EDGE_ROUNDS = 0.5, 2
-_ALONG = np.linspace(0.12, 0.88, 17)
 _REFINE_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 _MIN_CHARUCO_CORNERS = 4
 # a wrong grid is off by whole squares, the bend of a lens by less than this share of one
@@ -173,7 +169,7 @@ def _parameters() -> Any:
 
 
 def _markers(grey: Array, detector: Any) -> tuple[Array, Array, tuple[int, ...]]:
-    """Ids (n,) and refined corners (n, 4, 2) of the markers in an image, and the ids that came twice."""
+    """Ids (n,) and corners (n, 4, 2) of the markers in an image whose pattern fits, and the ids that came twice."""
     quads, ids, _ = detector.detectMarkers(grey)
     ids = _or_empty(ids).ravel().astype(np.int64)
     if len(ids) == 0:
@@ -182,55 +178,16 @@ def _markers(grey: Array, detector: Any) -> tuple[Array, Array, tuple[int, ...]]
     counts = Counter(ids.tolist())
     once = np.array([counts[i] == 1 for i in ids.tolist()])
     twice = tuple(sorted(i for i, times in counts.items() if times > 1))
-    return ids[once], np.array([_refined(grey, quad, detector) for quad in xy[once]]).reshape(-1, 4, 2), twice
+    dictionary = detector.getDictionary()
+    fitted = [fit_marker(grey, quad, _black_modules(dictionary, i)) for i, quad in zip(ids[once].tolist(), xy[once], strict=True)]
+    fits = np.array([corners is not None for corners in fitted], bool)
+    return ids[once][fits], np.array([corners for corners in fitted if corners is not None]).reshape(-1, 4, 2), twice
 
 
-def _refined(grey: Array, quad: Array, detector: Any) -> Array:
-    """Corners (4, 2) where straight lines through the marker's four edges meet.
-
-    The corner itself is rounded by blur, which draws a corner operator inwards and makes markers half a per cent small;
-    edges are not, so they are measured along their length and met outside the rounding.
-    """
-    modules = detector.getDictionary().markerSize + 2
-    corners = np.asarray(quad, np.float64).reshape(4, 2)
-    for _ in range(_EDGE_ROUNDS):
-        ends = np.roll(corners, -1, axis=0)
-        edge = ends - corners
-        length = np.linalg.norm(edge, axis=1)
-        reach = float(np.clip(_REFINE_SHARE * length.min() / modules, _REFINE_LEAST_PX, _REFINE_MAX_PX))
-        out = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.maximum(length, 1e-6)[:, None]
-        shift = _edge_shifts(grey, corners, edge, out, reach)
-        # the edge at its two ends, moved; neighbouring edges meet in the corner
-        start, end = corners + out * shift[:, :1], ends + out * shift[:, 1:]
-        corners = _meeting(np.roll(start, 1, axis=0), np.roll(end, 1, axis=0), start, end)
-    return corners if np.abs(corners - quad).max() < _REFINE_MAX_PX else np.asarray(quad, np.float64)
-
-
-def _edge_shifts(grey: Array, corners: Array, edge: Array, out: Array, reach: float) -> Array:
-    """How far outwards (4, 2) each edge lies from the given one, at its start and at its end."""
-    offset = np.arange(-reach, reach + _EDGE_STEP_PX / 2, _EDGE_STEP_PX)
-    at = corners[:, None, None] + edge[:, None, None] * _ALONG[None, :, None, None] + out[:, None, None] * offset[:, None]
-    flat = at.reshape(4 * len(_ALONG), len(offset), 2).astype(np.float32)
-    values = cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
-    # black inside, white outside: only what gets brighter outwards is the edge
-    rise = np.maximum(np.diff(values, axis=1), 0)
-    rise = np.where(rise > 0.2 * rise.max(axis=1, keepdims=True), rise, 0)
-    middle = (offset[:-1] + offset[1:]) / 2
-    place = ((rise @ middle) / np.maximum(rise.sum(axis=1), 1e-9)).reshape(4, len(_ALONG))
-    shift = np.zeros((4, 2))
-    for side in range(4):
-        near = np.abs(place[side] - np.median(place[side])) < 1.0
-        slope, start = np.polyfit(_ALONG[near], place[side][near], 1)
-        shift[side] = start, start + slope
-    return shift
-
-
-def _meeting(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
-    """Where lines a0-a1 and b0-b1 meet, for several pairs (n, 2)."""
-    a, b, gap = a1 - a0, b1 - b0, b0 - a0
-    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    share = (gap[:, 0] * b[:, 1] - gap[:, 1] * b[:, 0]) / np.where(np.abs(cross) > 1e-9, cross, 1e-9)
-    return np.asarray(a0 + a * share[:, None])
+def _black_modules(dictionary: Any, marker_id: int) -> Array:
+    """(n, n) 1 where a marker is black, its border included."""
+    modules = dictionary.markerSize + 2
+    return np.asarray(dictionary.generateImageMarker(marker_id, modules) < 128, np.float64)
 
 
 def _marker_finder(target: Markers) -> Callable[[Array], Corners]:

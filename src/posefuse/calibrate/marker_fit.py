@@ -1,0 +1,189 @@
+"""Corners of a marker from all of its pixels: the whole known pattern is laid over the image and moved until it fits.
+
+A blurred corner is rounded and a blurred edge is drawn aside by the edge next to it, by a few hundredths of a px each:
+outwards on all four sides, that makes a marker of 30 px some tenths of a per cent too large, and with it the whole room.
+Here the blur is part of what is fitted (Gauss-Newton on grey values, after Lucas and Kanade 1981), and the edges of the
+bits inside, which blur moves the other way, hold the size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from posefuse.core.arrays import Array
+
+# white seen around the marker, in modules: all printed markers have that much
+_MARGIN = 0.6
+_MOST_PIXELS = 3000
+# the first rounds look at every third pixel
+_ROUGH_ROUNDS, _ROUGH_STEP, _ROUNDS, _SETTLED_PX = 3, 3, 10, 0.005
+_FIRST_BLUR, _LEAST_BLUR, _MOST_BLUR = 0.3, 0.02, 0.8
+# how well blur (log) and tone curve (log of the exponent) are known beforehand
+_BLUR_SIGMA, _TONE_SIGMA = 1.0, 0.4
+# a lens bends a marker of half-side s px in an image of w px by about this times s^2 / w
+_BEND_SHARE = 0.08
+_LEAST_CONTRAST_DN = 12.0
+# this share of the pixels lies within this share of the contrast, or it is not that marker (fingers may hide the rest);
+# and its corners within this share of a module of where they were read
+_FITTING_SHARE, _MOST_MISFIT, _MOST_MOVED = 0.85, 0.15, 0.8
+# grey values are known to sensor noise and to what the model leaves out of an edge
+_NOISE_DN, _EDGE_SHARE = 2.0, 0.04
+_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What is fitted: where the marker lies, and how the picture came about.
+
+    Attributes:
+        px_from_uv: (3, 3) homography to px; u right and v down are -1 ... 1 from edge to edge. Its last entry is 1.
+        bend: (2,) px by which the lens pushes the corners aside.
+        blur: (2,) log of the spread along u and v, in modules. tone: log of the exponent of the tone curve.
+        levels: (4,) grey of black, rise to white, and change of that rise with u and v.
+    """
+
+    px_from_uv: Array
+    bend: Array
+    blur: Array
+    tone: float
+    levels: Array
+
+    @property
+    def corners(self) -> Array:
+        """(4, 2) px."""
+        return _moved(self.px_from_uv, _SQUARE) + self.bend
+
+    def stepped(self, step: Array) -> _Look:
+        """Moved by a step (17,) of all parameters in the order above."""
+        blur = np.clip(self.blur + step[10:12], np.log(_LEAST_BLUR), np.log(_MOST_BLUR))
+        moved = self.px_from_uv + np.append(step[:8], 0.0).reshape(3, 3)
+        return _Look(moved, self.bend + step[8:10], blur, self.tone + float(step[12]), self.levels + step[13:])
+
+
+def fit_marker(grey: Array, quad: Array, black: Array) -> Array | None:
+    """Corners (4, 2) px of a marker in a grey image, or None when its pattern does not fit there.
+
+    Args:
+        grey: (H, W) uint8. quad: (4, 2) rough corners: top left, top right, bottom right, bottom left of the print.
+        black: (n, n) 1 where a module of the marker, its border included, is black.
+    """
+    quad = np.asarray(quad, np.float64).reshape(4, 2)
+    px_from_uv = _homography(quad)
+    xy, values = _pixels(grey, quad, px_from_uv, len(black))
+    if len(values) < 4 * len(black):
+        return None
+    low, high = np.percentile(values, [10, 90])
+    if high - low < _LEAST_CONTRAST_DN:
+        return None
+    look = _Look(px_from_uv, np.zeros(2), np.full(2, np.log(_FIRST_BLUR)), 0.0, np.array([low, high - low, 0.0, 0.0]))
+    bend_px = _BEND_SHARE * float(np.linalg.norm(quad[2] - quad[0])) ** 2 / 8 / max(grey.shape)
+    known = np.zeros(17)
+    known[8:13] = 1 / np.array([bend_px, bend_px, _BLUR_SIGMA, _BLUR_SIGMA, _TONE_SIGMA]) ** 2
+    for round_ in range(_ROUNDS):
+        some = slice(None, None, _ROUGH_STEP if round_ < _ROUGH_ROUNDS else 1)
+        predicted, jacobian = _predict(look, xy[some], black)
+        new = look.stepped(_step(jacobian, predicted - values[some], known, look))
+        moved_px = np.abs(new.corners - look.corners).max()
+        look = new
+        if round_ >= _ROUGH_ROUNDS and not moved_px > _SETTLED_PX:
+            break
+    misfit = float(np.quantile(np.abs(_predict(look, xy, black)[0] - values), _FITTING_SHARE))
+    module_px = float(np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).max()) / len(black)
+    # said this way round, anything that is not a number fails too
+    fits = misfit <= _MOST_MISFIT * look.levels[1] and np.abs(look.corners - quad).max() <= _MOST_MOVED * module_px
+    return look.corners if fits else None
+
+
+def _homography(quad: Array) -> Array:
+    """(3, 3) from the square of -1 ... 1 to corners (4, 2)."""
+    u, v = _SQUARE.T
+    zero, one = np.zeros(4), np.ones(4)
+    x, y = quad.T
+    across = np.stack([u, v, one, zero, zero, zero, -u * x, -v * x], axis=1)
+    down = np.stack([zero, zero, zero, u, v, one, -u * y, -v * y], axis=1)
+    return np.append(np.linalg.solve(np.concatenate([across, down]), np.concatenate([x, y])), 1.0).reshape(3, 3)
+
+
+def _moved(matrix: Array, points: Array) -> Array:
+    """Points (N, 2) through a homography (3, 3)."""
+    moved = points @ matrix[:, :2].T + matrix[:, 2]
+    return np.asarray(moved[:, :2] / moved[:, 2:])
+
+
+def _pixels(grey: Array, quad: Array, px_from_uv: Array, modules: int) -> tuple[Array, Array]:
+    """Places (N, 2) and grey values (N,) of the pixels of the marker and the white around it; thinned when they are many."""
+    reach = 1 + 2 * _MARGIN / modules
+    outline = _moved(px_from_uv, reach * _SQUARE)
+    first = np.maximum(np.floor(outline.min(axis=0)).astype(int), 0)
+    last = np.minimum(np.ceil(outline.max(axis=0)).astype(int) + 1, [grey.shape[1], grey.shape[0]])
+    step = max(1, round(float(np.sqrt(max(np.prod(last - first), 0) / _MOST_PIXELS))))
+    columns, rows = np.meshgrid(np.arange(first[0], last[0], step), np.arange(first[1], last[1], step))
+    xy = np.stack([columns.ravel(), rows.ravel()], axis=1)
+    inside = (np.abs(_moved(np.linalg.inv(px_from_uv), xy)) < reach).all(axis=1)
+    xy = xy[inside]
+    return xy.astype(np.float64), grey[xy[:, 1], xy[:, 0]].astype(np.float64)
+
+
+def _predict(look: _Look, xy: Array, black: Array) -> tuple[Array, Array]:
+    """Grey values (N,) and their change (N, 17) with all parameters."""
+    modules = len(black)
+    inverse = np.linalg.inv(look.px_from_uv)
+    # the bend leaves the middle ring where it is and moves the corners by all of it
+    share = 0.75 * ((_moved(inverse, xy) ** 2).sum(axis=1) - 2 / 3)
+    flat = xy - share[:, None] * look.bend
+    uv = _moved(inverse, flat)
+    place = (uv + 1) * modules / 2
+    across, d_across, s_across = _membership(place[:, 0], float(np.exp(look.blur[0])), modules)
+    down, d_down, s_down = _membership(place[:, 1], float(np.exp(look.blur[1])), modules)
+    rows, d_rows, s_rows = down @ black, d_down @ black, s_down @ black
+    white = np.clip(1 - (rows * across).sum(axis=1), 1e-3, 1.0)
+    exponent = float(np.exp(look.tone))
+    tone = white**exponent
+    rise = look.levels[1] + uv @ look.levels[2:]
+    per_white = rise * exponent * tone / white
+    per_uv = -per_white[:, None] * np.stack([(rows * d_across).sum(axis=1), (d_rows * across).sum(axis=1)], axis=1) * modules / 2
+    per_blur = -per_white[:, None] * np.stack([(rows * s_across).sum(axis=1), (s_rows * across).sum(axis=1)], axis=1)
+    jacobian = np.concatenate([
+        _place_jacobian(per_uv, uv, flat, inverse, look.px_from_uv, share),
+        per_blur,
+        (rise * tone * np.log(white) * exponent)[:, None],
+        np.ones((len(xy), 1)),
+        tone[:, None],
+        tone[:, None] * uv,
+    ], axis=1)  # fmt: skip
+    return look.levels[0] + rise * tone, jacobian
+
+
+def _place_jacobian(per_uv: Array, uv: Array, flat: Array, inverse: Array, px_from_uv: Array, share: Array) -> Array:
+    """(N, 10) change of grey values with the homography and the bend, given their change (N, 2) with u, v."""
+    w_inverse = flat @ inverse[2, :2] + inverse[2, 2]
+    per_px = (per_uv @ inverse[:2, :2] - (per_uv * uv).sum(axis=1)[:, None] * inverse[2, :2]) / w_inverse[:, None]
+    w = (uv @ px_from_uv[2, :2] + px_from_uv[2, 2])[:, None]
+    one = np.concatenate([uv, np.ones((len(uv), 1))], axis=1) / w
+    # where the pattern moves to the right, a pixel sees what lay to its left
+    tilt = (per_px * flat).sum(axis=1)[:, None] * one[:, :2]
+    return np.concatenate([-per_px[:, :1] * one, -per_px[:, 1:] * one, tilt, -per_px * share[:, None]], axis=1)
+
+
+def _membership(place: Array, spread: float, modules: int) -> tuple[Array, Array, Array]:
+    """How much of each module (N, n) a blurred look at a place (N,) takes in; its change with it, and with log blur."""
+    z = (place[:, None] - np.arange(modules + 1)) / spread
+    step, bell = ndtr(z), np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+    fall = z * bell
+    return step[:, :-1] - step[:, 1:], (bell[:, :-1] - bell[:, 1:]) / spread, fall[:, 1:] - fall[:, :-1]
+
+
+def _step(jacobian: Array, residual: Array, known: Array, look: _Look) -> Array:
+    """Robust Gauss-Newton step (17,); a finger over the marker counts little."""
+    noise_dn = float(np.hypot(_NOISE_DN, _EDGE_SHARE * look.levels[1]))
+    scale = max(1.4826 * float(np.median(np.abs(residual))), noise_dn)
+    weight = 1 / (1 + (residual / (3 * scale)) ** 2) / scale**2
+    weighted = jacobian * weight[:, None]
+    offset = np.concatenate([np.zeros(8), look.bend, look.blur - np.log(_FIRST_BLUR), [look.tone], np.zeros(4)])
+    normal = weighted.T @ jacobian + np.diag(known)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-12))
+    scaled = normal / np.outer(size, size) + 1e-9 * np.eye(len(size))
+    return -np.asarray(np.linalg.solve(scaled, (weighted.T @ residual + known * offset) / size) / size)
