@@ -5,6 +5,7 @@ import re
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ pytest.importorskip("anny")
 
 from posefuse.app.cli import main
 from posefuse.app.experiments import latency, runs, scaling
+from posefuse.app.experiments import live_times as module
 from posefuse.app.experiments.live_page import live_figures, show_live, view_spikes
 from posefuse.app.experiments.live_times import SETTLED_S, STAGES, Listener, LiveTimes, live_times, passages
 from posefuse.app.experiments.moments import ESTIMATE_RGB, TRUTH_RGB, moments
@@ -21,6 +23,7 @@ from posefuse.app.experiments.summary import write_summary
 from posefuse.app.experiments.tables import joint_rows
 from posefuse.app.live.latency import Way
 from posefuse.app.terminal import Terminal
+from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
 from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.page import Page
@@ -28,6 +31,11 @@ from posefuse.evaluate.experiments.scaling import STUDIES, Study
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, walking_scene
 from posefuse.wire.streams import UdpStream
 
+FUSION = SimpleNamespace(
+    latencies=SimpleNamespace(newest=(), rate_hz=100.0),
+    monitor=SimpleNamespace(source=lambda _: SimpleNamespace(captured=10)),
+    used={"cam00": 10},
+)
 CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 HEADINGS = {
     "static": ("What is measured", "Nothing in the way", "Walls, boxes and clutter in the way"),
@@ -116,6 +124,7 @@ def test_settings_that_cannot_be_are_refused_before_anything_is_rendered(
 ) -> None:
     monkeypatch.setattr(runs, "simulate", lambda *_: pytest.fail("rendered"))
     for override, complaint in (("detector.name=openpos", "openpos"), ("detector.options.landmark=x", "landmark"),
+                                ("detector.options.landmarks=huge", "huge"),
                                 ("fuse.weight=all", "weight")):  # fmt: skip
         assert main(["experiment", "walking", "--quick", "--out", str(tmp_path), "--set", override]) == 1
         assert complaint in capsys.readouterr().err
@@ -222,6 +231,13 @@ def test_a_session_played_live_gives_every_views_passage(demo_session: Path, tmp
     assert times.cameras == CAMERAS and set(times.camera) == {0, 1, 2, 3} and len(times.camera) > 20
     assert (times.passed_s[:, 0] >= SETTLED_S).all()
     assert (times.stages_ms > -5).all() and (times.total_ms > 0).all()
+
+
+def test_a_live_session_without_a_pose_is_said(demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "passages", lambda *_: (np.zeros(0, int), np.zeros((0, len(STAGES) + 1))))
+    monkeypatch.setattr(module, "run_live", lambda *_: SimpleNamespace(fusion=FUSION, zero_ns=0))
+    with pytest.raises(SourceError, match="played live for 3 s, and no view of 40 led to a pose"):
+        live_times(demo_session, context_of(demo_session, tmp_path), 3.0)
 
 
 def test_the_summary_has_the_papers_tables(on_the_clip: Path, done: Run, tmp_path: Path) -> None:

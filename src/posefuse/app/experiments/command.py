@@ -10,7 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from posefuse.app.plugins import plugin_config
+from posefuse.app.plugins import build_plugin
 from posefuse.app.terminal import Terminal, plain
 from posefuse.files.atomic import atomic_file
 
@@ -30,7 +30,8 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
         command = f"posefuse experiment {name}{options}"
         sessions = args.sessions or args.out / "sessions"
         context = Context(sessions, args.quick, args.workers, command, terminal, tuple(args.overrides))
-        _check_settings(context)
+        if name != "scaling":
+            _check_detector(context)
         written += _one(name, context, args.out)
     if not args.quick:
         written.append(write_summary(args.out))
@@ -38,10 +39,10 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     return {"files": written}
 
 
-def _check_settings(context: Context) -> None:
-    """Refuse what cannot be before an hour of rendering."""
-    detector = context.config.detector
-    plugin_config("detectors", detector.name, detector.options)
+def _check_detector(context: Context) -> None:
+    """Fetch and open what is to look at the pictures, so that what is wrong shows before an hour of rendering."""
+    choice = context.config.detector
+    build_plugin("detectors", choice.name, choice.options)
 
 
 def _one(name: str, context: Context, out: Path) -> list[Path]:
