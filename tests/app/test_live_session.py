@@ -19,7 +19,8 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.metrics import true_xyz_at
 from posefuse.files.rig import read_rig
 from posefuse.files.truth import read_truth
-from posefuse.wire.bags import read_poses
+from posefuse.wire.bags import read_mcap, read_poses
+from posefuse.wire.messages import ns_from_time
 
 pytest.importorskip("mcap")
 PERIOD_NS = 10_000_000
@@ -118,6 +119,15 @@ def test_poses_come_at_every_beat_and_are_near_the_truth_at_output_time(
     assert np.median(errors) < 0.03
 
 
+def test_joint_angles_are_recorded_with_every_pose(killed: tuple[dict, Path, list[int]]) -> None:
+    poses = {pose.t_ns: len(pose.person_id) for pose, _ in read_poses(killed[1])}
+    angles = [entry for entry in read_mcap(killed[1]) if entry.topic.endswith("/joint_angles")]
+    assert len(angles) == sum(poses.values()) > 50
+    assert {ns_from_time(entry.msg.header.stamp) for entry in angles} == {t_ns for t_ns, people in poses.items() if people}
+    knee = [float(entry.msg.angle_rad[list(entry.msg.name).index("left_knee/flexion")]) for entry in angles]
+    assert np.isfinite(knee).mean() > 0.9
+
+
 def test_a_replay_gives_the_same_poses(killed: tuple[dict, Path, list[int]], demo_session: Path) -> None:
     _, recording, _ = killed
     pairs = list(replayed(recording, read_rig(demo_session / "rig.toml"), LiveConfig()))
@@ -151,7 +161,9 @@ def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> 
         )  # fmt: skip
         figures = live.figures()
         assert osc.recv(65536).startswith(b"#bundle")
-        assert json.loads(plain.recv(65536))["keypoints"]
+        shown = [json.loads(plain.recv(65536)) for _ in range(20)]
+        assert all(one["keypoints"] for one in shown)
+        assert any("left_knee/flexion" in one["angles_rad"] for one in shown)
     said = {(event["camera"], event["state"]) for event in figures["events"]}
     assert {("cam01", "frozen"), ("cam02", "lost"), ("cam03", "flood")} <= said
     assert not any(camera == "cam00" and state != "ok" for camera, state in said)

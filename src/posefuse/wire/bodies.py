@@ -36,7 +36,6 @@ _PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "ear")
 _WANTED = tuple(f"{side}_{part}" for part in _PARTS for side in ("left", "right")) + ("nose",)
 # +1 left, -1 right: the URDF's `reflect`
 _SIDE = np.array([1.0, -1.0])
-_EX, _EZ = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,18 +86,25 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """As `np.cross` of (..., 3), whose care for other shapes costs more than the product here."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
 def _axes(y: Array, z: Array) -> Array:
     """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
     up = _unit(z)
-    forward = _unit(np.cross(y, up))
-    return np.stack([forward, np.cross(up, forward), up], axis=-1)
+    forward = _unit(_cross(y, up))
+    return np.stack([forward, _cross(up, forward), up], axis=-1)
 
 
 def _head_axes(left: Array, nose: Array) -> Array:
     """(N, 3, 3): y along the ears, x towards the nose."""
     y = _unit(left)
     x = _unit(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
-    return np.stack([x, y, np.cross(x, y)], axis=-1)
+    return np.stack([x, y, _cross(x, y)], axis=-1)
 
 
 def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> tuple[Array, Array]:
@@ -111,16 +117,16 @@ def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> 
     across = bends * (v - along * u)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     x = _unit(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
-    frame = np.stack([x, np.cross(-u, x), -u], axis=-1)
+    frame = np.stack([x, _cross(-u, x), -u], axis=-1)
     return frame, bends * np.arctan2(sine, along)[..., 0]
 
 
 def _untwisted_forward(u: Array) -> Array:
     """Where the body's x goes when a hanging limb is swung by the shortest way into direction u."""
-    # Rodrigues' formula for the rotation from -z to u; straight up it is the limit of swinging through the front
-    axis = np.cross(-_EZ, u)
-    denominator = np.maximum(1 - u[..., 2:], 1e-9)
-    return np.asarray(_EX + np.cross(axis, _EX) + np.cross(axis, np.cross(axis, _EX)) / denominator)
+    # first column of Rodrigues' rotation from -z to u; straight up it is the limit of swinging through the front
+    x, y, z = u[..., 0], u[..., 1], u[..., 2]
+    scale = 1 / np.maximum(1 - z, 1e-9)
+    return np.stack([1 - x * x * scale, -x * y * scale, x], axis=-1)
 
 
 def _about_y(frame: Array, angle_rad: Array) -> Array:

@@ -7,7 +7,7 @@
 | /humans/bodies/<id>/skeleton2d, roi | hri_msgs/Skeleton2D, sensor_msgs/RegionOfInterest | each step; as one camera sees it |
 | /humans/bodies/<id>/joint_angles | posefuse_msgs/JointAngles | each step with joints; anatomical angles with sigma |
 | /posefuse/pose | posefuse_msgs/Pose3D | each step; keypoints, covariances, stage times |
-| /posefuse/markers | visualization_msgs/MarkerArray | each step; for RViz |
+| /posefuse/markers | visualization_msgs/MarkerArray | 30 times a second; for RViz |
 | /tf | tf2_msgs/TFMessage | each step; links <name>_<id>, anatomical segments segment_<name>_<id> |
 | /tf_static, /posefuse/<camera>/camera_info, /posefuse/cameras | TFMessage, CameraInfo, MarkerArray | once (latched) |
 | /diagnostics | diagnostic_msgs/DiagnosticArray | when told |
@@ -72,6 +72,7 @@ class RosOutput:
         world_frame: tf name of the world.
         view_camera: whose view `skeleton2d` and `roi` give; empty takes the rig's first.
         epoch_offset_ns: Unix epoch minus session clock, added to every stamp.
+        markers_hz: most markers per second; eyes need fewer than robots need poses.
     """
 
     outlet: Outlet
@@ -79,9 +80,11 @@ class RosOutput:
     world_frame: str = "world"
     view_camera: str = ""
     epoch_offset_ns: int = 0
+    markers_hz: float = 30.0
 
     def __post_init__(self) -> None:
         self._tracked: tuple[str, ...] | None = None
+        self._marked_ns: int | None = None
         self._view: Camera | None = None
         if self.rig is not None:
             self._view = self.rig[self.view_camera] if self.view_camera else self.rig.cameras[0]
@@ -118,7 +121,9 @@ class RosOutput:
             self.outlet.publish(topics.body(one, "joint_states"), _joint_state(one, bodies.position_rad[n], t_ns), t_ns)
             if self._view is not None:
                 self._show_view(one, shifted, n, self._view)
-        self.outlet.publish(topics.MARKERS, person_markers(shifted, self.world_frame), t_ns)
+        if self._marked_ns is None or not 0 <= t_ns - self._marked_ns < 1e9 / self.markers_hz:
+            self._marked_ns = t_ns
+            self.outlet.publish(topics.MARKERS, person_markers(shifted, self.world_frame), t_ns)
 
     def diagnose(self, t_ns: int, health: Sequence[Health]) -> None:
         """Publish the state of cameras and stages."""

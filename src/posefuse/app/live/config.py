@@ -11,6 +11,7 @@ from posefuse.app.config import DetectorChoice
 from posefuse.associate import AssociateSettings
 from posefuse.files.settings import settings
 from posefuse.fuse import FuseSettings
+from posefuse.kinematics import JointSettings
 from posefuse.track.live import LiveSettings
 
 
@@ -23,14 +24,17 @@ class LiveConfig:
         groups: processes the cameras are shared among; 0: one per two cameras, at most one per core.
         search_every_s: while fewer people than asked for are followed, every camera's whole image is searched this often.
         preview_hz: pictures per second and camera for the viewer.
-        detector: the 2D estimator. track, associate, fuse: see the rooms.
+        angles: joint angles and segment frames with every pose.
+        detector: the 2D estimator. track, associate, fuse, joints: see the rooms.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0
     groups: Annotated[int, Ge(0)] = 0
     search_every_s: Annotated[float, Gt(0)] = 1.0
     preview_hz: Annotated[float, Ge(0)] = 8.0
+    angles: bool = True
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     track: LiveSettings = field(default_factory=LiveSettings)
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
+    joints: JointSettings = field(default_factory=JointSettings)

@@ -12,6 +12,7 @@ import numpy as np
 
 from posefuse.core import Pose3D, Rig
 from posefuse.core.arrays import Array
+from posefuse.kinematics import JointTracker
 from posefuse.track.live import Tracker
 
 from .board import Board
@@ -67,11 +68,12 @@ class Fusion:
         clock: SessionClock,
         outlets: Outlets,
         offsets: ClockOffsets | None = None,
+        joints: JointTracker | None = None,
     ) -> None:
         self.rig, self.tracker, self._board, self.clock, self._outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
-        self._offsets = offsets
+        self._offsets, self._joints = offsets, joints
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
@@ -118,7 +120,8 @@ class Fusion:
         output_ns = self.clock.now_ns()
         newest = max((way.exposed_ns for way in self._waiting), default=0)
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
-        self._outlets.offer("pose", pose, stages)
+        joints = self._joints.step(pose) if self._joints is not None else None
+        self._outlets.offer("pose", pose, stages, joints)
         self.latencies.tick_out(due_ns, output_ns, period_ns)
         for way in self._waiting:
             self.latencies.view_out(way, output_ns)

@@ -35,7 +35,7 @@ from .network_intake import NetworkIntake
 from .outputs import OutputPlan, OutputProcess
 from .processes import Groups, peak_mb
 from .report import figures_of, show, write_report
-from .session import Finished, favoured, group_plans, new_board, ready_tracker, stop_requests
+from .session import Finished, favoured, group_plans, new_board, ready_joints, ready_tracker, stop_requests
 from .sinks import health_lines, publish_preview
 
 _S = 1_000_000_000
@@ -187,7 +187,8 @@ def _fuse(
         skeleton = intake.first_skeleton(_FIRST_VIEW_S)
     say(f"first view after {(plan.clock.now_ns() - begun_ns) / _S:.1f} s")
     with ClockOffsets(rig) as offsets:
-        fusion = Fusion(rig, ready_tracker(rig, skeleton, config), new_board(rig), plan.clock, outputs, offsets)
+        joints = ready_joints(skeleton, config)
+        fusion = Fusion(rig, ready_tracker(rig, skeleton, config), new_board(rig), plan.clock, outputs, offsets, joints)
         done = Finished(fusion, skeleton, zero_ns=begun_ns)
         with favoured():
             fusion.run(intake, config.rate_hz, until)

@@ -22,7 +22,8 @@ from .processes import ended, spawned
 _START_S = 60.0
 _END_S = 1.5
 _QUEUE = 4000
-_LIVE_QUEUE = 4
+# what a live sink may be behind: about 60 ms of poses and views
+_LIVE_QUEUE = 12
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,11 @@ class LiveSink(Protocol):
     keeps_all: bool
 
     def take(self, kind: str, values: Sequence[Any]) -> None:
-        """``view`` (Detections2D, stages), ``pose`` (Pose3D, stages), ``health`` (t_ns, states, rates), ``preview`` (Preview)."""
+        """One of the following, each with its values.
+
+        ``view`` (Detections2D, stages), ``pose`` (Pose3D, stages, Joints or None), ``health`` (t_ns, states, rates),
+        ``preview`` (Preview).
+        """
         ...
 
     def close(self) -> None:

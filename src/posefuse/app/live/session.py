@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from posefuse.core import Rig, Skeleton, SourceError
+from posefuse.core import Pose3D, Rig, Skeleton, SourceError
+from posefuse.kinematics import JointTracker
 from posefuse.track.live import Tracker, build_tracker
 
 from .board import Board
@@ -73,7 +74,8 @@ def run_live(
             outputs.wait_ready()
             skeleton = groups.wait_ready()
             say("; ".join(groups.whereabouts()))
-            fusion = Fusion(rig, ready_tracker(rig, skeleton, config), board, plan.clock, outputs)
+            joints = None if plan.empty else ready_joints(skeleton, config)
+            fusion = Fusion(rig, ready_tracker(rig, skeleton, config), board, plan.clock, outputs, joints=joints)
             done = Finished(fusion, skeleton)
             with stop_requests() as stopped:
                 done.zero_ns = _run(fusion, groups, config, duration_s, stopped, say)
@@ -147,6 +149,19 @@ def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
     warm_tracker(build_tracker(rig, skeleton, config.track, solve), rig, skeleton)
     return build_tracker(rig, skeleton, config.track, solve)
+
+
+def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
+    """Joint angles for outputs, their kernels compiled; None where none are wanted."""
+    import numpy as np
+
+    if not config.angles:
+        return None
+    k = len(skeleton)
+    xyz, cov = np.random.default_rng(0).normal(size=(1, k, 3)), np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
+    made_up = Pose3D(10**15, skeleton, np.zeros(1), xyz, cov, np.ones((1, k)), np.full((1, k), 3), np.ones((1, k)))
+    JointTracker(skeleton, config.joints).step(made_up)
+    return JointTracker(skeleton, config.joints)
 
 
 def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import Pose3D
 from posefuse.wire import topics
-from posefuse.wire.messages import header, message_from_detections, message_from_pose, optical_frame
+from posefuse.wire.messages import header, message_from_detections, message_from_pose, messages_from_joints, optical_frame
 from posefuse.wire.osc import json_from_pose, osc_from_pose
-from posefuse.wire.ros_output import Health, RosOutput
+from posefuse.wire.ros_output import Health, RosOutput, body_id
 from posefuse.wire.types import message
 
 from .messages import Preview
@@ -43,8 +42,10 @@ class RecordSink:
             view, stages = values
             self._recorder.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
         elif kind == "pose":
-            pose, stages = values
+            pose, stages, joints = values
             self._recorder.publish(topics.POSE, message_from_pose(pose, stages, WORLD), pose.t_ns)
+            for msg in messages_from_joints(joints, WORLD, pose.t_ns) if joints is not None else ():
+                self._recorder.publish(topics.body(body_id(msg.person_id), "joint_angles"), msg, pose.t_ns)
 
     def close(self) -> None:
         """Finish the file."""
@@ -66,8 +67,8 @@ class RosSink:
     def take(self, kind: str, values: Sequence[Any]) -> None:
         """See `LiveSink`."""
         if kind == "pose":
-            pose, stages = values
-            self._output.step(pose, None, stages)
+            pose, stages, joints = values
+            self._output.step(pose, joints, stages)
         elif kind == "view" and self._views:
             view, stages = values
             self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
@@ -99,8 +100,8 @@ class UdpSink:
     def take(self, kind: str, values: Sequence[Any]) -> None:
         """See `LiveSink`."""
         if kind == "pose":
-            pose: Pose3D = values[0]
-            self._stream.send(self._packets(pose, None, self._axes))
+            pose, _, joints = values
+            self._stream.send(self._packets(pose, joints, self._axes))
 
     def close(self) -> None:
         """Close the socket."""
