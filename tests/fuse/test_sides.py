@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Views
-from posefuse.fuse import WEIGHTS, FuseSettings, fuse, kernels, triangulate
+from posefuse.fuse import WEIGHTS, FuseSettings, fuse, kernels, sides, triangulate
 from posefuse.fuse.sides import limb_groups
 
 COCO, PAPER = SKELETONS["coco17"], SKELETONS["paper14"]
@@ -73,3 +73,21 @@ def test_one_compilation_serves_every_call(ring_rig, standing, views_of):
         triangulate(rig, right.xy_img, right.score, right.sigma_px, weights, skeleton=COCO)
         triangulate(rig, right.xy_img[0, :, :14].astype(np.float32), weights=weights, skeleton=PAPER)
     assert len(kernels.solve_robust.signatures) == len(kernels.solve_linear.signatures) == len(kernels.squares_of.signatures) == 1
+
+
+@pytest.mark.parametrize("voted", [True, False])
+def test_wrong_keypoints_are_not_taken_for_exchanged_sides(ring_rig, standing, views_of, voted, monkeypatch):
+    """A fifth of the keypoints elsewhere, and nothing exchanged: by the loss alone, without the vote, views would be."""
+    if not voted:
+        monkeypatch.setattr(sides, "_votes", lambda before, after: np.ones(len(before)))
+    rig, rng = ring_rig(4), np.random.default_rng(6)
+    exchanges = 0
+    for seed in range(12):
+        seen = views_of(rig, COCO, standing[None], sigma_px=4.0, seed=seed)
+        xy = seen.xy_img.copy()
+        wrong = rng.random(xy.shape[:-1]) < 0.2
+        xy[wrong] += rng.uniform(-60, 60, (int(wrong.sum()), 2))
+        planes = xy.copy(), seen.score.copy(), seen.sigma_px.copy()
+        sides.solve_untangled(rig, *planes, COCO, None, FuseSettings())
+        exchanges += int((planes[0] != xy).any(axis=(0, 2, 3)).sum())
+    assert exchanges <= 1 if voted else exchanges >= 5

@@ -130,6 +130,22 @@ def test_a_stated_sigma_that_is_far_too_small_is_seen_through(ring_rig):
     assert 0.7 < np.median(ratio) < 1.5
 
 
+def test_a_rig_that_is_calibrated_badly_costs_no_more_than_plain_least_squares(ring_rig):
+    """Every view disagrees with every other by far more than it states: nobody is an outlier, the scale is wrong."""
+    rig, rng = ring_rig(4), np.random.default_rng(4)
+    xyz = cloud(0, 30, 17)
+    xy = pixels(rig, xyz, 2.0)
+    turned = [
+        replace(camera, cam_from_world=SE3.from_rotvec(np.deg2rad(2.5) * rng.normal(size=3), [0, 0, 0]) @ camera.cam_from_world)
+        for camera in rig
+    ]
+    wrong = Rig(tuple(turned))
+    found, plain = (triangulate(wrong, xy, sigma_px=np.full(xy.shape[:-1], 2.0), weights=w) for w in ("robust", "none"))
+    off = [np.linalg.norm(one.xyz - xyz, axis=-1) for one in (found, plain)]
+    assert np.isfinite(off[0]).all()
+    assert off[0].mean() < 1.1 * off[1].mean()
+
+
 def test_unstated_sigma_comes_from_the_size_of_the_body_and_the_score(ring_rig):
     rig = ring_rig(4)
     xyz = cloud(0, 9)

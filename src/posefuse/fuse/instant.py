@@ -10,7 +10,7 @@ from posefuse.core.errors import choices
 
 from .settings import FuseSettings
 from .sides import solve_untangled
-from .triangulate import Triangulated, plain_weight, solve_all, solve_robust, solve_weighted, stated_sigma
+from .triangulate import Triangulated, plain_weight, settled, solve_all, solve_robust, solve_weighted, stated_sigma
 
 
 def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
@@ -51,7 +51,7 @@ def _solve(
         return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
     if settings.untangle_sides:
         return solve_untangled(rig, xy, score, sigma, views.skeleton, before, settings)
-    return solve_robust(rig, xy, score, sigma, settings).told()
+    return settled(solve_robust(rig, xy, score, sigma, settings), rig, xy, score, sigma, settings)
 
 
 def _matched(views: Views, previous: Pose3D | None) -> Array | None:

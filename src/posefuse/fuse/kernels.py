@@ -29,6 +29,7 @@ MAX_TRIALS = 120
 ATTEMPTS = 5
 MIN_SCALE = 0.25
 MAX_SCALE = 10.0  # beyond it the views are taken to be wrong rather than the stated sigma
+LAST_SCALE = 20.0  # of 1.5 % of a body: a third of it, beyond which views do not show the same one
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 
@@ -586,12 +587,12 @@ def has_rival(cams, views, n, p, rest, q, other, work):
 
 
 @njit(**_JIT)
-def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost, rival):
-    """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable).
+def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, cost, rival, wanted):
+    """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable), scaled by `most` at most.
 
     Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K), square (G, C, K) = |e|^2 of every
-    usable view, cost (G, K) = robust loss, rival (G, K) where as many views agree on another point. Missing points are NaN
-    with n_views 0.
+    usable view, cost (G, K) = robust loss, rival (G, K) where as many views agree on another point, wanted (G,) the scale of
+    sigma that the residuals ask for. Missing points are NaN with n_views 0.
     """
     groups, count, keypoints = sigma.shape
     views, rest, work, q = np.empty((count, 7)), np.empty((count, 7)), np.empty((3, 9)), np.empty(3)
@@ -630,7 +631,8 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, square, cost, r
             ratio = np.median(pool[:many]) if many >= MIN_POINTS else 1.0
             better = max(MIN_SCALE, scale * math.sqrt(ratio))
             right = 1.0 / RESCALE < ratio < RESCALE or better == scale
-            if right or attempt == ATTEMPTS - 1 or not better < MAX_SCALE:
+            wanted[g] = scale if right else better
+            if right or attempt == ATTEMPTS - 1 or not better < most:
                 break
             scale = better
         inflate(cov[g], chi2, dof, 1.0 / (scale * scale))

@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array
 
 from .packed import packed_rig
 from .settings import FuseSettings
-from .triangulate import Triangulated, solve_robust
+from .triangulate import RobustSolution, Triangulated, settled, solve_robust
 
 # an exchange must win by this much robust loss: two clear outliers' worth, so noise never exchanges
 _GAIN = 24.0
@@ -24,6 +24,9 @@ _GAIN = 24.0
 _OBJECTION = 6.0
 # share of a limb's keypoints in a view that must misfit before it is looked at, and fit once exchanged
 _MISFIT, _FIT = 0.3, 0.3
+# and pairs of keypoints must vote for it: so many, so large a share of them, so many for each that votes against
+_WON_LEAST, _WON_SHARE, _WON_PER_LOST = 2, 0.4, 2
+_REDUNDANT = 3
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
 _ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
 
@@ -61,10 +64,9 @@ class _Person:
             planes.append(np.ascontiguousarray(mixed))
         return planes[0], planes[1], planes[2]
 
-    def fit(self, flips: Array, group: Array) -> tuple[Array, Array]:
-        """Robust loss (F, len(group)) of each way to exchange views (F, C), and the points (F, len(group), 3) it gives."""
-        solved = solve_robust(self.rig, *self.exchanged(flips, group), self.settings)
-        return solved.cost, solved.points.xyz
+    def fit(self, flips: Array, group: Array) -> RobustSolution:
+        """Robust fusion (F, len(group)) under each way to exchange views (F, C)."""
+        return solve_robust(self.rig, *self.exchanged(flips, group), self.settings)
 
     def exchange(self, flips: Array, group: Array) -> None:
         """Swap the sides of `group` in the flagged views, in place."""
@@ -84,12 +86,14 @@ def solve_untangled(
 
     solved = solve_robust(rig, xy, score, sigma, settings)
     if not (solved.square > kernels.USED).any():
-        return solved.told()
+        return settled(solved, rig, xy, score, sigma, settings)
     touched = [
         _untangle(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.points.xyz[g], solved.square[g], past)
         for g, past in enumerate([None] * len(xy) if before is None else before)
     ]
-    return (solve_robust(rig, xy, score, sigma, settings) if any(touched) else solved).told()
+    if any(touched):
+        solved = solve_robust(rig, xy, score, sigma, settings)
+    return settled(solved, rig, xy, score, sigma, settings)
 
 
 def _untangle(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
@@ -128,24 +132,50 @@ def _best_flips(person: _Person, group: Array, before: Array | None) -> Array:
     count = len(person.rig)
     flips = np.zeros(count, bool)
     limbs = [part for limb in limb_groups(person.skeleton)[1:] if (part := np.isin(group, limb)).any()]
-    best = person.fit(flips[None], group)[0][0]
+    now = person.fit(flips[None], group)
+    best, fits = now.cost[0], _pairs_fit(person, group, now.square)[0]
     for _ in range(count):
         trials = flips ^ np.eye(count, dtype=bool)
-        costs, _ = person.fit(trials, group)
+        solved = person.fit(trials, group)
+        all_fits = _pairs_fit(person, group, solved.square)
+        votes = _votes(fits, all_fits[np.arange(count), np.arange(count)])
         # a body is exchanged as a whole only if no limb objects
-        worse = np.stack([costs[:, limb].sum(axis=1) - best[limb].sum() for limb in limbs]).max(axis=0)
-        total = np.where(worse < _OBJECTION, costs.sum(axis=1), np.inf)
-        winner = int(np.argmin(total))
-        if total[winner] > best.sum() - _GAIN:
+        worse = np.stack([solved.cost[:, limb].sum(axis=1) - best[limb].sum() for limb in limbs]).max(axis=0)
+        total = solved.cost.sum(axis=1)
+        carried = (votes > 0) & (worse < _OBJECTION) & (total < best.sum() - _GAIN)
+        if not carried.any():
             break
-        best, flips = costs[winner], trials[winner]
+        winner = int(np.lexsort((total, -np.where(carried, votes, 0)))[0])
+        best, flips, fits = solved.cost[winner], trials[winner], all_fits[winner]
     if not flips.any():
         return flips
     # all views exchanged fit exactly as well: the two readings differ only in which side is called left
     both = np.stack([flips, ~flips])
     if before is not None:
-        _, points = person.fit(both, group)
-        apart = np.linalg.norm(points - before[group], axis=-1)
+        apart = np.linalg.norm(person.fit(both, group).points.xyz - before[group], axis=-1)
         if np.isfinite(apart).any(axis=1).all():
             return np.asarray(both[int(np.argmin(np.nanmedian(apart, axis=1)))])
     return np.asarray(both[int(flips.sum() > count / 2)])
+
+
+def _pairs_fit(person: _Person, group: Array, square: Array) -> Array:
+    """(F, C, P) whether both keypoints of each of the P pairs of `group` fit a view, from squares (F, C, len(group))."""
+    from . import kernels
+
+    place = {int(k): i for i, k in enumerate(group)}
+    mirror = person.skeleton.mirror
+    one, other = np.array([(i, place[int(mirror[k])]) for i, k in enumerate(group) if mirror[k] > k]).T
+    fits = square < kernels.USED
+    # two rays nearly meet by chance as well
+    fits &= fits.sum(axis=1, keepdims=True) >= _REDUNDANT
+    return np.asarray(fits[..., one] & fits[..., other])
+
+
+def _votes(before: Array, after: Array) -> Array:
+    """(C,) pairs that fit a view once it is exchanged less those that no longer do, from (C, P); 0: too few to believe it.
+
+    An exchange puts nearly all pairs right. Outliers change the loss of single pairs as much, when three land on one keypoint.
+    """
+    won, lost = (after & ~before).sum(axis=1), (before & ~after).sum(axis=1)
+    enough = (won >= np.maximum(_WON_LEAST, _WON_SHARE * before.shape[1])) & (won >= _WON_PER_LOST * lost)
+    return np.where(enough, won - lost, 0)

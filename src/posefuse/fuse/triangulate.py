@@ -76,7 +76,7 @@ def triangulate(
     groups = math.prod(lead)
     grouped = tuple(part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
     if weights == "robust":
-        solved = solve_robust(rig, *grouped, settings).told()
+        solved = settled(solve_robust(rig, *grouped, settings), rig, *grouped, settings)
     elif weights == "all":
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
@@ -132,12 +132,14 @@ class RobustSolution:
         square: (G, C, K) squared residual of every view in units of its variance; NaN where unusable.
         cost: (G, K) robust loss.
         rival: (G, K) where no fewer views than `points` rests on agree on another point.
+        contradicted: (G,) where most views miss their points by far more than they state.
     """
 
     points: Triangulated
     square: Array
     cost: Array
     rival: Array
+    contradicted: Array
 
     def told(self) -> Triangulated:
         """The points, without those that have a rival: nobody can tell which one is right."""
@@ -152,14 +154,42 @@ def solve_robust(rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: 
     """Robust fusion of groups (G, C, K, ...)."""
     from . import kernels
 
+    return _solve_robust(rig, xy_img, score, sigma, kernels.MAX_SCALE, settings)
+
+
+def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings) -> Triangulated:
+    """What was `solved` from these views, told; where they contradict each other all over, the rig is taken to be wrong.
+
+    No view is then singled out: sigma grows until they agree. To be asked last, when sides have been put right: those
+    make views contradict each other as well.
+    """
+    from . import kernels
+
+    points = solved.told()
+    if solved.contradicted.any():
+        at = np.flatnonzero(solved.contradicted)
+        again = _solve_robust(rig, xy_img[at], score[at], sigma[at], kernels.LAST_SCALE, settings)
+        at, kept = at[~again.contradicted], np.flatnonzero(~again.contradicted)
+        for plane, anew in zip(vars(points).values(), vars(again.told()).values(), strict=True):
+            plane[at] = anew[kept]
+    return points
+
+
+def _solve_robust(
+    rig: Rig, xy_img: Array, score: Array, sigma: Array, most_scale: float, settings: FuseSettings
+) -> RobustSolution:
+    from . import kernels
+
     groups, _, keypoints = sigma.shape
     points = _empty(sigma.shape)
     square, cost, rival = np.empty(sigma.shape), np.empty((groups, keypoints)), np.empty((groups, keypoints), bool)
+    wanted = np.empty(groups)
     usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
     kernels.solve_robust(
-        packed_rig(rig), xy_img, usable, points.xyz, points.cov, points.reproj, points.n_views, square, cost, rival
-    )
-    return RobustSolution(points, square, cost, rival)
+        packed_rig(rig), xy_img, usable, most_scale, points.xyz, points.cov, points.reproj, points.n_views, square, cost, rival,
+        wanted,
+    )  # fmt: skip
+    return RobustSolution(points, square, cost, rival, wanted >= most_scale)
 
 
 def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:
