@@ -14,10 +14,13 @@ import numpy as np
 import pytest
 
 from posefuse.app.live.config import LiveConfig
-from posefuse.app.live.replay import difference_m, replayed
+from posefuse.app.live.provenance import read_provenance
+from posefuse.app.live.replay import difference_m, replay, replayed
+from posefuse.app.terminal import Terminal
+from posefuse.core import InputError
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.metrics import true_xyz_at
-from posefuse.files.rig import read_rig
+from posefuse.files.rig import read_rig, write_rig
 from posefuse.files.truth import read_truth
 from posefuse.wire.bags import read_mcap, read_poses
 from posefuse.wire.messages import ns_from_time
@@ -137,6 +140,25 @@ def test_a_replay_gives_the_same_poses(killed: tuple[dict, Path, list[int]], dem
     # a tracker of another mind is told apart
     other = LiveConfig(track=type(LiveConfig().track)(tracker="latest"))
     assert max(difference_m(pose, again) for pose, again in replayed(recording, read_rig(demo_session / "rig.toml"), other)) > 0
+
+
+def test_a_recording_says_how_it_was_made(killed: tuple[dict, Path, list[int]], demo_session: Path, tmp_path: Path) -> None:
+    rig = read_rig(demo_session / "rig.toml")
+    made = read_provenance(killed[1])
+    assert (made.cameras, made.rig_id) == (rig.names, rig.id)
+    assert made.config.detector.name == "oracle"
+    assert made.config.detector.options["noise"] == {"sigma_px": 1.0}
+    other = tmp_path / "rig.toml"
+    write_rig(other, rig.only(rig.names[:3]))
+    with pytest.raises(InputError, match="was made with another rig"):
+        replay(killed[1], read_rig(other), None, Terminal(as_json=True))
+
+
+def test_a_replay_needs_no_settings(demo_session: Path, tmp_path: Path) -> None:
+    recording = tmp_path / "x.mcap"
+    Live(command(demo_session, "--record", str(recording), "--duration", "1.5", "--tracker", "latest")).figures()
+    figures = replay(recording, read_rig(demo_session / "rig.toml"), None, Terminal(as_json=True))
+    assert figures["equal"] == figures["poses"] > 50
 
 
 def test_the_report_says_where_the_time_went(killed: tuple[dict, Path, list[int]]) -> None:

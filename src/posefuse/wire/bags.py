@@ -5,7 +5,7 @@ Messages are kept in the order they were published, so a replay sees what the li
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -63,6 +63,10 @@ class Recorder:
         seq = self._counts[topic.name] = self._counts.get(topic.name, -1) + 1
         self._writer.add_message(channel, logged_ns, raw, sent_ns, seq)
 
+    def note(self, name: str, texts: Mapping[str, str]) -> None:
+        """Keep texts under a name, to be found by `read_notes`; before the first message."""
+        self._writer.add_metadata(name, dict(texts))
+
     def forget(self, name: str) -> None:
         """Nothing to do: a file keeps its channels."""
 
@@ -109,10 +113,38 @@ def read_mcap(path: Path, names: Collection[str] | None = None, cut_ok: bool = F
         SourceError: no such file, no MCAP file, or one that ends in the middle (unless `cut_ok`).
         MessageError: a message that is malformed, or of a type whose definition is not ours.
     """
-    stream_reader, exceptions = optional_module("mcap.stream_reader"), optional_module("mcap.exceptions")
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
     checked: set[int] = set()
+    for kind, record in _records(path, cut_ok):
+        if kind == "Schema":
+            schemas[record.id] = record
+        elif kind == "Channel":
+            channels[record.id] = record
+        elif kind == "Message":
+            channel = channels[record.channel_id]
+            schema = schemas.get(channel.schema_id)
+            if (names is not None and channel.topic not in names) or not _known(schema, channel):
+                continue
+            if schema.id not in checked:
+                _check_definition(path, schema)
+                checked.add(schema.id)
+            yield Recorded(channel.topic, decode(record.data, schema.name, _MAX_MESSAGE_BYTES), record.log_time)
+
+
+def read_notes(path: Path, name: str) -> dict[str, str] | None:
+    """Texts kept by `Recorder.note`; None where there are none. Raises SourceError as `read_mcap` does."""
+    for kind, record in _records(path, cut_ok=True):
+        if kind == "Metadata" and record.name == name:
+            return dict(record.metadata)
+        if kind == "Message":
+            break
+    return None
+
+
+def _records(path: Path, cut_ok: bool) -> Iterator[tuple[str, Any]]:
+    """(kind, record) of everything in the file, in order."""
+    stream_reader, exceptions = optional_module("mcap.stream_reader"), optional_module("mcap.exceptions")
     try:
         file = path.open("rb")
     except OSError as error:
@@ -130,20 +162,7 @@ def read_mcap(path: Path, names: Collection[str] | None = None, cut_ok: bool = F
                 raise SourceError(f"{path}: cannot be read as MCAP ({error})") from None
             if record is None:
                 return
-            kind = type(record).__name__
-            if kind == "Schema":
-                schemas[record.id] = record
-            elif kind == "Channel":
-                channels[record.id] = record
-            elif kind == "Message":
-                channel = channels[record.channel_id]
-                schema = schemas.get(channel.schema_id)
-                if (names is not None and channel.topic not in names) or not _known(schema, channel):
-                    continue
-                if schema.id not in checked:
-                    _check_definition(path, schema)
-                    checked.add(schema.id)
-                yield Recorded(channel.topic, decode(record.data, schema.name, _MAX_MESSAGE_BYTES), record.log_time)
+            yield type(record).__name__, record
 
 
 def read_detections(path: Path, cut_ok: bool = False) -> Iterator[tuple[Detections2D, dict[str, int]]]:

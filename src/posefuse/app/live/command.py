@@ -30,7 +30,8 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     if args.replay:
         from .replay import replay
 
-        return replay(args.replay, rig, config, terminal)
+        told = args.config or args.overrides or args.tracker or args.people
+        return replay(args.replay, rig, config if told else None, terminal)
     if args.report and args.report.exists() and any(args.report.iterdir()):
         raise InputError(f"{args.report}: is there already and not empty; choose another folder")
     inputs = settled_inputs(args, rig)

@@ -34,6 +34,7 @@ from .monitor import Monitor
 from .network_intake import NetworkIntake
 from .outputs import OutputPlan, OutputProcess
 from .processes import Groups, peak_mb
+from .provenance import notes_of
 from .report import figures_of, show, write_report
 from .session import Finished, favoured, group_plans, new_board, ready_joints, ready_tracker, stop_requests
 from .sinks import health_lines, publish_preview
@@ -131,7 +132,7 @@ def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     """Take the views of all camera nodes, track, publish."""
     config, rig = settled_config(args), read_rig(args.rig)
     args.ros = True
-    plan = replace(output_plan(args, rig), ros_views=False)
+    plan = replace(output_plan(args, rig), ros_views=False, notes=notes_of(rig, config))
     with stop_requests() as stopped:
         outputs = OutputProcess(plan)
         intake = NetworkIntake(rig, plan.ros, plan.clock)

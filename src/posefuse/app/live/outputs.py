@@ -8,8 +8,8 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,6 +19,7 @@ from .channel import Channel, ChannelClosed
 from .clock import SessionClock
 from .processes import ended, spawned
 
+NOTES = "posefuse_live"
 _START_S = 60.0
 _END_S = 1.5
 _QUEUE = 4000
@@ -32,7 +33,8 @@ class OutputPlan:
 
     Attributes:
         rig: the cameras. clock: of the session.
-        record: .mcap file. osc, json_udp: ``host:port`` each. axes: of those two, see `wire.osc.AXES`.
+        record: .mcap file. notes: texts to keep in it, see `provenance`.
+        osc, json_udp: ``host:port`` each. axes: of those two, see `wire.osc.AXES`.
         ros: `wire.dds.Network` to publish in. ros_views: 2D poses too; not where they came from the network.
         view: ``spawn`` opens the Rerun viewer, a path records an .rrd file, empty shows nothing.
     """
@@ -40,6 +42,7 @@ class OutputPlan:
     rig: Rig
     clock: SessionClock
     record: Path | None = None
+    notes: Mapping[str, str] = field(default_factory=dict)
     osc: tuple[str, ...] = ()
     json_udp: tuple[str, ...] = ()
     axes: str = "z_up"

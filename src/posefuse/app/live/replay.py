@@ -15,11 +15,20 @@ from posefuse.wire.bags import read_mcap
 from posefuse.wire.messages import detections_from_message, pose_from_message
 
 from .config import LiveConfig
+from .provenance import read_provenance
 from .session import ready_tracker
 
 
-def replay(path: Path, rig: Rig, config: LiveConfig, terminal: Terminal) -> Mapping[str, Any]:
-    """Feed a recording's views to a new tracker and hold its poses against the recorded ones."""
+def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) -> Mapping[str, Any]:
+    """Feed a recording's views to a new tracker and hold its poses against the recorded ones.
+
+    Args:
+        config: settings to try; None takes those the recording was made with.
+
+    Raises:
+        InputError: it holds no pose, or was made with another rig.
+    """
+    rig, config = _as_recorded(path, rig, config)
     poses = same = 0
     farthest_m = 0.0
     for recorded, again in replayed(path, rig, config):
@@ -41,11 +50,22 @@ def replayed(path: Path, rig: Rig, config: LiveConfig) -> Any:
         value: Detections2D | Pose3D
         value, _ = (detections_from_message if entry.topic == topics.DETECTIONS.name else pose_from_message)(entry.msg)
         if tracker is None:
-            tracker = ready_tracker(rig.only(name for name in rig.names), value.skeleton, config)
+            tracker = ready_tracker(rig, value.skeleton, config)
         if isinstance(value, Detections2D):
             tracker.add(value)
         else:
             yield value, tracker.at(value.t_ns)
+
+
+def _as_recorded(path: Path, rig: Rig, config: LiveConfig | None) -> tuple[Rig, LiveConfig]:
+    made = read_provenance(path)
+    if made is None:
+        return rig, config or LiveConfig()
+    missing = [name for name in made.cameras if name not in rig.names]
+    used = rig if missing else rig.only(made.cameras)
+    if used.id != made.rig_id:
+        raise InputError(f"{path}: was made with another rig ({made.rig_id}, cameras {', '.join(made.cameras)}), got {used.id}")
+    return used, config or made.config
 
 
 def difference_m(one: Pose3D, two: Pose3D) -> float:

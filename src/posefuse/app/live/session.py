@@ -21,6 +21,7 @@ from .fusion import Fusion, build_solve
 from .group import GroupPlan
 from .outputs import NoOutputs, OutputPlan, OutputProcess
 from .processes import Groups
+from .provenance import notes_of
 
 LEAST_CAMERAS = 2
 _LEAD_NS = 300_000_000
@@ -66,7 +67,7 @@ def run_live(
     if len(inputs) < LEAST_CAMERAS:
         raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
     rig = rig.only(entry.camera for entry in inputs)
-    plan = replace(plan, rig=rig)
+    plan = replace(plan, rig=rig, notes=notes_of(rig, config))
     board = new_board(rig)
     outputs = NoOutputs() if plan.empty else OutputProcess(plan)
     try:

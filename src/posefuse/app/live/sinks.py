@@ -14,7 +14,7 @@ from posefuse.wire.ros_output import Health, RosOutput, body_id
 from posefuse.wire.types import message
 
 from .messages import Preview
-from .outputs import OutputPlan
+from .outputs import NOTES, OutputPlan
 from .viewer import ViewSink
 
 __all__ = ["RecordSink", "RosSink", "UdpSink", "ViewSink"]
@@ -34,6 +34,8 @@ class RecordSink:
 
         assert plan.record is not None
         self._recorder = Recorder(plan.record)
+        if plan.notes:
+            self._recorder.note(NOTES, plan.notes)
         RosOutput(self._recorder, plan.rig).start(plan.clock.now_ns())
 
     def take(self, kind: str, values: Sequence[Any]) -> None:
