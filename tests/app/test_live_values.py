@@ -142,6 +142,20 @@ def test_a_clock_that_jumps_is_refused_named_and_put_right(jump_s: int) -> None:
     assert monitor.judge(104 * S, {})["a"].state != "clock"
 
 
+def test_frames_that_are_late_for_a_moment_are_refused_and_no_clock_is_put_right() -> None:
+    monitor = Monitor(("a", "b"))
+    run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 100 * S, 1)
+    used = run_frames(monitor, {"a": (-S, 0), "b": (0, 0)}, 102 * S, 2)["a"]
+    assert used == [None] * 60
+    verdict = monitor.judge(104 * S, {})["a"]
+    assert (verdict.state, verdict.text) == ("late", "frames come 1.0 s later than usual; they are not used")
+    assert monitor.refused("a") == {"late": 60}
+    back = run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 104 * S, 0.1)["a"]
+    assert [view.t_ns for view in back] == [104 * S + i * PERIOD_NS for i in range(3)]
+    # a clock that was set back stays so
+    assert run_frames(monitor, {"a": (-S, 0), "b": (0, 0)}, 106 * S, 4)["a"][-1].t_ns == 106 * S + 119 * PERIOD_NS
+
+
 def test_a_flood_is_cut_off_and_named() -> None:
     monitor = Monitor(("a",))
     used = [monitor.admit(seen_at("a", 100 * S + i * 10_000, 100 * S + i * 10_000), 100 * S + i * 10_000) for i in range(5000)]

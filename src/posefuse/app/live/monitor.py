@@ -23,6 +23,10 @@ FROZEN_NS = _S // 2
 JUMP_NS = _S // 2
 _AGREE_NS = _S // 10
 _AGREEING = 8
+# frames that are older than usual by less than this may just be late (a stream or a processor that is behind): they must
+# agree for longer before it is the clock that is blamed
+_LATE_NS = 3 * _S
+_AGREEING_LATE = 90
 _USUAL_OF = 31
 _AGE_UNTIL_KNOWN_NS = 40_000_000
 SILENT_NS = _S
@@ -37,7 +41,7 @@ class Verdict:
     """State of one camera.
 
     Attributes:
-        state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``clock`` or ``flood``.
+        state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``.
         text: in words.
     """
 
@@ -60,9 +64,10 @@ class _Watch:
     """What is remembered of one camera."""
 
     ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_USUAL_OF))
-    strange_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_AGREEING))
+    strange_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_AGREEING_LATE))
     shift_ns: int = 0
     jumped: str = ""
+    late: bool = False
     jumped_at_ns: int = -(10**18)
     changed_ns: int | None = None
     frozen: bool = False
@@ -101,7 +106,7 @@ class Monitor:
             return None
         t_ns = self._timed(watch, seen, now_ns)
         if t_ns is None:
-            _count(watch, "clock")
+            _count(watch, "late" if watch.late else "clock")
             return None
         if self._is_frozen(watch, seen, t_ns):
             _count(watch, "frozen")
@@ -163,7 +168,7 @@ class Monitor:
         if now_ns - watch.flooding_ns < _S:
             return Verdict("flood", f"{watch.flood_hz:,.0f} frames/s; only the newest are looked at")
         if now_ns - watch.jumped_at_ns < _S or watch.strange_ns:
-            return Verdict("clock", watch.jumped or "its time stamps jumped")
+            return Verdict("late" if watch.late else "clock", watch.jumped or "its time stamps jumped")
         if watch.frozen:
             return Verdict("frozen", "delivers the same image again and again")
         if watch.heard_ns is None:
@@ -191,11 +196,19 @@ class Monitor:
             watch.strange_ns.clear()
             return t_ns
         watch.strange_ns.append(age_ns)
-        recent = watch.strange_ns
+        watch.late = 0 < age_ns - usual_ns < _LATE_NS
+        needed = _AGREEING_LATE if watch.late else _AGREEING
+        recent = list(watch.strange_ns)[-needed:]
         jump_ns = int(np.median(recent)) - usual_ns
-        watch.jumped = f"its clock is {-(jump_ns + watch.shift_ns) / _S:+.1f} s off; frames are timed by their arrival"
         watch.jumped_at_ns = now_ns
-        if len(recent) < _AGREEING or max(recent) - min(recent) > _AGREE_NS:
+        agreed = len(recent) == needed and max(recent) - min(recent) <= _AGREE_NS
+        watch.late = watch.late and not agreed
+        watch.jumped = (
+            f"frames come {jump_ns / _S:.1f} s later than usual; they are not used"
+            if watch.late
+            else f"its clock is {-(jump_ns + watch.shift_ns) / _S:+.1f} s off; frames are timed by their arrival"
+        )
+        if not agreed:
             return None
         watch.shift_ns += jump_ns
         watch.strange_ns.clear()
