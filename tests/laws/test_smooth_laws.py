@@ -93,7 +93,7 @@ def test_covariance_is_what_it_says_on_motion_of_its_own_kind():
     seen = truth + rng.normal(size=truth.shape) @ np.linalg.cholesky(noise).T
     for start in range(20, 280, 40):
         seen[start : start + 9] = np.nan
-    result = smooth(sequence(T_NS, seen, noise), SmoothSettings(bones=False))
+    result = smooth(sequence(T_NS, seen, noise), SmoothSettings(bones=False, lasting_share=0.0))
     error = result.xyz_world - truth
     squared = np.einsum("tnki,tnkij,tnkj->tnk", error, np.linalg.inv(result.cov_world), error)
     assert squared[result.kind == Kind.SMOOTHED].mean() == pytest.approx(3.0, abs=0.2)

@@ -104,6 +104,34 @@ def test_understated_noise_shows_in_the_covariance():
     assert squared.mean() < 9
 
 
+@pytest.mark.parametrize(("share", "lasts_s"), [(0.8, 0.35), (0.6, 0.1)])
+def test_errors_that_last_are_stated_and_not_averaged_away(share, lasts_s):
+    """NEES of 3 in the middle, at the ends and in gaps; far off when errors are taken for independent."""
+    truth, _ = wander(300, people=12, seed=4)
+    rng, keep = np.random.default_rng(5), np.exp(-1 / (RATE_HZ * lasts_s))
+    slow, errors = rng.normal(size=truth.shape[1:]), np.empty(truth.shape)
+    for i in range(len(truth)):
+        errors[i] = np.sqrt(share) * slow + np.sqrt(1 - share) * rng.normal(size=slow.shape)
+        slow = keep * slow + np.sqrt(1 - keep**2) * rng.normal(size=slow.shape)
+    seen = truth + errors @ np.linalg.cholesky(NOISE).T
+    for start in range(20, 280, 40):
+        seen[start : start + 9] = np.nan
+
+    def nees(stated_share: float) -> tuple[PoseSequence, np.ndarray]:
+        settings = SmoothSettings(bones=False, lasting_share=stated_share, lasting_s=lasts_s)
+        result = smooth(sequence(seen), settings)
+        error = result.xyz_world - truth
+        return result, np.einsum("tnki,tnkij,tnkj->tnk", error, np.linalg.inv(result.cov_world), error)
+
+    result, squared = nees(share)
+    assert squared[result.kind == Kind.SMOOTHED].mean() == pytest.approx(3.0, abs=0.2)
+    assert squared[result.kind == Kind.INTERPOLATED].mean() == pytest.approx(2.7, abs=0.4)
+    assert squared[[0, -1]].mean() == pytest.approx(2.7, abs=0.5)
+    independent, squared = nees(0.0)
+    assert squared[result.kind == Kind.SMOOTHED].mean() > 6
+    np.testing.assert_array_equal(independent.xyz_world, result.xyz_world)
+
+
 def test_uncertain_instants_are_followed_less():
     _, seen = wander(200)
     cov = np.broadcast_to(NOISE, (200, 1, 17, 3, 3)).copy()

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 
 from posefuse.core import Kind, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.files.settings import settings
 
 from .bones import hold_bones
+from .lasting import LASTING_S, LASTING_SHARE
 
 # |H| = 1 / (1 + (f / f0)^6) of the white-jerk smoother is 1 / sqrt(2) at this share of f0
 _HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
@@ -31,6 +32,8 @@ class SmoothSettings:
             noise; what is more uncertain is followed less. At most 0.35 of the frame rate, see `cutoff_hz`.
         max_gap_s: longest time between two measurements that is bridged; such instants are marked INTERPOLATED.
         outlier_sigma: a measurement this far from what the others say, in standard deviations, is left out.
+        lasting_share, lasting_s: share of a measurement's stated variance that lasts from frame to frame, and in what time it
+            fades by e: such an error is not averaged away, and the stated covariance says so. See `track.lasting`.
         bones: hold bone lengths to what they were over the whole recording, as tightly as they were constant.
         bone_sigma_m: the tightest a bone length is held.
     """
@@ -38,6 +41,8 @@ class SmoothSettings:
     cutoff_hz: Annotated[float, Gt(0)] = 6.0
     max_gap_s: Annotated[float, Ge(0)] = 0.5
     outlier_sigma: Annotated[float, Gt(0)] = 6.0
+    lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
+    lasting_s: Annotated[float, Gt(0)] = LASTING_S
     bones: bool = True
     bone_sigma_m: Annotated[float, Gt(0)] = 0.01
 
@@ -55,8 +60,8 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     Each keypoint is a point under white jerk, measured with its own covariance at its own times (irregular times are
     fine): the exact posterior given all its measurements, past and future, so there is no lag. The strength of the jerk
     is set so that at the keypoint's typical noise the response is that of `cutoff_hz`. Measurements the others
-    contradict are left out, and covariances grow by as much as the residuals exceed what they promise. Bone lengths then
-    hold the keypoints of each instant together (`track.bones`).
+    contradict are left out, and covariances grow by as much as the residuals exceed what they promise, and by what lasting
+    errors leave. Bone lengths then hold the keypoints of each instant together (`track.bones`).
 
     Returns:
         PoseSequence: kind SMOOTHED where measured, INTERPOLATED inside a bridged gap (n_views 0, reproj_px NaN;
@@ -117,7 +122,17 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
     if welcome.any():
         left_out &= ~welcome
         _, scale = solve()
-    return mean, cov * scale, measured & ~left_out
+    used = measured & ~left_out
+    _add_lasting(t_s, noise, used, rate_hz, settings, cov)
+    return mean, cov * scale, used
+
+
+def _add_lasting(t_s: Array, noise: Array, used: Array, rate_hz: float, settings: SmoothSettings, cov: Array) -> None:
+    from . import smooth_kernels
+
+    rate = 2 * np.pi * rate_hz / _HALF_POWER
+    lasting = settings.lasting_share, settings.lasting_s
+    smooth_kernels.add_lasting(t_s, noise, used, rate, *lasting, settings.max_gap_s, cov)
 
 
 def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:

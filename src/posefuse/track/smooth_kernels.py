@@ -7,11 +7,16 @@ quintic smoothing spline in state-space form. Forward Kalman filter, backward th
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
 # standard deviations the filter starts with, far beyond any human motion: m, m/s, m/s^2
 START_SIGMA = (1.0, 60.0, 2000.0)
+
+# in units of its time scale: where the smoother's weight has fallen to less than a hundredth
+_REACH = 9.0
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
@@ -194,3 +199,55 @@ def smooth_point(t, z, noise, measured, q, max_gap, mean, cov):
             if first < 0:
                 first = step
             last = step
+
+
+@njit(**_JIT)
+def _weight(x):
+    """The smoother's weight of a measurement x time scales away: the transform of 1 / (1 + w^6), but for a factor."""
+    x = abs(x)
+    turn = 0.5 * math.sqrt(3.0) * x
+    return math.exp(-x) + math.exp(-0.5 * x) * (math.cos(turn) + math.sqrt(3.0) * math.sin(turn))
+
+
+@njit(**_JIT)
+def add_lasting(t, noise, measured, rate, share, lasts, max_gap, cov):
+    """cov (T, 3, 3) += what is not averaged away of noise (T, 3, 3) of which `share` lasts, fading by e within `lasts` s.
+
+    rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave sum w_i^2 where they are independent
+    and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added. Runs end as in `smooth_point`.
+    """
+    weights = np.empty(len(t))
+    first = 0
+    for step in range(len(t)):
+        if not math.isfinite(cov[step, 0, 0]):
+            continue
+        while (t[step] - t[first]) * rate > _REACH:
+            first += 1
+        total, end, last = 0.0, first, -1
+        for i in range(first, len(t)):
+            weights[i] = 0.0
+            if (t[i] - t[step]) * rate > _REACH:
+                break
+            end = i + 1
+            if not measured[i]:
+                continue
+            if last >= 0 and t[i] - t[last] > max_gap:
+                # another run: before this instant it does not count, after it the window ends
+                if i > step:
+                    break
+                weights[first:i] = 0.0
+                total = 0.0
+            last = i
+            weights[i] = _weight((t[i] - t[step]) * rate) / (noise[i, 0, 0] + noise[i, 1, 1] + noise[i, 2, 2])
+            total += weights[i]
+        kept, size = 0.0, 0.0
+        for i in range(first, end):
+            weights[i] /= total
+            size += abs(weights[i])
+            for j in range(first, i):
+                kept += 2.0 * weights[i] * weights[j] * math.exp((t[j] - t[i]) / lasts)
+        for i in range(first, end):
+            scale = share * max(kept, 0.0) * abs(weights[i]) / size
+            for a in range(3):
+                for b in range(3):
+                    cov[step, a, b] += scale * noise[i, a, b]

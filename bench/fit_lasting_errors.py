@@ -1,0 +1,98 @@
+"""Fit how much of a keypoint's error lasts from frame to frame, and for how long, on rendered people whose keypoints are known.
+
+    python bench/fit_lasting_errors.py render OUT [--scenes 4]    draw the scenes at video rate (minutes; resumes)
+    python bench/fit_lasting_errors.py fit OUT                    run the pipeline without smoothing, fit, print
+
+The fit is the source of `track.lasting`. Its scenes are those of `fit_blazepose_noise.py` (bodies of random seeds 7000 on: none
+appears in a reported measurement) at 30 frames/s.
+"""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from fit_blazepose_noise import scene_settings
+from scipy.optimize import least_squares
+
+from posefuse.core.skeleton import pick_keypoints
+from posefuse.evaluate.metrics import true_xyz_at
+from posefuse.files.recording import read_recording
+from posefuse.files.truth import read_truth
+
+DURATION_S, RATE_HZ = 4.0, 30.0
+JOINTS = tuple(f"{s}_{j}" for s in ("left", "right") for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
+MOST_LAG_S = 1.0
+# an error of more sigmas is a confusion
+MOST_SIGMAS = 5.0
+
+
+def render(out: Path, scenes: int) -> None:
+    """Every other scene of the noise fit, which take its motions by turns."""
+    from posefuse.files.settings import settings_from_mapping
+    from posefuse.simulate.scene import Scene
+    from posefuse.simulate.session import simulate
+
+    for i in range(scenes):
+        folder = out / f"scene{i:02d}"
+        if (folder / "truth" / "truth.npz").exists() and not (folder / "INCOMPLETE").exists():
+            continue
+        content = scene_settings(2 * i) | {"duration_s": DURATION_S, "rate_hz": RATE_HZ}
+        simulate(settings_from_mapping(content, Scene, where=f"scene {i}"), folder, processes=1)
+        print(f"{folder.name}: done", flush=True)
+
+
+def whitened_errors(session: Path) -> np.ndarray:
+    """(T, J, 3) errors of the fused joints, instant by instant, in units of their stated covariance."""
+    out = session / "fused"
+    command = [sys.executable, "-m", "posefuse.app.cli", "track", str(session), "--out", str(out), "--force", "--raw"]
+    subprocess.run([*command, "--outputs", ""], check=True, capture_output=True)
+    poses, truth = read_recording(out).poses, read_truth(session / "truth" / "truth.npz")
+    at = poses.skeleton.indices(JOINTS)
+    error = poses.xyz_world[:, 0][:, at] - pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, JOINTS)
+    cov = poses.cov_world[:, 0][:, at]
+    known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-1, -2))
+    factor = np.linalg.cholesky(np.where(known[..., None, None], cov, np.eye(3)))
+    white = np.linalg.solve(factor, np.where(known[..., None], error, np.nan)[..., None])[..., 0]
+    return np.where(np.linalg.norm(white, axis=-1, keepdims=True) < MOST_SIGMAS, white, np.nan)
+
+
+def autocorrelation(errors: list[np.ndarray]) -> np.ndarray:
+    """(L,) of lag 0, 1, ... frames, over all scenes, joints and axes; about zero, not about the mean."""
+    lags = range(int(MOST_LAG_S * RATE_HZ))
+    products = [np.nanmean(np.concatenate([(e[: len(e) - lag] * e[lag:]).ravel() for e in errors])) for lag in lags]
+    return np.array(products) / products[0]
+
+
+def fit(errors: list[np.ndarray]) -> tuple[float, float]:
+    """Share of the variance that lasts, and the time in s in which it fades by e."""
+    found = autocorrelation(errors)[1:]
+    lag_s = np.arange(1, len(found) + 1) / RATE_HZ
+    # the first half second is what a filter or a smoother averages over; what lasts longer is an offset to both
+    near = lag_s <= 0.5
+    solved = least_squares(lambda p: p[0] * np.exp(-lag_s[near] / p[1]) - found[near], (0.8, 0.3), bounds=([0, 0.01], [1, 10]))
+    return float(solved.x[0]), float(solved.x[1])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("step", choices=("render", "fit"))
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--scenes", type=int, default=4)
+    arguments = parser.parse_args()
+    if arguments.step == "render":
+        render(arguments.out, arguments.scenes)
+        return
+    errors = [whitened_errors(folder) for folder in sorted(arguments.out.glob("scene*"))]
+    found = autocorrelation(errors)
+    print("lag in frames: autocorrelation  " + "  ".join(f"{lag}: {found[lag]:.2f}" for lag in (1, 2, 4, 8, 15, 25)))
+    share, time_s = fit(errors)
+    print(f"{len(errors)} scenes: share {share:.2f}, time constant {time_s:.2f} s")
+    for part in range(len(errors)):
+        share, time_s = fit(errors[:part] + errors[part + 1 :])
+        print(f"  without scene {part}: share {share:.2f}, time constant {time_s:.2f} s")
+
+
+if __name__ == "__main__":
+    main()
