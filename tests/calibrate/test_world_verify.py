@@ -173,3 +173,11 @@ def test_triangulation_needs_two_views(lab: Any) -> None:
     found = triangulate(lab.rig, xy)
     np.testing.assert_allclose(found[0], points[0], atol=1e-6)
     assert np.isnan(found[1]).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_monitor_bears_a_point_on_the_horizon(lab: Any) -> None:
+    xy = np.full((len(lab.rig), 1, 2), 1e200)
+    state, found = monitor.observe(monitor.start(lab.rig), lab.rig, 0, xy)
+    assert found == []
+    assert np.isfinite(state.square).all()

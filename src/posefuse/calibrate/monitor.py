@@ -24,6 +24,8 @@ _BUMPED_RATIO, _BUMPED_PX_PER_1000 = 2.0, 4.0
 _LATE_S, _LATE_SHARE = 0.012, 0.5
 _SWAP_GAIN = 0.5
 _LEAST_SPEED_PX_S = 40.0
+# before a camera's usual residual is known; and farther off than any image is wide
+_UNKNOWN_PX, _FARTHEST_PX = 1e3, 1e5
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +84,11 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
     keep = float(np.exp(-passed_s / _MEMORY_S))
     residual, rest_px = leave_one_out(rig, xy_img)
     velocity = _velocity(state, t_ns, xy_img)
+    # one wild keypoint must not speak for the camera
+    cap_px = np.nan_to_num(state.usual_px, nan=_UNKNOWN_PX, posinf=_UNKNOWN_PX) * 10 + 30
+    residual = _no_longer_than(residual, cap_px[:, None])
     good = np.isfinite(residual).all(axis=-1)
     square = np.where(good, (residual**2).sum(axis=-1), 0.0)
-    # one wild keypoint must not speak for the camera
-    cap = (np.nan_to_num(state.usual_px, nan=1e3) * 10 + 30)[:, None] ** 2
     moving = good & np.isfinite(velocity).all(axis=-1)
     late = np.where(moving, -(residual * np.nan_to_num(velocity)).sum(axis=-1), 0.0)
     speed = np.where(moving, (np.nan_to_num(velocity) ** 2).sum(axis=-1), 0.0)
@@ -94,7 +97,7 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
         t_ns=t_ns,
         started_ns=t_ns if state.started_ns is None else state.started_ns,
         points=keep * state.points + good.sum(axis=1),
-        square=keep * state.square + np.minimum(square, cap).sum(axis=1),
+        square=keep * state.square + square.sum(axis=1),
         late=keep * state.late + late.sum(axis=1),
         speed=keep * state.speed + speed.sum(axis=1),
         rest=_decayed(state.rest, rest_px**2, keep),
@@ -117,10 +120,16 @@ def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
         others[c] = np.nan
         points = triangulate(rig, others)
         out[c] = camera.project(points) - xy_img[c]
-        off = ((rig.project(points) - others) ** 2).sum(axis=-1)
+        off = (_no_longer_than(rig.project(points) - others, np.array(_FARTHEST_PX)) ** 2).sum(axis=-1)
         if np.isfinite(off).sum() > 2 * np.isfinite(points[:, 0]).sum():
             rest_px[c] = np.sqrt(np.nanmean(off))
     return out, rest_px
+
+
+def _no_longer_than(xy: Array, most_px: Array) -> Array:
+    """Vectors (..., 2) cut to a length (...): points on the horizon project to numbers too large to square."""
+    length = np.hypot(xy[..., 0], xy[..., 1])
+    return np.asarray(xy * np.minimum(1.0, most_px / np.maximum(length, 1e-9))[..., None])
 
 
 def _decayed(old: Array, new: Array, keep: float) -> Array:
