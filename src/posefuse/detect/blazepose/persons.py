@@ -6,20 +6,39 @@ Each anchor gives a box and four alignment points as offsets from the anchor's c
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Region
+from posefuse.core import ModelError, Region
 from posefuse.core.arrays import Array
 
-from ..models import PersonDecoding
+from ..models import ModelCard, PersonDecoding
 from ..regions import img_from_crop
+from .network import Network, Precision
 
 # the circle is tight; the landmark network was trained on squares this much larger
 _ROOM = 1.25
 _SAME_PERSON_IOU = 0.3
 _FIRST_POINT = 4
+
+
+@dataclass(frozen=True, eq=False)
+class PersonNetwork:
+    """A person detector and how to read it."""
+
+    network: Network
+    decoding: PersonDecoding
+
+    @classmethod
+    def compiled(cls, card: ModelCard, file: Path, precision: Precision, streams: int) -> PersonNetwork:
+        """The card's network, ready; raises ModelError when the card is of another kind."""
+        if not isinstance(card.decoding, PersonDecoding):
+            raise ModelError(f"model card {card.name}: expected kind person_ssd, got {card.kind}")
+        outputs = (card.decoding.boxes, card.decoding.scores)
+        return cls(Network(file, outputs, card.input, precision, streams), card.decoding)
 
 
 def regions_from_outputs(

@@ -7,9 +7,21 @@ that holds either, by path.
 
 from .archives import NpmSource, WheelSource
 from .cache import default_cache_dir, fetch, fetch_all, holds, model_path, status
-from .cards import CARDS_FOLDER, LandmarkDecoding, ModelCard, ModelInput, PersonDecoding, list_cards, read_card
+from .cards import (
+    CARDS_FOLDER,
+    EnsembleCard,
+    LandmarkDecoding,
+    ModelCard,
+    ModelInput,
+    PersonDecoding,
+    list_cards,
+    list_ensembles,
+    read_any_card,
+    read_card,
+)
 
 __all__ = [
-    "CARDS_FOLDER", "LandmarkDecoding", "ModelCard", "ModelInput", "NpmSource", "PersonDecoding", "WheelSource",
-    "default_cache_dir", "fetch", "fetch_all", "holds", "list_cards", "model_path", "read_card", "status",
+    "CARDS_FOLDER", "EnsembleCard", "LandmarkDecoding", "ModelCard", "ModelInput", "NpmSource", "PersonDecoding", "WheelSource",
+    "default_cache_dir", "fetch", "fetch_all", "holds", "list_cards", "list_ensembles", "model_path", "read_any_card",
+    "read_card", "status",
 ]  # fmt: skip

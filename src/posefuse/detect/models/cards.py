@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
-from annotated_types import Gt
+from annotated_types import Gt, MinLen
 
 from posefuse.core import ModelError
 from posefuse.core.errors import choices
@@ -91,19 +91,82 @@ class ModelCard:
         """Name of the model file, the same inside the archive and in the cache."""
         return PurePosixPath(self.source.member).name
 
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Offsets from landmarks to joint centres, where known."""
+        return _beside(self.folder, self.decoding.joint_centres) if isinstance(self.decoding, LandmarkDecoding) else None
+
+
+@settings
+class EnsembleCard:
+    """Several landmark networks that look at the same crops.
+
+    Attributes:
+        name, folder, summary: as in `ModelCard`.
+        members: their cards, by name or TOML file beside this one.
+        mirrored: each also looks at the crop's mirror image.
+        joint_centres: file beside the card; None when not known.
+    """
+
+    name: str
+    folder: Path
+    kind: Literal["landmark_ensemble"]
+    summary: str
+    members: Annotated[tuple[str, ...], MinLen(1)]
+    mirrored: bool
+    joint_centres: str | None = None
+
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Offsets from the averaged landmarks to joint centres, where known."""
+        return _beside(self.folder, self.joint_centres)
+
+    def member_cards(self) -> list[ModelCard]:
+        """The cards of the members; raises as `read_card`."""
+        files = {name: self.folder / f"{name}.toml" for name in self.members}
+        return [read_card(file if file.is_file() else name) for name, file in files.items()]
+
 
 def list_cards() -> list[ModelCard]:
-    """The cards that come with the package, by name."""
-    paths = [path for path in CARDS_FOLDER.glob("*.toml") if not path.name.endswith(_BESIDE_SUFFIXES)]
-    return [read_card(path) for path in sorted(paths)]
+    """The cards of networks that come with the package, by name."""
+    cards = [_read(path) for path in _card_files()]
+    return [card for card in cards if isinstance(card, ModelCard)]
+
+
+def list_ensembles() -> list[EnsembleCard]:
+    """The ensembles that come with the package, by name."""
+    cards = [_read(path) for path in _card_files()]
+    return [card for card in cards if isinstance(card, EnsembleCard)]
 
 
 def read_card(name: str | Path) -> ModelCard:
-    """The card of this name, or in this TOML file; raises ModelError or ConfigError when there is none or it is wrong."""
+    """The card of this network, or in this TOML file; raises ModelError or ConfigError when there is none or it is wrong."""
+    card = read_any_card(name)
+    if isinstance(card, EnsembleCard):
+        raise ModelError(f"model card {card.name}: expected one network, got an ensemble of {', '.join(card.members)}")
+    return card
+
+
+def read_any_card(name: str | Path) -> ModelCard | EnsembleCard:
+    """As `read_card`, ensembles included."""
     path = Path(name)
     if path.suffix != ".toml":
         path = CARDS_FOLDER / f"{name}.toml"
         if not path.is_file():
-            raise ModelError(f"no model card {str(name)!r}; there are: {choices(card.name for card in list_cards())}")
+            raise ModelError(f"no model card {str(name)!r}; there are: {choices(file.stem for file in _card_files())}")
+    return _read(path)
+
+
+def _beside(folder: Path, name: str | None) -> Path | None:
+    return folder / name if name else None
+
+
+def _card_files() -> list[Path]:
+    return sorted(path for path in CARDS_FOLDER.glob("*.toml") if not path.name.endswith(_BESIDE_SUFFIXES))
+
+
+def _read(path: Path) -> ModelCard | EnsembleCard:
     content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
-    return settings_from_mapping(content, ModelCard, where=str(path))
+    cls = EnsembleCard if content.get("kind") == "landmark_ensemble" else ModelCard
+    card: ModelCard | EnsembleCard = settings_from_mapping(content, cls, where=str(path))
+    return card
