@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from posefuse.calibrate.report_html import html_page
 from posefuse.core import InputError
 from posefuse.files.rig import read_rig
 from posefuse.files.settings import read_settings
+from posefuse.sources import ImagesConfig
 
 
 def run(*words: str) -> dict:
@@ -80,7 +82,7 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
 def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     lab: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], late_s: tuple[float, ...], settings: bool
 ) -> None:
-    found = SimpleNamespace(rig=lab.rig, delay_s=np.column_stack([late_s, np.zeros(4)]))
+    found = SimpleNamespace(rig=lab.rig, delay_s=np.column_stack([late_s, np.zeros(4)]), middle_ns=0)
     path = calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
     assert (path is not None) == settings
     if path is None:
@@ -91,6 +93,25 @@ def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     assert calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True)) is None
     assert path.read_text() == "raw = true\n"
     assert "offset_s = -0.120000" in capsys.readouterr().err
+
+
+def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_path: Path) -> None:
+    offset, drift, middle = 0.12, -2e-4, 40.0
+    delay_s = np.array([[0.0, 0.0], [offset, drift], [0.0, 0.0], [0.0, 0.0]])
+    found = SimpleNamespace(rig=lab.rig, delay_s=delay_s, middle_ns=round(middle * 1e9))
+    path = calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
+    assert path is not None
+    read = read_settings(path, TrackConfig).cameras["cam01"]
+    images = tmp_path / "images"
+    images.mkdir()
+    stamps = (2.0, 77.0)
+    for i in range(2):
+        cv2.imwrite(str(images / f"{i}.png"), np.zeros((16, 16, 3), np.uint8))
+    (images / "timestamps.csv").write_text("file,t_s\n" + "".join(f"{i}.png,{t}\n" for i, t in enumerate(stamps)))
+    source = ImagesConfig(images, "cam01", offset_s=read.offset_s, drift_ppm=read.drift_ppm).build()
+    taken_s = [s - offset - drift * (s - middle) for s in stamps]
+    np.testing.assert_allclose(source.times_ns() / 1e9, taken_s, atol=2e-6)
+    assert [frame.t_ns for frame in source.frames()] == source.times_ns().tolist()
 
 
 def test_the_coverage_sheet_shows_which_camera_saw_nothing(lab: Any) -> None:

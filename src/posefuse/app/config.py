@@ -27,6 +27,7 @@ class CameraInput:
     Attributes:
         video, images, pose2d: the file or folder (one of them); found by name when left out.
         offset_s: added to its times; positive when it began later than the others.
+        drift_ppm: added per million of its times; positive when its clock runs slow. Videos and images only.
         crop: (left, top) px: the video is a cut-out of the calibrated image that begins there.
         scale: the video is the calibrated image resampled to another size.
         skip: leave this camera out.
@@ -36,6 +37,7 @@ class CameraInput:
     images: str | None = None
     pose2d: str | None = None
     offset_s: float = 0.0
+    drift_ppm: float = 0.0
     crop: tuple[float, float] | None = None
     scale: bool = False
     skip: bool = False

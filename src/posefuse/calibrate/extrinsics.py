@@ -39,6 +39,7 @@ class Calibration:
         position_sigma_m: (C,) standard error of each camera's place against the reference camera.
         delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) and their standard errors: a frame that camera c
             stamped s was taken at s - offset - drift * (s - middle).
+        middle_ns: middle of the recording, from which drift counts.
         t_ns: (T,) key instants. world_from_prop: (T,) the prop there. prop_from_patch: per marker id.
         camera, xy_img, residual_px: (N,), (N, 2), (N, 2) corners used and predicted minus observed.
     """
@@ -49,6 +50,7 @@ class Calibration:
     position_sigma_m: Array
     delay_s: Array
     delay_sigma_s: Array
+    middle_ns: int
     t_ns: Array
     world_from_prop: SE3
     prop_from_patch: dict[int, SE3]
@@ -347,7 +349,7 @@ def _calibration(
     patches = np.unique(seen.patch)
     return Calibration(
         rig, report, coverage(observations), checks.position_sigma_m(solved), state.delay_s, solved.solution.delay_sigma_s,
-        np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle_ns(observations), prop.se3(),
+        middle_ns(observations), np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle_ns(observations), prop.se3(),
         {int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches},
         seen.camera, seen.xy_img, solved.solution.residual_px,
     )  # fmt: skip

@@ -27,12 +27,14 @@ class ImagesConfig:
         camera: name of the camera in the rig.
         rate_hz: frame rate when the folder has no ``timestamps.csv``.
         offset_s: added to all times.
+        drift_ppm: added per million of all times: positive when the camera's clock runs slow.
     """
 
     path: Path
     camera: str
     rate_hz: float = 30.0
     offset_s: float = 0.0
+    drift_ppm: float = 0.0
 
     def build(self) -> ImagesSource:
         """List the folder and read its first image; raises SourceError when that cannot be done."""
@@ -67,7 +69,10 @@ class ImagesSource:
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames, without reading them."""
-        return np.array([round((t + self._config.offset_s) * 1e9) for _, t in self._times_s], dtype=np.int64)
+        return np.array([self._session_ns(t) for _, t in self._times_s], dtype=np.int64)
+
+    def _session_ns(self, time_s: float) -> int:
+        return round((time_s * (1 + self._config.drift_ppm * 1e-6) + self._config.offset_s) * 1e9)
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the start."""
@@ -78,7 +83,7 @@ class ImagesSource:
             if image is None:
                 self.broken_frames += 1
                 continue
-            t_ns = round((time_s + self._config.offset_s) * 1e9)
+            t_ns = self._session_ns(time_s)
             frame = Frame(self.camera, seq, t_ns, t_ns, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
             size_wh = size_wh or frame.size_wh
             if frame.size_wh != size_wh:

@@ -30,11 +30,13 @@ class VideoConfig:
         path: the file.
         camera: name of the camera in the rig.
         offset_s: added to the file's times; positive when this file began later than the session clock.
+        drift_ppm: added per million of the file's times: positive when its clock runs slow.
     """
 
     path: Path
     camera: str
     offset_s: float = 0.0
+    drift_ppm: float = 0.0
 
     def build(self) -> VideoSource:
         """Open the file and look at its first frame; raises SourceError when that cannot be done."""
@@ -97,7 +99,8 @@ class VideoSource:
         return f"{self._config.path}: camera {self._config.camera}"
 
     def _session_ns(self, file_time_s: Fraction) -> int:
-        return round(file_time_s * 1_000_000_000) + round(self._config.offset_s * 1e9)
+        drift_ns = float(file_time_s) * self._config.drift_ppm * 1e3
+        return round(file_time_s * 1_000_000_000) + round(self._config.offset_s * 1e9 + drift_ns)
 
     def _decode(self) -> Iterator[Frame]:
         with _opened(self._config) as container:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from posefuse.calibrate.observations import Observations
     from posefuse.calibrate.report import CalibrationReport
     from posefuse.calibrate.targets import Target
-    from posefuse.core import Rig, Source
+    from posefuse.core import Camera, Rig, Source
 
 SUMMARY = "calibrate cameras from recordings of a board, a marker prop or a person; verify; print targets"
 TARGETS = ("markers", "charuco", "chessboard", "aruco-board")
+# a board that gives the focal length to a per cent gives k1 and k2 to about this
+_LENS_PER_PERCENT = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                      help="estimate the cameras' clocks: never (together), always, or when needed (auto)")  # fmt: skip
     two.add_argument("--floor-marker", type=int, metavar="ID", help="marker of the same recordings that lies on the floor")
     two.add_argument("--floor-side-mm", type=float, metavar="MM", help="side of that marker, when it differs")
+    two.add_argument("--refine-lenses", type=float, metavar="PERCENT",
+                     help="let the lenses move too; how well their focal lengths are known, e.g. 0.5")  # fmt: skip
     two.add_argument("--upside-down", nargs="*", default=[], metavar="CAMERA", help="cameras that really hang upside down")
     person = steps.add_parser("person", help="places of the cameras from a walking person's 2D poses")
     person.add_argument("poses", nargs="+", metavar="NAME=DIR", help="folder of OpenPose JSON files per camera")
@@ -142,7 +146,8 @@ def _extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
         observations = observations.rows(observations.patch != args.floor_marker)
     cameras = tuple(intrinsics[source.camera] for source in sources)
     with _reported(args):
-        found = calibrate_extrinsics(observations, cameras, target, Options(clocks=args.clocks), world, tuple(args.upside_down))
+        options = Options(clocks=args.clocks, lens_sigma=_lens_sigma(args.refine_lenses, cameras))
+        found = calibrate_extrinsics(observations, cameras, target, options, world, tuple(args.upside_down))
     _show(found.report, terminal)
     write_rig(args.out, found.rig)
     pictures = {
@@ -176,15 +181,15 @@ def _write_coverage(rig_path: Path, observations: Observations, terminal: Termin
 def _write_clocks(rig_path: Path, found: Calibration, terminal: Terminal) -> Path | None:
     """The clocks that were found, as settings that `posefuse track` reads; a rig file cannot carry them.
 
-    A frame stamped s was taken at s - offset, and `track` adds its `offset_s`: the sign turns.
+    A frame stamped s was taken at s - offset - drift * (s - middle), and `track` adds its settings: the signs turn.
     Returns None when the cameras were in step, or the settings are somebody's already.
     """
     from posefuse.app.config import CONFIG_FILE
 
     if not found.delay_s.any():
         return None
-    late_s = zip(found.rig.names, found.delay_s[:, 0], strict=True)
-    text = "\n".join(f"[cameras.{json.dumps(name)}]\noffset_s = {-float(s):.6f}\n" for name, s in late_s)
+    clocks = zip(found.rig.names, found.delay_s.tolist(), strict=True)
+    text = "\n".join(_clock_settings(name, offset, drift, found.middle_ns / 1e9) for name, (offset, drift) in clocks)
     path = rig_path.with_name(CONFIG_FILE)
     if path.exists():
         terminal.warn(f"{path} is there already and is left as it is; the clocks found belong into it:\n{text}")
@@ -192,6 +197,22 @@ def _write_clocks(rig_path: Path, found: Calibration, terminal: Terminal) -> Pat
     path.write_text(text, encoding="utf-8")
     terminal.note(f"{path}: clocks of the cameras, for `posefuse track` of recordings made together with these")
     return path
+
+
+def _lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float, ...] | None:
+    """Standard errors of fx, fy, cx, cy (px), k1, k2 for lenses whose focal length is known to `percent`."""
+    if percent is None:
+        return None
+    if not percent > 0:
+        raise InputError(f"--refine-lenses: expected > 0 percent, got {percent:g}")
+    focal_px = percent / 100 * float(np.mean([camera.K[0, 0] for camera in cameras]))
+    return (focal_px,) * 4 + (_LENS_PER_PERCENT * percent,) * 2
+
+
+def _clock_settings(camera: str, offset_s: float, drift: float, middle_s: float) -> str:
+    """One camera's table in `posefuse.toml`; drift only where it was estimated."""
+    table = f"[cameras.{json.dumps(camera)}]\noffset_s = {drift * middle_s - offset_s:.6f}\n"
+    return table + (f"drift_ppm = {-drift * 1e6:.3f}\n" if drift else "")
 
 
 def _person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:

@@ -132,9 +132,10 @@ def build_source(entry: Input, config: TrackConfig) -> Source:
     """Open one camera's videos or images."""
     from posefuse.sources import ImagesConfig, VideoConfig
 
+    offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
     if entry.kind == "videos":
-        return VideoConfig(entry.path, entry.camera, entry.settings.offset_s).build()
-    return ImagesConfig(entry.path, entry.camera, config.rate_hz or 30.0, entry.settings.offset_s).build()
+        return VideoConfig(entry.path, entry.camera, offset_s, drift_ppm).build()
+    return ImagesConfig(entry.path, entry.camera, config.rate_hz or 30.0, offset_s, drift_ppm).build()
 
 
 def _times(source: Any) -> Array:
