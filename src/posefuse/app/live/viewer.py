@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import colorsys
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,9 @@ _IMAGE_PLANE_M = 0.5
 _MEMORY = "512MiB"
 _DETECTION_RGB = (255, 220, 60)
 _GOOD_RGB, _BAD_RGB = (90, 200, 120), (235, 70, 60)
+_PLOTS = {"latency_p95_ms": "latency_p95_ms", "residual_sigmas": "innovation_sigmas"}
+# cameras in plots: the golden angle keeps neighbours apart, however many there are
+_HUE_STEP, _SATURATION, _VALUE = 0.381966, 0.6, 0.95
 
 
 class ViewSink:
@@ -50,6 +54,7 @@ class ViewSink:
         else:
             self._stream.save(plan.view, default_blueprint=_blueprint(plan.rig.cameras))
         self._shown_ns: dict[str, int] = {}
+        self._captured: dict[str, tuple[int, float]] = {}
         self._people: set[int] = set()
         self._log_cameras()
 
@@ -83,6 +88,10 @@ class ViewSink:
             pose, path = camera.cam_from_world.inverse(), _path(camera.name)
             self._stream.log(path, rr.Transform3D(translation=pose.xyz, mat3x3=pose.matrix()), static=True)
             self._stream.log(path, _pinhole(camera, _GOOD_RGB), static=True)
+        for number, camera in enumerate(self._rig):
+            line = rr.SeriesLines(colors=plot_rgb(number), names=camera.name)
+            for plot in _PLOTS:
+                self._stream.log(f"plots/{plot}/{camera.name}", line, static=True)
 
     def _pose(self, pose: Pose3D) -> None:
         import rerun as rr
@@ -127,17 +136,38 @@ class ViewSink:
         import rerun as rr
 
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
-        rows = ["| camera | state | captured | used | p95 ms | residual |", "|---|---|---|---|---|---|"]
-        for name, (state, text) in states.items():
-            camera, rate = self._rig[name], rates[name]
-            self._stream.log(_path(name), _pinhole(camera, _GOOD_RGB if state == "ok" else _BAD_RGB))
-            self._stream.log(f"plots/latency_p95_ms/{name}", rr.Scalars(rate["latency_p95_ms"]))
-            self._stream.log(f"plots/residual_sigmas/{name}", rr.Scalars(rate["innovation_sigmas"]))
-            rows.append(
-                f"| {name} | {state} {text} | {rate['captured']:.0f} | {rate['used']:.0f} | {rate['latency_p95_ms']:.0f} "
-                f"| {rate['innovation_sigmas']:.2f} |"
-            )
-        self._stream.log("health", rr.TextDocument("\n".join(rows), media_type="text/markdown"))
+        for name, (state, _) in states.items():
+            self._stream.log(_path(name), _pinhole(self._rig[name], _GOOD_RGB if state == "ok" else _BAD_RGB))
+            for plot, key in _PLOTS.items():
+                self._stream.log(f"plots/{plot}/{name}", rr.Scalars(rates[name][key]))
+        came_hz = {name: self._rate_hz(name, t_ns, rates[name]["captured"]) for name in states}
+        self._stream.log("health", rr.TextDocument(health_table(states, rates, came_hz), media_type="text/markdown"))
+
+    def _rate_hz(self, name: str, t_ns: int, captured: float) -> float:
+        """Frames that came per second since the last word."""
+        before_ns, before = self._captured.get(name, (t_ns, captured))
+        self._captured[name] = t_ns, captured
+        return (captured - before) * 1e9 / (t_ns - before_ns) if t_ns > before_ns else 0.0
+
+
+def health_table(
+    states: Mapping[str, tuple[str, str]], rates: Mapping[str, Mapping[str, float]], came_hz: Mapping[str, float]
+) -> str:
+    """Markdown, one row per camera; an ill one in bold."""
+    rows = ["| camera | state | frames/s | age ms | given up | p95 ms | residual |", "|---" * 7 + "|"]
+    for name, (state, text) in states.items():
+        rate, words = rates[name], state if state == "ok" else f"**{state}** {text}"
+        rows.append(
+            f"| {name} | {words} | {came_hz[name]:.0f} | {rate['age_ms']:.0f} | {rate['replaced']:.0f} "
+            f"| {rate['latency_p95_ms']:.0f} | {rate['innovation_sigmas']:.2f} |"
+        )
+    return "\n".join(rows)
+
+
+def plot_rgb(number: int) -> tuple[int, int, int]:
+    """Colour of camera `number` in plots."""
+    r, g, b = colorsys.hsv_to_rgb(number * _HUE_STEP % 1.0, _SATURATION, _VALUE)
+    return round(255 * r), round(255 * g), round(255 * b)
 
 
 def _pinhole(camera: Camera, rgb: tuple[int, int, int]) -> Any:
