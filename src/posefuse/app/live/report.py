@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from posefuse import __version__
 from posefuse.app.terminal import Terminal, plain
@@ -15,6 +18,7 @@ from posefuse.core import InputError
 from .latency import STAGES
 from .session import Finished
 
+_TOP_OF_P95 = 2.0
 JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
 
 
@@ -130,32 +134,51 @@ def _markdown(figures: Mapping[str, Any]) -> str:
 
 def _page(done: Finished, figures: Mapping[str, Any]) -> str:
     """The paper's spike plot: one spike per view, as high as its latency; the dashed line is the camera's mean."""
-    views = [(way.exposed_ns / 1e9, way.camera, (out_ns - way.exposed_ns) / 1e6) for way, out_ns in done.fusion.latencies.newest]
+    views = list(done.fusion.latencies.newest)
     if not views:
         return "<!doctype html><title>Latency</title><p>No view reached an output.</p>\n"
     zero_s = done.zero_ns / 1e9
-    first, last = min(t for t, _, _ in views) - zero_s, max(t for t, _, _ in views) - zero_s
+    first = min(t for t, _, _ in views) - zero_s
+    span_s = (first, max(max(t for t, _, _ in views) - zero_s, first + 1e-3))
+    # one scale for all cameras, which a single late view does not flatten
+    top_ms = _TOP_OF_P95 * float(np.percentile([ms for _, _, ms in views], 95))
     parts = []
     for name in done.fusion.rig.names:
         spikes = [(t - zero_s, ms) for t, camera, ms in views if camera == name]
-        parts.append(
-            _spikes(name, spikes, first, max(last, first + 1e-3), figures["latency"]["cameras_ms"][name]["total"]["mean"])
-        )
+        mean_ms = figures["latency"]["cameras_ms"][name]["total"]["mean"]
+        parts.append(f"<h3>{html.escape(name)}</h3>{_spikes(spikes, span_s, top_ms, mean_ms)}")
     return (
-        '<!doctype html><meta charset="utf-8"><title>Latency</title><style>body{font:14px sans-serif;margin:2em}</style>'
-        f"<h1>From exposure to output, ms</h1>{''.join(parts)}\n"
+        '<!doctype html><meta charset="utf-8"><title>Latency</title>'
+        "<style>body{font:14px sans-serif;margin:2em}h3{margin:1em 0 0}svg text{font:12px sans-serif}</style>"
+        "<h1>From exposure to output</h1><p>One spike per view, the newest "
+        f"{len(views)} of all cameras; dashed: the camera's mean over the whole session; red: higher than drawn.</p>"
+        f"{''.join(parts)}\n"
     )
 
 
-def _spikes(name: str, spikes: list[tuple[float, float]], first_s: float, last_s: float, mean_ms: float) -> str:
-    width, height = 900, 110
-    top_ms = max([ms for _, ms in spikes], default=1.0)
-    path = "".join(
-        f"M{(t - first_s) / (last_s - first_s) * width:.1f} {height}V{height * (1 - ms / top_ms):.1f}" for t, ms in spikes
-    )
-    y = height * (1 - mean_ms / top_ms) if spikes else height
-    return (
-        f"<h3>{name}: mean {mean_ms:.1f} ms, highest {top_ms:.1f} ms, {first_s:.1f} to {last_s:.1f} s</h3>"
-        f'<svg width="{width}" height="{height}"><path d="{path}" stroke="#36c" fill="none"/>'
-        f'<path d="M0 {y:.1f}H{width}" stroke="#c33" stroke-dasharray="6 4"/></svg>'
+def _spikes(spikes: list[tuple[float, float]], span_s: tuple[float, float], top_ms: float, mean_ms: float) -> str:
+    left, width, height, below = 60, 900, 110, 20
+    first_s, last_s = span_s
+
+    def x(t_s: float) -> float:
+        return left + (t_s - first_s) / (last_s - first_s) * width
+
+    def y(ms: float) -> float:
+        return height * (1 - min(ms, top_ms) / top_ms)
+
+    def path(chosen: list[tuple[float, float]], colour: str) -> str:
+        return f'<path stroke="{colour}" d="{"".join(f"M{x(t):.1f} {height}V{y(ms):.1f}" for t, ms in chosen)}"/>'
+
+    parts = [path([one for one in spikes if one[1] <= top_ms], "#36c"), path([one for one in spikes if one[1] > top_ms], "#c33")]
+    parts += [
+        f'<path stroke="#ddd" d="M{left} {y(ms):.1f}H{left + width}"/><text x="0" y="{y(ms) + 10:.1f}">{ms:.0f} ms</text>'
+        for ms in (top_ms, top_ms / 2)
+    ]
+    parts += [f'<text x="{x(t):.0f}" y="{height + 15}">{t:.1f} s</text>' for t in (first_s, (first_s + last_s) / 2)]
+    if spikes:
+        parts.append(f'<path stroke="#222" stroke-dasharray="6 4" d="M{left} {y(mean_ms):.1f}H{left + width}"/>')
+        highest = max(ms for _, ms in spikes)
+        parts.append(f'<text x="{left + width - 230}" y="{height + 15}">mean {mean_ms:.1f} ms, highest {highest:.1f} ms</text>')
+    return f'<svg width="{left + width}" height="{height + below}" fill="none">{"".join(parts)}</svg>'.replace(
+        "<text ", '<text fill="#222" '
     )
