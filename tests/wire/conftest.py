@@ -89,11 +89,15 @@ class Kept:
 
     def __init__(self) -> None:
         self.sent = []
+        self.unwanted = set()
         self.forgotten = []
 
     def publish(self, topic, msg, t_ns):
         assert msg.__msgtype__ == topic.type_name
         self.sent.append(SimpleNamespace(topic=topic, msg=msg, t_ns=t_ns))
+
+    def wanted(self, topic):
+        return topic.name not in self.unwanted
 
     def forget(self, name):
         self.forgotten.append(name)

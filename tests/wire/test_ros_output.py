@@ -156,3 +156,16 @@ def test_every_message_can_be_written_and_read(tmp_path, some_pose, some_joints,
 @pytest.mark.parametrize("person", [0, 7, -3, 2**40])
 def test_ids_are_parts_of_ros_names(person):
     assert body_id(person).isidentifier()
+
+
+def test_what_nobody_listens_to_is_not_made(kept, standing, some_joints, ring_rig, monkeypatch):
+    output = RosOutput(kept, ring_rig(2))
+    kept.unwanted = {"/tf", "/posefuse/markers", "/humans/bodies/p1/skeleton2d", "/humans/bodies/p1/roi"}
+    monkeypatch.setattr("posefuse.wire.ros_output.person_markers", None)
+    monkeypatch.setattr(RosOutput, "_links", None)
+    output.step(standing())
+    assert {s.topic.name for s in kept.sent} == {"/humans/bodies/tracked", "/posefuse/pose", "/humans/bodies/p1/joint_states"}
+    kept.unwanted |= {"/humans/bodies/p1/joint_states", "/posefuse/pose"}
+    monkeypatch.setattr("posefuse.wire.ros_output.bodies_from_pose", None)
+    output.step(standing())
+    assert len(kept.sent) == 3

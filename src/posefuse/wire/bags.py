@@ -67,6 +67,10 @@ class Recorder:
         """Keep texts under a name, to be found by `read_notes`; before the first message."""
         self._writer.add_metadata(name, dict(texts))
 
+    def wanted(self, topic: Topic) -> bool:
+        """A file takes everything."""
+        return True
+
     def forget(self, name: str) -> None:
         """Nothing to do: a file keeps its channels."""
 

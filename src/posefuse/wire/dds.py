@@ -206,6 +206,10 @@ class RosNode:
             self._announce()
         return self._readers[topic.name]
 
+    def wanted(self, topic: Topic) -> bool:
+        """Whether anybody listens, or will be given the last message on coming (`topics.Outlet`)."""
+        return self.writer(topic).readers() > 0 or topic.latched
+
     def forget(self, name: str) -> None:
         """Close the writer of a topic that is no more (`topics.Outlet`)."""
         if self._writers.pop(name, None) is not None:

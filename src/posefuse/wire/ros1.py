@@ -49,16 +49,23 @@ class Ros1Node:
 
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
         """Send one message; latched topics keep the last one for who comes late."""
-        made = _carrier(topic.type_name)
-        if topic.name not in self._publishers:
-            self._publishers[topic.name] = self._rospy.Publisher(topic.name, made, queue_size=topic.depth, latch=topic.latched)
-        self._publishers[topic.name].publish(made(ros1_bytes(msg)))
+        self._publisher(topic).publish(_carrier(topic.type_name)(ros1_bytes(msg)))
+
+    def wanted(self, topic: Topic) -> bool:
+        """Whether anybody listens, or will be given the last message on coming."""
+        return self._publisher(topic).get_num_connections() > 0 or topic.latched
 
     def forget(self, name: str) -> None:
         """Withdraw a topic from the master."""
         publisher = self._publishers.pop(name, None)
         if publisher is not None:
             publisher.unregister()
+
+    def _publisher(self, topic: Topic) -> Any:
+        if topic.name not in self._publishers:
+            made = _carrier(topic.type_name)
+            self._publishers[topic.name] = self._rospy.Publisher(topic.name, made, queue_size=topic.depth, latch=topic.latched)
+        return self._publishers[topic.name]
 
     def readers(self, topic: Topic) -> int:
         """How many listen to a topic that was published before."""
@@ -101,6 +108,10 @@ class BagRecorder:
                 topic.name, topic.type_name, typestore=ros1_types(), callerid="/posefuse", latching=int(topic.latched)
             )
         self._writer.write(self._connections[topic.name], t_ns, ros1_bytes(msg))
+
+    def wanted(self, topic: Topic) -> bool:
+        """A file takes everything."""
+        return True
 
     def forget(self, name: str) -> None:
         """Nothing to do: a file keeps its connections."""

@@ -101,29 +101,43 @@ class RosOutput:
         self.outlet.publish(CAMERA_MARKERS, camera_markers(self.rig, t_ns, self.world_frame), t_ns)
 
     def step(self, pose: Pose3D, joints: Joints | None = None, stages: Stages | None = None) -> None:
-        """Publish one instant. `joints`, if any, are of the same people; their last instant is shown."""
+        """Publish what somebody wants of one instant. `joints`, if any, are of the same people; their last instant is shown."""
         t_ns = pose.t_ns + self.epoch_offset_ns
         moved = {name: stage_ns + self.epoch_offset_ns for name, stage_ns in (stages or {}).items()}
         shifted = _at(pose, t_ns)
         ids = tuple(body_id(int(person)) for person in pose.person_id)
         self._show_tracked(ids, t_ns)
-        self.outlet.publish(topics.POSE, message_from_pose(shifted, moved, self.world_frame), t_ns)
-        bodies = bodies_from_pose(pose)
-        transforms = self._links(ids, bodies.world_from_link, t_ns)
-        if joints is not None:
-            roots = {int(p): bodies.world_from_link[n, 0] for n, p in enumerate(pose.person_id)}
-            transforms += self._segments(joints, roots, t_ns)
+        if self.outlet.wanted(topics.POSE):
+            self.outlet.publish(topics.POSE, message_from_pose(shifted, moved, self.world_frame), t_ns)
+        self._show_bodies(pose, joints, ids, t_ns)
+        if joints is not None and any(self.outlet.wanted(topics.body(one, "joint_angles")) for one in ids):
             for msg in messages_from_joints(joints, self.world_frame, t_ns):
                 self.outlet.publish(topics.body(body_id(msg.person_id), "joint_angles"), msg, t_ns)
-        if transforms:
-            self.outlet.publish(topics.TF, message("tf2_msgs/msg/TFMessage", transforms=transforms), t_ns)
         for n, one in enumerate(ids):
-            self.outlet.publish(topics.body(one, "joint_states"), _joint_state(one, bodies.position_rad[n], t_ns), t_ns)
-            if self._view is not None:
+            if self._view is not None and any(self.outlet.wanted(topics.body(one, part)) for part in ("skeleton2d", "roi")):
                 self._show_view(one, shifted, n, self._view)
-        if self._marked_ns is None or not 0 <= t_ns - self._marked_ns < 1e9 / self.markers_hz:
+        due = self._marked_ns is None or not 0 <= t_ns - self._marked_ns < 1e9 / self.markers_hz
+        if self.outlet.wanted(topics.MARKERS) and due:
             self._marked_ns = t_ns
             self.outlet.publish(topics.MARKERS, person_markers(shifted, self.world_frame), t_ns)
+
+    def _show_bodies(self, pose: Pose3D, joints: Joints | None, ids: Sequence[str], t_ns: int) -> None:
+        """Frames of links and segments, and the joints of the REP-155 model."""
+        states = [topics.body(one, "joint_states") for one in ids]
+        wanted = [self.outlet.wanted(topic) for topic in states]
+        frames = self.outlet.wanted(topics.TF)
+        if not (frames or any(wanted)):
+            return
+        bodies = bodies_from_pose(pose)
+        for one, topic, asked, position_rad in zip(ids, states, wanted, bodies.position_rad, strict=True):
+            if asked:
+                self.outlet.publish(topic, _joint_state(one, position_rad, t_ns), t_ns)
+        transforms = self._links(ids, bodies.world_from_link, t_ns) if frames else []
+        if frames and joints is not None:
+            roots = {int(p): bodies.world_from_link[n, 0] for n, p in enumerate(pose.person_id)}
+            transforms += self._segments(joints, roots, t_ns)
+        if transforms:
+            self.outlet.publish(topics.TF, message("tf2_msgs/msg/TFMessage", transforms=transforms), t_ns)
 
     def diagnose(self, t_ns: int, health: Sequence[Health]) -> None:
         """Publish the state of cameras and stages."""

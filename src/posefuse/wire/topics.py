@@ -35,6 +35,10 @@ class Outlet(Protocol):
         """Send `msg`, which belongs to the instant `t_ns` (Unix epoch)."""
         ...
 
+    def wanted(self, topic: Topic) -> bool:
+        """Whether a message on `topic` would reach anybody now; making one costs more than asking."""
+        ...
+
     def forget(self, name: str) -> None:
         """Nothing more will come on topic `name`, e.g. of a body that has left: let go of what it holds."""
         ...
@@ -50,6 +54,10 @@ class Several:
         """Send to all."""
         for outlet in self.outlets:
             outlet.publish(topic, msg, t_ns)
+
+    def wanted(self, topic: Topic) -> bool:
+        """Whether any of them wants it."""
+        return any(outlet.wanted(topic) for outlet in self.outlets)
 
     def forget(self, name: str) -> None:
         """Tell all."""
