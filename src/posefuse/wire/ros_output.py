@@ -7,7 +7,7 @@
 | /humans/bodies/<id>/skeleton2d, roi | hri_msgs/Skeleton2D, sensor_msgs/RegionOfInterest | each step; as one camera sees it |
 | /humans/bodies/<id>/joint_angles | posefuse_msgs/JointAngles | each step with joints; anatomical angles with sigma |
 | /posefuse/pose | posefuse_msgs/Pose3D | each step; keypoints, covariances, stage times |
-| /posefuse/markers | visualization_msgs/MarkerArray | 30 times a second; for RViz |
+| /posefuse/markers | visualization_msgs/MarkerArray | at most 30 times a second; for RViz |
 | /tf | tf2_msgs/TFMessage | each step; links <name>_<id>, anatomical segments segment_<name>_<id> |
 | /tf_static, /posefuse/<camera>/camera_info, /posefuse/cameras | TFMessage, CameraInfo, MarkerArray | once (latched) |
 | /diagnostics | diagnostic_msgs/DiagnosticArray | when told |

@@ -71,7 +71,7 @@ class RosSink:
         if kind == "pose":
             pose, stages, joints = values
             self._output.step(pose, joints, stages)
-        elif kind == "view" and self._views:
+        elif kind == "view" and self._views and self._node.wanted(topics.DETECTIONS):
             view, stages = values
             self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
         elif kind == "health":
