@@ -1,0 +1,37 @@
+"""One session on two machines (network namespaces) whose link and clocks fail; the benchmark runs it and measures."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+
+BENCH = Path(__file__).resolve().parents[2] / "bench"
+
+
+def why_not() -> str:
+    spec = importlib.util.spec_from_file_location("two_machines", BENCH / "two_machines.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.why_not()
+
+
+@pytest.mark.slow
+def test_a_cut_link_and_a_clock_that_is_off_are_survived_and_found() -> None:
+    reason = why_not()
+    if reason:
+        pytest.skip(reason)
+    command = [sys.executable, str(BENCH / "live_faults.py"), "--detector", "oracle", "--only", "cut", "50 ms ahead"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    cut, clock = json.loads(done.stdout)["cases"]
+    assert cut["named"] == "silent"
+    assert cut["named_s"] is not None and cut["back_s"] is not None
+    assert cut["blamed_wrongly"] == []
+    assert cut["unused_s"] > 9
+    assert cut["shown_share"] > 0.99
+    assert clock["clock_ms"] == pytest.approx(50, abs=5)
