@@ -34,4 +34,4 @@ class Lab:
 
 @pytest.fixture(scope="session")
 def lab(ring_rig: Callable[..., Rig]) -> Lab:
-    return Lab(ring_rig(4, distortion=LENS), Markers(0.24), Waving(seconds=40.0, rate_hz=15.0))
+    return Lab(ring_rig(4, distortion=LENS), Markers(0.24), Waving(seconds=24.0, rate_hz=15.0))

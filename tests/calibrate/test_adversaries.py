@@ -14,7 +14,7 @@ from posefuse.calibrate.synthetic import Faults, board, cube, observe_prop
 from posefuse.calibrate.targets import Charuco, Chessboard, Markers
 from posefuse.core import SE3, CalibrationError, Rig
 
-TOGETHER = Options(instants=160, clocks="together")
+TOGETHER = Options(instants=100, clocks="together")
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_two_equal_props_are_refused(lab: Any, plain: Observations) -> None:
         calibrate_extrinsics(replace(plain, doubled=(("cam00", 2, 81),)), lab.rig.cameras, lab.target, TOGETHER)
 
 
-@pytest.mark.parametrize("by_m", [0.3, 0.05, 0.015])
+@pytest.mark.parametrize("by_m", [0.3, pytest.param(0.05, marks=pytest.mark.slow), 0.015])
 def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Observations, by_m: float) -> None:
     cameras = list(lab.rig.cameras)
     bump = SE3.from_rotvec([0, by_m / 4.5, 0], [0, 0, 0.0])
@@ -115,12 +115,12 @@ def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Obs
 
 
 def test_a_camera_that_never_sees_the_prop_is_named(lab: Any, plain: Observations) -> None:
-    with pytest.raises(RefusedCalibration, match=r"not found by cam03 \(0 of 600 frames\)"):
+    with pytest.raises(RefusedCalibration, match=r"not found by cam03 \(0 of 360 frames\)"):
         calibrate_extrinsics(plain.rows(plain.camera != 3), lab.rig.cameras, lab.target, TOGETHER)
 
 
 def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: Observations) -> None:
-    late = plain.t_ns >= 20_000_000_000
+    late = plain.t_ns >= 12_000_000_000
     apart = plain.rows(np.where(plain.camera >= 2, late, ~late))
     with pytest.raises(
         RefusedCalibration, match="cam02, cam03 cannot be linked to cam00, cam01: they never see the prop at the same"

@@ -46,6 +46,7 @@ def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
     return camera_differences(first, second)
 
 
+@pytest.mark.slow
 def test_webcams_out_of_step_are_not_taken_as_synchronised(board_views: Observations, reference: Rig) -> None:
     with pytest.raises(RefusedCalibration, match=r"halves agree.*also failed: .*cameras are in step"):
         calibrate_extrinsics(board_views, reference.cameras, BOARD, Options(clocks="together"))
@@ -89,7 +90,7 @@ def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
     )
     metres, radians = differences(rig, grown)
     assert np.rad2deg(radians.max()) < 1.0
-    assert metres.max() < 0.075
+    assert metres.max() < 0.065
 
 
 def test_one_marker_with_foreign_intrinsics_is_refused_by_name(shared_data: Path, reference: Rig, tmp_path: Path) -> None:
