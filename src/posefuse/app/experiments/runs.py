@@ -27,6 +27,7 @@ from posefuse.simulate.scene import Scene
 from posefuse.simulate.session import simulate
 from posefuse.track import JointCentres, read_joint_centres
 
+BEST_NETWORKS = "blazepose_best"
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-contrib-python-headless")
 
 
@@ -105,6 +106,14 @@ def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | Non
     file = getattr(build_detector(config.detector, tracked.recording.rig), "joint_centres_file", None)
     centres = read_joint_centres(file) if file and config.joint_centres else None
     return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), centres)
+
+
+def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErrors]:
+    """`Run.default_errors` with the largest networks, as a column; none where the context has another kind of 2D estimator."""
+    if context.config.detector.name != "blazepose":
+        return {}
+    best = replace(context, overrides=(*context.overrides, f"detector.options.landmarks={BEST_NETWORKS}"))
+    return {"best networks": run_scene(name, scene, best).default_errors()}
 
 
 def rendered(name: str, scene: Scene, context: Context) -> Path:
