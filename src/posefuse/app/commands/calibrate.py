@@ -48,6 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     two.add_argument("--refine-lenses", type=float, metavar="PERCENT",
                      help="let the lenses move too; how well their focal lengths are known, e.g. 0.5")  # fmt: skip
     two.add_argument("--upside-down", nargs="*", default=[], metavar="CAMERA", help="cameras that really hang upside down")
+    live = steps.add_parser("guide", help="at the cameras: what the waving has covered, and when it is enough")
+    _add_target(live, "markers")
+    live.add_argument("--intrinsics", type=Path, required=True, metavar="FILE", help="rig file with the cameras' names")
+    live.add_argument("--source", action="append", required=True, metavar="CAMERA=KIND:WHERE", help="as in `posefuse live`")
+    live.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds at the latest")
     person = steps.add_parser("person", help="places of the cameras from a walking person's 2D poses")
     person.add_argument("poses", nargs="+", metavar="NAME=DIR", help="folder of OpenPose JSON files per camera")
     person.add_argument("--intrinsics", type=Path, required=True, metavar="FILE", help="rig file with the lenses")
@@ -91,7 +96,8 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Do the step; a refused result is an error, after its report is written."""
-    steps = {"intrinsics": _intrinsics, "extrinsics": _extrinsics, "person": _person, "verify": _verify, "print": _print}
+    steps = {"intrinsics": _intrinsics, "extrinsics": _extrinsics, "guide": _guide, "person": _person, "verify": _verify,
+             "print": _print}  # fmt: skip
     return {"step": args.step, **steps[args.step](args, terminal)}
 
 
@@ -230,6 +236,25 @@ def _person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     write_rig(args.out, found.rig)
     _write_report(args.report, found.report, {}, found.rig)
     return {"rig": str(args.out), **found.report.numbers}
+
+
+def _guide(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    from posefuse.app.guiding import guide
+    from posefuse.app.live.inputs import inputs_from_arguments
+    from posefuse.calibrate.guidance import Guidance
+    from posefuse.files.rig import read_rig
+
+    def tell(state: Guidance) -> None:
+        covered = state.coverage
+        rows = [(name, f"{share:.0%}", *counts) for name, share, counts in
+                zip(covered.cameras, covered.share, covered.together.tolist(), strict=True)]  # fmt: skip
+        terminal.table("seen together with", ("camera", "covered", *covered.cameras), rows)
+        terminal.note(state.words)
+
+    inputs = inputs_from_arguments(args.source, read_rig(args.intrinsics))
+    found = guide(inputs, _target(args), tell, args.duration)
+    covered = {name: float(share) for name, share in zip(found.coverage.cameras, found.coverage.share, strict=True)}
+    return {"enough": found.enough, "covered": covered, "next": found.words}
 
 
 def _verify(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:

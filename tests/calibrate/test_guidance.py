@@ -1,0 +1,78 @@
+"""Guidance while waving: counts, words, and when it is enough; and at cameras that are films in memory."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.app.guiding import guide
+from posefuse.app.live.capture import LiveInput
+from posefuse.calibrate.guidance import seen, start
+from posefuse.calibrate.targets import Markers
+from posefuse.core import Frame, SourceError
+
+SIZE = (160, 120)
+
+
+def everywhere() -> np.ndarray:
+    return np.stack(np.meshgrid(np.arange(5, 160, 10.0), np.arange(5, 120, 10.0)), axis=-1).reshape(-1, 2)
+
+
+def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together() -> None:
+    state = start(("a", "b", "c"))
+    assert state.words == "show the target to a, b, c"
+    for k in range(40):
+        for camera in (0, 1):
+            state = seen(state, camera, k * 10**9 + camera * 10**7, everywhere(), SIZE)
+    assert state.coverage.together[0, 1] == state.coverage.together[1, 0] == 40
+    assert not state.enough
+    # seen by c alone, half a second beside the others: still not linked
+    for k in range(40):
+        state = seen(state, 2, k * 10**9 + 5 * 10**8, everywhere(), SIZE)
+    assert not state.enough
+    assert state.words == "show the target to one of a, b and one of c at the same time"
+    for k in range(40, 80):
+        state = seen(seen(state, 0, k * 10**9, everywhere(), SIZE), 2, k * 10**9, everywhere(), SIZE)
+    assert state.enough
+    corner = everywhere()[:4]
+    poor = start(("a", "b"))
+    for k in range(80):
+        poor = seen(seen(poor, 0, k, everywhere(), SIZE), 1, k, corner, SIZE)
+    assert not poor.enough
+    assert "b: " in poor.words
+    assert seen(poor, 0, 99, np.zeros((0, 2)), SIZE) is poor
+
+
+@dataclass(frozen=True)
+class Film:
+    """Frames from memory, as a live source; None fails."""
+
+    images: tuple[Any, ...] | None
+    camera: str
+
+    def build(self) -> "Film":
+        return self
+
+    def close(self) -> None:
+        pass
+
+    def frames(self) -> Any:
+        if self.images is None:
+            raise SourceError(f"camera {self.camera}: unplugged")
+        for i, image in enumerate(self.images):
+            yield Frame(self.camera, i, i, i, image)
+
+
+def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 3, 60)
+    page = np.full((120, 160, 3), 255, np.uint8)
+    page[30:90, 50:110] = marker[..., None]
+    told: list[str] = []
+    inputs = [LiveInput(name, "film", Film((page,), name), reopen=False) for name in ("a", "b")]
+    found = guide(inputs, Markers(0.1), lambda state: told.append(state.words), 5.0)
+    assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
+    assert told == ["show the target to one of a and one of b at the same time"]
+    with pytest.raises(SourceError, match="camera b: unplugged"):
+        guide([inputs[0], LiveInput("b", "film", Film(None, "b"), reopen=False)], Markers(0.1), lambda state: None, 5.0)
