@@ -42,7 +42,7 @@ bench: setup
 	$(BIN)/python bench/run.py
 
 bench-live: setup
-	$(BIN)/python bench/run.py live live_tracking
+	$(BIN)/python bench/run.py live live_tracking live_faults
 
 paper: setup
 	$(BIN)/posefuse experiment all --out out/paper

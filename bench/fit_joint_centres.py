@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.detect import read_card
+from posefuse.detect.models import read_any_card
 from posefuse.evaluate.metrics import true_xyz_at
 from posefuse.files.trc import TrcData, write_trc
 from posefuse.files.truth import read_truth
@@ -189,7 +189,7 @@ def fit(folders: list[Path], card_name: str) -> None:
 
 
 def write_card(card_name: str, table: dict[str, dict[str, float]], scenes: int, instants: int) -> None:
-    card = read_card(card_name)
+    card = read_any_card(card_name)
     lines = [
         "# metres from the fused landmark to the joint centre along directions of the body itself, see track/joint_centres.py",
         f'made_by = "bench/fit_joint_centres.py: {scenes} rendered scenes of as many bodies, {instants} instants"',
@@ -206,7 +206,7 @@ def main() -> None:
     parser.add_argument("step", choices=("render", "fit"))
     parser.add_argument("out", type=Path)
     parser.add_argument("more", type=Path, nargs="*")
-    parser.add_argument("--card", default="blazepose_full", help="landmark network to fit")
+    parser.add_argument("--card", default="blazepose_full", help="landmark network or ensemble to fit")
     arguments = parser.parse_args()
     if arguments.step == "render":
         render(arguments.out)

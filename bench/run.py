@@ -27,6 +27,8 @@ TITLES = {
     "calibrate": "Calibration",
     "live": "Live: the whole pipeline",
     "live_tracking": "Live: the tracker against the paper's way",
+    "live_faults": "Live: what goes wrong, and what comes of it",
+    "live_soak": "Live: an hour",
     "wire": "Network: one-way time of a skeleton",
 }
 PACKAGES = ("posefuse", "numpy", "openvino", "opencv-contrib-python-headless", "numba", "av")
