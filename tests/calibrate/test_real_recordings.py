@@ -52,12 +52,14 @@ def test_webcams_out_of_step_are_not_taken_as_synchronised(board_views: Observat
         calibrate_extrinsics(board_views, reference.cameras, BOARD, Options(clocks="together"))
 
 
+@pytest.mark.slow
 def test_the_board_measures_right_in_the_rig_that_was_found(found: Calibration, board_views: Observations) -> None:
     measured = verify(found.rig, board_views, BOARD, found.delay_s[:, 0])
     assert measured.length_rms_m <= 1.2e-3
     assert measured.report.failed == ()
 
 
+@pytest.mark.slow
 def test_it_measures_the_board_better_than_the_reference_rig_does(
     found: Calibration, board_views: Observations, reference: Rig
 ) -> None:

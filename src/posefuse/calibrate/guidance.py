@@ -12,7 +12,8 @@ from .coverage import CELLS_WH, Coverage, linked_groups
 
 # free-running cameras show the same moment within this time
 _SAME_MOMENT_NS = 60_000_000
-_ENOUGH_SHARE, _ENOUGH_TOGETHER = 0.5, 30
+# every camera of examples/scenes/calibration_cube_8cam.yaml, which comes out to 2 mm, covers more than this
+_ENOUGH_SHARE, _ENOUGH_TOGETHER = 0.25, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,7 @@ class Guidance:
 
     @property
     def enough(self) -> bool:
-        """Every camera has met the target in half of its image, and all hang together by many moments."""
+        """Every camera has met the target in much of its image, and all hang together by many moments."""
         linked = linked_groups(self.coverage.together >= _ENOUGH_TOGETHER)
         return len(linked) == 1 and bool((self.coverage.share >= _ENOUGH_SHARE).all())
 

@@ -17,7 +17,7 @@ from posefuse.core.arrays import Array, frozen
 from .coverage import coverage
 from .observations import Observations
 from .report import CalibrationReport, Check
-from .targets import BOARD_PATCH, Target
+from .targets import BOARD_PATCH, Markers, Target
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -85,7 +85,7 @@ def calibrate_intrinsics(observations: Observations, target: Target, most_views:
         CalibrationError: too few views, or (as RefusedCalibration, with the report) a check that does not hold.
     """
     (name,), (size_wh,) = observations.cameras, observations.sizes_wh
-    if not target.known_geometry:
+    if isinstance(target, Markers):
         raise CalibrationError(f"camera {name}: intrinsics need a board; loose markers serve extrinsics")
     views = _views(observations, target)
     if len(views) < _LEAST_VIEWS:

@@ -19,6 +19,8 @@ from posefuse.core.errors import choices
 
 DICTIONARIES = tuple(sorted(name for name in vars(cv2.aruco) if name.startswith("DICT_") and name == name.upper()))
 BOARD_PATCH = 0
+# corners of a marker of side 2: top left, top right, bottom right, bottom left
+_SQUARE = np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
 
 
 def dictionary_of(name: str) -> Any:
@@ -56,17 +58,12 @@ class Markers:
 
     def corners(self, patch: int) -> Array:
         """(4, 3) corners of a marker in its own frame: top left, top right, bottom right, bottom left."""
-        return np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * (self.side_m / 2)
+        return _SQUARE * (self.side_m / 2)
 
     @property
     def scale_m(self) -> float:
         """The length everything else is measured by: edge of a marker."""
         return self.side_m
-
-    @property
-    def known_geometry(self) -> bool:
-        """Whether all corners lie on one patch."""
-        return False
 
 
 @dataclass(frozen=True)
@@ -102,11 +99,6 @@ class Charuco:
         """The length everything else is measured by: edge of a square."""
         return self.square_m
 
-    @property
-    def known_geometry(self) -> bool:
-        """Whether all corners lie on one patch."""
-        return True
-
     def board(self) -> Any:
         """OpenCV's description of the same board."""
         made = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary_of(self.dictionary))
@@ -137,11 +129,6 @@ class Chessboard:
         """The length everything else is measured by: edge of a square."""
         return self.square_m
 
-    @property
-    def known_geometry(self) -> bool:
-        """Whether all corners lie on one patch."""
-        return True
-
 
 @dataclass(frozen=True)
 class ArucoBoard:
@@ -168,18 +155,12 @@ class ArucoBoard:
         """(4*columns*rows, 3) corners, four per marker, markers row by row from the top left."""
         step = self.side_m + self.gap_m
         centres = _grid(self.columns, self.rows, step)
-        square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * (self.side_m / 2)
-        return np.asarray((centres[:, None] + square).reshape(-1, 3))
+        return np.asarray((centres[:, None] + _SQUARE * (self.side_m / 2)).reshape(-1, 3))
 
     @property
     def scale_m(self) -> float:
         """The length everything else is measured by: edge of a marker."""
         return self.side_m
-
-    @property
-    def known_geometry(self) -> bool:
-        """Whether all corners lie on one patch."""
-        return True
 
 
 Target = Markers | Charuco | Chessboard | ArucoBoard
