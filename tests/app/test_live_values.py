@@ -2,9 +2,11 @@
 
 import itertools
 import multiprocessing
+import re
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from posefuse.app.live.inputs import inputs_from_arguments
 from posefuse.app.live.latency import Histogram, Latencies, Way
 from posefuse.app.live.messages import CameraState, Seen
 from posefuse.app.live.monitor import Monitor
+from posefuse.app.live.report import write_report
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.sources.live.stream import StampClock
 
@@ -208,6 +211,22 @@ def test_stages_add_up_to_the_total() -> None:
     spans = {stage: row["mean"] for stage, row in figures["a"].items()}
     assert spans == {"capture": 3.0, "wait": 2.0, "2D": 9.0, "fuse": 1.0, "output": 6.0, "total": 21.0}
     assert figures["b"]["total"]["n"] == 0
+
+
+def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
+    latencies = Latencies(("a", "b"))
+    for i in range(100):
+        late_ns = 900_000_000 if i == 50 else 30_000_000
+        for name in ("a", "b"):
+            latencies.view_out(Way(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b"), id="r"))
+    figures = {"latency": latencies.figures(), "events": []}
+    write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
+    page = (tmp_path / "latency.html").read_text()
+    blue, red = re.findall(r'stroke="#36c" d="([^"]*)"', page), re.findall(r'stroke="#c33" d="([^"]*)"', page)
+    assert [path.count("M") for path in blue] == [99, 99]
+    assert [path.count("M") for path in red] == [1, 1]
+    assert page.count("60 ms") == 2 and "highest 900.0 ms" in page
 
 
 # --- between processes

@@ -134,7 +134,7 @@ def _markdown(figures: Mapping[str, Any]) -> str:
 
 def _page(done: Finished, figures: Mapping[str, Any]) -> str:
     """The paper's spike plot: one spike per view, as high as its latency; the dashed line is the camera's mean."""
-    views = list(done.fusion.latencies.newest)
+    views = [(way.exposed_ns / 1e9, way.camera, (out_ns - way.exposed_ns) / 1e6) for way, out_ns in done.fusion.latencies.newest]
     if not views:
         return "<!doctype html><title>Latency</title><p>No view reached an output.</p>\n"
     zero_s = done.zero_ns / 1e9
