@@ -21,11 +21,12 @@ from posefuse.detect import BlazePoseConfig
 
 VIEWS = 4
 SIZES_WH = ((640, 480), (1920, 1080))
+OTHERS = ("blazepose_lite", "blazepose_heavy", "blazepose_best")
 CORES = len(os.sched_getaffinity(0))
 
 
-def measure(streams: int, size_wh: tuple[int, int], known: bool, repeat: int) -> dict[str, float]:
-    detector = BlazePoseConfig(streams=streams).build()
+def measure(landmarks: str, streams: int, size_wh: tuple[int, int], known: bool, repeat: int) -> dict[str, str | float]:
+    detector = BlazePoseConfig(landmarks=landmarks, streams=streams).build()
     rng = np.random.default_rng(0)
     shape = (size_wh[1], size_wh[0], 3)
     frames = [Frame(f"cam{i}", 0, 0, 0, rng.integers(0, 255, shape, dtype=np.uint8)) for i in range(VIEWS)]
@@ -39,6 +40,7 @@ def measure(streams: int, size_wh: tuple[int, int], known: bool, repeat: int) ->
             wall.append(time.perf_counter() - began)
             cpu.append(time.process_time() - spent)
     return {
+        "landmarks": landmarks,
         "streams": streams,
         "width_px": size_wh[0],
         "region_known": known,
@@ -51,15 +53,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=50)
     repeat = parser.parse_args().repeat
-    cases = [(streams, size, True, repeat) for streams in sorted({1, CORES}) for size in SIZES_WH]
-    rows = [measure(*case) for case in [*cases, (CORES, SIZES_WH[0], False, max(3, repeat // 10))]]
+    usual = BlazePoseConfig().landmarks
+    cases = [(usual, streams, size, True, repeat) for streams in sorted({1, CORES}) for size in SIZES_WH]
+    cases += [(name, CORES, SIZES_WH[0], True, repeat) for name in OTHERS]
+    rows = [measure(*case) for case in [*cases, (usual, CORES, SIZES_WH[0], False, max(3, repeat // 10))]]
     table = Table(title="2D estimation per image, four views at once")
-    for heading in ("streams", "image width", "region", "wall ms", "CPU ms"):
+    for heading in ("landmarks", "streams", "image width", "region", "wall ms", "CPU ms"):
         table.add_column(heading, justify="right")
     for row in rows:
         where = "known" if row["region_known"] else "searched in vain"
         times = (f"{row['wall_ms_per_image']:.2f}", f"{row['cpu_ms_per_image']:.2f}")
-        table.add_row(str(row["streams"]), str(row["width_px"]), where, *times)
+        table.add_row(row["landmarks"], str(row["streams"]), str(row["width_px"]), where, *times)
     Console(file=sys.stderr).print(table)
     print(json.dumps({"cases": rows}))
 

@@ -89,6 +89,8 @@ def main() -> None:
         for name, options in {
             "default": (),
             "without joint centres": ("--set", "joint_centres=false"),
+            "larger network": ("--set", "detector.options.landmarks=blazepose_heavy"),
+            "best networks": ("--set", "detector.options.landmarks=blazepose_best"),
             "not smoothed": ("--raw",),
             "not smoothed, without joint centres": ("--raw", "--set", "joint_centres=false"),
         }.items():

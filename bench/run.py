@@ -1,7 +1,7 @@
 """Run every benchmark and write docs/benchmarks.md: `make bench`, or `python bench/run.py NAME ...` for some of them.
 
 Each benchmark is a script of this folder that prints its table on stderr and one JSON object on stdout. The JSON is kept in
-out/bench, and the page is put together from what lies there, so that one benchmark can be run anew by itself.
+out/bench. Every part of the page says when and on what machine it was made; parts that are not run anew stay as they are.
 """
 
 import json
@@ -12,6 +12,8 @@ import sys
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
+
+from openvino import Core
 
 HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out" / "bench"
@@ -42,41 +44,45 @@ def machine() -> str:
         else []
     )
     cores = len(os.sched_getaffinity(0))
-    return f"{names[0] if names else platform.processor()}, {cores} cores, Python {platform.python_version()}"
+    networks = "bf16" if "BF16" in Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "f32"
+    named = names[0] if names else platform.processor()
+    return f"{named}, {cores} cores, networks in {networks}, Python {platform.python_version()}"
 
 
-def run(name: str) -> None:
-    """Run one benchmark and keep its figures and its table."""
+def run(name: str) -> str:
+    """Run one benchmark, keep its figures, and give its part of the page."""
     print(f"--- {name}", file=sys.stderr, flush=True)
     done = subprocess.run([sys.executable, str(HERE / f"{name}.py")], capture_output=True, text=True, check=False)
     print(done.stderr, file=sys.stderr)
     if done.returncode:
         sys.exit(f"bench/{name}.py ended with code {done.returncode}")
     OUT.mkdir(parents=True, exist_ok=True)
-    (OUT / f"{name}.json").write_text(
-        json.dumps({"machine": machine(), "date": str(date.today()), "figures": json.loads(done.stdout)}, indent=2)
-    )
-    (OUT / f"{name}.txt").write_text(done.stderr)
+    figures = {"machine": machine(), "date": str(date.today()), "figures": json.loads(done.stdout)}
+    (OUT / f"{name}.json").write_text(json.dumps(figures, indent=2))
+    table = "\n".join(line.rstrip() for line in done.stderr.strip().splitlines())
+    return f"`python bench/{name}.py`, {date.today()}, {machine()}\n\n```\n{table}\n```"
 
 
-def write_page() -> None:
-    """docs/benchmarks.md from the kept figures."""
-    parts = [
+def parts_of_page() -> dict[str, str]:
+    """What docs/benchmarks.md says now, by title."""
+    if not PAGE.is_file():
+        return {}
+    _, *parts = PAGE.read_text(encoding="utf-8").split("\n## ")
+    return {title: text.strip() for title, _, text in (part.partition("\n") for part in parts)}
+
+
+def write_page(parts: dict[str, str]) -> None:
+    """docs/benchmarks.md, in the order of TITLES."""
+    head = [
         "# Benchmarks",
-        "Made by `make bench` (each part alone: `python bench/run.py NAME`). "
-        "Machines are shared and noisy: read ratios and medians.",
+        "Made by `make bench` and `make bench-live` (each part alone: `python bench/run.py NAME`). "
+        "Machines are shared and noisy: read ratios and medians, and look at which machine made a part.",
         f"Packages: {', '.join(f'{name} {version(name)}' for name in PACKAGES)}.",
     ]
-    for name, title in TITLES.items():
-        if not (OUT / f"{name}.txt").is_file():
-            continue
-        about = json.loads((OUT / f"{name}.json").read_text())
-        table = "\n".join(line.rstrip() for line in (OUT / f"{name}.txt").read_text().strip().splitlines())
-        parts += [f"## {title}", f"`python bench/{name}.py`, {about['date']}, {about['machine']}", f"```\n{table}\n```"]
-    PAGE.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    told = [f"## {title}\n\n{parts[title]}" for title in TITLES.values() if title in parts]
+    PAGE.write_text("\n\n".join([*head, *told]) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
     for wanted in sys.argv[1:] or [name for name in TITLES if not name.startswith("live")]:
-        run(wanted)
-    write_page()
+        write_page(parts_of_page() | {TITLES[wanted]: run(wanted)})
