@@ -65,14 +65,14 @@ def autocorrelation(errors: list[np.ndarray]) -> np.ndarray:
     return np.array(products) / products[0]
 
 
-def fit(errors: list[np.ndarray]) -> tuple[float, float]:
-    """Share of the variance that lasts, and the time in s in which it fades by e."""
+def fit(errors: list[np.ndarray]) -> tuple[float, float, float]:
+    """Share of the variance that lasts, the part of it that stays for good, and the time in s in which the rest fades by e."""
     found = autocorrelation(errors)[1:]
     lag_s = np.arange(1, len(found) + 1) / RATE_HZ
-    # the first half second is what a filter or a smoother averages over; what lasts longer is an offset to both
-    near = lag_s <= 0.5
-    solved = least_squares(lambda p: p[0] * np.exp(-lag_s[near] / p[1]) - found[near], (0.8, 0.3), bounds=([0, 0.01], [1, 10]))
-    return float(solved.x[0]), float(solved.x[1])
+    start, bounds = (0.4, 0.4, 0.3), ([0, 0, 0.01], [1, 1, 10])
+    solved = least_squares(lambda p: p[0] + p[1] * np.exp(-lag_s / p[2]) - found, start, bounds=bounds)
+    stays, fades, time_s = (float(value) for value in solved.x)
+    return stays + fades, stays, time_s
 
 
 def main() -> None:
@@ -87,11 +87,10 @@ def main() -> None:
     errors = [whitened_errors(folder) for folder in sorted(arguments.out.glob("scene*"))]
     found = autocorrelation(errors)
     print("lag in frames: autocorrelation  " + "  ".join(f"{lag}: {found[lag]:.2f}" for lag in (1, 2, 4, 8, 15, 25)))
-    share, time_s = fit(errors)
-    print(f"{len(errors)} scenes: share {share:.2f}, time constant {time_s:.2f} s")
-    for part in range(len(errors)):
-        share, time_s = fit(errors[:part] + errors[part + 1 :])
-        print(f"  without scene {part}: share {share:.2f}, time constant {time_s:.2f} s")
+    for left_out in (None, *range(len(errors))):
+        share, stays, time_s = fit([one for i, one in enumerate(errors) if i != left_out])
+        which = f"{len(errors)} scenes" if left_out is None else f"  without scene {left_out}"
+        print(f"{which}: share {share:.2f} ({stays:.2f} of it for good), time constant {time_s:.2f} s")
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ _AGILER = 0.5
 # no keypoint is further from the middle of the body, or faster against it
 _REACH_M, _FASTEST_M_S = 1.7, 20.0
 _OUT_OF_SIGHT_M = 0.5  # along a ray nobody else crosses
+_BODY_BORN_M = 0.05  # the newborn body's middle
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
@@ -42,23 +43,25 @@ _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 @njit(**_JIT)
 def state_size(k, m, c, b):
     """Length of a state of k keypoints, m models, c cameras, b bones."""
-    return k * m * 91 + 6 * k * c + k + GROUPS + 2 * b + 1
+    return (k + 1) * m * 91 + 6 * k * c + k + GROUPS + 2 * b + 1
 
 
 @njit(**_JIT)
 def parts(state, k, m, c, b):
     """Views into a state.
 
-    x (K, M, 9), its covariance (K, M, 9, 9), the share (K, M) of each model; per camera (K, C): when it last measured, the
+    x (K + 1, M, 9), its covariance (K + 1, M, 9, 9), the share (K + 1, M) of each model: the body as a whole in the last row,
+    the keypoints against it in the others; per camera (K, C): when it last measured, the
     squared px residual, 1/variance; its lasting error (K, C, 3): x, y on the ideal image plane, variance in squared sigmas;
     views refused in a row (K,); share of exchanged views (GROUPS,); bones (B, 2): mean length, views; the time (1,).
     """
-    at = k * m * 9
-    x = state[:at].reshape(k, m, 9)
-    cov = state[at : at + k * m * 81].reshape(k, m, 9, 9)
-    at += k * m * 81
-    share = state[at : at + k * m].reshape(k, m)
-    at += k * m
+    rows = k + 1
+    at = rows * m * 9
+    x = state[:at].reshape(rows, m, 9)
+    cov = state[at : at + rows * m * 81].reshape(rows, m, 9, 9)
+    at += rows * m * 81
+    share = state[at : at + rows * m].reshape(rows, m)
+    at += rows * m
     seen = state[at : at + k * c].reshape(k, c)
     at += k * c
     square = state[at : at + k * c].reshape(k, c)
@@ -82,14 +85,24 @@ def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, acceleration):
     state[:] = 0.0
     seen[:] = _NEVER
     time[0] = 0.0
+    middle, count = np.zeros(3), 0
     for i in range(k):
-        known = math.isfinite(xyz[i, 0]) and math.isfinite(xyz_cov[i, 0, 0])
+        if math.isfinite(xyz[i, 0]) and math.isfinite(xyz_cov[i, 0, 0]):
+            middle += xyz[i]
+            count += 1
+    middle /= max(count, 1)
+    for i in range(k + 1):
+        known = i == k or (math.isfinite(xyz[i, 0]) and math.isfinite(xyz_cov[i, 0, 0]))
         for j in range(m):
             share[i, j] = 1.0 / m
             for a in range(3):
-                x[i, j, a] = xyz[i, a] if known else np.nan
-                for d in range(3):
-                    cov[i, j, a, d] = xyz_cov[i, a, d] if known else 0.0
+                if i == k:
+                    x[i, j, a] = middle[a]
+                    cov[i, j, a, a] = _BODY_BORN_M**2
+                else:
+                    x[i, j, a] = xyz[i, a] - middle[a] if known else np.nan
+                    for d in range(3):
+                        cov[i, j, a, d] = xyz_cov[i, a, d] if known else 0.0
                 cov[i, j, 3 + a, 3 + a] = velocity_m_s * velocity_m_s
                 cov[i, j, 6 + a, 6 + a] = acceleration[j] * acceleration[j]
 
@@ -249,34 +262,41 @@ def _square(s00, s01, s11, e0, e1):
 
 
 @njit(**_JIT)
-def _update(x, cov, share, rows, away, noise, outlier, gate):
-    """One ray into all models of a keypoint; `away` (M, 2) its error from each.
+def _shared(share):
+    """Shares that sum to 1; none dies out, so that the next change finds it alive."""
+    total = share.sum()
+    for j in range(len(share)):
+        share[j] = max(share[j] / total, 1e-4)
+    share /= share.sum()
+
+
+@njit(**_JIT)
+def _update(x, cov, share, rows, away, noise, common, outlier, gate):
+    """One ray into all models of a keypoint; `away` (M, 2) its error from each, `common` (3, 3) what the body adds to it.
 
     Returns its squared distance from the model that expected it most; nothing is changed beyond `gate`.
     """
     m = len(share)
     nearest = np.inf
     for j in range(m):
-        s00, s01, s11 = _expected(rows, cov[j, :3, :3], noise)
+        s00, s01, s11 = _expected(rows, cov[j, :3, :3] + common, noise)
         nearest = min(nearest, _square(s00, s01, s11, away[j, 0], away[j, 1]))
     if not nearest <= gate:
         return nearest
     # beyond the knee a view is believed as if it were as noisy as it turned out to be
     extra = max(nearest / outlier, 1.0) - 1.0
-    total = 0.0
     best = np.inf
     for j in range(m):
-        s00, s01, s11 = _expected(rows, cov[j, :3, :3], noise)
+        s00, s01, s11 = _expected(rows, cov[j, :3, :3] + common, noise)
         best = min(best, _square(s00 + extra, s01, s11 + extra, away[j, 0], away[j, 1]))
     gain = np.empty((9, 2))
     for j in range(m):
-        s00, s01, s11 = _expected(rows, cov[j, :3, :3], noise)
+        s00, s01, s11 = _expected(rows, cov[j, :3, :3] + common, noise)
         s00 += extra
         s11 += extra
         det = s00 * s11 - s01 * s01
         e0, e1 = away[j, 0], away[j, 1]
         share[j] *= math.exp(0.5 * (best - _square(s00, s01, s11, e0, e1))) / math.sqrt(det)
-        total += share[j]
         for i in range(9):
             t0, t1 = 0.0, 0.0
             for a in range(3):
@@ -291,9 +311,7 @@ def _update(x, cov, share, rows, away, noise, outlier, gate):
             for a in range(i, 9):
                 cov[j, i, a] -= g0 * gain[a, 0] + g1 * gain[a, 1]
                 cov[j, a, i] = cov[j, i, a]
-    for j in range(m):
-        # none dies out, so that the next change finds it alive
-        share[j] = max(share[j] / total, 1e-4)
+    _shared(share)
     return nearest
 
 
@@ -303,6 +321,134 @@ def _doubt(cov):
         for a in range(3):
             cov[j, a, a] += _DOUBT_M**2
             cov[j, 3 + a, 3 + a] += _DOUBT_M_S**2
+
+
+@njit(**_JIT)
+def _move_body(
+    camera, c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
+):  # fmt: skip
+    """What all keypoints of one view say together about where the body is: one measurement of its three coordinates.
+
+    Its information and pull are sums over the keypoints, each with what is uncertain about its own place against the body.
+    """
+    k, m = len(z), x.shape[1]
+    info, pull = np.zeros((3, 3)), np.zeros(3)
+    h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
+    for i in range(k):
+        o = mirror[i] if group[i] >= 0 and exchanged[group[i]] > 0.0 else i
+        if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
+            continue
+        for a in range(3):
+            drift = 0.0
+            for j in range(m):
+                drift += share[k, j] * x[k, j, 3 + a] + share[i, j] * x[i, j, 3 + a]
+            point[a] = means[k, a] + means[i, a] + late[o] * drift
+        if not _ray(camera, point, h, slope):
+            continue
+        _whitened(white[o], slope, z[o], h, rows, error)
+        keep = math.exp(-(t - seen[i, c]) / rules[5])
+        for r in range(2):
+            error[r] -= keep * (white[o, r, 0] * lasting[i, c, 0] + white[o, r, 1] * lasting[i, c, 1])
+        noise = 1.0 - (rules[4] - lasting[i, c, 2]) * keep * keep
+        s00, s01, s11 = _expected(rows, spreads[i] + spreads[k], noise)
+        far = _square(s00, s01, s11, error[0], error[1])
+        if not far <= rules[1]:
+            continue
+        s00, s01, s11 = _expected(rows, spreads[i], noise)
+        extra = max(far / rules[0], 1.0) - 1.0
+        s00, s11 = s00 + extra, s11 + extra
+        det = s00 * s11 - s01 * s01
+        for a in range(3):
+            g0 = (rows[0, a] * s11 - rows[1, a] * s01) / det
+            g1 = (rows[1, a] * s00 - rows[0, a] * s01) / det
+            pull[a] += g0 * error[0] + g1 * error[1]
+            for d in range(3):
+                info[a, d] += g0 * rows[0, d] + g1 * rows[1, d]
+    _pull(x[k], cov[k], share[k], means[k], info, pull)
+    _combined(x[k], cov[k], share[k], means[k], spreads[k])
+
+
+@njit(**_JIT)
+def _pull(x, cov, share, about, info, pull):
+    """A measurement of position by its information (3, 3), and pull (3,) at `about`, into all models of one point."""
+    m = len(share)
+    mix, inverse, gain, u = np.empty((3, 3)), np.empty((3, 3)), np.empty((9, 3)), np.empty(3)
+    likely = np.empty(m)
+    for j in range(m):
+        for a in range(3):
+            u[a] = pull[a]
+            for d in range(3):
+                u[a] -= info[a, d] * (x[j, d] - about[d])
+        for a in range(3):
+            for d in range(3):
+                mix[a, d] = 1.0 if a == d else 0.0
+                for e in range(3):
+                    mix[a, d] += info[a, e] * cov[j, e, d]
+        det = _inverse3_any(mix, inverse)
+        for i in range(9):
+            for a in range(3):
+                gain[i, a] = 0.0
+                for d in range(3):
+                    gain[i, a] += cov[j, i, d] * inverse[d, a]
+        value = -0.5 * math.log(det)
+        for a in range(3):
+            away = x[j, a] - about[a]
+            value += pull[a] * away
+            for d in range(3):
+                value += 0.5 * u[a] * gain[a, d] * u[d] - 0.5 * away * info[a, d] * (x[j, d] - about[d])
+        likely[j] = value
+        top = cov[j, :3].copy()
+        for i in range(9):
+            for a in range(3):
+                x[j, i] += gain[i, a] * u[a]
+        for i in range(9):
+            for d in range(9):
+                for a in range(3):
+                    for e in range(3):
+                        cov[j, i, d] -= gain[i, a] * info[a, e] * top[e, d]
+        for i in range(9):
+            for d in range(i):
+                cov[j, i, d] = cov[j, d, i] = 0.5 * (cov[j, i, d] + cov[j, d, i])
+    best = likely.max()
+    for j in range(m):
+        share[j] *= math.exp(likely[j] - best)
+    _shared(share)
+
+
+@njit(**_JIT)
+def _inverse3_any(a, out):
+    """Inverse of any 3x3 matrix into `out`; its determinant."""
+    m00, m01 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1], a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
+    m02 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
+    det = a[0, 0] * m00 + a[0, 1] * m01 + a[0, 2] * m02
+    out[0, 0], out[1, 0], out[2, 0] = m00 / det, m01 / det, m02 / det
+    out[0, 1] = (a[0, 2] * a[2, 1] - a[0, 1] * a[2, 2]) / det
+    out[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0]) / det
+    out[2, 1] = (a[0, 1] * a[2, 0] - a[0, 0] * a[2, 1]) / det
+    out[0, 2] = (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]) / det
+    out[1, 2] = (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) / det
+    out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) / det
+    return det
+
+
+@njit(**_JIT)
+def _centre_body(x, share):
+    """Give the body what its keypoints have in common: whose motion it is would stay open otherwise."""
+    k, m = len(x) - 1, x.shape[1]
+    mean, count = np.zeros(9), 0
+    for i in range(k):
+        if math.isfinite(x[i, 0, 0]):
+            count += 1
+            for j in range(m):
+                for a in range(9):
+                    mean[a] += share[i, j] * x[i, j, a]
+    if count == 0:
+        return
+    mean /= count
+    for j in range(m):
+        x[k, j] += mean
+        for i in range(k):
+            x[i, j] -= mean
 
 
 @njit(**_JIT)
@@ -346,6 +492,7 @@ def _flipped_groups(camera, z, white, late, x, means, spreads, mirror, group, ou
 def _start_missing(x, cov, seen, z, now, lost_after, neighbours, acceleration):
     """Give keypoints that are seen but not tracked a broad start about a tracked neighbour, or about the body."""
     k, m, _ = x.shape
+    k -= 1
     middle, count = np.zeros(3), 0
     for i in range(k):
         if math.isfinite(x[i, 0, 0]) and now - seen[i].max() > lost_after and seen[i].max() > _NEVER:
@@ -406,7 +553,7 @@ def _let_go_of_strays(x, share, means):
 @njit(**_JIT)
 def _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g):
     """Exchange left and right of one limb of the person."""
-    for i in range(len(x)):
+    for i in range(len(mirror)):
         o = mirror[i]
         if group[i] == g and i < o:
             kept_x, kept_cov, kept_share = x[i].copy(), cov[i].copy(), share[i].copy()
@@ -464,8 +611,8 @@ def step(
         _singer(dt, models[j, 0], models[j, 1], f[j], q[j])
     mixed_x, mixed_cov, mixed_share = np.empty((m, 9)), np.empty((m, 9, 9)), np.empty(m)
     _start_missing(x, cov, seen, z, t, rules[3], neighbours, models[:, 0])
-    means, spreads = np.full((k, 3), np.nan), np.empty((k, 3, 3))
-    for i in range(k):
+    means, spreads = np.full((k + 1, 3), np.nan), np.empty((k + 1, 3, 3))
+    for i in range(k + 1):
         if not math.isfinite(x[i, 0, 0]):
             continue
         if dt > 0.0:
@@ -475,7 +622,15 @@ def step(
             x[i], cov[i], share[i] = mixed_x, mixed_cov, mixed_share
         _combined(x[i], cov[i], share[i], means[i], spreads[i])
     exchanged = np.zeros(GROUPS)
-    _flipped_groups(cameras[c], z, white, late, x, means, spreads, mirror, group, exchanged)
+    wheres, wide = means[:k] + means[k], spreads[:k] + spreads[k]
+    _flipped_groups(cameras[c], z, white, late, x, wheres, wide, mirror, group, exchanged)
+    _move_body(
+        cameras[c], c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
+    )  # fmt: skip
+    body = np.zeros(3)
+    for a in range(3):
+        for j in range(m):
+            body[a] += share[k, j] * x[k, j, 3 + a]
     h, slope, rows, error = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2)
     point, before_m, away = np.empty(3), np.empty(3), np.empty((m, 2))
     for i in range(k):
@@ -483,11 +638,11 @@ def step(
         if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
             continue
         for a in range(3):
-            drift = 0.0
+            drift = body[a]
             for j in range(m):
                 drift += share[i, j] * x[i, j, 3 + a]
             before_m[a] = means[i, a]
-            point[a] = means[i, a] + late[o] * drift
+            point[a] = means[k, a] + means[i, a] + late[o] * drift
         if not _ray(cameras[c], point, h, slope):
             continue
         _whitened(white[o], slope, z[o], h, rows, error)
@@ -503,10 +658,10 @@ def step(
                 away[j, r] = error[r]
                 for a in range(3):
                     away[j, r] -= rows[r, a] * (x[i, j, a] - means[i, a])
-        s00, s01, s11 = _expected(rows, spreads[i], noise)
+        s00, s01, s11 = _expected(rows, spreads[i] + spreads[k], noise)
         figures[0] += 1.0
         figures[2] += min(_square(s00, s01, s11, error[0], error[1]), 4.0 * rules[1])
-        nearest = _update(x[i], cov[i], share[i], rows, away, noise, rules[0], rules[1])
+        nearest = _update(x[i], cov[i], share[i], rows, away, noise, spreads[k], rules[0], rules[1])
         if not nearest <= rules[1]:
             figures[1] += 1.0
             refused[i] += 1.0
@@ -531,8 +686,9 @@ def step(
         if flips[g] > _FLIP_STATE:
             _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g)
             flips[g] = 0.0
-    _let_go_of_strays(x, share, means)
+    _let_go_of_strays(x[:k], share, means[:k])
     _learn_bones(bones, ends, means, spreads)
+    _centre_body(x, share)
 
 
 @njit(**_JIT)
@@ -542,10 +698,14 @@ def where(state, t, sizes, models, means, sigmas):
     spread = np.empty((3, 3))
     x, cov, share, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     f, q = _all_models(t - time[0], models)
+    body, common = np.empty(3), np.empty((3, 3))
+    _position(x[k], cov[k], share[k], f, q, body, common)
     for i in range(k):
         means[i], sigmas[i] = np.nan, np.nan
         if math.isfinite(x[i, 0, 0]):
             _position(x[i], cov[i], share[i], f, q, means[i], spread)
+            means[i] += body
+            spread += common
             sigmas[i] = math.sqrt((spread[0, 0] + spread[1, 1] + spread[2, 2]) / 3.0)
 
 
@@ -667,13 +827,16 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
     x, p, share, seen, square, precision, _, _, _, bones, time = parts(state, k, m, count, b)
     dt = t - time[0]
     f, q = _all_models(dt, models)
-    information = np.empty((3, 3))
+    information, body, common = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    _position(x[k], p[k], share[k], f, q, body, common)
     for i in range(k):
         xyz[i], cov[i], reproj[i], n_views[i], kind[i] = np.nan, np.nan, np.nan, 0, 0
         newest = seen[i].max()
         if not math.isfinite(x[i, 0, 0]) or t - max(newest, 0.0) > rules[1]:
             continue
         _position(x[i], p[i], share[i], f, q, xyz[i], cov[i])
+        xyz[i] += body
+        cov[i] += common
         _add_lasting(rules[2], xyz[i], seen[i], precision[i], newest - rules[0], cameras, information, cov[i])
         total = 0.0
         for c in range(count):

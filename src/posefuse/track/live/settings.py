@@ -8,6 +8,8 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from posefuse.files.settings import settings
 
+from ..lasting import LASTING_S, LASTING_SHARE
+
 TrackerName = Literal["asynchronous", "latest"]
 TRACKERS: tuple[TrackerName, ...] = ("asynchronous", "latest")
 
@@ -35,10 +37,11 @@ class LiveSettings:
         ahead_s: a view from further in the future than this has a wrong clock and is not used.
         camera_rate_max_hz: of one camera's views closer in time than this only the first is used.
         detections_max: people looked at in one view, the surest first.
-        motion_models: run side by side for every keypoint, from calm to agile; the views tell how much of each it is.
+        motion_models: run side by side for every keypoint and for the body as a whole, from calm to agile; the views tell how
+            much of each it is.
         switch_s: how long a keypoint stays in one of them.
-        lasting_share: share of a view's stated variance that lasts from frame to frame, and lasting_s: for how long. The
-            defaults are those of the default network on simulated people.
+        lasting_share: share of a view's stated variance that lasts from frame to frame, and lasting_s: for how long; see
+            `track.lasting`.
         outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
         tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
         min_share: share of a detection's keypoints that must do so.
@@ -62,8 +65,8 @@ class LiveSettings:
         MotionModelSettings(acceleration_m_s2=30.0),
     )
     switch_s: Annotated[float, Gt(0)] = 0.3
-    lasting_share: Annotated[float, Ge(0), Le(1)] = 0.7
-    lasting_s: Annotated[float, Gt(0)] = 0.25
+    lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
+    lasting_s: Annotated[float, Gt(0)] = LASTING_S
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
     tolerance_m: Annotated[float, Gt(0)] = 0.2
