@@ -9,6 +9,8 @@ from typing import Any
 
 from posefuse.app.terminal import Terminal
 
+from .options import add_networks
+
 SUMMARY = "run one of the paper's experiments: render, find, fuse, compare with the truth, write a page and its figures"
 NAMES = ("static", "walking", "latency", "drift", "scaling", "all")
 
@@ -23,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
         help="any setting of `posefuse track`, in place of its default, e.g. detector.name=NAME; take another --out",
     )  # fmt: skip
+    add_networks(parser)
     parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
 
 

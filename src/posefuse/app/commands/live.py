@@ -9,6 +9,8 @@ from typing import Any
 
 from posefuse.app.terminal import Terminal
 
+from .options import add_networks
+
 SUMMARY = "track live: cameras, streams, films or the simulator in, 3D skeletons out 100 times a second"
 
 
@@ -65,6 +67,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--groups", type=int, metavar="N", help="camera processes (default: one per two cameras and core)")
     parser.add_argument("--config", type=Path, metavar="FILE", help="TOML settings")
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="any setting")
+    add_networks(parser)
 
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:

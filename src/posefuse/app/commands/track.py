@@ -9,6 +9,8 @@ from typing import Any
 
 from posefuse.app.terminal import Terminal
 
+from .options import add_networks
+
 SUMMARY = "turn a session (calibration + videos, image folders or 2D poses) into a 3D skeleton and write its files"
 
 
@@ -25,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="any setting, e.g. fuse.weights=score"
     )
+    add_networks(parser)
     parser.add_argument("--rig", metavar="FILE", help="calibration file, relative to SESSION")
     parser.add_argument("--input", choices=("auto", "videos", "images", "pose2d"), help="which data of the session to use")
     parser.add_argument("--weights", choices=("none", "score", "all", "robust"), help="how views are weighted (default robust)")
