@@ -1,17 +1,21 @@
-"""A small laboratory: four cameras with real lenses around a waved cube of markers."""
+"""A small laboratory (four cameras with real lenses around a waved cube of markers), and a real board before webcams."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from posefuse.calibrate.checks import camera_differences
+from posefuse.calibrate.detection import observe_all
 from posefuse.calibrate.observations import Observations
 from posefuse.calibrate.rotations import Poses, stacked
 from posefuse.calibrate.synthetic import Faults, Waving, cube, observe_prop
-from posefuse.calibrate.targets import Markers
+from posefuse.calibrate.targets import Charuco, Markers
 from posefuse.core import Rig
+from posefuse.files.rig import read_rig
+from posefuse.sources import VideoConfig
 
 LENS = (-0.12, 0.05, 0.001, -0.0005, 0.0)
 
@@ -35,3 +39,22 @@ class Lab:
 @pytest.fixture(scope="session")
 def lab(ring_rig: Callable[..., Rig]) -> Lab:
     return Lab(ring_rig(4, distortion=LENS), Markers(0.24), Waving(seconds=24.0, rate_hz=15.0))
+
+
+@pytest.fixture(scope="session")
+def board() -> Charuco:
+    """The board of `caliscope/post_optimization`."""
+    return Charuco(4, 5, 0.054, 0.0405, "DICT_4X4_1000", inverted=True)
+
+
+@pytest.fixture(scope="session")
+def reference(shared_data: Path) -> Rig:
+    """The lenses and places that came with that recording."""
+    return read_rig(shared_data / "caliscope" / "post_optimization" / "camera_array.toml")
+
+
+@pytest.fixture(scope="session")
+def board_views(shared_data: Path, board: Charuco) -> Observations:
+    """That board in the images of its four webcams."""
+    folder = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic"
+    return observe_all([VideoConfig(folder / f"cam_{i}.mp4", f"cam_{i}").build() for i in range(4)], board)

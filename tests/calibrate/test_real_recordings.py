@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.calibrate.checks import camera_differences
-from posefuse.calibrate.detection import observe, observe_all
+from posefuse.calibrate.detection import observe
 from posefuse.calibrate.extrinsics import Calibration, calibrate_extrinsics
 from posefuse.calibrate.observations import Observations, joined
 from posefuse.calibrate.person import KnownLength, calibrate_from_person, person_views
@@ -20,25 +20,12 @@ from posefuse.calibrate.verify import verify
 from posefuse.core import SE3, Rig
 from posefuse.detect.openpose import read_openpose_folder
 from posefuse.files.rig import read_rig
-from posefuse.sources import ImagesConfig, VideoConfig
-
-BOARD = Charuco(4, 5, 0.054, 0.0405, "DICT_4X4_1000", inverted=True)
+from posefuse.sources import ImagesConfig
 
 
 @pytest.fixture(scope="module")
-def reference(shared_data: Path) -> Rig:
-    return read_rig(shared_data / "caliscope" / "post_optimization" / "camera_array.toml")
-
-
-@pytest.fixture(scope="module")
-def board_views(shared_data: Path) -> Observations:
-    folder = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic"
-    return observe_all([VideoConfig(folder / f"cam_{i}.mp4", f"cam_{i}").build() for i in range(4)], BOARD)
-
-
-@pytest.fixture(scope="module")
-def found(board_views: Observations, reference: Rig) -> Calibration:
-    return calibrate_extrinsics(board_views, reference.cameras, BOARD)
+def found(board_views: Observations, reference: Rig, board: Charuco) -> Calibration:
+    return calibrate_extrinsics(board_views, reference.cameras, board)
 
 
 def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
@@ -47,25 +34,27 @@ def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_webcams_out_of_step_are_not_taken_as_synchronised(board_views: Observations, reference: Rig) -> None:
+def test_webcams_out_of_step_are_not_taken_as_synchronised(board_views: Observations, reference: Rig, board: Charuco) -> None:
     with pytest.raises(RefusedCalibration, match=r"halves agree.*also failed: .*cameras are in step"):
-        calibrate_extrinsics(board_views, reference.cameras, BOARD, Options(clocks="together"))
+        calibrate_extrinsics(board_views, reference.cameras, board, Options(clocks="together"))
 
 
 @pytest.mark.slow
-def test_the_board_measures_right_in_the_rig_that_was_found(found: Calibration, board_views: Observations) -> None:
-    measured = verify(found.rig, board_views, BOARD, found.delay_s[:, 0])
+def test_the_board_measures_right_in_the_rig_that_was_found(
+    found: Calibration, board_views: Observations, board: Charuco
+) -> None:
+    measured = verify(found.rig, board_views, board, found.delay_s[:, 0])
     assert measured.length_rms_m <= 1.2e-3
     assert measured.report.failed == ()
 
 
 @pytest.mark.slow
 def test_it_measures_the_board_better_than_the_reference_rig_does(
-    found: Calibration, board_views: Observations, reference: Rig
+    found: Calibration, board_views: Observations, reference: Rig, board: Charuco
 ) -> None:
     """The reference was made as if the webcams were synchronised, which they are not; so it is near, and less true."""
-    ours = verify(found.rig, board_views, BOARD, found.delay_s[:, 0])
-    theirs = verify(reference, board_views, BOARD)
+    ours = verify(found.rig, board_views, board, found.delay_s[:, 0])
+    theirs = verify(reference, board_views, board)
     assert ours.length_rms_m < 0.85 * theirs.length_rms_m
     metres, radians = differences(found.rig, reference)
     assert metres.max() < 0.015
