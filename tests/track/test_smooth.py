@@ -130,6 +130,8 @@ def test_errors_that_last_are_stated_and_not_averaged_away(share, lasts_s):
     independent, squared = nees(0.0)
     assert squared[result.kind == Kind.SMOOTHED].mean() > 6
     np.testing.assert_array_equal(independent.xyz_world, result.xyz_world)
+    with_bones = [smooth(sequence(seen), SmoothSettings(lasting_share=each)).xyz_world for each in (share, 0.0)]
+    np.testing.assert_array_equal(*with_bones)
 
 
 def test_uncertain_instants_are_followed_less():

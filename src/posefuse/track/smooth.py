@@ -68,14 +68,17 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
         covariance grown accordingly), MISSING elsewhere.
     """
     xyz, cov = np.full(sequence.xyz_world.shape, np.nan), np.full(sequence.cov_world.shape, np.nan)
+    lasting = np.zeros(sequence.cov_world.shape)
     used = np.zeros(sequence.kind.shape, bool)
     rate_hz = cutoff_hz(sequence.t_ns, settings)
     for n in range(sequence.kind.shape[1]):
         for k in range(sequence.kind.shape[2]):
             point = np.ascontiguousarray(sequence.xyz_world[:, n, k]), np.ascontiguousarray(sequence.cov_world[:, n, k])
-            xyz[:, n, k], cov[:, n, k], used[:, n, k] = _smooth_point(sequence.t_ns, *point, rate_hz, settings)
+            xyz[:, n, k], cov[:, n, k], used[:, n, k], lasting[:, n, k] = _smooth_point(sequence.t_ns, *point, rate_hz, settings)
         if settings.bones and len(sequence.skeleton.bone_indices):
             xyz[:, n], cov[:, n] = hold_bones(xyz[:, n], cov[:, n], used[:, n], sequence.skeleton, settings.bone_sigma_m)
+    # after the bones: they hold what the smoother knows, not how far all of it may be off together
+    cov += lasting
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
     return PoseSequence(
@@ -90,14 +93,14 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     )
 
 
-def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings: SmoothSettings) -> tuple[Array, Array, Array]:
-    """Posterior mean (T, 3), covariance (T, 3, 3) and which measurements (T,) went into it."""
+def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings: SmoothSettings) -> tuple[Array, ...]:
+    """Posterior mean (T, 3), covariance (T, 3, 3), which measurements (T,) went into it, what lasting errors add (T, 3, 3)."""
     from . import smooth_kernels
 
     measured = np.isfinite(z).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2))
-    mean, cov = np.full(z.shape, np.nan), np.full(noise.shape, np.nan)
+    mean, cov, lasting = np.full(z.shape, np.nan), np.full(noise.shape, np.nan), np.zeros(noise.shape)
     if not measured.any():
-        return mean, cov, measured
+        return mean, cov, measured, lasting
     t_s = (t_ns - t_ns[0]) * 1e-9
     q = _jerk_density(t_s, noise[measured], rate_hz)
     z, noise = np.where(measured[:, None], z, 0.0), np.where(measured[:, None, None], noise, 0.0)
@@ -123,16 +126,12 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
         left_out &= ~welcome
         _, scale = solve()
     used = measured & ~left_out
-    _add_lasting(t_s, noise, used, rate_hz, settings, cov)
-    return mean, cov * scale, used
-
-
-def _add_lasting(t_s: Array, noise: Array, used: Array, rate_hz: float, settings: SmoothSettings, cov: Array) -> None:
-    from . import smooth_kernels
-
     rate = 2 * np.pi * rate_hz / _HALF_POWER
-    lasting = settings.lasting_share, settings.lasting_s
-    smooth_kernels.add_lasting(t_s, noise, used, rate, *lasting, settings.max_gap_s, cov)
+    told = np.isfinite(mean[:, 0])
+    smooth_kernels.add_lasting(
+        t_s, noise, used, told, rate, settings.lasting_share, settings.lasting_s, settings.max_gap_s, lasting
+    )  # fmt: skip
+    return mean, cov * scale, used, lasting * scale
 
 
 def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:

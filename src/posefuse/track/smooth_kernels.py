@@ -210,16 +210,16 @@ def _weight(x):
 
 
 @njit(**_JIT)
-def add_lasting(t, noise, measured, rate, share, lasts, max_gap, cov):
-    """cov (T, 3, 3) += what is not averaged away of noise (T, 3, 3) of which `share` lasts, fading by e within `lasts` s.
+def add_lasting(t, noise, measured, told, rate, share, lasts, max_gap, cov):
+    """cov (T, 3, 3), where `told` (T,), += what is not averaged away of noise (T, 3, 3) of which `share` lasts.
 
-    rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave sum w_i^2 where they are independent
+    It fades by e within `lasts` s. rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave sum w_i^2 where they are independent
     and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added. Runs end as in `smooth_point`.
     """
     weights = np.empty(len(t))
     first = 0
     for step in range(len(t)):
-        if not math.isfinite(cov[step, 0, 0]):
+        if not told[step]:
             continue
         while (t[step] - t[first]) * rate > _REACH:
             first += 1
