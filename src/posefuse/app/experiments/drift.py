@@ -18,7 +18,7 @@ from .moments import pictures
 from .runs import Context, Outcome, run_scene
 
 SUMMARY = "three paths: place of the pelvis over time, beside a simulated inertial suit"
-_QUICK_S, _FULL_S = 2.0, 60.0
+_QUICK_S, _FULL_S = 2.0, 40.0
 _SUIT_SEEDS = 20
 
 

@@ -67,7 +67,7 @@ def walking_scene(seed: int = 1, duration_s: float = 60.0) -> Scene:
     )
 
 
-def path_scene(path: str, duration_s: float = 60.0, rate_hz: float = 15.0) -> Scene:
+def path_scene(path: str, duration_s: float = 40.0, rate_hz: float = 15.0) -> Scene:
     """One of `PATHS`: the paper's circle of 3 m, 3 m back and forth, 3 m sideways, at 3.5 km/h and less sideways.
 
     Drift is error over way walked, which the rate does not change: half of a camera's usual rate saves half the rendering.
