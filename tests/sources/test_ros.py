@@ -5,6 +5,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from itertools import islice, takewhile
 
 import numpy as np
 import pytest
@@ -38,6 +39,8 @@ SENDER = textwrap.dedent(
                 node.publish(topics[0], message_from_image(odd, t_ns + 1, "cam"), 0)
             node.publish(topics[1], jpeg_from_image(image, t_ns, "cam", 95), 0)
             node.publish(topics[2], message("std_msgs/msg/String", data="x"), 0)
+            if i == 0:
+                print("sending", flush=True)
             time.sleep(0.01)
     """
 )
@@ -45,13 +48,24 @@ SENDER = textwrap.dedent(
 
 @pytest.fixture
 def sender():
-    with subprocess.Popen([sys.executable, "-c", SENDER, str(DOMAIN)]) as process:
+    with subprocess.Popen([sys.executable, "-c", SENDER, str(DOMAIN)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "sending\n"
         yield process
         process.kill()
 
 
-def config(topic, **more):
-    return RosConfig(topic=topic, camera="cam02", domain_id=DOMAIN, local_only=True, **more)
+def config(topic, wait_s=60.0, **more):
+    return RosConfig(topic=topic, camera="cam02", domain_id=DOMAIN, local_only=True, wait_s=wait_s, **more)
+
+
+def refusal(topic, wanted):
+    """What `build` says of a topic, given longer as long as it has not yet heard of the one it is to name."""
+    for wait_s in (1.0, 2.0, 5.0, 20.0):
+        with pytest.raises(SourceError) as caught:
+            config(topic, wait_s).build()
+        if wanted in str(caught.value):
+            break
+    return str(caught.value)
 
 
 @pytest.mark.parametrize("topic", ["/cam/image_raw", "/cam/image_raw/compressed"])
@@ -67,7 +81,8 @@ def test_it_keeps_the_contract_of_sources(sender, topic):
 def test_images_of_another_size_or_older_are_refused_and_counted(sender):
     source = config("/cam/image_raw").build()
     frames = source.frames()
-    got = [next(frames) for _ in range(60)]
+    # a slow reader loses messages, so it takes as many as it needs
+    got = list(takewhile(lambda frame: source.refused_frames <= 5, islice(frames, 1000)))
     assert {f.size_wh for f in got} == {(16, 12)}
     assert source.refused_frames > 5
     source.close()
@@ -85,13 +100,13 @@ def test_closing_ends_the_frames(sender):
 
 
 def test_a_topic_that_is_not_there_says_which_are(sender):
-    with pytest.raises(SourceError, match=r"image topics in domain \d+: /cam/image_raw, /cam/image_raw/compressed"):
-        config("/cam2/image_raw", wait_s=2.0).build()
+    there = "/cam/image_raw, /cam/image_raw/compressed"
+    assert f"image topics in domain {DOMAIN}: {there}" in refusal("/cam2/image_raw", there)
 
 
 def test_a_topic_of_another_type_is_said(sender):
-    with pytest.raises(SourceError, match="it carries std_msgs/msg/String, expected sensor_msgs/msg/Image"):
-        config("/chatter", wait_s=2.0).build()
+    carried = "it carries std_msgs/msg/String, expected sensor_msgs/msg/Image"
+    assert carried in refusal("/chatter", carried)
 
 
 def test_two_topics_in_one_process(sender):

@@ -25,6 +25,7 @@ _MOST_SPREAD_RATIO = 1.35
 _MOST_FOCAL_CHANGE, _FOCAL_SIGMA = 0.03, 6.0
 _MOST_LATE_S, _LATE_SIGMA = 0.004, 5.0
 IN_STEP = "cameras are in step"
+CORNERS_FIT = "corners fit"
 _LEAST_APART_M = 0.03
 _LEAST_FACING = 0.9
 _UPSIDE_DOWN_COSINE = -0.5
@@ -91,7 +92,7 @@ def check_fit(cameras: Sequence[Camera], solved: Solved) -> Check:
     """The corners fit as well as detection can be trusted."""
     limit = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
     sigma = solved.solution.sigma_px
-    return Check("corners fit", sigma <= limit, f"spread of a corner coordinate {sigma:.2f} px (limit {limit:.2f})",
+    return Check(CORNERS_FIT, sigma <= limit, f"spread of a corner coordinate {sigma:.2f} px (limit {limit:.2f})",
                  "blur, cameras out of step (try clocks = offset), wrong intrinsics, or a prop that bends")  # fmt: skip
 
 

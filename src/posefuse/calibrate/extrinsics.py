@@ -10,14 +10,14 @@ from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
 from . import checks
-from .checks import IN_STEP
+from .checks import CORNERS_FIT, IN_STEP
 from .clocks import rough_offsets
 from .coverage import Coverage, coverage
 from .locate import aligned
 from .observations import Observations
 from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
 from .projection import Lenses
-from .prop_solve import Freedom, solve_prop
+from .prop_solve import Freedom, PropSolution, solve_prop
 from .report import CalibrationReport, Check, RefusedCalibration
 from .rotations import Poses
 from .snapshots import middle_ns
@@ -27,6 +27,8 @@ from .world import UpFromCameras, WorldRule
 _HALF_BLOCKS = 2
 _OUT_OF_STEP_S = 0.02
 _FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
+# noise stays when the lenses are let go, the wrong lens goes
+_WRONG_LENS_RATIO = 0.6
 OUT_OF_STEP = "the paths of the prop fit best with clocks out of step"
 
 
@@ -170,6 +172,24 @@ def _with_clock_hint(
     return replace(check, remedy=f"{OUT_OF_STEP} ({', '.join(far)}): use clocks = offset; or else: {check.remedy}")
 
 
+def _with_lens_hint(check: Check, cameras: tuple[Camera, ...], solved: Solved, options: Options) -> Check:
+    """A failed fit of the corners, with the lenses named as the reason where letting them go makes them fit far better."""
+    if check.passed:
+        return check
+    free = _let_lenses_go(cameras, solved, options)
+    if free.sigma_px > _WRONG_LENS_RATIO * solved.solution.sigma_px:
+        return check
+    focal = _focal_px(cameras)
+    change, sigma = free.state.lens_delta[:, 0] / focal, free.lens_sigma[:, 0] / focal
+    worst = int(np.argmax(np.abs(change)))
+    return replace(
+        check,
+        remedy=f"the lenses given are not those of these cameras: let go, they bring it to {free.sigma_px:.2f} px, and"
+        f" {cameras[worst].name}'s focal length moves by {change[worst]:+.0%} (known from these views to {sigma[worst]:.1%}"
+        f" only); calibrate each lens with a board of its own (intrinsics); or else: {check.remedy}",
+    )
+
+
 def _solution_checks(
     observations: Observations,
     cameras: tuple[Camera, ...],
@@ -188,6 +208,7 @@ def _solution_checks(
         checks.check_determined(cameras, solved, distance_m),
         checks.check_apart(cameras, state.cam_from_world),
     ]
+    quick = [_with_lens_hint(check, cameras, solved, options) if check.name == CORNERS_FIT else check for check in quick]
     wrong = next((i for i, check in enumerate(quick) if not check.passed), None)
     if wrong is not None:
         quick[wrong] = _with_clock_hint(quick[wrong], observations, cameras, target, options)
@@ -246,11 +267,20 @@ def _spread_px(solved: Solved, instants: Array, cameras: int) -> Array:
 
 def _lenses(cameras: tuple[Camera, ...], solved: Solved, options: Options) -> Check:
     """Let the lenses go and see whether the focal lengths stay."""
-    focal = np.array([camera.K[0, 0] for camera in cameras])
-    sigma = np.array([_FREE_FOCAL * focal.mean(), _FREE_FOCAL * focal.mean(), *_FREE_LENS])
-    freedom = Freedom(solved.links.reference, solved.links.shape.root, options.clocks != "together", False, sigma)
-    free = solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
+    focal, free = _focal_px(cameras), _let_lenses_go(cameras, solved, options)
     return checks.check_lenses(cameras, free.state.lens_delta[:, 0] / focal, free.lens_sigma[:, 0] / focal)
+
+
+def _let_lenses_go(cameras: tuple[Camera, ...], solved: Solved, options: Options) -> PropSolution:
+    """The solve once more, with lenses that are hardly held."""
+    focal_px = _FREE_FOCAL * float(_focal_px(cameras).mean())
+    sigma = np.array([focal_px, focal_px, *_FREE_LENS])
+    freedom = Freedom(solved.links.reference, solved.links.shape.root, options.clocks != "together", False, sigma)
+    return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
+
+
+def _focal_px(cameras: tuple[Camera, ...]) -> Array:
+    return np.array([camera.K[0, 0] for camera in cameras])
 
 
 def _stretches(observations: Observations, count: int, half: int) -> Observations:
