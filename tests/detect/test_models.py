@@ -51,7 +51,7 @@ def test_the_cards_that_come_with_the_package_are_complete():
 
 
 def test_a_card_nobody_wrote_is_named_with_those_that_exist():
-    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: blazepose_full, blazepose_heavy, blazepose_lite"):
+    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: blazepose_best, blazepose_full, blazepose_heavy"):
         read_card("blazepose_heavier")
 
 

@@ -88,7 +88,7 @@ def test_studies_get_worse_where_they_must() -> None:
 def test_paths_are_as_long_and_as_fine_as_asked() -> None:
     scene = path_scene("circle", 5.0, 30.0)
     assert (scene.duration_s, scene.rate_hz) == (5.0, 30.0)
-    assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (60.0, 15.0)
+    assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (40.0, 15.0)
     assert scene_name("x", scene) != scene_name("x", path_scene("circle"))
 
 
