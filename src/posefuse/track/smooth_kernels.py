@@ -213,8 +213,9 @@ def _weight(x):
 def add_lasting(t, noise, measured, told, rate, share, lasts, max_gap, cov):
     """cov (T, 3, 3), where `told` (T,), += what is not averaged away of noise (T, 3, 3) of which `share` lasts.
 
-    It fades by e within `lasts` s. rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave sum w_i^2 where they are independent
-    and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added. Runs end as in `smooth_point`.
+    It fades by e within `lasts` s. rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave
+    sum w_i^2 where they are independent and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added.
+    Runs end as in `smooth_point`.
     """
     weights = np.empty(len(t))
     first = 0
