@@ -107,3 +107,7 @@ def test_one_marker_with_foreign_lenses_is_refused_by_name(shared_data: Path, re
         RefusedCalibration, match=r"corners fit.*lenses given are not those of these cameras.*focal length moves.*intrinsics"
     ):
         calibrate_extrinsics(joined(seen), reference.cameras, target)
+    # its own footage cannot tell the lenses: one small marker, nine instants
+    free = Options(clocks="together", lens_sigma=(150.0, 150.0, 20.0, 20.0, 0.05, 0.05))
+    with pytest.raises(RefusedCalibration, match=r"corners fit|cameras are determined"):
+        calibrate_extrinsics(joined(seen), reference.cameras, target, free)
