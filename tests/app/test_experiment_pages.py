@@ -27,10 +27,11 @@ from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
 from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.page import Page
-from posefuse.evaluate.experiments.scaling import STUDIES, Study
+from posefuse.evaluate.experiments.scaling import STUDIES, Errors, Study
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, walking_scene
 from posefuse.wire.streams import UdpStream
 
+MADE_UP = Errors(1.0, 2.0, 1.0, 0.5, 1.0, 3.0)
 FUSION = SimpleNamespace(
     latencies=SimpleNamespace(newest=(), rate_hz=100.0),
     monitor=SimpleNamespace(source=lambda _: SimpleNamespace(captured=10)),
@@ -74,7 +75,9 @@ def on_the_clip(demo_session: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(latency, "rendered", lambda *_: demo_session)
     monkeypatch.setattr(latency, "live_times", lambda *_: some_times())
     monkeypatch.setattr(
-        scaling, "run_study", lambda name, *_: Study(*STUDIES[name][:2], (0.0, 1.0), (1.0, 2.0), (2.0, 3.0), (4.0, 5.0))
+        scaling,
+        "run_study",
+        lambda name, *_: Study(*STUDIES[name][:2], (0.0, 1.0), (MADE_UP, MADE_UP)),
     )
     return demo_session
 

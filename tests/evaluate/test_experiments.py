@@ -13,7 +13,7 @@ from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.drift import drift
 from posefuse.evaluate.experiments.inertial import SuitNoise, standing_point, suit_pelvis
 from posefuse.evaluate.experiments.page import Line, Page, bars, plot
-from posefuse.evaluate.experiments.scaling import STUDIES, Setup, measure, run_study
+from posefuse.evaluate.experiments.scaling import STUDIES, Setup, _errors, measure, run_study
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, PATHS, path_scene, scene_name, static_scene, walking_scene
 from posefuse.simulate.exact import truth_of
 
@@ -78,10 +78,23 @@ def test_drift_is_the_slope_over_the_way() -> None:
 def test_studies_get_worse_where_they_must() -> None:
     pytest.importorskip("anny")
     good, outliers = measure(Setup(outlier_share=0.0), 1.0), measure(Setup(outlier_share=0.3), 1.0)
-    assert measure(Setup(cameras=12, outlier_share=0.0), 1.0)[0] < good[0] < outliers[0]
-    assert measure(Setup(rotation_deg=1.0, outlier_share=0.0), 1.0)[0] > 1.5 * good[0]
+    assert measure(Setup(cameras=12, outlier_share=0.0), 1.0).robust_mm < good.robust_mm < outliers.robust_mm
+    assert measure(Setup(rotation_deg=1.0, outlier_share=0.0), 1.0).robust_mm > 1.5 * good.robust_mm
     study = run_study("offset", quick=True)
-    assert study.x == (0, 66) and study.robust_mm[0] < study.robust_mm[1]
+    assert study.x == (0, 66) and study.errors[0].robust_mm < study.errors[1].robust_mm
+
+
+def test_weights_are_compared_on_the_points_that_both_give() -> None:
+    joints = len(PAPER14.keypoints)
+    robust, score = np.full((4, 1, joints), 10.0), np.full((4, 1, joints), 12.0)
+    robust[0], score[0] = 100.0, np.nan
+    errors = _errors(robust, score)
+    assert errors.robust_mm == pytest.approx(32.5)
+    assert (errors.robust_same_mm, errors.score_same_mm) == (10.0, 12.0)
+    assert (errors.robust_found, errors.score_found) == (1.0, 0.75)
+
+
+def test_studies_cover_what_can_go_wrong() -> None:
     assert set(STUDIES) >= {"cameras", "radius", "resolution", "rotation", "offset", "dropped", "outliers"}
 
 

@@ -39,7 +39,12 @@ class JointErrors:
 
 
 def joint_errors(estimate: PoseSequence, truth: Truth, joints: Sequence[str] = PAPER14.keypoints) -> JointErrors:
-    """MPJPE per joint (paper, eq. 1) of the estimate against the truth at the estimate's own times.
+    """MPJPE per joint (paper, eq. 1) of the estimate against the truth; see `joint_distances_mm`."""
+    return summary(joints, joint_distances_mm(estimate, truth, joints))
+
+
+def joint_distances_mm(estimate: PoseSequence, truth: Truth, joints: Sequence[str] = PAPER14.keypoints) -> Array:
+    """(T, N_true, K) distances of the estimate from the truth at the estimate's own times; NaN where there is no estimate.
 
     The truth is interpolated linearly between its instants; instants outside them do not count. People are paired by
     the smallest mean distance.
@@ -53,8 +58,7 @@ def joint_errors(estimate: PoseSequence, truth: Truth, joints: Sequence[str] = P
     true_xyz = true_xyz_at(truth, estimate.t_ns[inside])
     wanted = pick_keypoints(true_xyz, truth.skeleton, joints)
     got = pick_keypoints(estimate.xyz_world[inside], estimate.skeleton, joints)
-    distance_mm = 1000 * _paired_distance_m(got, wanted)
-    return summary(joints, distance_mm)
+    return 1000 * _paired_distance_m(got, wanted)
 
 
 def summary(joints: Sequence[str], distance_mm: Array) -> JointErrors:

@@ -27,7 +27,7 @@ from posefuse.simulate.scene import Scene
 from posefuse.simulate.session import simulate
 from posefuse.track import JointCentres, read_joint_centres
 
-BEST_NETWORKS = "blazepose_best"
+BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-contrib-python-headless")
 
 
@@ -109,10 +109,14 @@ def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | Non
 
 
 def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErrors]:
-    """`Run.default_errors` with the largest networks, as a column; none where the context has another kind of 2D estimator."""
+    """`Run.default_errors` with the largest networks, as a column; of the first BEST_S of long scenes, as they are slow.
+
+    None where the context has another kind of 2D estimator.
+    """
     if context.config.detector.name != "blazepose":
         return {}
-    best = replace(context, overrides=(*context.overrides, f"detector.options.landmarks={BEST_NETWORKS}"))
+    shortened = (f"end_s={BEST_S}",) if scene.duration_s > BEST_S else ()
+    best = replace(context, overrides=(*context.overrides, f"detector.options.landmarks={BEST_NETWORKS}", *shortened))
     return {"best networks": run_scene(name, scene, best).default_errors()}
 
 

@@ -19,6 +19,13 @@ from posefuse.evaluate.experiments.scaling import (
 
 from .runs import Context, Outcome
 
+_LINES = {
+    "robust_mm": "robust",
+    "p95_mm": "robust, p95",
+    "robust_same_mm": "robust, points both give",
+    "score_same_mm": "score, points both give",
+}
+_SHARES = {"robust_found": "robust", "score_found": "score"}
 SUMMARY = "error over number of cameras, distance, resolution, calibration error, clocks, dropped frames, outliers"
 
 
@@ -34,14 +41,15 @@ def run(context: Context) -> Outcome:
         "Oracle detections",
         f"They err as the real network does on the walking session: {100 * ERROR_SHARE:.2f} % of the person's height in each "
         f"coordinate, {100 * BIAS_SHARE:.1f} % of it constant per camera and keypoint, {100 * OUTLIER_SHARE:g} % outliers, "
-        f"{100 * SWAP_SHARE:g} % of views with left and right exchanged. One instant at a time, not smoothed.",
+        f"{100 * SWAP_SHARE:g} % of views with left and right exchanged. One instant at a time, not smoothed. Weights are "
+        "compared on the points that both give: with few views, score is silent about the difficult ones.",
     )
     page.plots(
         [
             plot(
                 study["title"], study["title"], "mm",
-                [Line(name, np.array(study["x"]), np.array(study[key])) for name, key in
-                 (("robust", "robust_mm"), ("score", "score_mm"), ("robust, p95", "p95_mm"))],
+                [Line(name, np.array(study["x"]), np.array(study[key])) for key, name in
+                 _LINES.items()],
                 from_zero=True,
             )
             for study in studies.values()
@@ -50,5 +58,6 @@ def run(context: Context) -> Outcome:
     for study in studies.values():
         page.section(study["title"])
         columns = [study["title"], *(f"{x:g}" for x in study["x"])]
-        page.table(columns, [["robust mm", *study["robust_mm"]], ["score mm", *study["score_mm"]], ["p95 mm", *study["p95_mm"]]])
+        shares = [[f"{name}, % of points", *(100 * share for share in study[key])] for key, name in _SHARES.items()]
+        page.table(columns, [*([f"{name}, mm", *study[key]] for key, name in _LINES.items()), *shares])
     return Outcome({"studies": studies}, page)

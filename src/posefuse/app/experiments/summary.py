@@ -11,7 +11,7 @@ from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS
 from posefuse.files.atomic import atomic_file
 
-from .runs import BEST_NETWORKS
+from .runs import BEST_NETWORKS, BEST_S
 from .static import TITLES
 from .tables import joint_rows
 from .walking import STATED
@@ -34,7 +34,7 @@ def write_summary(out: Path) -> Path:
         f"{', '.join(map(str, CHECK_SEEDS))} as a check. "
         "What was tried, what stays and what does not: [ablation.md](ablation.md).",
         "*default* is what `posefuse track` does; *best networks* is the same with the largest 2D estimator, which is six times "
-        f"the work (`--set detector.options.landmarks={BEST_NETWORKS}`).",
+        f"the work (`--networks {BEST_NETWORKS}`), of the first {BEST_S:g} s of the walk.",
     ]
     for name, writer in (
         ("static", _static),
@@ -137,8 +137,14 @@ def _latency(figures: Mapping[str, Any]) -> list[str]:
 
 
 def _scaling(figures: Mapping[str, Any]) -> list[str]:
-    rows = [
-        [study["title"], ", ".join(f"{x:g}: {mm:.1f}" for x, mm in zip(study["x"], study["robust_mm"], strict=True))]
-        for study in figures["studies"].values()
+    def told(study: Mapping[str, Any], key: str) -> str:
+        return ", ".join(f"{x:g}: {mm:.1f}" for x, mm in zip(study["x"], study[key], strict=True))
+
+    keys = ("robust_mm", "robust_same_mm", "score_same_mm")
+    rows = [[study["title"], *(told(study, key) for key in keys)] for study in figures["studies"].values()]
+    return [
+        "## What the error depends on",
+        "Oracle detections, not smoothed; value: mm. Weights are compared on the points that both give, since with few views "
+        "`score` is silent about the difficult ones.",
+        _table(["", "robust", "robust, points both give", "score, points both give"], rows),
     ]
-    return ["## What the error depends on", "Oracle detections, robust weights, not smoothed.", _table(["", "value: mm"], rows)]

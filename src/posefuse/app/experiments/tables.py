@@ -14,7 +14,7 @@ from posefuse.evaluate.metrics import JointErrors
 LANDMARKS = (
     "none, score, all: the paper's weights on the landmarks as they are, instant by instant. robust: our estimator on the same. "
     "+ centres: landmarks moved to joint centres. default: that, smoothed over time, as `posefuse track` does with the "
-    "settings named below. best networks: that, with the largest 2D estimator."
+    "settings named below. best networks: that, with the largest 2D estimator (of a long scene its first 20 s)."
 )
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import SE3, Pose3D, PoseSequence, Rig, Truth, Views
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import PAPER14
 from posefuse.detect import OracleNoise, oracle_views
-from posefuse.evaluate.metrics import joint_errors
+from posefuse.evaluate.metrics import joint_distances_mm, summary
 from posefuse.files.settings import settings_from_mapping
 from posefuse.fuse import FuseSettings, fuse
 from posefuse.simulate.exact import truth_of
@@ -27,21 +29,36 @@ _DURATION_S, _RATE_HZ, _SEED = 8.0, 10.0, 5
 _LOOK_M = 1.0
 
 
+@dataclass(frozen=True)
+class Errors:
+    """One measurement, mean over the paper's joints.
+
+    Attributes:
+        robust_mm, p95_mm: of all points that robust weights give. robust_found, score_found: shares of points given.
+        robust_same_mm, score_same_mm: of the points that both give, the only fair comparison: with few views `score` is
+            silent about the difficult ones.
+    """
+
+    robust_mm: float
+    p95_mm: float
+    robust_found: float
+    score_found: float
+    robust_same_mm: float
+    score_same_mm: float
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
     """Errors over one thing that is changed, everything else as in the walking experiment.
 
     Attributes:
-        title, unit: of what is changed. x: its values. robust_mm, score_mm: mean over 14 joints.
-        p95_mm: of the robust one.
+        title, unit: of what is changed. x: its values. errors: at each.
     """
 
     title: str
     unit: str
     x: tuple[float, ...]
-    robust_mm: tuple[float, ...]
-    score_mm: tuple[float, ...]
-    p95_mm: tuple[float, ...]
+    errors: tuple[Errors, ...]
 
 
 @dataclass(frozen=True)
@@ -74,13 +91,12 @@ def run_study(name: str, quick: bool = False, fusing: FuseSettings | None = None
     """Run one of `STUDIES`; `quick` takes its first and last value for a second of walking."""
     title, unit, values, setup_of = STUDIES[name]
     x = (values[0], values[-1]) if quick else tuple(values)
-    rows = [measure(setup_of(value), 1.0 if quick else _DURATION_S, fusing) for value in x]
-    robust, score, p95 = zip(*rows, strict=True)
-    return Study(title, unit, tuple(map(float, x)), robust, score, p95)
+    errors = tuple(measure(setup_of(value), 1.0 if quick else _DURATION_S, fusing) for value in x)
+    return Study(title, unit, tuple(map(float, x)), errors)
 
 
-def measure(setup: Setup, duration_s: float = _DURATION_S, fusing: FuseSettings | None = None) -> tuple[float, float, float]:
-    """Mean error in mm over the paper's joints of robust and score weights, and the robust one's mean 95th percentile."""
+def measure(setup: Setup, duration_s: float = _DURATION_S, fusing: FuseSettings | None = None) -> Errors:
+    """Errors of robust and score weights on the same detections."""
     fusing = fusing or FuseSettings()
     truth = _truth(setup, duration_s)
     noise = _noise(setup, truth)
@@ -90,14 +106,22 @@ def measure(setup: Setup, duration_s: float = _DURATION_S, fusing: FuseSettings 
     lost = rng.random(score.shape[:3]) < setup.dropped
     xy[lost], score[lost], sigma[lost] = np.nan, 0.0, np.nan
     rig = _disturbed(truth.rig, setup, rng)
-    errors = []
+    distances_mm = []
     for weights in ("robust", "score"):
         poses: list[Pose3D] = []
         for i, t_ns in enumerate(truth.t_ns):
             views = Views(int(t_ns), truth.skeleton, rig.names, truth.person_id, xy[i], score[i], sigma[i])
             poses.append(fuse(views, rig, replace(fusing, weights=weights), poses[-1] if poses else None))
-        errors.append(joint_errors(PoseSequence.from_poses(poses), truth))
-    return errors[0].mpjpe_mm, errors[1].mpjpe_mm, float(np.nanmean(errors[0].p95_mm))
+        distances_mm.append(joint_distances_mm(PoseSequence.from_poses(poses), truth))
+    return _errors(*distances_mm)
+
+
+def _errors(robust_mm: Array, score_mm: Array) -> Errors:
+    both = np.isfinite(robust_mm) & np.isfinite(score_mm)
+    robust, score = (summary(PAPER14.keypoints, distance_mm) for distance_mm in (robust_mm, score_mm))
+    same = [summary(PAPER14.keypoints, np.where(both, distance_mm, np.nan)).mpjpe_mm for distance_mm in (robust_mm, score_mm)]
+    found = [float(np.mean(errors.found)) for errors in (robust, score)]
+    return Errors(robust.mpjpe_mm, float(np.nanmean(robust.p95_mm)), *found, *same)
 
 
 def _truth(setup: Setup, duration_s: float) -> Truth:
@@ -149,7 +173,5 @@ def study_figures(study: Study) -> dict[str, Any]:
     return {
         "title": f"{study.title}{f' ({study.unit})' if study.unit else ''}",
         "x": list(study.x),
-        "robust_mm": list(study.robust_mm),
-        "score_mm": list(study.score_mm),
-        "p95_mm": list(study.p95_mm),
+        **{field.name: [getattr(one, field.name) for one in study.errors] for field in fields(Errors)},
     }
