@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
 
 from posefuse.core import Recording
-from posefuse.files.atomic import PARTIAL
+from posefuse.files.atomic import atomic_file
 from posefuse.files.settings import settings
 
 from .drawing import EMPTY_RGB, grid_for, view_tile
@@ -46,22 +47,21 @@ class OverlaySink:
 
 class _OverlayWriter:
     def __init__(self, recording: Recording, path: Path, config: OverlaySink) -> None:
-        from posefuse.files.video import VideoWriter
-
-        self._recording, self._path = recording, path
+        self._recording, self._path, self._config = recording, path, config
+        self._whole = ExitStack()
         self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))
-        self._beside = path.with_name(f"{path.stem}{PARTIAL}{path.suffix}")
-        self._video = VideoWriter(self._beside, self._grid.size_wh, rate_hz(recording.poses), config.crf, preset="superfast")
 
     def __enter__(self) -> _OverlayWriter:
+        from posefuse.files.video import VideoWriter
+
+        beside = self._whole.enter_context(atomic_file(self._path))
+        rate = rate_hz(self._recording.poses)
+        self._video = VideoWriter(beside, self._grid.size_wh, rate, self._config.crf, preset="superfast")
         return self
 
-    def __exit__(self, *problem: object) -> None:
+    def __exit__(self, *problem: Any) -> None:
         self._video.close()
-        if problem[0] is None:
-            self._beside.replace(self._path)
-        else:
-            self._beside.unlink(missing_ok=True)
+        self._whole.__exit__(*problem)
 
     @property
     def files(self) -> list[Path]:

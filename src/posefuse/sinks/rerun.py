@@ -9,15 +9,16 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
 
 from posefuse.core import Camera, DependencyError, Frame, Recording
 from posefuse.core.arrays import Array
-from posefuse.files.atomic import PARTIAL
+from posefuse.files.atomic import atomic_file
 from posefuse.files.recording import read_recording
 from posefuse.files.settings import settings
 
@@ -121,7 +122,7 @@ class _RerunWriter:
         import rerun as rr
 
         self._recording, self._path, self._config = recording, path, config
-        self._beside = path.with_name(f"{path.stem}{PARTIAL}{path.suffix}")
+        self._whole = ExitStack()
         self._cameras = [_shown(camera, config.image_px) for camera in recording.rig]
         skeleton = recording.poses.skeleton
         self._bones, self._bone_rgb, self._keypoint_rgb = (
@@ -133,17 +134,15 @@ class _RerunWriter:
         self._stream = rr.RecordingStream("posefuse", recording_id=identity)
 
     def __enter__(self) -> _RerunWriter:
-        self._stream.save(self._beside, default_blueprint=_blueprint(self._recording))
+        beside = self._whole.enter_context(atomic_file(self._path))
+        self._stream.save(beside, default_blueprint=_blueprint(self._recording))
         self._log_static()
         self._log_plots()
         return self
 
-    def __exit__(self, *problem: object) -> None:
+    def __exit__(self, *problem: Any) -> None:
         self._stream.disconnect()
-        if problem[0] is None:
-            self._beside.replace(self._path)
-        else:
-            self._beside.unlink(missing_ok=True)
+        self._whole.__exit__(*problem)
 
     @property
     def files(self) -> list[Path]:
