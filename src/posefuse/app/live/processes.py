@@ -62,6 +62,7 @@ class _Member:
     channel: Channel
     process: Any
     skeleton: Skeleton | None = None
+    ready: bool = False
     heard_s: float = field(default_factory=time.monotonic)
     retry_s: float = _FIRST_RETRY_S
     again_at_s: float | None = None
@@ -171,7 +172,7 @@ class Groups:
         member.channel.close()
         member.process.close()
         member.channel, member.process = self._start(member.plan)
-        member.again_at_s, member.heard_s = None, time.monotonic()
+        member.again_at_s, member.heard_s, member.ready = None, time.monotonic(), False
         member.restarts += 1
 
     def _hear_ready(self, member: _Member) -> None:
@@ -183,7 +184,7 @@ class Groups:
         if isinstance(message, Failed):
             raise SourceError(message.reason)
         if isinstance(message, Ready):
-            member.skeleton = message.skeleton
+            member.skeleton, member.ready = message.skeleton, True
 
     def _from(self, member: _Member) -> Iterator[Any]:
         for _ in range(_AT_ONCE):
@@ -196,6 +197,7 @@ class Groups:
                 break
             member.heard_s = time.monotonic()
             if isinstance(message, Ready) and self._go is not None:
+                member.ready = True
                 member.channel.send(self._go, 0.1)
             elif isinstance(message, Failed):
                 self._died(member, message.reason)
@@ -204,7 +206,8 @@ class Groups:
                 if isinstance(message, Status) and all(state.state != "opening" for state in message.cameras):
                     member.trouble, member.retry_s = "", _FIRST_RETRY_S
                 yield message
-        if time.monotonic() - member.heard_s > _HUNG_S:
+        # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
+        if time.monotonic() - member.heard_s > (_HUNG_S if member.ready else START_S):
             os.kill(member.process.pid, signal.SIGKILL)
             self._died(member, f"process {member.process.pid} hung and was ended")
 
