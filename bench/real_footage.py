@@ -89,6 +89,7 @@ def main() -> None:
         for name, options in {
             "default": (),
             "without joint centres": ("--set", "joint_centres=false"),
+            "small network": ("--set", "detector.options.landmarks=blazepose_lite"),
             "larger network": ("--set", "detector.options.landmarks=blazepose_heavy"),
             "best networks": ("--set", "detector.options.landmarks=blazepose_best"),
             "not smoothed": ("--raw",),
