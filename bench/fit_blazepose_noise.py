@@ -20,12 +20,13 @@ from scipy.optimize import minimize
 
 from posefuse.core import SKELETONS, Region
 from posefuse.core.skeleton import mirror_name
-from posefuse.detect import default_cache_dir, fetch, read_card, region_from_keypoints
+from posefuse.detect import fetch, read_card, region_from_keypoints
 from posefuse.detect.blazepose.landmarks import landmarks_from_outputs
 from posefuse.detect.blazepose.network import Network
 from posefuse.detect.blazepose.noise import features
 from posefuse.detect.regions import crop_from_img, cut
 from posefuse.files.truth import read_truth
+from posefuse.files.user_cache import default_cache_dir
 
 MOTIONS = [
     {"kind": "squat", "period_s": 5.3},

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, Camera, Rig
-from posefuse.fuse import kernels
+from posefuse.fuse.kernels import lens, point
 from posefuse.fuse.packed import packed_rig
 
 K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
@@ -21,16 +21,16 @@ def test_lens_derivatives(camera):
     for x, y in POINTS:
         numeric = np.empty((2, 2))
         for column, (dx, dy) in enumerate([(step, 0), (0, step)]):
-            ahead, behind = kernels.bend(packed, x + dx, y + dy), kernels.bend(packed, x - dx, y - dy)
+            ahead, behind = lens.bend(packed, x + dx, y + dy), lens.bend(packed, x - dx, y - dy)
             numeric[:, column] = (np.array(ahead[:2]) - behind[:2]) / (2 * step)
-        np.testing.assert_allclose(np.reshape(kernels.bend(packed, x, y)[2:], (2, 2)), numeric, rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(np.reshape(lens.bend(packed, x, y)[2:], (2, 2)), numeric, rtol=1e-6, atol=1e-5)
 
 
 def looked(rig: Rig, xy: np.ndarray, sigma: float) -> np.ndarray:
     views, ideal = np.empty((len(rig), 7)), np.empty((len(rig), 6, 1))
-    kernels.straighten_group(packed_rig(rig), xy[:, None], ideal, np.empty(1))
+    lens.straighten_group(packed_rig(rig), xy[:, None], ideal, np.empty(1))
     for c in range(len(rig)):
-        assert kernels.look(packed_rig(rig), c, ideal, 0, sigma, views, c)
+        assert point.look(packed_rig(rig), c, ideal, 0, sigma, views, c)
     return views
 
 
@@ -42,11 +42,11 @@ def test_gradient_of_the_robust_loss(ring_rig, sigma):
     views = looked(rig, rig.project(truth) + np.random.default_rng(1).normal(size=(4, 2)) * 8, sigma)
     system, scratch = np.empty(9), np.empty(9)
     cams = packed_rig(rig)
-    kernels.normal_system(cams, views, 4, truth, system)
+    point.normal_system(cams, views, 4, truth, system)
     numeric = np.empty(3)
     for i, step in enumerate(np.eye(3) * 1e-6):
-        ahead = kernels.normal_system(cams, views, 4, truth + step, scratch)
-        behind = kernels.normal_system(cams, views, 4, truth - step, scratch)
+        ahead = point.normal_system(cams, views, 4, truth + step, scratch)
+        behind = point.normal_system(cams, views, 4, truth - step, scratch)
         numeric[i] = (ahead - behind) / 4e-6
     np.testing.assert_allclose(system[6:], numeric, rtol=1e-5)
 
@@ -56,11 +56,11 @@ def test_information_is_the_second_derivative_where_residuals_vanish(ring_rig):
     truth = np.array([0.3, -0.2, 1.2])
     views = looked(rig, rig.project(truth), 2.0)
     cams, system, ahead, behind = packed_rig(rig), np.empty(9), np.empty(9), np.empty(9)
-    kernels.normal_system(cams, views, 4, truth, system)
+    point.normal_system(cams, views, 4, truth, system)
     numeric = np.empty((3, 3))
     for i, step in enumerate(np.eye(3) * 1e-5):
-        kernels.normal_system(cams, views, 4, truth + step, ahead)
-        kernels.normal_system(cams, views, 4, truth - step, behind)
+        point.normal_system(cams, views, 4, truth + step, ahead)
+        point.normal_system(cams, views, 4, truth - step, behind)
         numeric[i] = (ahead[6:] - behind[6:]) / 2e-5
     upper = numeric[np.triu_indices(3)]
     np.testing.assert_allclose(system[:6], upper, rtol=1e-5, atol=1e-3)

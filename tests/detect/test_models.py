@@ -12,7 +12,8 @@ import pytest
 
 from posefuse.core import ModelError
 from posefuse.detect import default_cards
-from posefuse.detect.models import archives, default_cache_dir, fetch, fetch_all, holds, list_cards, model_path, read_card, status
+from posefuse.detect.models import archives, fetch, fetch_all, holds, list_cards, model_path, read_card, status
+from posefuse.files.user_cache import default_cache_dir
 
 CONTENT = b"a network"
 

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, Camera, Rig
-from posefuse.fuse import kernels, triangulate
+from posefuse.fuse import triangulate
+from posefuse.fuse.kernels import lens
 from posefuse.fuse.packed import packed_rig
 
 K = np.array([[700.0, 0.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
@@ -26,10 +27,10 @@ def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
     xy = np.random.default_rng(1).uniform(-0.35, 0.35, (20, 2))
     expected, _ = cv2.projectPoints(np.column_stack([xy, np.ones(20)]), np.zeros(3), np.zeros(3), K, np.array(BROWN[:count]))
     for ideal, raw in zip(xy, expected[:, 0], strict=True):
-        np.testing.assert_allclose(kernels.bend(packed, *ideal)[:2], raw, atol=1e-9)
-        np.testing.assert_allclose(kernels.straighten(packed, *raw)[:2], ideal, atol=1e-12)
+        np.testing.assert_allclose(lens.bend(packed, *ideal)[:2], raw, atol=1e-9)
+        np.testing.assert_allclose(lens.straighten(packed, *raw)[:2], ideal, atol=1e-12)
     side_by_side = np.empty((1, 6, 20))
-    kernels.straighten_group(packed[None], np.ascontiguousarray(expected[:, 0])[None], side_by_side, np.empty(20))
+    lens.straighten_group(packed[None], np.ascontiguousarray(expected[:, 0])[None], side_by_side, np.empty(20))
     np.testing.assert_allclose(side_by_side[0, :2].T, xy, atol=1e-12)
 
 
@@ -38,20 +39,20 @@ def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
     xy = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 2))
     expected = cv2.fisheye.distortPoints(xy[None], K, np.array(FISH))[0]
     for ideal, raw in zip(xy, expected, strict=True):
-        np.testing.assert_allclose(kernels.bend(packed, *ideal)[:2], raw, atol=1e-9)
-        np.testing.assert_allclose(kernels.straighten(packed, *raw)[:2], ideal, atol=1e-10)
+        np.testing.assert_allclose(lens.bend(packed, *ideal)[:2], raw, atol=1e-9)
+        np.testing.assert_allclose(lens.straighten(packed, *raw)[:2], ideal, atol=1e-10)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "fisheye"])
 def test_the_compiled_lens_gives_up_where_the_camera_does(model):
     """Far outside the image there is no inverse: NaN in both, or the same ray."""
-    lens = np.array([-0.4, 0.0, 0.0, 0.0]) if model == "pinhole" else np.array([-0.3, 0.01, 0.0, 0.0])
-    camera = Camera("a", (640, 480), K, SE3.identity(), lens, model=model)
+    bent = np.array([-0.4, 0.0, 0.0, 0.0]) if model == "pinhole" else np.array([-0.3, 0.01, 0.0, 0.0])
+    camera = Camera("a", (640, 480), K, SE3.identity(), bent, model=model)
     packed = packed_rig(Rig((camera,)))[0]
     xy = np.random.default_rng(2).uniform(-1500, 2000, (200, 2))
     expected = camera.norm_from_px(xy)
     ideal = np.empty((1, 6, len(xy)))
-    kernels.straighten_group(packed[None], xy[None], ideal, np.empty(len(xy)))
+    lens.straighten_group(packed[None], xy[None], ideal, np.empty(len(xy)))
     found = ideal[0, :2].T
     np.testing.assert_allclose(found, expected, atol=1e-7)
     assert 0 < np.isnan(expected[:, 0]).sum() < 200

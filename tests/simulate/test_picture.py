@@ -7,8 +7,9 @@ import pytest
 
 from posefuse.core import Frame
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
-from posefuse.detect import default_cache_dir, default_cards, status
+from posefuse.detect import default_cards, status
 from posefuse.detect.blazepose import BlazePoseConfig
+from posefuse.files.user_cache import default_cache_dir
 from posefuse.simulate import Scene
 from posefuse.simulate.body import BodySettings
 from posefuse.simulate.build import live_scene

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-from posefuse.detect import default_cache_dir, default_cards, list_cards, status
+from posefuse.detect import default_cards, list_cards, status
+from posefuse.files.user_cache import default_cache_dir
 
 EXTRAS = {
     "sim": "simulator",

@@ -1,13 +1,13 @@
 """Images to Detections2D: 2D estimator plug-ins, model cards, regions to look at."""
 
 from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
-from .models import default_cache_dir, fetch, fetch_all, list_cards, read_card, status
+from .models import fetch, fetch_all, list_cards, read_card, status
 from .openpose import OpenPoseFolder, read_openpose_folder
 from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
 from .regions import region_from_keypoints, region_from_pose, up_angle_rad
 
 __all__ = [
     "BlazePoseConfig", "BlazePoseDetector", "OpenPoseFolder", "OracleConfig", "OracleDetector", "OracleNoise",
-    "OracleViews", "default_cache_dir", "default_cards", "fetch", "fetch_all", "list_cards", "oracle_views", "read_card",
+    "OracleViews", "default_cards", "fetch", "fetch_all", "list_cards", "oracle_views", "read_card",
     "read_openpose_folder", "region_from_keypoints", "region_from_pose", "status", "up_angle_rad",
 ]  # fmt: skip

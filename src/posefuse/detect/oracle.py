@@ -97,6 +97,11 @@ class OracleDetector:
         """The truth's."""
         return self._truth.skeleton
 
+    @property
+    def joint_centres_file(self) -> None:
+        """The truth's keypoints are joint centres."""
+        return None
+
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """Everybody who is seen; with regions, for each the person whose middle lies nearest to it and inside.
 

@@ -10,7 +10,7 @@ from posefuse.core import Camera, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.lens import tilt_matrix
 
-# columns of a packed camera; kernels.py indexes them by these numbers
+# columns of a packed camera; the kernels index them by these numbers
 ROTATION, TRANSLATION, INTRINSIC, LENS, TILT, UNTILT, MODEL, CENTRE, WIDTH = 0, 9, 12, 17, 29, 38, 47, 48, 51
 NO_LENS, BROWN, BROWN_TILTED, FISHEYE = 0, 1, 2, 3
 

@@ -82,10 +82,10 @@ def solve_untangled(
 
     `before` (G, K, 3) decides when as many views say one thing as the other; otherwise the fewest exchanges win.
     """
-    from . import kernels
+    from .kernels import robust
 
     solved = solve_robust(rig, xy, score, sigma, settings)
-    if not (solved.square > kernels.USED).any():
+    if not (solved.square > robust.USED).any():
         return settled(solved, rig, xy, score, sigma, settings)
     touched = [
         _untangle(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.points.xyz[g], solved.square[g], past)
@@ -113,16 +113,16 @@ def _untangle(person: _Person, xyz: Array, square: Array, before: Array | None) 
 
 def _suspicious(person: _Person, xyz: Array, square: Array, group: Array) -> bool:
     """Whether in some view `group` misfits and, exchanged, would fit the points of the others in good part."""
-    from . import kernels
+    from .kernels import robust
 
     every = np.ones((1, len(person.rig)), bool)
     xy, score, sigma = person.exchanged(every, group)
     exchanged = np.empty(sigma.shape)
     there = np.ascontiguousarray(xyz[None, group])
-    kernels.squares_of(packed_rig(person.rig), xy, np.where(score > 0, sigma, np.nan), there, exchanged)
+    robust.squares_of(packed_rig(person.rig), xy, np.where(score > 0, sigma, np.nan), there, exchanged)
     seen = np.isfinite(square[:, group])
-    misfits = (seen & (square[:, group] > kernels.USED)).sum(axis=1)
-    fits = (exchanged[0] < kernels.USED).sum(axis=1)
+    misfits = (seen & (square[:, group] > robust.USED)).sum(axis=1)
+    fits = (exchanged[0] < robust.USED).sum(axis=1)
     count = seen.sum(axis=1)
     return bool(((misfits >= np.maximum(2, _MISFIT * count)) & (fits >= np.maximum(2, _FIT * count))).any())
 
@@ -160,12 +160,12 @@ def _best_flips(person: _Person, group: Array, before: Array | None) -> Array:
 
 def _pairs_fit(person: _Person, group: Array, square: Array) -> Array:
     """(F, C, P) whether both keypoints of each of the P pairs of `group` fit a view, from squares (F, C, len(group))."""
-    from . import kernels
+    from .kernels import robust
 
     place = {int(k): i for i, k in enumerate(group)}
     mirror = person.skeleton.mirror
     one, other = np.array([(i, place[int(mirror[k])]) for i, k in enumerate(group) if mirror[k] > k]).T
-    fits = square < kernels.USED
+    fits = square < robust.USED
     # two rays nearly meet by chance as well
     fits &= fits.sum(axis=1, keepdims=True) >= _REDUNDANT
     return np.asarray(fits[..., one] & fits[..., other])

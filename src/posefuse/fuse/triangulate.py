@@ -152,9 +152,9 @@ class RobustSolution:
 
 def solve_robust(rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings) -> RobustSolution:
     """Robust fusion of groups (G, C, K, ...)."""
-    from . import kernels
+    from .kernels import robust
 
-    return _solve_robust(rig, xy_img, score, sigma, kernels.MAX_SCALE, settings)
+    return _solve_robust(rig, xy_img, score, sigma, robust.MAX_SCALE, settings)
 
 
 def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings) -> Triangulated:
@@ -163,12 +163,12 @@ def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma
     No view is then singled out: sigma grows until they agree. To be asked last, when sides have been put right: those
     make views contradict each other as well.
     """
-    from . import kernels
+    from .kernels import robust
 
     points = solved.told()
     if solved.contradicted.any():
         at = np.flatnonzero(solved.contradicted)
-        again = _solve_robust(rig, xy_img[at], score[at], sigma[at], kernels.LAST_SCALE, settings)
+        again = _solve_robust(rig, xy_img[at], score[at], sigma[at], robust.LAST_SCALE, settings)
         at, kept = at[~again.contradicted], np.flatnonzero(~again.contradicted)
         for plane, anew in zip(vars(points).values(), vars(again.told()).values(), strict=True):
             plane[at] = anew[kept]
@@ -178,14 +178,14 @@ def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma
 def _solve_robust(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, most_scale: float, settings: FuseSettings
 ) -> RobustSolution:
-    from . import kernels
+    from .kernels import robust
 
     groups, _, keypoints = sigma.shape
     points = _empty(sigma.shape)
     square, cost, rival = np.empty(sigma.shape), np.empty((groups, keypoints)), np.empty((groups, keypoints), bool)
     wanted = np.empty(groups)
     usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
-    kernels.solve_robust(
+    robust.solve_robust(
         packed_rig(rig), xy_img, usable, most_scale, points.xyz, points.cov, points.reproj, points.n_views, square, cost, rival,
         wanted,
     )  # fmt: skip
@@ -194,10 +194,10 @@ def _solve_robust(
 
 def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:
     """Groups (G, C, K, ...) to points by the paper's weighted least squares with given weights (G, C, K)."""
-    from . import kernels
+    from .kernels import linear
 
     solved = _empty(sigma.shape)
-    kernels.solve_linear(packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
+    linear.solve_linear(packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
     return solved
 
 

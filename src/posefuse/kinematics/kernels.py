@@ -1,7 +1,5 @@
 """The compiled mathematics of segment frames and joint angles.
 
-One file on purpose: numba's disk cache watches only the file of the function it compiled.
-
 A frame errs by a small rotation vector omega (world axes), linear in the errors of its points; the angles of a joint err
 by M^-1 (omega_child - omega_parent), where the columns of M are the joint's three rotation axes. So covariances of the
 points become standard deviations of the angles in closed form.
@@ -16,7 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posefuse.files.compiled import kernel
 
 DEFINED, NOT_DETERMINED, MISSING, STRAIGHT_LIMB, GIMBAL_LOCK, UNCERTAIN = 0, 1, 2, 3, 4, 5
 ZXY, YXY, YXZ, YZX = 0, 1, 2, 3
@@ -26,10 +25,9 @@ MEMORY_SIZE = 13
 # a plane: normal z, variance of its turn; variance of the plane seen now, and the part of that due to the points
 PLANE_SIZE = 6
 UNKNOWN_VAR = 1.0  # rad^2 of a plane guessed from the parent's Z axis
-_JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
-@njit(**_JIT)
+@kernel()
 def gather(xyz, cov, pairs, default_var, points, points_cov):
     """Landmarks (P, 3) and covariances (P, 3, 3) as means of keypoint pairs; unknown covariance becomes `default_var`."""
     for p in range(pairs.shape[0]):
@@ -49,7 +47,7 @@ def gather(xyz, cov, pairs, default_var, points, points_cov):
                 points_cov[p, i, i] = default_var
 
 
-@njit(**_JIT)
+@kernel()
 def _between(points, from_pair, to_pair):
     out = np.empty(3)
     for i in range(3):
@@ -57,12 +55,12 @@ def _between(points, from_pair, to_pair):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(**_JIT)
+@kernel()
 def _cross(a, b):
     out = np.empty(3)
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -71,7 +69,7 @@ def _cross(a, b):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def _normal_to(v, unit):
     """Unit vector along the part of v normal to `unit`, and the length of that part."""
     out = v - _dot(v, unit) * unit
@@ -79,7 +77,7 @@ def _normal_to(v, unit):
     return out / norm, norm
 
 
-@njit(**_JIT)
+@kernel()
 def free_frame(points, pairs, first_axis, second_axis, rotation, by_first, by_second):
     """Frame (3, 3, columns are axes) of a first and a second vector, and omega's derivatives by both."""
     first = _between(points, pairs[1], pairs[2])
@@ -99,7 +97,7 @@ def free_frame(points, pairs, first_axis, second_axis, rotation, by_first, by_se
             by_second[i, j] = u[i] * k[j] / breadth
 
 
-@njit(**_JIT)
+@kernel()
 def upper_frame(points, pairs, plane, rotation, by_first, by_second):
     """Frame of a limb's upper segment, turned as `plane` says; returns the variance of the turn not due to these points."""
     free_frame(points, pairs, 1, 0, rotation, by_first, by_second)
@@ -126,7 +124,7 @@ def upper_frame(points, pairs, plane, rotation, by_first, by_second):
     return max(0.0, plane[3] - share * share * plane[5]) if share > 0.0 else plane[3]
 
 
-@njit(**_JIT)
+@kernel()
 def lower_frame(points, pairs, bend, upper, upper_by_first, upper_by_second, rotation, by_first, by_second):
     """Frame of a limb's lower segment: its Z is the upper one's, so its turn errs as that one's does."""
     first = _between(points, pairs[1], pairs[2])
@@ -148,7 +146,7 @@ def lower_frame(points, pairs, bend, upper, upper_by_first, upper_by_second, rot
     return _dot(y, upper[:, 1]) ** 2
 
 
-@njit(**_JIT)
+@kernel()
 def _followed(z, y_before, y):
     """z turned by the smallest rotation that takes y_before to y."""
     axis = _cross(y_before, y)
@@ -160,7 +158,7 @@ def _followed(z, y_before, y):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def _carried(memory, parent, y, grown_var):
     """The plane normal expected now and its variance, NaN when nothing is known; `parent` may be NaN."""
     has_parent = not math.isnan(parent[0, 0])
@@ -179,7 +177,7 @@ def _carried(memory, parent, y, grown_var):
     return _followed(memory[6:9].copy(), memory[9:12].copy(), y), memory[12] + grown_var
 
 
-@njit(**_JIT)
+@kernel()
 def _variance(cov, direction):
     out = 0.0
     for i in range(3):
@@ -188,7 +186,7 @@ def _variance(cov, direction):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def _seen_turn(points, points_cov, limb, bend, y, z, hinge_var):
     """Turn about y from the expected plane to the seen one, its variance, and the part of it due to the points."""
     middle = points[limb[1]]
@@ -219,7 +217,7 @@ def _seen_turn(points, points_cov, limb, bend, y, z, hinge_var):
     return turn, var, points_var
 
 
-@njit(**_JIT)
+@kernel()
 def plane_step(points, points_cov, limb, bend, parent, memory, grown_var, hinge_var, expected, updated):
     """One step of a limb's plane filter; writes the plane (6,) before and after the new points, and the memory."""
     expected[:] = np.nan
@@ -255,7 +253,7 @@ def plane_step(points, points_cov, limb, bend, parent, memory, grown_var, hinge_
     _remember(memory, parent, y, z, var)
 
 
-@njit(**_JIT)
+@kernel()
 def _first_plane(points, limb, bend, y):
     """Without a parent the first plane is taken as it is, if the limb is clearly bent."""
     lower = bend * (points[limb[2]] - points[limb[1]])
@@ -265,7 +263,7 @@ def _first_plane(points, limb, bend, y):
     return normal, UNKNOWN_VAR
 
 
-@njit(**_JIT)
+@kernel()
 def _remember(memory, parent, y, z, var):
     for i in range(3):
         memory[i] = parent[0, i] * z[0] + parent[1, i] * z[1] + parent[2, i] * z[2]
@@ -275,7 +273,7 @@ def _remember(memory, parent, y, z, var):
     memory[12] = var
 
 
-@njit(**_JIT)
+@kernel()
 def segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_second, turn_var):
     """All frames (S, 3, 3), the derivatives of their errors by both vectors, and the limbs' own turn variance (S,)."""
     for s in range(pairs.shape[0]):
@@ -293,7 +291,7 @@ def segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_se
             )
 
 
-@njit(**_JIT)
+@kernel()
 def cardan(r, sequence, angles, axes):
     """Three angles of a rotation (3, 3), the axes (3, 3 columns) they turn about in parent axes, and sin of the lock angle."""
     axes[:] = 0.0
@@ -324,7 +322,7 @@ def cardan(r, sequence, angles, axes):
     return lock
 
 
-@njit(**_JIT)
+@kernel()
 def _spread(by_first, by_second, pairs, sign, rates, weights):
     """Add the derivative of three angles by the points (P, 3 angles, 3): rates @ omega of one segment."""
     for half in range(2):
@@ -339,7 +337,7 @@ def _spread(by_first, by_second, pairs, sign, rates, weights):
                             weights[point, a, j] += factor * rates[a, i] * direction[i, j]
 
 
-@njit(**_JIT)
+@kernel()
 def joint_angles(
     rotation, by_first, by_second, turn_var, points_cov, pairs, joint_segments, sequence, mirrored, sign, determined,
     ground, limits, angles, sigmas, reasons, weights,
@@ -393,7 +391,7 @@ def joint_angles(
                 sigmas[q, a] = np.nan
 
 
-@njit(**_JIT)
+@kernel()
 def _weighted_variance(weights, points_cov):
     var = 0.0
     for p in range(points_cov.shape[0]):
@@ -402,7 +400,7 @@ def _weighted_variance(weights, points_cov):
     return var
 
 
-@njit(**_JIT)
+@kernel()
 def _reason(determined, free, sigma, turn_var, limit):
     if not determined:
         return NOT_DETERMINED
@@ -413,7 +411,7 @@ def _reason(determined, free, sigma, turn_var, limit):
     return DEFINED
 
 
-@njit(**_JIT)
+@kernel()
 def unwrap(angles, last):
     """Move angles (J, 3) by whole turns to the nearest of their last values, which are then replaced."""
     for q in range(angles.shape[0]):
@@ -425,7 +423,7 @@ def unwrap(angles, last):
                 last[q, a] = angles[q, a]
 
 
-@njit(**_JIT)
+@kernel()
 def step_planes(
     points, points_cov, limb_points, bends, parents, pairs, axes, memory, grown_var, hinge_var, expected, updated
 ):  # fmt: skip
@@ -439,7 +437,7 @@ def step_planes(
         plane_step(points, points_cov, limb_points[i], bends[i], parent, memory[i], grown_var, hinge_var, expected[i], updated[i])
 
 
-@njit(**_JIT)
+@kernel()
 def solve(
     points, points_cov, planes, pairs, axes, bends, joint_segments, sequence, mirrored, sign, determined, ground, limits,
     rotation, by_first, by_second, turn_var, angles, sigmas, reasons, weights,
@@ -455,7 +453,7 @@ def solve(
             rotation[s] = np.nan
 
 
-@njit(**_JIT)
+@kernel()
 def quaternions(rotation, wxyz):
     """Unit quaternions (n, 4) of rotation matrices (n, 3, 3), w >= 0, by the largest divisor (Shepperd); NaN stays NaN."""
     for n in range(rotation.shape[0]):

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posefuse.files.compiled import kernel
 
 # standard deviations the filter starts with, far beyond any human motion: m, m/s, m/s^2
 START_SIGMA = (1.0, 60.0, 2000.0)
@@ -18,10 +19,8 @@ START_SIGMA = (1.0, 60.0, 2000.0)
 # in units of its time scale: where the smoother's weight has fallen to less than a hundredth
 _REACH = 9.0
 
-_JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
-
-@njit(**_JIT)
+@kernel()
 def inverse3(a, out):
     """out = inverse of a symmetric positive 3x3 matrix."""
     m00, m01 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2], a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
@@ -34,7 +33,7 @@ def inverse3(a, out):
     out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
 
 
-@njit(**_JIT)
+@kernel()
 def _forward(matrix, dt):
     """matrix (9, 9) <- F matrix, F the transition over dt."""
     half = 0.5 * dt * dt
@@ -44,7 +43,7 @@ def _forward(matrix, dt):
             matrix[3 + i, j] += dt * matrix[6 + i, j]
 
 
-@njit(**_JIT)
+@kernel()
 def _backward(matrix, dt):
     """matrix (9, m) <- F^T matrix."""
     half = 0.5 * dt * dt
@@ -54,7 +53,7 @@ def _backward(matrix, dt):
             matrix[3 + i, j] += dt * matrix[i, j]
 
 
-@njit(**_JIT)
+@kernel()
 def _add_process(cov, dt, q):
     d2 = dt * dt
     for i in range(3):
@@ -69,7 +68,7 @@ def _add_process(cov, dt, q):
         cov[6 + i, 6 + i] += q * dt
 
 
-@njit(**_JIT)
+@kernel()
 def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
     """Predictions of every instant and what the measurements said about them."""
     x, cov, s = np.zeros((9, 1)), np.zeros((9, 9)), np.empty((3, 3))
@@ -111,7 +110,7 @@ def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
                 cov[i, j] = cov[j, i] = total
 
 
-@njit(**_JIT)
+@kernel()
 def _absorb(gain, inverse, innovation, lam, big):
     """Adjoint state of an instant after its measurement -> before it: lam (9, 1), big (9, 9) in place."""
     u, w = np.empty((3, 9)), np.empty((3, 3))
@@ -149,7 +148,7 @@ def _absorb(gain, inverse, innovation, lam, big):
             big[i, j] = big[j, i] = 0.5 * (big[i, j] + big[j, i])
 
 
-@njit(**_JIT)
+@kernel()
 def smooth_run(t, z, noise, measured, q, mean, cov):
     """Smooth one uninterrupted run: t (T,) s, z (T, 3) m, noise (T, 3, 3), measured (T,) bool, the first one True.
 
@@ -184,7 +183,7 @@ def smooth_run(t, z, noise, measured, q, mean, cov):
             _backward(big.T, dt)
 
 
-@njit(**_JIT)
+@kernel()
 def smooth_point(t, z, noise, measured, q, max_gap, mean, cov):
     """Smooth all runs of one point; a wait of more than max_gap between measurements ends a run. NaN outside runs."""
     mean[:], cov[:] = np.nan, np.nan
@@ -201,7 +200,7 @@ def smooth_point(t, z, noise, measured, q, max_gap, mean, cov):
             last = step
 
 
-@njit(**_JIT)
+@kernel()
 def _weight(x):
     """The smoother's weight of a measurement x time scales away: the transform of 1 / (1 + w^6), but for a factor."""
     x = abs(x)
@@ -209,7 +208,7 @@ def _weight(x):
     return math.exp(-x) + math.exp(-0.5 * x) * (math.cos(turn) + math.sqrt(3.0) * math.sin(turn))
 
 
-@njit(**_JIT)
+@kernel()
 def add_lasting(t, noise, measured, told, rate, share, lasts, max_gap, cov):
     """cov (T, 3, 3), where `told` (T,), += what is not averaged away of noise (T, 3, 3) of which `share` lasts.
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from posefuse.app.terminal import Terminal
+from posefuse.files.user_cache import default_cache_dir
 
 if TYPE_CHECKING:
     from posefuse.detect.models import ModelCard
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Fetch what is missing, then list every model with its state."""
-    from posefuse.detect.models import default_cache_dir, fetch_all, list_cards, model_path, status
+    from posefuse.detect.models import fetch_all, list_cards, model_path, status
 
     cache_dir = default_cache_dir(os.environ)
     if not args.check:

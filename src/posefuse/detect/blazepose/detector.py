@@ -13,8 +13,9 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
 from posefuse.files.settings import settings
+from posefuse.files.user_cache import default_cache_dir
 
-from ..models import EnsembleCard, ModelCard, default_cache_dir, fetch_all, read_any_card, read_card
+from ..models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
 from ..regions import cut, img_from_crop, region_from_keypoints
 from .looks import LandmarkNetwork, Look, averaged
 from .network import Precision

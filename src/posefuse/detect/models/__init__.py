@@ -6,7 +6,7 @@ that holds either, by path.
 """
 
 from .archives import NpmSource, WheelSource
-from .cache import default_cache_dir, fetch, fetch_all, holds, model_path, status
+from .cache import fetch, fetch_all, holds, model_path, status
 from .cards import (
     CARDS_FOLDER,
     EnsembleCard,
@@ -22,6 +22,6 @@ from .cards import (
 
 __all__ = [
     "CARDS_FOLDER", "EnsembleCard", "LandmarkDecoding", "ModelCard", "ModelInput", "NpmSource", "PersonDecoding", "WheelSource",
-    "default_cache_dir", "fetch", "fetch_all", "holds", "list_cards", "list_ensembles", "model_path", "read_any_card",
+    "fetch", "fetch_all", "holds", "list_cards", "list_ensembles", "model_path", "read_any_card",
     "read_card", "status",
 ]  # fmt: skip

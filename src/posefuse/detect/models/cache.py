@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -15,14 +15,6 @@ from .cards import ModelCard
 
 Progress = Callable[[str], None]
 _ARCHIVES = (".whl", ".tgz")
-
-
-def default_cache_dir(environ: Mapping[str, str]) -> Path:
-    """The user's cache folder: POSEFUSE_CACHE, else XDG_CACHE_HOME/posefuse, else ~/.cache/posefuse."""
-    if environ.get("POSEFUSE_CACHE"):
-        return Path(environ["POSEFUSE_CACHE"])
-    base = environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "posefuse"
 
 
 def model_path(card: ModelCard, cache_dir: Path) -> Path:

@@ -1,7 +1,5 @@
 """The compiled mathematics of the whole-body fit: tree, Gauss-Newton step, filter and smoother.
 
-One file on purpose: numba's disk cache watches only the file of the function it compiled.
-
 State of one instant: q (nodes,) of slides and hinges, rot (nodes, 3, 3) of balls; its error lives in D local coordinates,
 a ball's as a rotation vector in its own child axes (rot <- rot exp(d)). The filter's covariance is over (D errors,
 D velocities). A keypoint's measurement of any kind is brought to information (3, 3) and gradient (3,) about its present
@@ -13,17 +11,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posefuse.files.compiled import kernel
 
 SLIDE, HINGE, BALL = 0, 1, 2
 LIMIT_SD = 0.03
 CONVERGED = 1e-5
-_JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 # own loops for the dense algebra: at these sizes (50 to 100) as quick as BLAS, whose threads fight those of a live session
-_DENSE = {**_JIT, "fastmath": True}
+_DENSE = {"fastmath": True}
 
 
-@njit(**_DENSE)
+@kernel(**_DENSE)
 def times_transposed(a, b):
     """a @ b^T of C-contiguous (n, k) and (m, k)."""
     out = np.empty((a.shape[0], b.shape[0]))
@@ -36,7 +34,7 @@ def times_transposed(a, b):
     return out
 
 
-@njit(**_DENSE)
+@kernel(**_DENSE)
 def cholesky(a):
     """Lower factor of a symmetric positive definite matrix."""
     n = a.shape[0]
@@ -50,7 +48,7 @@ def cholesky(a):
     return lower
 
 
-@njit(**_DENSE)
+@kernel(**_DENSE)
 def solve_rows(a, rows):
     """(m, n) whose every row x solves a x = row, for a symmetric positive definite (n, n)."""
     lower = cholesky(a)
@@ -72,14 +70,14 @@ def solve_rows(a, rows):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def inverse(a):
     """Inverse of a symmetric positive definite matrix, symmetric to the last bit."""
     out = solve_rows(a, np.eye(a.shape[0]))
     return 0.5 * (out + out.T)
 
 
-@njit(**_JIT)
+@kernel()
 def exp3(v):
     """Rotation matrix of a rotation vector."""
     angle = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
@@ -99,7 +97,7 @@ def exp3(v):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def log3(r):
     """Rotation vector of a rotation matrix, angle below pi."""
     out = np.empty(3)
@@ -121,7 +119,7 @@ def log3(r):
     return axis * math.pi
 
 
-@njit(**_JIT)
+@kernel()
 def forward(parent, kind, axis, offset, q, rot, frame, origin):
     """World rotation and origin of every node."""
     step = np.empty(3)
@@ -155,7 +153,7 @@ def forward(parent, kind, axis, offset, q, rot, frame, origin):
                         frame[n, i, j] += frame[p, i, k] * turn[k, j]
 
 
-@njit(**_JIT)
+@kernel()
 def place(frame, origin, node, local):
     """World place (3,) of a point fixed to a node."""
     out = origin[node].copy()
@@ -165,7 +163,7 @@ def place(frame, origin, node, local):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def derivative(parent, kind, axis, dof, frame, node, x, origin, columns, values):
     """Columns of d(point)/d(state) that are not zero: their places and values (n, 3); returns how many.
 
@@ -190,7 +188,7 @@ def derivative(parent, kind, axis, dof, frame, node, x, origin, columns, values)
     return count
 
 
-@njit(**_JIT)
+@kernel()
 def retract(kind, dof, step, q, rot):
     """Move a state by local coordinates (D,), in place."""
     for n in range(kind.shape[0]):
@@ -200,7 +198,7 @@ def retract(kind, dof, step, q, rot):
             q[n] += step[dof[n]]
 
 
-@njit(**_JIT)
+@kernel()
 def difference(kind, dof, q, rot, q_from, rot_from):
     """Local coordinates (D,) that move the state `from` to the first."""
     out = np.empty(dof[-1])
@@ -212,7 +210,7 @@ def difference(kind, dof, q, rot, q_from, rot_from):
     return out
 
 
-@njit(**_JIT)
+@kernel()
 def point_information(x, seen, information, robust, gradient, out):
     """Student-t weighted information of a measured 3D point about the place x; returns its squared distance."""
     d = seen - x
@@ -226,7 +224,7 @@ def point_information(x, seen, information, robust, gradient, out):
     return distance
 
 
-@njit(**_JIT)
+@kernel()
 def ray_information(x, projections, xy, inverse_var, robust, gradient, out):
     """The same of undistorted pixels (C, 2) in cameras (C, 3, 4); cameras with no information count nothing."""
     jacobian = np.empty((2, 3))
@@ -251,7 +249,7 @@ def ray_information(x, projections, xy, inverse_var, robust, gradient, out):
                 out[i, j] += weight * (jacobian[0, i] * jacobian[0, j] + jacobian[1, i] * jacobian[1, j])
 
 
-@njit(**_JIT)
+@kernel()
 def _add(columns, values, count, gradient, information, hessian, slope):
     """Add J^T information J and J^T gradient of one point."""
     carried = np.empty(3)
@@ -263,13 +261,13 @@ def _add(columns, values, count, gradient, information, hessian, slope):
             hessian[columns[a], columns[b]] += carried[0] * values[b, 0] + carried[1] * values[b, 1] + carried[2] * values[b, 2]
 
 
-@njit(**_JIT)
+@kernel()
 def _pull(hessian, slope, at, residual, sd):
     hessian[at, at] += 1.0 / (sd * sd)
     slope[at] += residual / (sd * sd)
 
 
-@njit(**_JIT)
+@kernel()
 def _habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope):
     """What humans do not do: preferences for zero of unlimited spread per second, and soft ends of each range."""
     for n in range(kind.shape[0]):
@@ -289,7 +287,7 @@ def _habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope):
                 _pull(hessian, slope, dof[n], -over, LIMIT_SD)
 
 
-@njit(**_JIT)
+@kernel()
 def _ball_limits(r, at, limits, mirrored, hessian, slope):
     """Soft limits on the three ZXY angles of a ball joint, mirrored on the left."""
     sign = -1.0 if mirrored else 1.0
@@ -311,7 +309,7 @@ def _ball_limits(r, at, limits, mirrored, hessian, slope):
                     hessian[at + i, at + j] += rates[k, i] * rates[k, j] / (LIMIT_SD * LIMIT_SD)
 
 
-@njit(**_JIT)
+@kernel()
 def gauss_newton(
     parent, kind, axis, offset, dof, limits, mirrored, node, local, q_expected, rot_expected, expected_information,
     preferred_sd, seen, information, projections, xy, inverse_var, robust, iterations, q, rot,
@@ -354,7 +352,7 @@ def gauss_newton(
     return 0.5 * (hessian + hessian.T), used
 
 
-@njit(**_JIT)
+@kernel()
 def predict(kind, dof, slack_var, accel, elapsed_s, memory_s, slack_memory_s, q, rot, velocity, cov):
     """Carry state, velocity (D,) and covariance (2D, 2D) over a time; in place. Returns the transition's three diagonals.
 
@@ -391,7 +389,7 @@ def predict(kind, dof, slack_var, accel, elapsed_s, memory_s, slack_memory_s, q,
     return keep, drift, fade
 
 
-@njit(**_JIT)
+@kernel()
 def _spread(cov, keep, drift, fade):
     """F cov F^T in place, F = [[diag(keep), diag(drift)], [0, diag(fade)]]."""
     n = keep.shape[0]
@@ -405,7 +403,7 @@ def _spread(cov, keep, drift, fade):
             cov[i, n + j] *= fade[j]
 
 
-@njit(**_JIT)
+@kernel()
 def absorb(cov, expected_information, posterior, step, velocity):
     """Measurement update of covariance (2D, 2D) and velocity, in place, given the new covariance and step of the state."""
     n = step.shape[0]
@@ -420,7 +418,7 @@ def absorb(cov, expected_information, posterior, step, velocity):
     cov[:n, :n] = posterior
 
 
-@njit(**_JIT)
+@kernel()
 def smooth_step(cov, keep, drift, fade, cov_expected, cov_next, change):
     """One backward step (Rauch, Tung, Striebel): the change (2D,) of the filtered state and its smoothed covariance."""
     n = keep.shape[0]
@@ -435,7 +433,7 @@ def smooth_step(cov, keep, drift, fade, cov_expected, cov_next, change):
     return moved, 0.5 * (smoothed + smoothed.T)
 
 
-@njit(**_JIT)
+@kernel()
 def keypoints(parent, kind, axis, offset, dof, node, local, q, rot, frame, origin, points, jacobians):
     """Places (A, 3) of the tree's keypoints and their derivatives (A, 3, D); leaves frames and origins of the nodes."""
     forward(parent, kind, axis, offset, q, rot, frame, origin)
@@ -450,7 +448,7 @@ def keypoints(parent, kind, axis, offset, dof, node, local, q, rot, frame, origi
                 jacobians[p, i, columns[a]] = values[a, i]
 
 
-@njit(**_JIT)
+@kernel()
 def add_point_variance(weights, rows, jacobians, cov, sigmas):
     """Add to sigmas (J, 3) what errors of the state do through the landmarks: weights (J, P, 3, 3) of each angle."""
     size = cov.shape[0]

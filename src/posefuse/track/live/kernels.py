@@ -2,7 +2,7 @@
 
 Every keypoint has M motion models side by side (interacting multiple models, Blom & Bar-Shalom 1988), from calm to agile.
 Each is a Kalman filter of position, velocity, acceleration (9), where acceleration fades (Singer 1970); a view is one ray,
-two rows. One file on purpose: numba's disk cache watches only the file of the function it compiled.
+two rows.
 
 A state is one flat float64 array, so that keeping one per view is one copy: `parts` names what lies in it. Times are seconds
 since the person's birth. Cameras are rows of (R 9, t 3, centre 3), measurements ideal image-plane points with `white`, the
@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posefuse.files.compiled import kernel
 
 GROUPS = 3  # arms, legs, head: what is exchanged together
 FIGURES = 4  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs
@@ -37,16 +38,14 @@ _REACH_M, _FASTEST_M_S = 1.7, 20.0
 _OUT_OF_SIGHT_M = 0.5  # along a ray nobody else crosses
 _BODY_BORN_M = 0.05  # the newborn body's middle
 
-_JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
-
-@njit(**_JIT)
+@kernel()
 def state_size(k, m, c, b):
     """Length of a state of k keypoints, m models, c cameras, b bones."""
     return (k + 1) * m * 91 + 6 * k * c + k + GROUPS + 2 * b + 1
 
 
-@njit(**_JIT)
+@kernel()
 def parts(state, k, m, c, b):
     """Views into a state.
 
@@ -78,7 +77,7 @@ def parts(state, k, m, c, b):
     return x, cov, share, seen, square, precision, lasting, refused, flips, bones, state[at + 2 * b :]
 
 
-@njit(**_JIT)
+@kernel()
 def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, acceleration):
     """Fill a state at time 0: positions (K, 3) with covariance (K, 3, 3), NaN where not known yet."""
     x, cov, share, seen, _, _, _, _, _, _, time = parts(state, k, m, c, b)
@@ -107,7 +106,7 @@ def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, acceleration):
                 cov[i, j, 6 + a, 6 + a] = acceleration[j] * acceleration[j]
 
 
-@njit(**_JIT)
+@kernel()
 def _singer(dt, sigma, lasts, f, q):
     """Transition (3, 3) and process noise (3, 3) of one axis."""
     a = 1.0 / lasts
@@ -137,7 +136,7 @@ def _singer(dt, sigma, lasts, f, q):
     q[1, 0], q[2, 0], q[2, 1] = q[0, 1], q[0, 2], q[1, 2]
 
 
-@njit(**_JIT)
+@kernel()
 def _goes(i, j, m, stay):
     """Chance to change from model i to j: only to the next calmer or more agile one, more readily to the calmer."""
     up = (1.0 - stay) * _AGILER if i < m - 1 else 0.0
@@ -149,7 +148,7 @@ def _goes(i, j, m, stay):
     return 1.0 - up - down if i == j else 0.0
 
 
-@njit(**_JIT)
+@kernel()
 def _mix(x, cov, share, stay, mixed_x, mixed_cov, mixed_share):
     """What each model of one keypoint starts the next step from, and its share, when a model is kept with chance `stay`."""
     m = len(share)
@@ -177,7 +176,7 @@ def _mix(x, cov, share, stay, mixed_x, mixed_cov, mixed_share):
                 mixed_cov[j, a, d] = mixed_cov[j, d, a]
 
 
-@njit(**_JIT)
+@kernel()
 def _forward(x, cov, f, q):
     """One model's x (9,) and cov (9, 9) through f, q (3, 3) of every axis, in place."""
     f01, f02, f12, f22 = f[0, 1], f[0, 2], f[1, 2], f[2, 2]
@@ -201,7 +200,7 @@ def _forward(x, cov, f, q):
                 cov[3 * i + a, 3 * j + a] += q[i, j]
 
 
-@njit(**_JIT)
+@kernel()
 def _combined(x, cov, share, mean, spread):
     """Position (3,) and covariance (3, 3) of one keypoint over its models."""
     m = len(share)
@@ -216,7 +215,7 @@ def _combined(x, cov, share, mean, spread):
                 spread[a, d] += share[j] * (cov[j, a, d] + (x[j, a] - mean[a]) * (x[j, d] - mean[d]))
 
 
-@njit(**_JIT)
+@kernel()
 def _ray(camera, point, h, slope):
     """Ideal image point h (2,) of a world point and its derivative slope (2, 3); False behind the camera."""
     X = camera[0] * point[0] + camera[1] * point[1] + camera[2] * point[2] + camera[9]
@@ -231,7 +230,7 @@ def _ray(camera, point, h, slope):
     return True
 
 
-@njit(**_JIT)
+@kernel()
 def _whitened(white, slope, z, h, rows, error):
     """rows (2, 3) = white slope, error (2,) = white (z - h)."""
     dx, dy = z[0] - h[0], z[1] - h[1]
@@ -241,7 +240,7 @@ def _whitened(white, slope, z, h, rows, error):
             rows[i, a] = white[i, 0] * slope[0, a] + white[i, 1] * slope[1, a]
 
 
-@njit(**_JIT)
+@kernel()
 def _expected(rows, spread, noise):
     """Three entries of the innovation covariance rows spread rows^T + 1."""
     s00, s01, s11 = noise, 0.0, noise
@@ -256,12 +255,12 @@ def _expected(rows, spread, noise):
     return s00, s01, s11
 
 
-@njit(**_JIT)
+@kernel()
 def _square(s00, s01, s11, e0, e1):
     return (s11 * e0 * e0 - 2.0 * s01 * e0 * e1 + s00 * e1 * e1) / (s00 * s11 - s01 * s01)
 
 
-@njit(**_JIT)
+@kernel()
 def _shared(share):
     """Shares that sum to 1; none dies out, so that the next change finds it alive."""
     total = share.sum()
@@ -270,7 +269,7 @@ def _shared(share):
     share /= share.sum()
 
 
-@njit(**_JIT)
+@kernel()
 def _update(x, cov, share, rows, away, noise, common, outlier, gate):
     """One ray into all models of a keypoint; `away` (M, 2) its error from each, `common` (3, 3) what the body adds to it.
 
@@ -315,7 +314,7 @@ def _update(x, cov, share, rows, away, noise, common, outlier, gate):
     return nearest
 
 
-@njit(**_JIT)
+@kernel()
 def _doubt(cov):
     for j in range(len(cov)):
         for a in range(3):
@@ -323,7 +322,7 @@ def _doubt(cov):
             cov[j, 3 + a, 3 + a] += _DOUBT_M_S**2
 
 
-@njit(**_JIT)
+@kernel()
 def _move_body(
     camera, c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
 ):  # fmt: skip
@@ -368,7 +367,7 @@ def _move_body(
     _combined(x[k], cov[k], share[k], means[k], spreads[k])
 
 
-@njit(**_JIT)
+@kernel()
 def _pull(x, cov, share, about, info, pull):
     """A measurement of position by its information (3, 3), and pull (3,) at `about`, into all models of one point."""
     m = len(share)
@@ -415,7 +414,7 @@ def _pull(x, cov, share, about, info, pull):
     _shared(share)
 
 
-@njit(**_JIT)
+@kernel()
 def _inverse3_any(a, out):
     """Inverse of any 3x3 matrix into `out`; its determinant."""
     m00, m01 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1], a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
@@ -431,7 +430,7 @@ def _inverse3_any(a, out):
     return det
 
 
-@njit(**_JIT)
+@kernel()
 def _centre_body(x, share):
     """Give the body what its keypoints have in common: whose motion it is would stay open otherwise."""
     k, m = len(x) - 1, x.shape[1]
@@ -451,7 +450,7 @@ def _centre_body(x, share):
             x[i, j] -= mean
 
 
-@njit(**_JIT)
+@kernel()
 def _learn_lasting(lasting, white, s00, s01, s11, error):
     """What of an error is this camera's own and will be there in its next view too."""
     det = s00 * s11 - s01 * s01
@@ -463,7 +462,7 @@ def _learn_lasting(lasting, white, s00, s01, s11, error):
     lasting[2] = v - 0.5 * v * v * (s00 + s11) / det
 
 
-@njit(**_JIT)
+@kernel()
 def _flipped_groups(camera, z, white, late, x, means, spreads, mirror, group, out):
     """out (GROUPS,): which limbs fit clearly better with left and right exchanged."""
     gain = np.zeros(GROUPS)
@@ -488,7 +487,7 @@ def _flipped_groups(camera, z, white, late, x, means, spreads, mirror, group, ou
         out[g] = whole or gain[g] > _FLIP_GAIN
 
 
-@njit(**_JIT)
+@kernel()
 def _start_missing(x, cov, seen, z, now, lost_after, neighbours, acceleration):
     """Give keypoints that are seen but not tracked a broad start about a tracked neighbour, or about the body."""
     k, m, _ = x.shape
@@ -527,7 +526,7 @@ def _start_missing(x, cov, seen, z, now, lost_after, neighbours, acceleration):
                 cov[i, j, 6 + a, 6 + a] = acceleration[j] * acceleration[j]
 
 
-@njit(**_JIT)
+@kernel()
 def _let_go_of_strays(x, share, means):
     """Keypoints where no body can have them are no longer tracked; their next view starts them anew."""
     known = np.flatnonzero(np.isfinite(means[:, 0]))
@@ -550,7 +549,7 @@ def _let_go_of_strays(x, share, means):
             means[i, :] = np.nan
 
 
-@njit(**_JIT)
+@kernel()
 def _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g):
     """Exchange left and right of one limb of the person."""
     for i in range(len(mirror)):
@@ -567,7 +566,7 @@ def _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, gr
                     lasting[i, c, r], lasting[o, c, r] = lasting[o, c, r], lasting[i, c, r]
 
 
-@njit(**_JIT)
+@kernel()
 def _learn_bones(bones, ends, means, spreads):
     for b in range(len(ends)):
         i, o = ends[b, 0], ends[b, 1]
@@ -587,7 +586,7 @@ def _learn_bones(bones, ends, means, spreads):
         bones[b, 0] += (length - bones[b, 0]) / bones[b, 1]
 
 
-@njit(**_JIT)
+@kernel()
 def step(
     before, after, t, c, z, white, late, px_scale, cameras, mirror, group, neighbours, ends, sizes, models, rules, figures
 ):  # fmt: skip
@@ -691,7 +690,7 @@ def step(
     _centre_body(x, share)
 
 
-@njit(**_JIT)
+@kernel()
 def where(state, t, sizes, models, means, sigmas):
     """Positions (K, 3) expected at time t and how sure (K,), standard deviation; NaN where not tracked."""
     k, m, c, b = sizes
@@ -709,7 +708,7 @@ def where(state, t, sizes, models, means, sigmas):
             sigmas[i] = math.sqrt((spread[0, 0] + spread[1, 1] + spread[2, 2]) / 3.0)
 
 
-@njit(**_JIT)
+@kernel()
 def _all_models(dt, models):
     m = len(models)
     f, q = np.empty((m, 3, 3)), np.empty((m, 3, 3))
@@ -718,7 +717,7 @@ def _all_models(dt, models):
     return f, q
 
 
-@njit(**_JIT)
+@kernel()
 def _position(x, cov, share, f, q, mean, spread):
     """Position (3,) and covariance (3, 3) of one keypoint carried on by f, q."""
     m = len(share)
@@ -743,7 +742,7 @@ def _position(x, cov, share, f, q, mean, spread):
                 spread[a, d] += share[j] * (s[j, a, d] + (p[j, a] - mean[a]) * (p[j, d] - mean[d]))
 
 
-@njit(**_JIT)
+@kernel()
 def _inverse3(a, out):
     m00, m01 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2], a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
     m02 = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]
@@ -755,7 +754,7 @@ def _inverse3(a, out):
     out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
 
 
-@njit(**_JIT)
+@kernel()
 def _add_lasting(share, mean, seen, precision, oldest, cameras, information, spread):
     """spread += what errors that last from frame to frame make of the views not older than `oldest`."""
     information[:] = 0.0
@@ -779,7 +778,7 @@ def _add_lasting(share, mean, seen, precision, oldest, cameras, information, spr
             spread[a, d] += share * inverse[a, d]
 
 
-@njit(**_JIT)
+@kernel()
 def _hold_bones(xyz, cov, bones, ends, sigma_m):
     """Every learnt bone once, as a measurement of the distance of its ends (errors of different keypoints independent)."""
     unit, pi, po = np.empty(3), np.empty(3), np.empty(3)
@@ -817,7 +816,7 @@ def _hold_bones(xyz, cov, bones, ends, sigma_m):
                 cov[o, a, d] -= po[a] * po[d] / s
 
 
-@njit(**_JIT)
+@kernel()
 def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_views, kind):
     """What comes out at time t: positions (K, 3), covariances (K, 3, 3), rms px (K,), views (K,), kind (K,).
 
@@ -849,7 +848,7 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
     _hold_bones(xyz, cov, bones, ends, rules[3])
 
 
-@njit(**_JIT)
+@kernel()
 def agreement(camera, means, sigmas, z, mirror, tolerance_m, support, share):
     """How well the person expected at means (K, 3) explains each of P detections z (P, K, 2): filled (P,), (P,).
 
@@ -879,7 +878,7 @@ def agreement(camera, means, sigmas, z, mirror, tolerance_m, support, share):
                 support[p], share[p] = gain, agree / both
 
 
-@njit(**_JIT)
+@kernel()
 def measure(table, corner, spacing, xy, sigma, z, white):
     """Raw px (P, K, 2) with sigma (P, K) to ideal points z and whitening (P, K, 2, 2), through a table of ideal points.
 

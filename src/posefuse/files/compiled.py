@@ -1,0 +1,67 @@
+"""Numeric kernels compiled by numba, kept on disk between runs.
+
+Numba looks only at the file of a function to see whether its compiled form is still good, so a kernel whose callee in another
+file has changed would go stale unseen. Here the folder is named by the text of all kernel files: any change starts a new one.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from numba import config, njit
+
+from .user_cache import default_cache_dir
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_KEPT = 4  # folders: of this version, and of those lately used beside it
+
+
+def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator: `numba.njit(**options)` without the GIL and with IEEE division, its machine code kept on disk.
+
+    For functions in files of `kernel_files` only: others would not be noticed when they change.
+    """
+    folder = _folder()
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")
+        try:
+            return njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(function)
+        finally:
+            config.CACHE_DIR = before
+
+    return compiled
+
+
+def kernel_files(package: Path = _PACKAGE) -> list[Path]:
+    """All files that may hold kernels: `kernels.py`, `*_kernels.py`, and what lies in a folder `kernels`."""
+    return sorted(path for path in package.rglob("*.py") if path.stem.endswith("kernels") or path.parent.name == "kernels")
+
+
+def fingerprint(files: Sequence[Path]) -> str:
+    """Changes with the text of any of the files."""
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def _folder() -> Path | None:
+    """This version's folder, made if need be; None where nothing can be written: then every run compiles anew."""
+    folder = default_cache_dir(os.environ) / "kernels" / fingerprint(kernel_files())
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        others = sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)
+    except OSError:
+        return None
+    for stale in others[:-_KEPT]:
+        shutil.rmtree(stale, ignore_errors=True)
+    return folder if os.access(folder, os.W_OK) else None

@@ -1,0 +1,176 @@
+"""One point, many views: whitened residuals, robust loss, damped Gauss-Newton.
+
+Residuals are whitened: e = J (x_projected - x_seen) / sigma in ideal image-plane coordinates, J = d(raw px)/d(ideal),
+so |e|^2 is the squared pixel error in units of its variance and cameras of any lens and resolution add up.
+
+Robust loss of s = |e|^2: s up to `KNEE`, then 2 KNEE - KNEE^2 / s: quadratic where noise lives (efficient, so the
+inverse information is the covariance) and bounded like Geman-McClure where outliers live (a wrong view cannot pull).
+"""
+
+from __future__ import annotations
+
+import math
+
+from .lens import bend
+from .precision import fast_kernel
+
+KNEE = 9.0  # 98.9 % of a 2D Gaussian
+RANK = 1e-10  # smallest over largest eigenvalue of the information below which the rays are one ray
+
+
+@fast_kernel()
+def look(cams, c, ideal, k, sigma, views, n):
+    """Fill row n of `views`: ideal x, y, the whitening matrix (4), camera index. False when the view is unusable."""
+    x, y = ideal[c, 0, k], ideal[c, 1, k]
+    if not (sigma > 0.0 and math.isfinite(sigma) and math.isfinite(x) and math.isfinite(y)):
+        return False
+    certain = 1.0 / sigma
+    fx, skew, fy = cams[c, 12] * certain, cams[c, 13] * certain, cams[c, 15] * certain
+    views[n, 0], views[n, 1], views[n, 6] = x, y, c
+    views[n, 2] = fx * ideal[c, 2, k] + skew * ideal[c, 4, k]
+    views[n, 3] = fx * ideal[c, 3, k] + skew * ideal[c, 5, k]
+    views[n, 4], views[n, 5] = fy * ideal[c, 4, k], fy * ideal[c, 5, k]
+    return True
+
+
+@fast_kernel()
+def squared_residual(cams, views, i, p):
+    """|e|^2 of a world point in view i; infinity behind the camera."""
+    c = int(views[i, 6])
+    z = cams[c, 6] * p[0] + cams[c, 7] * p[1] + cams[c, 8] * p[2] + cams[c, 11]
+    if not z > 1e-6:
+        return math.inf
+    iz = 1.0 / z
+    rx = (cams[c, 0] * p[0] + cams[c, 1] * p[1] + cams[c, 2] * p[2] + cams[c, 9]) * iz - views[i, 0]
+    ry = (cams[c, 3] * p[0] + cams[c, 4] * p[1] + cams[c, 5] * p[2] + cams[c, 10]) * iz - views[i, 1]
+    e0, e1 = views[i, 2] * rx + views[i, 3] * ry, views[i, 4] * rx + views[i, 5] * ry
+    return e0 * e0 + e1 * e1
+
+
+@fast_kernel()
+def loss(s):
+    """The robust loss of a squared whitened residual."""
+    return s if s < KNEE else 2.0 * KNEE - KNEE * KNEE / s
+
+
+@fast_kernel()
+def normal_system(cams, views, n, p, system):
+    """Robust normal equations at p: system[:6] upper information, [6:9] half the loss's gradient; returns the loss."""
+    h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = total = 0.0
+    for i in range(n):
+        c = int(views[i, 6])
+        r6, r7, r8 = cams[c, 6], cams[c, 7], cams[c, 8]
+        z = r6 * p[0] + r7 * p[1] + r8 * p[2] + cams[c, 11]
+        if not z > 1e-6:
+            total += 2.0 * KNEE
+            continue
+        iz = 1.0 / z
+        x = (cams[c, 0] * p[0] + cams[c, 1] * p[1] + cams[c, 2] * p[2] + cams[c, 9]) * iz
+        y = (cams[c, 3] * p[0] + cams[c, 4] * p[1] + cams[c, 5] * p[2] + cams[c, 10]) * iz
+        w0, w1, w2, w3 = views[i, 2], views[i, 3], views[i, 4], views[i, 5]
+        rx, ry = x - views[i, 0], y - views[i, 1]
+        e0, e1 = w0 * rx + w1 * ry, w2 * rx + w3 * ry
+        s = e0 * e0 + e1 * e1
+        weight = 1.0 if s < KNEE else (KNEE / s) ** 2
+        total += loss(s)
+        jx0, jx1, jx2 = (cams[c, 0] - x * r6) * iz, (cams[c, 1] - x * r7) * iz, (cams[c, 2] - x * r8) * iz
+        jy0, jy1, jy2 = (cams[c, 3] - y * r6) * iz, (cams[c, 4] - y * r7) * iz, (cams[c, 5] - y * r8) * iz
+        a0, a1, a2 = w0 * jx0 + w1 * jy0, w0 * jx1 + w1 * jy1, w0 * jx2 + w1 * jy2
+        b0, b1, b2 = w2 * jx0 + w3 * jy0, w2 * jx1 + w3 * jy1, w2 * jx2 + w3 * jy2
+        h00 += weight * (a0 * a0 + b0 * b0)
+        h01 += weight * (a0 * a1 + b0 * b1)
+        h02 += weight * (a0 * a2 + b0 * b2)
+        h11 += weight * (a1 * a1 + b1 * b1)
+        h12 += weight * (a1 * a2 + b1 * b2)
+        h22 += weight * (a2 * a2 + b2 * b2)
+        g0 += weight * (a0 * e0 + b0 * e1)
+        g1 += weight * (a1 * e0 + b1 * e1)
+        g2 += weight * (a2 * e0 + b2 * e1)
+    system[0], system[1], system[2], system[3], system[4], system[5] = h00, h01, h02, h11, h12, h22
+    system[6], system[7], system[8] = g0, g1, g2
+    return total
+
+
+@fast_kernel()
+def solve3(system, damping, out):
+    """out = -(H + damping diag H)^-1 g by Cholesky; False when H is not positive definite."""
+    grow = 1.0 + damping
+    h00 = system[0] * grow
+    if not h00 > 0.0:
+        return False
+    l00 = math.sqrt(h00)
+    l10, l20 = system[1] / l00, system[2] / l00
+    h11 = system[3] * grow - l10 * l10
+    if not h11 > 0.0:
+        return False
+    l11 = math.sqrt(h11)
+    l21 = (system[4] - l20 * l10) / l11
+    h22 = system[5] * grow - l20 * l20 - l21 * l21
+    if not h22 > 0.0:
+        return False
+    l22 = math.sqrt(h22)
+    y0 = -system[6] / l00
+    y1 = (-system[7] - l10 * y0) / l11
+    y2 = (-system[8] - l20 * y0 - l21 * y1) / l22
+    out[2] = y2 / l22
+    out[1] = (y1 - l21 * out[2]) / l11
+    out[0] = (y0 - l10 * out[1] - l20 * out[2]) / l00
+    return True
+
+
+@fast_kernel()
+def refine(cams, views, n, p, work):
+    """Levenberg-Marquardt on the robust loss from p, in place; returns the loss. work: (3, 9)."""
+    here, there, step, ahead = work[0], work[1], work[2, :3], work[2, 3:]
+    best = normal_system(cams, views, n, p, here)
+    damping = 0.0
+    for _ in range(20):
+        if not solve3(here, damping, step):
+            damping = max(1e-6, 10.0 * damping)
+            if damping > 1e3:
+                break
+            continue
+        for i in range(3):
+            ahead[i] = p[i] + step[i]
+        loss_there = normal_system(cams, views, n, ahead, there)
+        gain = -(step[0] * here[6] + step[1] * here[7] + step[2] * here[8])
+        if loss_there <= best:
+            for i in range(3):
+                p[i] = ahead[i]
+            here, there = there, here
+            best = loss_there
+            damping *= 0.1
+            if damping < 1e-7:
+                damping = 0.0
+        else:
+            damping = max(1e-3, 10.0 * damping)
+        # the step that is left, in standard deviations of the point
+        if gain < 1e-8:
+            break
+    return best
+
+
+@fast_kernel()
+def invert(system, cov):
+    """cov = inverse of the information in system[:6]; False when the rays are one ray."""
+    a, b, c, d, e, f = system[0], system[1], system[2], system[3], system[4], system[5]
+    m00, m01, m02 = d * f - e * e, c * e - b * f, b * e - c * d
+    det = a * m00 + b * m01 + c * m02
+    mean = (a + d + f) / 3.0
+    if not det > RANK * mean * mean * mean:
+        return False
+    cov[0, 0], cov[0, 1], cov[0, 2] = m00 / det, m01 / det, m02 / det
+    cov[1, 1], cov[1, 2], cov[2, 2] = (a * f - c * c) / det, (b * c - a * e) / det, (a * d - b * b) / det
+    cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
+    return True
+
+
+@fast_kernel()
+def squared_px(cams, c, u, v, p):
+    """Squared raw-pixel distance between what camera c saw and the reprojection through its lens."""
+    cam = cams[c]
+    iz = 1.0 / (cam[6] * p[0] + cam[7] * p[1] + cam[8] * p[2] + cam[11])
+    x = (cam[0] * p[0] + cam[1] * p[1] + cam[2] * p[2] + cam[9]) * iz
+    y = (cam[3] * p[0] + cam[4] * p[1] + cam[5] * p[2] + cam[10]) * iz
+    found_u, found_v, _, _, _, _ = bend(cam, x, y)
+    return (found_u - u) ** 2 + (found_v - v) ** 2

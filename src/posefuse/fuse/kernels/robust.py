@@ -1,0 +1,190 @@
+"""Robust fusion of a group: one person at one instant, K keypoints seen by C cameras.
+
+Noise that is stated too small or too large is rescaled by what the residuals of the whole group say.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .lens import straighten_group
+from .point import KNEE, invert, look, loss, normal_system, refine, squared_px, squared_residual
+from .precision import fast_kernel
+from .start import GATE, consensus, linear_start
+
+USED = 28.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
+PRIOR_DOF = 8.0  # how many residuals the stated sigma is worth when residuals contradict it
+RESCALE = 2.0  # squared ratio of seen to stated noise from which the stated sigma is taken as wrong
+MIN_POINTS = 5  # of three or more views, to judge the stated sigma by
+ATTEMPTS = 5
+MIN_SCALE = 0.25
+MAX_SCALE = 10.0  # beyond it the views are taken to be wrong rather than the stated sigma
+LAST_SCALE = 20.0  # of 1.5 % of a body: a third of it, beyond which views do not show the same one
+
+
+@fast_kernel()
+def robust_point(cams, views, n, p, other, work):
+    """Minimum of the robust loss over n >= 2 views into p; returns the loss, infinity when the rays define no point."""
+    best = math.inf
+    if linear_start(cams, views, n, p, work[0]):
+        best = refine(cams, views, n, p, work)
+        worst = 0.0
+        for i in range(n):
+            worst = max(worst, squared_residual(cams, views, i, p))
+        if worst < GATE:
+            return best
+    if n > 2 and consensus(cams, views, n, other, work[2]) < math.inf:
+        found = refine(cams, views, n, other, work)
+        if found < best:
+            p[:] = other
+            best = found
+    return best
+
+
+@fast_kernel()
+def gather(cams, ideal, sigma, scale, k, views):
+    """Usable views of keypoint k into the first rows of `views`; returns how many."""
+    n = 0
+    for c in range(len(cams)):
+        if look(cams, c, ideal, k, sigma[c, k] * scale, views, n):
+            n += 1
+    return n
+
+
+@fast_kernel()
+def middle_residual(squares, n):
+    """Middle one of n squared residuals (sorted in place), in units of what it is when the stated sigma is right.
+
+    At least the third: any two rays nearly meet, so the two smallest say little. Unlike a sum it stays among the good
+    views when half of eight are wrong.
+    """
+    for i in range(1, n):
+        value = squares[i]
+        j = i
+        while j > 0 and squares[j - 1] > value:
+            squares[j] = squares[j - 1]
+            j -= 1
+        squares[j] = value
+    middle = max(3, (n + 1) // 2)
+    return squares[middle - 1] / (-2.0 * math.log(1.0 - middle / (n + 1.0)) * (1.0 - 1.5 / n))
+
+
+@fast_kernel()
+def inflate(cov, chi2, dof, floor):
+    """Scale covariances (K, 3, 3) by how much larger the residuals are than the stated sigma explains.
+
+    Shrunk twice: the group's ratio towards 1 (and never below `floor`), each keypoint's towards its group's.
+    """
+    group = max(floor, (PRIOR_DOF + chi2.sum()) / (PRIOR_DOF + dof.sum()))
+    for k in range(len(cov)):
+        scale = (PRIOR_DOF * group + chi2[k]) / (PRIOR_DOF + dof[k])
+        for i in range(3):
+            for j in range(3):
+                cov[k, i, j] *= scale
+
+
+@fast_kernel()
+def finish_robust(cams, views, n, p, xy_img, k, work, cov):
+    """Covariance and figures of a robust point: (n_used, rms px, chi2); n_used 0 when it is none."""
+    used, chi2, px2 = 0, 0.0, 0.0
+    for i in range(n):
+        s = squared_residual(cams, views, i, p)
+        if s < USED:
+            chi2 += s
+            c = int(views[i, 6])
+            px2 += squared_px(cams, c, xy_img[c, k, 0], xy_img[c, k, 1], p)
+            for j in range(7):
+                views[used, j] = views[i, j]
+            used += 1
+    if used < 2:
+        return 0, math.nan, 0.0
+    normal_system(cams, views, used, p, work[0])
+    if not invert(work[0], cov):
+        return 0, math.nan, 0.0
+    return used, math.sqrt(px2 / used), chi2
+
+
+@fast_kernel()
+def has_rival(cams, views, n, p, rest, q, other, work):
+    """Whether the views that p leaves out agree on another point q in no smaller number: then nobody can tell."""
+    left = 0
+    for i in range(n):
+        if not squared_residual(cams, views, i, p) < USED:
+            for j in range(7):
+                rest[left, j] = views[i, j]
+            left += 1
+    if left < 2 or 2 * left < n or robust_point(cams, rest, left, q, other, work) == math.inf:
+        return False
+    agree = 0
+    for i in range(left):
+        agree += squared_residual(cams, rest, i, q) < USED
+    return agree >= 2 and agree >= n - left
+
+
+@fast_kernel()
+def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, cost, rival, wanted):
+    """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable), scaled by `most` at most.
+
+    Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K), square (G, C, K) = |e|^2 of every
+    usable view, cost (G, K) = robust loss, rival (G, K) where as many views agree on another point, wanted (G,) the scale of
+    sigma that the residuals ask for. Missing points are NaN with n_views 0.
+    """
+    groups, count, keypoints = sigma.shape
+    views, rest, work, q = np.empty((count, 7)), np.empty((count, 7)), np.empty((3, 9)), np.empty(3)
+    pool, squares, p, other = np.empty(keypoints), np.empty(count), np.empty(3), np.empty(3)
+    chi2, dof = np.empty(keypoints), np.empty(keypoints)
+    ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
+    for g in range(groups):
+        scale = 1.0
+        straighten_group(cams, xy_img[g], ideal, last)
+        for attempt in range(ATTEMPTS):
+            many = 0
+            chi2[:], dof[:] = 0.0, 0.0
+            square[g], xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan, math.nan
+            n_views[g], cost[g], rival[g] = 0, 0.0, False
+            for k in range(keypoints):
+                n = gather(cams, ideal, sigma[g], scale, k, views)
+                cost[g, k] = 2.0 * KNEE * n
+                if n < 2 or robust_point(cams, views, n, p, other, work) == math.inf:
+                    continue
+                cost[g, k] = 0.0
+                for i in range(n):
+                    s = squared_residual(cams, views, i, p)
+                    square[g, int(views[i, 6]), k] = s
+                    cost[g, k] += loss(s)
+                    squares[i] = s
+                if n > 2:
+                    pool[many] = middle_residual(squares, n)
+                    many += 1
+                rival[g, k] = has_rival(cams, views, n, p, rest, q, other, work)
+                used, px, total = finish_robust(cams, views, n, p, xy_img[g], k, work, cov[g, k])
+                if used == 0:
+                    cov[g, k] = math.nan
+                    continue
+                xyz[g, k], reproj[g, k], n_views[g, k] = p, px, used
+                chi2[k], dof[k] = total, 2.0 * used - 3.0
+            ratio = np.median(pool[:many]) if many >= MIN_POINTS else 1.0
+            better = max(MIN_SCALE, scale * math.sqrt(ratio))
+            right = 1.0 / RESCALE < ratio < RESCALE or better == scale
+            wanted[g] = scale if right else better
+            if right or attempt == ATTEMPTS - 1 or not better < most:
+                break
+            scale = better
+        inflate(cov[g], chi2, dof, 1.0 / (scale * scale))
+
+
+@fast_kernel()
+def squares_of(cams, xy_img, sigma, xyz, square):
+    """square (G, C, K) = |e|^2 of the views of given points xyz (G, K, 3); NaN where either is missing."""
+    groups, count, keypoints = sigma.shape
+    views = np.empty((1, 7))
+    ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
+    square[:] = math.nan
+    for g in range(groups):
+        straighten_group(cams, xy_img[g], ideal, last)
+        for c in range(count):
+            for k in range(keypoints):
+                if math.isfinite(xyz[g, k, 0]) and look(cams, c, ideal, k, sigma[g, c, k], views, 0):
+                    square[g, c, k] = squared_residual(cams, views, 0, xyz[g, k])
