@@ -60,22 +60,14 @@ class SimulatedSource:
 
     def __init__(self, config: SimulatedConfig) -> None:
         self._config = config
+        self.camera = config.camera
         film = Path(config.path).is_dir()
         names = self._open_session() if film else self._open_scene()
         if config.camera not in names:
             raise SourceError(f"{config.path}: no camera {config.camera!r}; there are: {choices(names)}")
         self._index = names.index(config.camera)
+        self.size_wh = self._sizes_wh[self._index]
         self._opened: Callable[[], AbstractContextManager[_Film]] = self._played if film else self._drawn
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._config.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px."""
-        return self._sizes_wh[self._index]
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; paced ones are skipped once the next one is due."""

@@ -46,6 +46,7 @@ class ImagesSource:
 
     def __init__(self, config: ImagesConfig) -> None:
         self._config = config
+        self.camera = config.camera
         self.broken_frames = 0
         if config.rate_hz <= 0:
             raise SourceError(f"{self._where}: rate_hz: expected > 0, got {config.rate_hz}")
@@ -55,17 +56,7 @@ class ImagesSource:
         first = next(self.frames(), None)
         if first is None:
             raise SourceError(f"{self._where}: no readable image in the folder; known: {' '.join(IMAGE_SUFFIXES)}")
-        self._size_wh = first.size_wh
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._config.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px."""
-        return self._size_wh
+        self.size_wh = first.size_wh
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames, without reading them."""

@@ -54,9 +54,9 @@ class RosSource:
 
     def __init__(self, config: RosConfig) -> None:
         self._config = config
+        self.camera = config.camera
         self.refused_frames, self.last_refusal = 0, ""
         self._seq, self._newest_ns = -1, -(2**63)
-        self._size_wh: tuple[int, int] | None = None
         network = Network(config.domain_id, config.local_only, config.interface, tuple(config.peers))
         self._closed = False
         self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", network)
@@ -64,17 +64,7 @@ class RosSource:
         self._topic = Topic(config.topic, type_name, depth=_DEPTH)
         self._reader = self._node.reader(self._topic)
         self._first = self._wait_for_first()
-        self._size_wh = self._first.size_wh
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._config.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px."""
-        return self._first.size_wh
+        self.size_wh = self._first.size_wh
 
     def frames(self) -> Iterator[Frame]:
         """Frames as they come, until `close`; the first call begins with the image `build` waited for."""
@@ -117,8 +107,8 @@ class RosSource:
     def _check(self, frame: Frame) -> None:
         if frame.t_ns <= self._newest_ns:
             raise SourceError(f"topic {self._topic.name}: an image is not newer than the one before it")
-        if self._size_wh not in (None, frame.size_wh):
-            raise SourceError(f"topic {self._topic.name}: images were {self._size_wh} px, now {frame.size_wh}")
+        if frame.seq > 0 and frame.size_wh != self.size_wh:
+            raise SourceError(f"topic {self._topic.name}: images were {self.size_wh} px, now {frame.size_wh}")
 
     @property
     def _offset_ns(self) -> int:

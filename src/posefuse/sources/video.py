@@ -52,21 +52,12 @@ class VideoSource:
 
     def __init__(self, config: VideoConfig) -> None:
         self._config = config
+        self.camera = config.camera
         self.broken_frames = 0
         first = next(self._decode(), None)
         if first is None:
             raise SourceError(f"{config.path}: camera {config.camera}: no frame can be decoded; is the file complete?")
-        self._size_wh = first.size_wh
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._config.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px, after the file's own rotation."""
-        return self._size_wh
+        self.size_wh = first.size_wh
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
@@ -83,8 +74,8 @@ class VideoSource:
         self.broken_frames = 0
         last_ns: int | None = None
         for frame in self._decode():
-            if frame.size_wh != self._size_wh:
-                raise SourceError(f"{self._where}: frame {frame.seq} is {frame.size_wh}, the first was {self._size_wh} px")
+            if frame.size_wh != self.size_wh:
+                raise SourceError(f"{self._where}: frame {frame.seq} is {frame.size_wh}, the first was {self.size_wh} px")
             if last_ns is not None and frame.t_ns <= last_ns:
                 self.broken_frames += 1
                 continue

@@ -3,16 +3,78 @@
 from __future__ import annotations
 
 import re
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar
 
 from posefuse.core import DependencyError, SourceError
 from posefuse.core.errors import choices
 
-ANY = "any"
+_ANY = "any"
 
 
-def vendor_module(name: str, extra: str) -> Any:
+@dataclass(frozen=True)
+class DepthCameraConfig:
+    """The colour stream of one camera.
+
+    Attributes:
+        camera: name of the camera in the rig. serial: its serial number; ``any`` takes the first that is found.
+        size: ``WIDTHxHEIGHT@RATE``.
+        read_s: a camera that says nothing for so long is lost.
+    """
+
+    camera: str
+    serial: str = _ANY
+    size: str = "640x480@30"
+    read_s: float = 5.0
+
+
+class DepthCamera(ABC):
+    """Frames of one camera in RGB; times are Unix epoch by the machine's clock, mid-exposure.
+
+    `maker` names it to people, `extra` is the extra of posefuse that brings `library`, the maker's own.
+    """
+
+    maker: ClassVar[str]
+    library: ClassVar[str]
+    extra: ClassVar[str]
+
+    def __init__(self, config: DepthCameraConfig) -> None:
+        self._config = config
+        self.camera = config.camera
+        self._vendor = _vendor_module(self.library, self.extra)
+        *size_wh, self._rate_hz = _wanted_size(self._where, config.size)
+        self.size_wh = size_wh[0], size_wh[1]
+        try:
+            self._start(_chosen(self._where, config.serial, self._serials()))
+        except RuntimeError as error:
+            raise SourceError(f"{self._where}: cannot deliver {config.size} ({error})") from None
+        self._running = True
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+        self._newest_ns = 0
+
+    def close(self) -> None:
+        """Stop the stream; safe to call twice."""
+        if self._running:
+            self._running = False
+            self._pipeline.stop()
+
+    @property
+    def _where(self) -> str:
+        return f"{self.maker} {self._config.serial}: camera {self.camera}"
+
+    @abstractmethod
+    def _serials(self) -> list[str]:
+        """The cameras that are connected."""
+
+    @abstractmethod
+    def _start(self, serial: str) -> None:
+        """Start the stream, leaving what stops it in `_pipeline`; raises the library's RuntimeError."""
+
+
+def _vendor_module(name: str, extra: str) -> Any:
     """The maker's library; raises DependencyError that says how to get it, or what it lacks itself."""
     try:
         return import_module(name)
@@ -20,7 +82,7 @@ def vendor_module(name: str, extra: str) -> Any:
         raise DependencyError(f"{name}: not usable ({error}); install it with: pip install 'posefuse[{extra}]'") from None
 
 
-def wanted_size(where: str, size: str) -> tuple[int, int, int]:
+def _wanted_size(where: str, size: str) -> tuple[int, int, int]:
     """(width, height, rate) of ``WIDTHxHEIGHT[@RATE]``, 30 Hz where no rate is given."""
     match = re.fullmatch(r"(\d+)x(\d+)(?:@(\d+))?", size)
     if not match:
@@ -28,11 +90,11 @@ def wanted_size(where: str, size: str) -> tuple[int, int, int]:
     return int(match[1]), int(match[2]), int(match[3] or 30)
 
 
-def chosen(where: str, wanted: str, there: list[str]) -> str:
+def _chosen(where: str, wanted: str, there: list[str]) -> str:
     """The serial number to open; raises SourceError that says which are there."""
     if not there:
         raise SourceError(f"{where}: no such camera is connected")
-    if wanted in ("", ANY):
+    if wanted in ("", _ANY):
         return there[0]
     if wanted not in there:
         raise SourceError(f"{where}: not connected; there are: {choices(sorted(there))}")

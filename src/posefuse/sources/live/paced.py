@@ -41,17 +41,9 @@ class PacedVideoSource:
 
     def __init__(self, config: PacedVideoConfig) -> None:
         self._config = config
+        self.camera = config.camera
         self._video: VideoSource = VideoConfig(config.path, config.camera, config.offset_s).build()
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._config.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px."""
-        return self._video.size_wh
+        self.size_wh = self._video.size_wh
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; `received_ns` is when a frame was handed on, on the file's own clock."""

@@ -15,61 +15,35 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 
-from .depth_camera import ANY, chosen, vendor_module, wanted_size
+from .depth_camera import DepthCamera, DepthCameraConfig
 from .stream import StampClock
 
 
 @dataclass(frozen=True)
-class RealSenseConfig:
-    """One RealSense camera.
-
-    Attributes:
-        camera: name of the camera in the rig. serial: its serial number; ``any`` takes the first that is found.
-        size: ``WIDTHxHEIGHT@RATE``.
-        read_s: a camera that says nothing for so long is lost.
-    """
-
-    camera: str
-    serial: str = ANY
-    size: str = "640x480@30"
-    read_s: float = 5.0
+class RealSenseConfig(DepthCameraConfig):
+    """One RealSense camera."""
 
     def build(self) -> RealSenseSource:
         """Start the stream; raises DependencyError without ``pyrealsense2``, SourceError when there is no such camera."""
         return RealSenseSource(self)
 
 
-class RealSenseSource:
-    """Frames of one camera in RGB; times are Unix epoch by the machine's clock, mid-exposure."""
+class RealSenseSource(DepthCamera):
+    """Frames of one RealSense camera."""
 
-    def __init__(self, config: RealSenseConfig) -> None:
-        self._config = config
-        self._rs = vendor_module("pyrealsense2", "realsense")
-        width, height, rate = wanted_size(self._where, config.size)
-        self._size_wh = width, height
-        devices = self._rs.context().query_devices()
-        serial = chosen(self._where, config.serial, [d.get_info(self._rs.camera_info.serial_number) for d in devices])
-        asked = self._rs.config()
+    maker, library, extra = "RealSense", "pyrealsense2", "realsense"
+
+    def _serials(self) -> list[str]:
+        devices = self._vendor.context().query_devices()
+        return [device.get_info(self._vendor.camera_info.serial_number) for device in devices]
+
+    def _start(self, serial: str) -> None:
+        asked = self._vendor.config()
         asked.enable_device(serial)
-        asked.enable_stream(self._rs.stream.color, width, height, self._rs.format.rgb8, rate)
-        self._pipeline: Any = self._rs.pipeline()
-        try:
-            self._pipeline.start(asked)
-        except RuntimeError as error:
-            raise SourceError(f"{self._where}: cannot deliver {config.size} ({error})") from None
-        self._running = True
-        self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._clock, self._newest_ns = StampClock(0), 0
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._config.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px."""
-        return self._size_wh
+        asked.enable_stream(self._vendor.stream.color, *self.size_wh, self._vendor.format.rgb8, self._rate_hz)
+        self._clock = StampClock(0)
+        self._pipeline: Any = self._vendor.pipeline()
+        self._pipeline.start(asked)
 
     def frames(self) -> Iterator[Frame]:
         """Frames as they come; raises SourceError when they stop coming."""
@@ -86,19 +60,9 @@ class RealSenseSource:
             image = np.array(color.get_data())
             yield Frame(self.camera, int(color.get_frame_number()), self._newest_ns, arrived_ns, image)
 
-    def close(self) -> None:
-        """Stop the stream; safe to call twice."""
-        if self._running:
-            self._running = False
-            self._pipeline.stop()
-
-    @property
-    def _where(self) -> str:
-        return f"RealSense {self._config.serial}: camera {self.camera}"
-
     def _exposed_ns(self, color: Any, arrived_ns: int) -> int:
         stamp_ns = round(color.get_timestamp() * 1e6)
-        if color.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
+        if color.get_frame_timestamp_domain() == self._vendor.timestamp_domain.hardware_clock:
             read_ns = self._clock.placed(stamp_ns, arrived_ns)
         else:
             # the machine's clock may have been set since the start, the session's has not
@@ -106,7 +70,7 @@ class RealSenseSource:
         return read_ns - self._exposed_before_ns(color)
 
     def _exposed_before_ns(self, color: Any) -> int:
-        known = self._rs.frame_metadata_value
+        known = self._vendor.frame_metadata_value
         if not all(color.supports_frame_metadata(key) for key in (known.frame_timestamp, known.sensor_timestamp)):
             return 0
         before_us = color.get_frame_metadata(known.frame_timestamp) - color.get_frame_metadata(known.sensor_timestamp)

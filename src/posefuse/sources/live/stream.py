@@ -59,23 +59,14 @@ class StreamSource:
 
     def __init__(self, config: StreamConfig) -> None:
         self._config = config
+        self.camera = config.camera
         self._container: Any = _connected(config)
         self._decoded = self._container.decode(video=0)
         self._times = StampClock(round(config.delay_s * 1e9))
         self._seq = 0
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._first: Frame | None = self._next()
-        self._size_wh = self._first.size_wh
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._config.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px."""
-        return self._size_wh
+        self.size_wh = self._first.size_wh
 
     def frames(self) -> Iterator[Frame]:
         """Frames as they come; raises SourceError when they stop coming or change size."""
@@ -84,8 +75,8 @@ class StreamSource:
             yield first
         while self._container is not None:
             frame = self._next()
-            if frame.size_wh != self._size_wh:
-                raise SourceError(f"{self._where}: frames were {self._size_wh}, now {frame.size_wh} px")
+            if frame.size_wh != self.size_wh:
+                raise SourceError(f"{self._where}: frames were {self.size_wh}, now {frame.size_wh} px")
             yield frame
 
     def close(self) -> None:
