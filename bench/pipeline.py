@@ -39,11 +39,9 @@ def speed(session: Path, out: Path, repeat: int, *options: str) -> dict:
     """Medians over `repeat` runs."""
     runs = [tracked(session, out, *options) for _ in range(repeat)]
     cameras = runs[0]["cameras"]
-    start_ms = [run["stage_ms_per_instant"]["open"] + run["stage_ms_per_instant"]["compile"] for run in runs]
-    work_s = [run["seconds"] - ms * run["instants"] / 1000 for run, ms in zip(runs, start_ms, strict=True)]
     return {
-        "instants_per_s": statistics.median(run["instants"] / s for run, s in zip(runs, work_s, strict=True)),
-        "images_per_s": statistics.median(cameras * run["instants"] / s for run, s in zip(runs, work_s, strict=True)),
+        "instants_per_s": statistics.median(run["instants_per_s"] for run in runs),
+        "images_per_s": statistics.median(cameras * run["instants_per_s"] for run in runs),
         "detect_ms_per_image": statistics.median(run["detect_ms_per_image"] for run in runs),
         "stage_ms_per_instant": {
             stage: statistics.median(run["stage_ms_per_instant"][stage] for run in runs)
@@ -93,9 +91,7 @@ def show(figures: dict) -> None:
         table.add_column(column)
     for run in ("track", "everything"):
         row = figures[run]
-        stages = ", ".join(
-            f"{stage} {ms:.1f}" for stage, ms in row["stage_ms_per_instant"].items() if stage not in ("open", "compile")
-        )
+        stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in row["stage_ms_per_instant"].items())
         table.add_row(
             run, f"{row['instants_per_s']:.1f}", f"{row['images_per_s']:.0f}", f"{row['detect_ms_per_image']:.1f}", stages
         )
