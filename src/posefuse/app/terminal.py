@@ -69,6 +69,9 @@ class Terminal:
         with Progress(*columns, console=self._notes, refresh_per_second=4) as bar:
             task = bar.add_task(label, total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)
+            if bar.tasks[task].total is None:
+                # there was nothing to count
+                bar.update(task, visible=False)
 
 
 def cell_text(value: Any) -> str:
