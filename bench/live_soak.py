@@ -1,6 +1,7 @@
 """A live session for a long time: does memory stay flat, and is all of it there after Ctrl-C?
 
-    nice -n 5 python bench/live_soak.py [--minutes 60] [--cameras 4] [--groups 2] [--session examples/demo] [--trace FILE.csv]
+    nice -n 5 python bench/live_soak.py [--minutes 60] [--cameras 4] [--groups 2] [--networks NAME]
+        [--session examples/demo] [--trace FILE.csv]
 
 A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the memory,
 threads, open files and children of every process are read. Growth is the slope of a straight line through what was read
@@ -108,6 +109,7 @@ def soak(args: argparse.Namespace, recording: Path) -> tuple[Processes, dict, di
     command = [sys.executable, "-m", "posefuse.app.cli", "live", str(args.session / "rig.toml"), "--json"]
     command += [part for name in names for part in ("--source", f"{name}=sim:{args.session}")]
     command += ["--loop", str(loop_s), "--record", str(recording), *(["--groups", str(args.groups)] if args.groups else [])]
+    command += ["--networks", args.networks]
     live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     processes = Processes(live.pid)
     begun = threading.Event()
@@ -184,6 +186,7 @@ def main() -> None:
     parser.add_argument("--every", type=float, default=5.0, help="seconds between two looks")
     parser.add_argument("--cameras", type=int, default=4)
     parser.add_argument("--groups", type=int, default=0)
+    parser.add_argument("--networks", default="blazepose_full", help="as of `posefuse live`")
     parser.add_argument("--trace", type=Path, help="keep every look in a CSV file")
     parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
     args = parser.parse_args()
@@ -201,6 +204,7 @@ def main() -> None:
     facts = {
         "minutes": figures["seconds"] / 60,
         "cameras": args.cameras,
+        "networks": args.networks,
         **ended,
         "poses": figures["poses"],
         "poses_recorded": recorded,
