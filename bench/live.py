@@ -22,7 +22,10 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.app.config import TrackConfig, read_overridden
+from posefuse.app.detectors import build_detector, joint_centres_of
+from posefuse.app.live.centres import Centring
 from posefuse.app.live.config import LiveConfig
+from posefuse.app.live.messages import Centres
 from posefuse.app.live.session import ready_tracker
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import track_session
@@ -60,12 +63,13 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
     track = replace(TrackConfig(), detector=config.detector, outputs=())
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
     views = views_of(done.recording)
-    tracker = ready_tracker(rig, views.skeleton, config)
+    tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)
+    centring.learn(Centres(rig.names, joint_centres_of(build_detector(config.detector, rig))))
     period_ns, late_ns = round(1e9 / config.rate_hz), round(delay_ms * 1e6)
     due_ns, poses = 0, []
     for i, t_ns in enumerate(views.t_ns):
         while due_ns < t_ns + late_ns:
-            poses.append(tracker.at(due_ns))
+            poses.append(centring.moved(tracker.at(due_ns)))
             due_ns += period_ns
         for name in rig.names:
             c = views.camera_names.index(name.removesuffix(TWIN))

@@ -70,7 +70,7 @@ ONE_MACHINE = (
     Case("1200 frames/s", "flood", ("cam01",), fault="flood"),
     Case("says nothing", "silent", ("cam01",), fault="hang"),
     Case("unplugged", "lost", ("cam01",), fault="unplug"),
-    Case("kill -9 of two cameras", "dead", ("cam01", "cam03"), end_s=6.0, last_s=20.0, fault="kill"),
+    Case("kill -9 of two cameras", "dead", ("cam02", "cam03"), end_s=6.0, last_s=20.0, fault="kill"),
 )
 _NEAR, _FAR = ("cam00", "cam01"), ("cam02", "cam03")
 TWO_MACHINES = (

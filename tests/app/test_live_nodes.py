@@ -11,9 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from posefuse.app.live.centres import message_from_centres
 from posefuse.app.live.clock import SessionClock
+from posefuse.app.live.messages import Centres, Seen
 from posefuse.app.live.network_intake import NetworkIntake
 from posefuse.core import SKELETONS, Detections2D
+from posefuse.track import JointCentres
 
 pytest.importorskip("cyclonedds")
 # apart from what tests of `wire` use, and from another run on this machine
@@ -76,10 +79,12 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
     intake = NetworkIntake(ring_rig(2), network, SessionClock.begin())
     try:
         with RosNode("stranger", network) as stranger:
+            table = Centres(("cam00",), JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}}))
+            stranger.publish(topics.JOINT_CENTRES, message_from_centres(table, time.time_ns()), time.time_ns())
             writer = stranger.writer(topics.DETECTIONS)
             end = time.monotonic() + 20
             while (
-                not (intake.intake.counts.refused and intake.strangers and intake.intake.counts.accepted > 2)
+                not (intake.intake.counts.refused and intake.strangers and intake.intake.counts.accepted > 6)
                 and time.monotonic() < end
             ):
                 for camera in ("cam00", "elsewhere"):
@@ -92,9 +97,12 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
                 stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
                 time.sleep(0.05)
             assert writer.readers() > 0
-        got = list(intake.messages())
+        skeleton_told = intake.first_skeleton(1.0)
+        got = [*intake.centres, *intake.messages()]
     finally:
         intake.close()
     assert "elsewhere" in intake.strangers
     assert "scores in 0..1" in intake.intake.counts.last_refusal
-    assert {seen.detections.camera for seen in got} == {"cam00"}
+    assert skeleton_told == skeleton
+    assert [told for told in got if isinstance(told, Centres)] == [table]
+    assert {seen.detections.camera for seen in got if isinstance(seen, Seen)} == {"cam00"}

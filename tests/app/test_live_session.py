@@ -81,7 +81,7 @@ def killed(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
     time.sleep(1.0)
     os.kill(pids[0], signal.SIGKILL)
     live.wait_for(r"cam00: dead.*SIGKILL")
-    live.wait_for(r"cam02: ok")
+    live.wait_for(r"cam01: ok")
     time.sleep(0.5)
     live.process.send_signal(signal.SIGINT)
     return live.figures(), recording, pids

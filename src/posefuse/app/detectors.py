@@ -5,6 +5,7 @@ from __future__ import annotations
 from posefuse.app.config import DetectorChoice
 from posefuse.app.plugins import build_plugin
 from posefuse.core import Detector, Rig
+from posefuse.track import JointCentres, read_joint_centres
 
 
 def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
@@ -14,3 +15,8 @@ def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
     known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}
     detector: Detector = build_plugin("detectors", choice.name, choice.options, known)
     return detector
+
+
+def joint_centres_of(detector: Detector) -> JointCentres | None:
+    """How joint centres lie beside its keypoints, where it knows; raises ConfigError for a table that is not right."""
+    return read_joint_centres(detector.joint_centres_file) if detector.joint_centres_file else None

@@ -46,6 +46,14 @@ class Detector(Protocol):
         """Names axis K of what `detect` returns."""
         ...
 
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Table of how anatomical joint centres lie beside the keypoints, in the format of `track.joint_centres`.
+
+        None where nobody knows, or where the keypoints are joint centres already.
+        """
+        ...
+
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame, in order.
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Detector, Frame, PosefuseError, Recording, Region, Sink, Source
+from posefuse.core import ConfigError, Detector, Frame, PosefuseError, Recording, Region, Sink, Source
+from posefuse.track import read_joint_centres
 
 _ENOUGH_FRAMES = 20
 
@@ -40,9 +41,12 @@ def check_source(source: Source, most_frames: int = _ENOUGH_FRAMES) -> None:
 def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
     """A detector: one answer per frame in order, its own skeleton, missing is NaN with score 0, sigma where a score is.
 
+    A table of joint centres it names can be read.
+
     `frames` are a few images, with or without people, of any cameras.
     """
     _require(isinstance(detector, Detector), f"{type(detector).__name__} lacks a member of core.Detector")
+    _check_joint_centres(detector.joint_centres_file)
     _require(detector.detect([], []) == [], "no frames give no answers")
     half = min(frames[0].size_wh) / 2
     region = Region(np.array(frames[0].size_wh) / 2, 2 * half)
@@ -58,6 +62,14 @@ def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
             _require(bool(np.isfinite(answer.xy_img[seen]).all()), "a scored keypoint has coordinates")
             _require(bool(np.isnan(answer.xy_img[~seen]).all()), "a keypoint with score 0 is NaN")
             _require(bool((answer.sigma_px[seen] > 0).all()), "a scored keypoint has sigma_px > 0")
+
+
+def _check_joint_centres(path: Path | None) -> None:
+    try:
+        if path is not None:
+            read_joint_centres(path)
+    except ConfigError as error:
+        raise ContractError(f"contract broken: joint_centres_file names a table that can be read ({error})") from None
 
 
 def check_sink(sink: Sink, recording: Recording, folder: Path) -> None:

@@ -9,20 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from posefuse.core import ConfigError, PoseSequence, Skeleton
+from posefuse.core import ConfigError, Pose3D, PoseSequence, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.core.skeleton import pick_keypoints
 from posefuse.files.settings import read_settings, settings
 
-SIDES = ("left", "right")
-JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-# knuckles of index and little finger lie about this far apart
-_PALM_M = 0.07
+from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions
+
+Poses = TypeVar("Poses", Pose3D, PoseSequence)
+JOINTS = tuple(JOINT_DIRECTIONS)
+_FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])[:-1]
+# each round of the inverse leaves a fifth of the error or less: micrometres after these
+_INVERSE_ROUNDS = 8
 
 
 @settings
@@ -40,93 +44,56 @@ class JointCentres:
 
 def read_joint_centres(path: Path) -> JointCentres:
     """Read a table; raises ConfigError naming the file, and the joint or direction that does not exist."""
-    table = read_settings(path, JointCentres)
-    known = directions(np.full((1, 1, 3), np.nan), Skeleton("none", ("nose",)), "left")
+    return check_joint_centres(read_settings(path, JointCentres), str(path))
+
+
+def check_joint_centres(table: JointCentres, where: str) -> JointCentres:
+    """The table; raises ConfigError naming `where`, and the joint or direction that does not exist."""
     for joint, offsets in table.offsets.items():
-        if joint not in known:
-            raise ConfigError(f"{path}: offsets: no joint {joint!r}; there are: {choices(known)}")
+        if joint not in JOINT_DIRECTIONS:
+            raise ConfigError(f"{where}: offsets: no joint {joint!r}; there are: {choices(JOINT_DIRECTIONS)}")
         for name in offsets:
-            if name not in known[joint]:
-                raise ConfigError(f"{path}: offsets.{joint}: no direction {name!r}; there are: {choices(known[joint])}")
+            if name not in JOINT_DIRECTIONS[joint]:
+                there = choices(JOINT_DIRECTIONS[joint])
+                raise ConfigError(f"{where}: offsets.{joint}: no direction {name!r}; there are: {there}")
     return table
 
 
-def to_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
-    """The sequence with shoulders, elbows, wrists, hips, knees and ankles moved to their centres.
+def to_joint_centres(poses: Poses, table: JointCentres) -> Poses:
+    """The poses with shoulders, elbows, wrists, hips, knees and ankles moved to their centres.
 
     A joint stays where it is at instants at which a direction it needs is unknown (a keypoint is missing, or two coincide).
     Covariances stay: the offsets are constants.
     """
-    xyz = np.array(sequence.xyz_world)
-    for side in SIDES:
-        known = directions(sequence.xyz_world, sequence.skeleton, side)
-        for joint, offsets in table.offsets.items():
-            keypoint = f"{side}_{joint}"
-            if keypoint not in sequence.skeleton.keypoints:
-                continue
-            move = sum((metres * known[joint][name] for name, metres in offsets.items()), np.zeros(3))
-            xyz[..., sequence.skeleton.index(keypoint), :] += np.where(np.isfinite(move), move, 0.0)
-    return replace(sequence, xyz_world=xyz)
+    return replace(poses, xyz_world=poses.xyz_world + _moves(poses.xyz_world, poses.skeleton, table))
+
+
+def from_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
+    """What the 2D estimator marks, given joint centres: the inverse of `to_joint_centres`."""
+    landmarks = sequence.xyz_world
+    for _ in range(_INVERSE_ROUNDS):
+        landmarks = sequence.xyz_world - _moves(landmarks, sequence.skeleton, table)
+    return replace(sequence, xyz_world=landmarks)
+
+
+def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres) -> Array:
+    """(..., K, 3) from landmarks (..., K, 3) to joint centres; nothing where a direction is unknown."""
+    metres = np.array([table.offsets.get(j, {}).get(name, 0.0) for j, names in JOINT_DIRECTIONS.items() for name in names])
+    along = np.where(metres[:, None] == 0.0, 0.0, body_directions(xyz, skeleton) * metres[:, None])
+    move = np.add.reduceat(along, _FIRST_DIRECTION, axis=-2)
+    moves = np.zeros((*xyz.shape[:-2], len(skeleton) + 1, 3))
+    moves[..., _columns(skeleton), :] = np.where(np.isfinite(move), move, 0.0)
+    return moves[..., :-1, :]
+
+
+@cache
+def _columns(skeleton: Skeleton) -> Array:
+    """(2, J) place of each side's joints on axis K; K where the skeleton lacks one."""
+    places = {name: k for k, name in enumerate(skeleton.keypoints)}
+    return np.array([[places.get(f"{side}_{joint}", len(places)) for joint in JOINTS] for side in SIDES])
 
 
 def directions(xyz: Array, skeleton: Skeleton, side: str) -> Mapping[str, Mapping[str, Array]]:
-    """Directions (..., 3) each joint of one side may be moved along, by joint and name, from keypoints (..., K, 3).
-
-    Unit vectors: ``up`` (mid-hips to mid-shoulders), ``outward`` (away from the midline), ``forward`` of the pelvis for the
-    hip and of the chest for the shoulder; limbs from proximal to distal (``upper_arm`` is called ``arm`` at the shoulder),
-    ``foot`` heel to toe, ``hand`` wrist to knuckles; at the knee and ankle ``outward`` is the pelvis's, normal to the limb,
-    and ``forward`` normal to both. Others: ``bend``, the difference of the limbs' directions below and above the joint,
-    nothing when it is straight; ``sinking``, of the thigh's direction and the spine's downward one, nothing when standing;
-    ``palm``, from little to index finger, about one long; ``raising``, outward as far as the arm points outward. NaN where
-    keypoints are missing.
-    """
-    other = "left" if side == "right" else "right"
-
-    def at(name: str) -> Array:
-        return np.asarray(pick_keypoints(xyz, skeleton, [name])[..., 0, :])
-
-    def limb(start: str, end: str) -> Array:
-        return _unit(at(f"{side}_{end}") - at(f"{side}_{start}"))
-
-    spine = at("neck") - at("mid_hip")
-    upper_arm, forearm = limb("shoulder", "elbow"), limb("elbow", "wrist")
-    thigh, shank, foot = limb("hip", "knee"), limb("knee", "ankle"), limb("heel", "foot_index")
-    palm = at(f"{side}_index") - at(f"{side}_pinky")
-    hand = _unit(at(f"{side}_pinky") + palm / 2 - at(f"{side}_wrist"))
-    chest = _trunk(spine, at(f"{side}_shoulder") - at(f"{other}_shoulder"), side)
-    pelvis = _trunk(spine, at(f"{side}_hip") - at(f"{other}_hip"), side)
-    knee_out, ankle_out = _normal_to(thigh, pelvis["outward"]), _normal_to(shank, pelvis["outward"])
-    return {
-        "shoulder": {**chest, "arm": upper_arm, "raising": chest["outward"] * _cosine(upper_arm, chest["outward"])},
-        "elbow": {"upper_arm": upper_arm, "forearm": forearm, "bend": forearm - upper_arm},
-        "wrist": {"forearm": forearm, "hand": hand, "palm": palm / _PALM_M},
-        "hip": {**pelvis, "thigh": thigh, "sinking": thigh + _unit(spine)},
-        "knee": {"thigh": thigh, "bend": shank - thigh, "outward": knee_out, "forward": _ahead(-thigh, knee_out, side)},
-        "ankle": {"shank": shank, "foot": foot, "outward": ankle_out, "forward": _ahead(-shank, ankle_out, side)},
-    }
-
-
-def _trunk(spine: Array, outward: Array, side: str) -> dict[str, Array]:
-    out = _unit(outward)
-    up = _normal_to(out, spine)
-    return {"forward": _ahead(up, out, side), "up": up, "outward": out}
-
-
-def _ahead(up: Array, outward: Array, side: str) -> Array:
-    """Forward: left x up for the left side's outward, up x right for the right side's."""
-    return np.asarray(np.cross(outward, up) if side == "left" else np.cross(up, outward))
-
-
-def _cosine(one: Array, other: Array) -> Array:
-    """(..., 1) of the angle between unit vectors."""
-    return np.asarray((one * other).sum(axis=-1, keepdims=True))
-
-
-def _normal_to(axis: Array, vector: Array) -> Array:
-    """Unit part of `vector` normal to the unit vector `axis`."""
-    return _unit(vector - _cosine(vector, axis) * axis)
-
-
-def _unit(vector: Array) -> Array:
-    length = np.linalg.norm(vector, axis=-1, keepdims=True)
-    return np.asarray(vector / np.where(length > 1e-6, length, np.nan))
+    """Directions (..., 3) each joint of one side may be moved along, by joint and name, see `body_directions`."""
+    known = iter(np.moveaxis(body_directions(xyz, skeleton)[..., SIDES.index(side), :, :], -2, 0))
+    return {joint: {name: next(known) for name in names} for joint, names in JOINT_DIRECTIONS.items()}

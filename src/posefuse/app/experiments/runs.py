@@ -12,7 +12,7 @@ from typing import Any
 
 from posefuse import __version__
 from posefuse.app.config import TrackConfig, read_config
-from posefuse.app.detectors import build_detector
+from posefuse.app.detectors import build_detector, joint_centres_of
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import track_session
 from posefuse.app.recorded.second_pass import poses_over_time, views_of
@@ -25,7 +25,7 @@ from posefuse.evaluate.metrics import JointErrors, joint_errors
 from posefuse.files.truth import read_truth
 from posefuse.simulate.scene import Scene
 from posefuse.simulate.session import simulate
-from posefuse.track import JointCentres, read_joint_centres
+from posefuse.track import JointCentres
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-contrib-python-headless")
@@ -103,8 +103,7 @@ def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | Non
     session = find_session(folder, config)
     with context.terminal.progress(f"tracking {name}") as advance:
         tracked = track_session(session, config, clock or StageClock(), advance, context.terminal.note, context.terminal.warn)
-    file = getattr(build_detector(config.detector, tracked.recording.rig), "joint_centres_file", None)
-    centres = read_joint_centres(file) if file and config.joint_centres else None
+    centres = joint_centres_of(build_detector(config.detector, tracked.recording.rig)) if config.joint_centres else None
     return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), centres)
 
 

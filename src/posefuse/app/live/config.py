@@ -24,6 +24,7 @@ class LiveConfig:
         groups: processes the cameras are shared among; 0: one per two cameras, at most one per core.
         search_every_s: while fewer people than asked for are followed, every camera's whole image is searched this often.
         preview_hz: pictures per second and camera for the viewer.
+        joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
         angles: joint angles and segment frames with every pose.
         detector: the 2D estimator. track, associate, fuse, joints: see the rooms.
     """
@@ -32,6 +33,7 @@ class LiveConfig:
     groups: Annotated[int, Ge(0)] = 0
     search_every_s: Annotated[float, Gt(0)] = 1.0
     preview_hz: Annotated[float, Ge(0)] = 8.0
+    joint_centres: bool = True
     angles: bool = True
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     track: LiveSettings = field(default_factory=LiveSettings)

@@ -17,11 +17,12 @@ from posefuse.track.live import Tracker
 
 from .board import Board
 from .budget import expected_gain
+from .centres import Centring
 from .channel import Channel
 from .clock import SessionClock
 from .clocks import ClockOffsets
 from .latency import Latencies, Way
-from .messages import Preview, Seen, Status
+from .messages import Centres, Preview, Seen, Status
 from .monitor import Monitor, Verdict
 
 _S = 1_000_000_000
@@ -53,12 +54,16 @@ class Outlets(Protocol):
     """Where results go; never waits."""
 
     def offer(self, kind: str, *values: Any) -> None:
-        """Hand something on: ``view``, ``pose``, ``health``, ``preview``."""
+        """Hand something on: ``centres``, ``view``, ``pose``, ``health``, ``preview``."""
         ...
 
 
 class Fusion:
-    """Tracker, monitor and stop watches of one session; everything in one thread."""
+    """Tracker, monitor and stop watches of one session; everything in one thread.
+
+    The tracker follows what the networks mark, and by that the views are told where to look; what goes out is moved to joint
+    centres where `centring` wants it.
+    """
 
     def __init__(
         self,
@@ -67,12 +72,14 @@ class Fusion:
         board: Board,
         clock: SessionClock,
         outlets: Outlets,
+        centring: Centring,
         offsets: ClockOffsets | None = None,
         joints: JointTracker | None = None,
     ) -> None:
         self.rig, self.tracker, self._board, self.clock, self._outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
+        self.centring = centring
         self._offsets, self._joints = offsets, joints
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
@@ -105,9 +112,12 @@ class Fusion:
             gc.unfreeze()
 
     def take(self, message: Any) -> None:
-        """One message of a camera group."""
+        """One message of a camera group, or of another machine."""
         if isinstance(message, Seen):
             self._see(message)
+        elif isinstance(message, Centres):
+            self.centring.learn(message)
+            self._outlets.offer("centres", self.clock.now_ns(), message)
         elif isinstance(message, Status):
             for state in message.cameras:
                 self.monitor.told(state, message.t_ns)
@@ -120,8 +130,9 @@ class Fusion:
         output_ns = self.clock.now_ns()
         newest = max((way.exposed_ns for way in self._waiting), default=0)
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
-        joints = self._joints.step(pose) if self._joints is not None else None
-        self._outlets.offer("pose", pose, stages, joints)
+        shown = self.centring.moved(pose)
+        joints = self._joints.step(shown) if self._joints is not None else None
+        self._outlets.offer("pose", shown, stages, joints)
         self.latencies.tick_out(due_ns, output_ns, period_ns)
         for way in self._waiting:
             self.latencies.view_out(way, output_ns)

@@ -73,9 +73,11 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
 def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
     import cv2
 
+    from posefuse.app.detectors import joint_centres_of
+
     cv2.setNumThreads(1)
     group = Group(plan, channel, board)
-    channel.send(Ready(plan.group, group.detector.skeleton), _SEND_S)
+    channel.send(Ready(plan.group, group.detector.skeleton, joint_centres_of(group.detector)), _SEND_S)
     return group
 
 

@@ -5,14 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from posefuse.core import Detections2D, Skeleton
+from posefuse.track import JointCentres
 
 
 @dataclass(frozen=True)
 class Ready:
-    """A group has its 2D estimator and its sources; it waits for `Go`."""
+    """A group has its 2D estimator, which marks these keypoints, and its sources; it waits for `Go`."""
 
     group: int
     skeleton: Skeleton
+    joint_centres: JointCentres | None
+
+
+@dataclass(frozen=True)
+class Centres:
+    """How joint centres lie beside the keypoints in the views of some cameras; None: they are the same, or nobody knows."""
+
+    cameras: tuple[str, ...]
+    table: JointCentres | None
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ from posefuse.core import Rig, Skeleton
 from posefuse.wire import topics
 from posefuse.wire.dds import Network, RosNode
 from posefuse.wire.intake import Intake
-from posefuse.wire.messages import DETECTIONS_TYPE, detections_from_message
+from posefuse.wire.messages import DETECTIONS_TYPE, JOINT_CENTRES_TYPE, detections_from_message
 
+from .centres import centres_from_message
 from .channel import Channel, ChannelClosed
 from .clock import SessionClock
-from .messages import Seen
+from .messages import Centres, Seen
 
 _WAIT_S = 0.2
 _AT_ONCE = 64
@@ -22,20 +23,24 @@ _MAX_BYTES = 2**18
 
 
 class NetworkIntake:
-    """Reads the topic of 2D poses in a thread of its own.
+    """Reads the topics of 2D poses, and of where joint centres lie beside them, in a thread of its own.
 
     Attributes:
         intake: counts what came and what was refused, and why. strangers: views of cameras the rig does not have.
+        centres: what was told of joint centres before the first view was taken.
         dropped: views the fusion had no room for.
     """
 
     def __init__(self, rig: Rig, network: Network, clock: SessionClock, name: str = "posefuse_fusion_intake") -> None:
         self.intake = Intake(DETECTIONS_TYPE, detections_from_message, _MAX_BYTES)
         self.strangers: dict[str, int] = {}
+        self.centres: list[Centres] = []
         self.dropped = 0
         self._names, self._clock = set(rig.names), clock
         self._node = RosNode(name, network)
         self._reader = self._node.reader(topics.DETECTIONS)
+        self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
+        self._centres_intake = Intake(JOINT_CENTRES_TYPE, centres_from_message, _MAX_BYTES, self.intake.counts)
         self._ours, self._theirs = Channel.pair()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="views from the network", daemon=True)
@@ -45,13 +50,13 @@ class NetworkIntake:
         """For `select`."""
         return [self._ours]
 
-    def messages(self) -> Iterator[Seen]:
+    def messages(self) -> Iterator[Seen | Centres]:
         """What has come; never waits."""
         for _ in range(_AT_ONCE):
-            seen = self._ours.receive()
-            if seen is None:
+            told = self._ours.receive()
+            if told is None:
                 return
-            yield seen
+            yield told
 
     def troubles(self) -> Mapping[str, str]:
         """Nothing is known of processes on other machines; their silence is seen by the monitor."""
@@ -61,8 +66,11 @@ class NetworkIntake:
         """Skeleton of the first view that comes; None when none does."""
         if not self._ours.wait(timeout_s):
             return None
-        seen = self._ours.receive()
-        return None if seen is None else seen.detections.skeleton
+        for told in self.messages():
+            if isinstance(told, Seen):
+                return told.detections.skeleton
+            self.centres.append(told)
+        return None
 
     def close(self) -> None:
         """Leave the network."""
@@ -76,19 +84,25 @@ class NetworkIntake:
         while not self._stop.is_set():
             if not self._node.wait(_WAIT_S):
                 continue
-            for sample in self._reader.take():
-                taken = self.intake.take(sample.raw)
-                if taken is None:
-                    continue
-                seen = _seen(*taken, sample.sent_ns, self._clock.now_ns())
-                if seen.detections.camera not in self._names:
-                    camera = seen.detections.camera if len(self.strangers) < 100 else "others"
-                    self.strangers[camera] = self.strangers.get(camera, 0) + 1
-                    continue
-                try:
-                    self.dropped += not self._theirs.send(seen)
-                except ChannelClosed:
-                    return
+            try:
+                self._hand_on()
+            except ChannelClosed:
+                return
+
+    def _hand_on(self) -> None:
+        for sample in self._centres_reader.take():
+            if (told := self._centres_intake.take(sample.raw)) is not None:
+                self._theirs.send(told, _WAIT_S)
+        for sample in self._reader.take():
+            taken = self.intake.take(sample.raw)
+            if taken is None:
+                continue
+            seen = _seen(*taken, sample.sent_ns, self._clock.now_ns())
+            if seen.detections.camera in self._names:
+                self.dropped += not self._theirs.send(seen)
+                continue
+            camera = seen.detections.camera if len(self.strangers) < 100 else "others"
+            self.strangers[camera] = self.strangers.get(camera, 0) + 1
 
 
 def _seen(view: Any, stages: Mapping[str, int], sent_ns: int, now_ns: int) -> Seen:

@@ -24,6 +24,7 @@ from posefuse.wire.ros_output import RosOutput
 
 from .board import Board
 from .budget import expected_gain
+from .centres import Centring, message_from_centres
 from .clock import SessionClock
 from .clocks import ClockOffsets
 from .command import output_plan, settled_config, settled_inputs
@@ -70,6 +71,8 @@ def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
         terminal.note("; ".join(groups.whereabouts()))
         groups.begin(time.monotonic_ns() if args.zero is None else round(args.zero * _S) - clock.offset_ns)
         worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock)
+        for told in groups.centres():
+            node.publish(topics.JOINT_CENTRES, message_from_centres(told, clock.now_ns()), clock.now_ns())
         end_ns = None if args.duration is None else clock.now_ns() + round(args.duration * _S)
         with stop_requests() as stopped:
             while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
@@ -189,7 +192,10 @@ def _fuse(
     say(f"first view after {(plan.clock.now_ns() - begun_ns) / _S:.1f} s")
     with ClockOffsets(rig) as offsets:
         joints = ready_joints(skeleton, config)
-        fusion = Fusion(rig, ready_tracker(rig, skeleton, config), new_board(rig), plan.clock, outputs, offsets, joints)
+        tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
+        fusion = Fusion(rig, tracker, new_board(rig), plan.clock, outputs, centring, offsets, joints)
+        for told in intake.centres:
+            fusion.take(told)
         done = Finished(fusion, skeleton, zero_ns=begun_ns)
         with favoured():
             fusion.run(intake, config.rate_hz, until)

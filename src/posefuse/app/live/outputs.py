@@ -65,8 +65,8 @@ class LiveSink(Protocol):
     def take(self, kind: str, values: Sequence[Any]) -> None:
         """One of the following, each with its values.
 
-        ``view`` (Detections2D, stages), ``pose`` (Pose3D, stages, Joints or None), ``health`` (t_ns, states, rates),
-        ``preview`` (Preview).
+        ``centres`` (t_ns, Centres), ``view`` (Detections2D, stages), ``pose`` (Pose3D, stages, Joints or None), ``health``
+        (t_ns, states, rates), ``preview`` (Preview).
         """
         ...
 

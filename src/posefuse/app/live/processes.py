@@ -18,7 +18,7 @@ from posefuse.core import Skeleton, SourceError
 from .board import Board
 from .channel import Channel, ChannelClosed
 from .group import GroupPlan, run_group
-from .messages import Failed, Go, Ready, Status, Stop
+from .messages import Centres, Failed, Go, Ready, Status, Stop
 
 START_S = 120.0
 # no word for so long: something is wrong; then: it hangs and is ended
@@ -61,7 +61,7 @@ class _Member:
     plan: GroupPlan
     channel: Channel
     process: Any
-    skeleton: Skeleton | None = None
+    marks: Ready | None = None
     ready: bool = False
     heard_s: float = field(default_factory=time.monotonic)
     retry_s: float = _FIRST_RETRY_S
@@ -108,16 +108,22 @@ class Groups:
         """
         end_s = time.monotonic() + timeout_s
         for member in self._members:
-            while member.skeleton is None:
+            while member.marks is None:
                 if time.monotonic() > end_s:
                     raise SourceError(f"cameras {_cameras(member.plan)}: not ready within {timeout_s:g} s")
                 self._hear_ready(member)
-        skeletons = {member.skeleton for member in self._members}
+        skeletons = {member.marks.skeleton for member in self._members if member.marks is not None}
         if len(skeletons) > 1:
             raise SourceError("camera groups: expected one skeleton from all 2D estimators, got several")
-        [skeleton] = skeletons
-        assert skeleton is not None
-        return skeleton
+        return skeletons.pop()
+
+    def centres(self) -> list[Centres]:
+        """How joint centres lie beside what the 2D estimator of each group marks, once they are ready."""
+        return [
+            Centres(tuple(entry.camera for entry in member.plan.inputs), member.marks.joint_centres)
+            for member in self._members
+            if member.marks is not None
+        ]
 
     def begin(self, zero_ns: int) -> None:
         """Let frames come; recorded sources show their time 0 at monotonic time `zero_ns`."""
@@ -184,7 +190,7 @@ class Groups:
         if isinstance(message, Failed):
             raise SourceError(message.reason)
         if isinstance(message, Ready):
-            member.skeleton, member.ready = message.skeleton, True
+            member.marks, member.ready = message, True
 
     def _from(self, member: _Member) -> Iterator[Any]:
         for _ in range(_AT_ONCE):

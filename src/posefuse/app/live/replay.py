@@ -14,6 +14,7 @@ from posefuse.wire import topics
 from posefuse.wire.bags import read_mcap
 from posefuse.wire.messages import detections_from_message, pose_from_message
 
+from .centres import Centring, centres_from_message
 from .config import LiveConfig
 from .provenance import read_provenance
 from .session import ready_tracker
@@ -45,8 +46,11 @@ def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) 
 
 def replayed(path: Path, rig: Rig, config: LiveConfig) -> Any:
     """Pairs (recorded pose, pose of a new tracker at the same place of the same stream)."""
-    tracker = None
-    for entry in read_mcap(path, {topics.DETECTIONS.name, topics.POSE.name}):
+    tracker, centring = None, Centring(rig.names, config.joint_centres)
+    for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}):
+        if entry.topic == topics.JOINT_CENTRES.name:
+            centring.learn(centres_from_message(entry.msg))
+            continue
         value: Detections2D | Pose3D
         value, _ = (detections_from_message if entry.topic == topics.DETECTIONS.name else pose_from_message)(entry.msg)
         if tracker is None:
@@ -54,7 +58,7 @@ def replayed(path: Path, rig: Rig, config: LiveConfig) -> Any:
         if isinstance(value, Detections2D):
             tracker.add(value)
         else:
-            yield value, tracker.at(value.t_ns)
+            yield value, centring.moved(tracker.at(value.t_ns))
 
 
 def _as_recorded(path: Path, rig: Rig, config: LiveConfig | None) -> tuple[Rig, LiveConfig]:

@@ -51,6 +51,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "poses": fusion.poses,
         "poses_with_people": fusion.poses_with_people,
         "poses_per_s": fusion.latencies.rate_hz,
+        "joint_centres": fusion.centring.made_by,
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         "cpu_fusion_share": done.cpu_s[0] / done.seconds,
         "cpu_children_share": done.cpu_s[1] / done.seconds,
@@ -95,6 +96,8 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
         "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
     }
+    if figures["joint_centres"]:
+        facts["joint centres"] = "; ".join(sorted(set(figures["joint_centres"].values())))
     if math.isfinite(figures["used_share"]):
         facts["frames used"] = f"{figures['used_share']:.0%}"
     if figures["restarts"]:

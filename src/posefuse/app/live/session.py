@@ -16,7 +16,9 @@ from posefuse.track.live import Tracker, build_tracker
 
 from .board import Board
 from .capture import LiveInput
+from .centres import Centring
 from .config import LiveConfig
+from .dealing import dealt
 from .fusion import Fusion, build_solve
 from .group import GroupPlan
 from .outputs import NoOutputs, OutputPlan, OutputProcess
@@ -76,7 +78,10 @@ def run_live(
             skeleton = groups.wait_ready()
             say("; ".join(groups.whereabouts()))
             joints = None if plan.empty else ready_joints(skeleton, config)
-            fusion = Fusion(rig, ready_tracker(rig, skeleton, config), board, plan.clock, outputs, joints=joints)
+            tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
+            fusion = Fusion(rig, tracker, board, plan.clock, outputs, centring, joints=joints)
+            for told in groups.centres():
+                fusion.take(told)
             done = Finished(fusion, skeleton)
             with stop_requests() as stopped:
                 done.zero_ns = _run(fusion, groups, config, duration_s, stopped, say)
@@ -128,7 +133,7 @@ def favoured() -> Iterator[None]:
 
 
 def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
-    """Cameras dealt out to groups in turn, so that neighbours are in different ones."""
+    """Cameras dealt out to groups, see `dealing`."""
     cores = len(os.sched_getaffinity(0))
     count = config.groups or max(1, min(cores, len(inputs) // 2))
     count = min(count, len(inputs))
@@ -136,12 +141,13 @@ def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan:
     if detector.name == "blazepose":
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
+    by_name = {entry.camera: entry for entry in inputs}
     return [
         GroupPlan(
-            group, rig, tuple(inputs[group::count]), detector, plan.clock, config.track.max_people,
+            group, rig, tuple(by_name[name] for name in cameras), detector, plan.clock, config.track.max_people,
             config.search_every_s, config.preview_hz if plan.view or plan.ros else 0.0,
         )
-        for group in range(count)
+        for group, cameras in enumerate(dealt(rig, list(by_name), count))
     ]  # fmt: skip
 
 

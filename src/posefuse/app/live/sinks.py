@@ -13,6 +13,7 @@ from posefuse.wire.osc import json_from_pose, osc_from_pose
 from posefuse.wire.ros_output import Health, RosOutput, body_id
 from posefuse.wire.types import message
 
+from .centres import message_from_centres
 from .messages import Preview
 from .outputs import NOTES, OutputPlan
 from .viewer import ViewSink
@@ -40,7 +41,10 @@ class RecordSink:
 
     def take(self, kind: str, values: Sequence[Any]) -> None:
         """See `LiveSink`."""
-        if kind == "view":
+        if kind == "centres":
+            t_ns, told = values
+            self._recorder.publish(topics.JOINT_CENTRES, message_from_centres(told, t_ns), t_ns)
+        elif kind == "view":
             view, stages = values
             self._recorder.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
         elif kind == "pose":
@@ -71,6 +75,9 @@ class RosSink:
         if kind == "pose":
             pose, stages, joints = values
             self._output.step(pose, joints, stages)
+        elif kind == "centres" and self._views:
+            t_ns, told = values
+            self._node.publish(topics.JOINT_CENTRES, message_from_centres(told, t_ns), t_ns)
         elif kind == "view" and self._views and self._node.wanted(topics.DETECTIONS):
             view, stages = values
             self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)

@@ -85,8 +85,8 @@ class ImageInstants:
 
     @property
     def joint_centres_file(self) -> Path | None:
-        """Where a 2D estimator that knows it says how joint centres lie beside its keypoints."""
-        return getattr(self._detector, "joint_centres_file", None)
+        """Where the 2D estimator says how joint centres lie beside its keypoints."""
+        return self._detector.joint_centres_file
 
     def __iter__(self) -> Iterator[Instant]:
         line = self._timeline
