@@ -2,8 +2,8 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-EXTRAS := dev,sim,viewer,ros
-READY  := $(VENV)/.ready-$(shell cat pyproject.toml constraints.txt tools/install.sh | cksum | cut -d' ' -f1)
+EXTRAS ?= dev,sim,viewer,ros
+READY  := $(VENV)/.ready-$(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 
 .PHONY: help setup demo test test-slow check bench bench-live paper demo-clip pictures clean
 
@@ -28,7 +28,8 @@ demo: setup
 	$(BIN)/posefuse track examples/demo --out out/demo --force
 
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime"
+	$(BIN)/python -m pytest -m "realtime and not slow"
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow

@@ -229,6 +229,7 @@ def test_live_figures_are_those_of_each_camera() -> None:
     show_live(Page("x"), silent, figures)
 
 
+@pytest.mark.realtime
 def test_a_session_played_live_gives_every_views_passage(demo_session: Path, tmp_path: Path) -> None:
     times = live_times(demo_session, context_of(demo_session, tmp_path), 2.5)
     assert times.cameras == CAMERAS and set(times.camera) == {0, 1, 2, 3} and len(times.camera) > 20

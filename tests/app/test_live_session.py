@@ -25,6 +25,8 @@ from posefuse.files.truth import read_truth
 from posefuse.wire.bags import read_mcap, read_poses
 from posefuse.wire.messages import ns_from_time
 
+pytestmark = pytest.mark.realtime
+
 pytest.importorskip("mcap")
 PERIOD_NS = 10_000_000
 PATIENCE_S = 60.0

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.realtime
+
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
 TRAFFIC = str(Path(__file__).with_name("traffic.py"))
