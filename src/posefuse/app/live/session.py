@@ -10,6 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from posefuse.app.made_up import made_up_detections
 from posefuse.core import Pose3D, Rig, Skeleton, SourceError
 from posefuse.kinematics import JointTracker
 from posefuse.track.live import Tracker, build_tracker
@@ -27,6 +30,7 @@ from .provenance import notes_of
 
 LEAST_CAMERAS = 2
 _LEAD_NS = 300_000_000
+_WARM_UP_INSTANTS = 15
 Say = Callable[[str], None]
 
 
@@ -160,8 +164,6 @@ def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
 
 def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
     """Joint angles for outputs, their kernels compiled; None where none are wanted."""
-    import numpy as np
-
     if not config.angles:
         return None
     k = len(skeleton)
@@ -173,24 +175,10 @@ def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
 
 def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
     """Show it a made-up person in front of the cameras for a moment."""
-    import numpy as np
-
-    from posefuse.core import Detections2D
-
-    rng = np.random.default_rng(0)
-    k = len(skeleton)
-    middle = rig.centres_world().mean(axis=0) + np.mean([c.cam_from_world.matrix()[2] for c in rig], axis=0)
-    person = middle + rng.normal(size=(k, 3)) * 0.4
-    for i in range(15):
-        for c, camera in enumerate(rig):
-            xy = camera.project(person + rng.normal(size=(k, 3)) * 0.01)
-            seen = np.isfinite(xy[..., 0])
-            if i % 5 == 4 and c == 0:
-                xy[: k // 2] += 60.0
-            t_ns = 10**15 + i * 33_000_000 + c * 3_000_000
-            score, sigma = seen.astype(np.float32), np.where(seen, 2.0, np.nan)
-            tracker.add(Detections2D(camera.name, t_ns, skeleton, xy[None], score[None], sigma[None], np.zeros((1, 4))))
-            tracker.at(t_ns + 20_000_000)
+    for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
+        for view in detections:
+            tracker.add(view)
+            tracker.at(view.t_ns + 20_000_000)
 
 
 def new_board(rig: Rig) -> Board:
