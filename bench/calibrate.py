@@ -2,6 +2,8 @@
 
 Run: python bench/calibrate.py [--seeds N]                markers projected, noise added
      python bench/calibrate.py --rendered [SESSION]       real detection in rendered films; renders the scene when it is missing
+     python bench/calibrate.py --person                   from a walking person alone, the real 2D network on rendered films
+     python bench/calibrate.py --person-real [DATA]       the same on pose2sim_single: estimates against each other
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from posefuse.simulate.scene import read_scene
 from posefuse.simulate.session import SessionPaths, simulate
 from posefuse.sources import VideoConfig
 
+REAL = Path("../shared/data/pose2sim_single")
 RADIUS_M, HEIGHT_M = 4.5, 2.2
 LENS = np.array([-0.12, 0.05, 0.001, -0.0005, 0.0])
 SECONDS = 120.0
@@ -107,7 +110,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--rendered", type=Path, nargs="?", const=RENDERED, metavar="SESSION", help=f"default {RENDERED}")
+    parser.add_argument("--person", action="store_true", help="a walking person alone, rendered")
+    parser.add_argument("--person-real", type=Path, nargs="?", const=REAL, metavar="DATA", help=f"default {REAL}")
     args = parser.parse_args()
+    if args.person or args.person_real:
+        import calibrate_person
+
+        figures = calibrate_person.simulated() if args.person else calibrate_person.real(args.person_real)
+        print(json.dumps(figures, indent=2))
+        return
     if args.rendered:
         print(json.dumps({"session": str(args.rendered), **rendered(args.rendered)}, indent=2))
         return

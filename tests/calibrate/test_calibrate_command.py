@@ -10,14 +10,16 @@ import cv2
 import numpy as np
 import pytest
 
+from posefuse.app.calibrating.floor_points import read_floor_points
+from posefuse.app.calibrating.results import write_clocks
 from posefuse.app.commands import calibrate
 from posefuse.app.config import TrackConfig
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.coverage import coverage, coverage_sheet
 from posefuse.calibrate.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibrate.report_html import html_page
-from posefuse.core import InputError
-from posefuse.files.rig import read_rig
+from posefuse.core import ConfigError, InputError
+from posefuse.files.rig import read_rig, write_rig
 from posefuse.files.settings import read_settings
 from posefuse.sources import ImagesConfig
 
@@ -36,6 +38,34 @@ def test_printing_needs_its_sizes_and_says_which(tmp_path: Path) -> None:
     assert (tmp_path / "cube.pdf").read_bytes().startswith(b"%PDF-1.4")
     with pytest.raises(InputError, match="a plain chessboard is not offered"):
         run("print", "--target", "chessboard", "--columns", "5", "--rows", "7", "--square-mm", "30", "--out", out)
+
+
+def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "floor.toml"
+    marked = "[cameras.a]\norigin = [10, 20]\nx = [30.5, 20]\ny = [12, 5]\n[cameras.b]\nx = [7, 8]\n"
+    path.write_text(f"origin_to_x_m = 1.5\n{marked}")
+    rule = read_floor_points(path)
+    assert rule.origin_to_x_m == 1.5
+    np.testing.assert_array_equal(rule.xy_img["a"], [[10, 20], [30.5, 20], [12, 5]])
+    assert np.isnan(rule.xy_img["b"]).tolist() == [[True, True], [False, False], [True, True]]
+    path.write_text("[cameras.a]\norigo = [10, 20]\n")
+    with pytest.raises(ConfigError, match=r"floor\.toml.*origo"):
+        read_floor_points(path)
+
+
+def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: Any) -> None:
+    lenses, film = tmp_path / "lenses.toml", tmp_path / "cam00.mp4"
+    write_rig(lenses, lab.rig)
+    film.touch()
+    person = ("person", "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml"))
+    with pytest.raises(InputError, match="one known length: --height-m METRES, or --apart"):
+        run(*person, str(film))
+    with pytest.raises(InputError, match="expected a number of metres at the end"):
+        run(*person, "--apart", "cam00", "cam01", "far", str(film))
+    with pytest.raises(InputError, match="got both"):
+        run(*person, "--height-m", "1.8", str(film), f"cam01={tmp_path}")
+    with pytest.raises(InputError, match="add --rate-hz"):
+        run(*person, "--height-m", "1.8", f"cam01={tmp_path}", f"cam02={tmp_path}")
 
 
 def test_inputs_that_are_not_there_are_named(tmp_path: Path) -> None:
@@ -83,14 +113,14 @@ def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     lab: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], late_s: tuple[float, ...], settings: bool
 ) -> None:
     found = SimpleNamespace(rig=lab.rig, delay_s=np.column_stack([late_s, np.zeros(4)]), middle_ns=0)
-    path = calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
+    path = write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
     assert (path is not None) == settings
     if path is None:
         return
     read = read_settings(path, TrackConfig)
     assert [read.cameras[name].offset_s for name in lab.rig.names] == [-s for s in late_s]
     path.write_text("raw = true\n")
-    assert calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True)) is None
+    assert write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True)) is None
     assert path.read_text() == "raw = true\n"
     assert "offset_s = -0.120000" in capsys.readouterr().err
 
@@ -99,7 +129,7 @@ def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_pat
     offset, drift, middle = 0.12, -2e-4, 40.0
     delay_s = np.array([[0.0, 0.0], [offset, drift], [0.0, 0.0], [0.0, 0.0]])
     found = SimpleNamespace(rig=lab.rig, delay_s=delay_s, middle_ns=round(middle * 1e9))
-    path = calibrate._write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
+    path = write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
     assert path is not None
     read = read_settings(path, TrackConfig).cameras["cam01"]
     images = tmp_path / "images"

@@ -1,7 +1,7 @@
 """Who is right about the four webcams: the reference, made as if they were in step, or the rig with clocks of its own?
 
 The stamps of `timestamps.csv` are when a program took the images over, not when they were exposed. Each test here asks
-something that hangs on neither rig, or asks both rigs the same.
+something that hangs on neither rig, or asks both rigs the same. With `-s` they print what they find.
 """
 
 import csv
@@ -61,16 +61,20 @@ def test_the_board_never_rests_so_no_still_moment_can_settle_it(board_views: Obs
     fastest_px = np.zeros(len(seen.t_s))
     np.maximum.at(fastest_px, seen.instant, np.linalg.norm(seen.velocity_px_s, axis=1) * FRAME_S)
     views = [len(np.unique(seen.camera[seen.instant == i])) for i in range(len(seen.t_s))]
-    assert fastest_px[np.array(views) == len(reference)].min() > 2.0
+    least_px = fastest_px[np.array(views) == len(reference)].min()
+    print(f"\nwhere all four see the board it moves by {least_px:.1f} px from frame to frame, or more")
+    assert least_px > 2.0
 
 
 def test_one_webcam_exposes_on_a_beat_of_its_own_that_its_stamps_do_not_show(
     board_views: Observations, shared_data: Path
 ) -> None:
     """In cam_1's images alone every third step is half as long: a 10 Hz camera read at 6 Hz (100, 200, 200 ms)."""
-    assert steps_by_phase(board_views.of_camera("cam_0"), 3) == pytest.approx(np.ones(3), abs=0.1)
-    assert steps_by_phase(board_views.of_camera("cam_2"), 3) == pytest.approx(np.ones(3), abs=0.1)
-    assert steps_by_phase(board_views.of_camera("cam_1"), 3) == pytest.approx([1.2, 0.6, 1.2], abs=0.1)
+    steps = {name: steps_by_phase(board_views.of_camera(name), 3) for name in ("cam_0", "cam_1", "cam_2")}
+    print("\nsteps by phase:", {name: step.round(2).tolist() for name, step in steps.items()})
+    assert steps["cam_0"] == pytest.approx(np.ones(3), abs=0.1)
+    assert steps["cam_2"] == pytest.approx(np.ones(3), abs=0.1)
+    assert steps["cam_1"] == pytest.approx([1.2, 0.6, 1.2], abs=0.1)
     place = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic" / "timestamps.csv"
     with place.open() as file:
         stamps = sorted(float(row["frame_time"]) for row in csv.DictReader(file) if row["cam_id"] == "1")
@@ -84,8 +88,10 @@ def test_stamps_on_that_beat_halve_the_residual_and_leave_the_cameras_where_they
     mine = board_views.camera == board_views.index("cam_1")
     stamped = replace(board_views, t_ns=board_views.t_ns + np.where(mine, late_ms * 1_000_000, 0))
     again = calibrate_extrinsics(stamped, reference.cameras, board, Options(clocks="offset"))
-    assert again.report.numbers["residual_px"] < 0.6 * found.report.numbers["residual_px"]
+    left_px = [one.report.numbers["residual_px"] for one in (again, found)]
     metres, radians = differences(again.rig, found.rig)
+    print(f"\non the beat {left_px[0]:.2f} px are left, before {left_px[1]:.2f} px; {said(metres, radians)} between the rigs")
+    assert left_px[0] < 0.6 * left_px[1]
     assert metres.max() < 0.002
     assert np.rad2deg(radians.max()) < 0.05
 
@@ -97,10 +103,13 @@ def test_the_other_three_webcams_alone_confirm_the_rig_and_not_the_reference(
     views = joined([board_views.of_camera(name) for name in names])
     ours, theirs = (Rig(tuple(rig[name] for name in names)) for rig in (found.rig, reference))
     three = calibrate_extrinsics(views, theirs.cameras, board).rig
+    print(f"\nthree cameras alone: {said(*differences(three, ours))} from ours, {said(*differences(three, theirs))} from theirs")
     assert differences(three, ours)[0].max() < 0.004
     assert differences(three, theirs)[0].max() > 0.010
     # measured as the reference was made: every frame at its stamp
-    assert verify(ours, views, board).length_rms_m < 0.8 * verify(theirs, views, board).length_rms_m
+    lengths_m = [verify(rig, views, board).length_rms_m for rig in (ours, theirs)]
+    print(f"every frame at its stamp, lengths are off by {lengths_m[0] * 1e3:.2f} mm in ours, {lengths_m[1] * 1e3:.2f} in theirs")
+    assert lengths_m[0] < 0.8 * lengths_m[1]
 
 
 def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_has(
@@ -114,6 +123,7 @@ def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_
         left_out = board_views.rows(fold == out)
         ours.append(verify(rig, left_out, board, late_s).length_error_m)
         theirs.append(verify(reference, left_out, board).length_error_m)
+    print(f"\nframes left out measure to {rms(ours) * 1e3:.2f} mm rms in ours, {rms(theirs) * 1e3:.2f} mm in the reference")
     assert rms(ours) < 1.0e-3 < rms(theirs)
 
 
@@ -122,16 +132,26 @@ def test_taken_as_in_step_and_every_corner_as_a_free_point_the_reference_comes_o
 ) -> None:
     """So the lenses, the corners and the reading of its file agree; what differs is the clocks, and 1.4 px are left."""
     rig, rms_px = free_points_in_step(board_views, found.rig)
-    for a, b in combinations(reference.names, 2):
-        metres, degrees = relative_pose_difference(rig, reference, a, b)
-        assert metres < 0.005
-        assert degrees < 0.3
-    assert rms_px > 1.7 * found.report.numbers["residual_px"]
+    ours_px = found.report.numbers["residual_px"]
+    metres, degrees = np.max(
+        [relative_pose_difference(rig, reference, a, b) for a, b in combinations(reference.names, 2)], axis=0
+    )
+    print(
+        f"\nin step, free points: pairs within {metres * 1e3:.1f} mm / {degrees:.2f} deg of the reference, {rms_px:.2f} px left"
+    )
+    print(f"with clocks of their own: {ours_px:.2f} px left")
+    assert metres < 0.005
+    assert degrees < 0.3
+    assert rms_px > 1.7 * ours_px
 
 
 def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
     first, second = (stacked([Poses.from_se3(camera.cam_from_world) for camera in rig]) for rig in (a, b))
     return camera_differences(first, second)
+
+
+def said(metres: np.ndarray, radians: np.ndarray) -> str:
+    return f"{metres.max() * 1e3:.1f} mm / {np.rad2deg(radians.max()):.2f} deg"
 
 
 def rms(parts: list[np.ndarray]) -> float:

@@ -17,7 +17,7 @@ from .observations import Observations
 from .planar import planar_views
 from .projection import Lenses
 from .snapshots import snapshots
-from .targets import Target, patch_corners
+from .targets import Target, patch_corners, scale_m
 
 _WINDOWS, _WINDOW_S, _RATE_HZ = 4, 10.0, 30.0
 _LONGEST_GAP_S = 0.1
@@ -66,7 +66,7 @@ def _paths(observations: Observations, cameras: tuple[Camera, ...], target: Targ
     seen = snapshots(observations, instants, np.zeros((len(cameras), 2)))
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     planar = planar_views(seen, corners, lenses)
-    views = prop_views(seen, planar, prop_shape(planar, len(seen.patches), target.scale_m), corners, lenses)
+    views = prop_views(seen, planar, prop_shape(planar, len(seen.patches), scale_m(target)), corners, lenses)
     return [
         (seen.t_s[views.instant[views.camera == c]], views.cam_from_prop.t[views.camera == c, 0]) for c in range(len(cameras))
     ]

@@ -29,10 +29,19 @@ class Guidance:
     last_ns: Array
 
     @property
+    def covered(self) -> Array:
+        """(C,) from 0 to 1, enough: how far each camera's image is covered."""
+        return np.minimum(1.0, self.coverage.share / _ENOUGH_SHARE)
+
+    @property
+    def linked(self) -> Array:
+        """(C, C) from 0 to 1, enough: how far two cameras have seen the target together."""
+        return np.minimum(1.0, self.coverage.together / _ENOUGH_TOGETHER)
+
+    @property
     def enough(self) -> bool:
         """Every camera has met the target in much of its image, and all hang together by many moments."""
-        linked = linked_groups(self.coverage.together >= _ENOUGH_TOGETHER)
-        return len(linked) == 1 and bool((self.coverage.share >= _ENOUGH_SHARE).all())
+        return len(linked_groups(self.linked >= 1)) == 1 and bool((self.covered >= 1).all())
 
     @property
     def words(self) -> str:

@@ -24,8 +24,8 @@ _BUMPED_RATIO, _BUMPED_PX_PER_1000 = 2.0, 4.0
 _LATE_S, _LATE_SHARE = 0.012, 0.5
 _SWAP_GAIN = 0.5
 _LEAST_SPEED_PX_S = 40.0
-# before a camera's usual residual is known; and farther off than any image is wide
-_UNKNOWN_PX, _FARTHEST_PX = 1e3, 1e5
+# before a camera's usual residual is known; farther off than any image is wide; and faster than any image is crossed
+_UNKNOWN_PX, _FARTHEST_PX, _FASTEST_PX_S = 1e3, 1e5, 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +83,9 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
     passed_s = 0.0 if state.t_ns is None else max((t_ns - state.t_ns) / 1e9, 0.0)
     keep = float(np.exp(-passed_s / _MEMORY_S))
     residual, rest_px = leave_one_out(rig, xy_img)
-    velocity = _velocity(state, t_ns, xy_img)
+    velocity = _no_longer_than(_velocity(state, t_ns, xy_img), np.array(_FASTEST_PX_S))
     # one wild keypoint must not speak for the camera
-    cap_px = np.nan_to_num(state.usual_px, nan=_UNKNOWN_PX, posinf=_UNKNOWN_PX) * 10 + 30
+    cap_px = np.nan_to_num(state.usual_px, nan=_UNKNOWN_PX) * 10 + 30
     residual = _no_longer_than(residual, cap_px[:, None])
     good = np.isfinite(residual).all(axis=-1)
     square = np.where(good, (residual**2).sum(axis=-1), 0.0)
@@ -150,7 +150,7 @@ def _judge(state: MonitorState, rig: Rig, xy_img: Array) -> tuple[MonitorState, 
         rms = np.sqrt(np.where(state.points >= _LEAST_POINTS, state.square / state.points, np.nan))
         late_s = np.where(state.speed > _LEAST_POINTS * _LEAST_SPEED_PX_S**2, state.late / state.speed, 0.0)
     if (state.t_ns - state.started_ns) / 1e9 < _WARM_UP_S:
-        return replace(state, usual_px=np.fmin(np.where(np.isnan(state.usual_px), np.inf, state.usual_px), rms)), []
+        return replace(state, usual_px=np.fmin(state.usual_px, rms)), []
     floor = np.array([_BUMPED_PX_PER_1000 * max(camera.size_wh) / 1000 for camera in rig])
     usual = np.where(np.isfinite(state.usual_px), state.usual_px, floor)
     over = np.nan_to_num(rms / np.maximum(usual, floor / _BUMPED_RATIO) / _BUMPED_RATIO)

@@ -17,7 +17,7 @@ from .projection import LENS_PARAMETERS, Lenses
 from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened
 from .rotations import Poses, stacked
 from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
-from .targets import Target, patch_corners
+from .targets import Target, patch_corners, scale_m
 from .voting import Edge, tree
 
 LEAST_INSTANTS = 8
@@ -102,7 +102,7 @@ def link(observations: Observations, cameras: tuple[Camera, ...], target: Target
     """The rough answer: markers on the prop, prop in every image, cameras to each other."""
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     views = planar_views(seen, corners, lenses)
-    shape = prop_shape(views, len(seen.patches), target.scale_m)
+    shape = prop_shape(views, len(seen.patches), scale_m(target))
     in_images = prop_views(seen, views, shape, corners, lenses)
     edges = camera_edges(in_images, len(cameras))
     reference, placed = tree(len(cameras), strong_camera_edges(edges))

@@ -19,8 +19,8 @@ from posefuse.core.errors import choices
 
 DICTIONARIES = tuple(sorted(name for name in vars(cv2.aruco) if name.startswith("DICT_") and name == name.upper()))
 BOARD_PATCH = 0
-# corners of a marker of side 2: top left, top right, bottom right, bottom left
-_SQUARE = np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+# corners of a marker of side 1: top left, top right, bottom right, bottom left
+_MARKER = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
 
 
 def dictionary_of(name: str) -> Any:
@@ -58,12 +58,7 @@ class Markers:
 
     def corners(self, patch: int) -> Array:
         """(4, 3) corners of a marker in its own frame: top left, top right, bottom right, bottom left."""
-        return _SQUARE * (self.side_m / 2)
-
-    @property
-    def scale_m(self) -> float:
-        """The length everything else is measured by: edge of a marker."""
-        return self.side_m
+        return _MARKER * self.side_m
 
 
 @dataclass(frozen=True)
@@ -94,11 +89,6 @@ class Charuco:
         """((columns-1)*(rows-1), 3) inner corners, row by row from the top left; the origin is the bottom left of the board."""
         return _grid(self.columns - 1, self.rows - 1, self.square_m) + np.array([self.square_m, self.square_m, 0])
 
-    @property
-    def scale_m(self) -> float:
-        """The length everything else is measured by: edge of a square."""
-        return self.square_m
-
     def board(self) -> Any:
         """OpenCV's description of the same board."""
         made = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary_of(self.dictionary))
@@ -123,11 +113,6 @@ class Chessboard:
     def corners(self, patch: int) -> Array:
         """(columns*rows, 3) inner corners, row by row from the top left."""
         return _grid(self.columns, self.rows, self.square_m)
-
-    @property
-    def scale_m(self) -> float:
-        """The length everything else is measured by: edge of a square."""
-        return self.square_m
 
 
 @dataclass(frozen=True)
@@ -155,15 +140,15 @@ class ArucoBoard:
         """(4*columns*rows, 3) corners, four per marker, markers row by row from the top left."""
         step = self.side_m + self.gap_m
         centres = _grid(self.columns, self.rows, step)
-        return np.asarray((centres[:, None] + _SQUARE * (self.side_m / 2)).reshape(-1, 3))
-
-    @property
-    def scale_m(self) -> float:
-        """The length everything else is measured by: edge of a marker."""
-        return self.side_m
+        return np.asarray((centres[:, None] + _MARKER * self.side_m).reshape(-1, 3))
 
 
 Target = Markers | Charuco | Chessboard | ArucoBoard
+
+
+def scale_m(target: Target) -> float:
+    """The length everything else is measured by: edge of a marker, or of a board's square."""
+    return target.side_m if isinstance(target, Markers | ArucoBoard) else target.square_m
 
 
 def patch_corners(target: Target, patches: Array) -> Array:

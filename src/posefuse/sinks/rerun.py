@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 FILE = "recording.rrd"
 TIMELINE = "session"
+SPAWN = "spawn"
+_MEMORY = "512MiB"
 _ELLIPSOID_SIGMAS = 3.0
 _IMAGE_PLANE_M = 0.5
 
@@ -76,7 +78,7 @@ def open_in_viewer(path: Path) -> None:
         DependencyError: the extra `viewer` is not installed, or there is no display to show it on.
     """
     check_rerun()
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if not _has_display():
         raise DependencyError(
             "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` "
             f"(--outputs rerun) and open {FILE} on another machine, or in a browser: rerun --web-viewer {FILE}"
@@ -84,6 +86,28 @@ def open_in_viewer(path: Path) -> None:
     ended = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
     if ended.returncode:
         raise DependencyError(f"the Rerun viewer ended with status {ended.returncode}; check it with: rerun rrd verify {path}")
+
+
+def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> rr.RecordingStream:
+    """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
+
+    Raises:
+        DependencyError: there is no display for a viewer.
+    """
+    import rerun as rr
+
+    stream = rr.RecordingStream(title)
+    if place != SPAWN:
+        stream.save(place, default_blueprint=blueprint)
+        return stream
+    if not _has_display():
+        raise DependencyError("--view needs a display and there is none: use --view-file FILE.rrd and open it elsewhere")
+    stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint)
+    return stream
+
+
+def _has_display() -> bool:
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def view_recording(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import colorsys
-import os
-import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posefuse.core import Camera, DependencyError, Detections2D, Pose3D
+from posefuse.core import Camera, Detections2D, Pose3D
 from posefuse.core.arrays import Array
 
 from .messages import Preview
@@ -22,7 +20,6 @@ TIMELINE = "session"
 _POSE_EVERY_NS = 30_000_000
 _VIEW_EVERY_NS = 60_000_000
 _IMAGE_PLANE_M = 0.5
-_MEMORY = "512MiB"
 _DETECTION_RGB = (255, 220, 60)
 _GOOD_RGB, _BAD_RGB = (90, 200, 120), (235, 70, 60)
 _PLOTS = {"latency_p95_ms": "latency_p95_ms", "residual_sigmas": "innovation_sigmas"}
@@ -36,23 +33,11 @@ class ViewSink:
     name, keeps_all = "view", False
 
     def __init__(self, plan: OutputPlan) -> None:
-        from posefuse.sinks.rerun import check_rerun
+        from posefuse.sinks.rerun import check_rerun, opened_stream
 
         check_rerun()
-        import rerun as rr
-
-        if (
-            plan.view == "spawn"
-            and sys.platform == "linux"
-            and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-        ):
-            raise DependencyError("--view needs a display and there is none: use --view-file FILE.rrd and open it elsewhere")
         self._rig, self._zero_ns = plan.rig, plan.clock.now_ns()
-        self._stream = rr.RecordingStream("posefuse live")
-        if plan.view == "spawn":
-            self._stream.spawn(memory_limit=_MEMORY, default_blueprint=_blueprint(plan.rig.cameras))
-        else:
-            self._stream.save(plan.view, default_blueprint=_blueprint(plan.rig.cameras))
+        self._stream = opened_stream("posefuse live", plan.view, _blueprint(plan.rig.cameras))
         self._shown_ns: dict[str, int] = {}
         self._captured: dict[str, tuple[int, float]] = {}
         self._people: set[int] = set()

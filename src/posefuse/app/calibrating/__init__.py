@@ -1,0 +1,1 @@
+"""What `posefuse calibrate` does around the calibration: one module per kind of step."""

@@ -1,0 +1,84 @@
+"""What `posefuse calibrate` shows and leaves behind beside the rig file: reports, the coverage picture, the clocks found."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from posefuse.app.config import CONFIG_FILE
+from posefuse.app.terminal import Terminal
+from posefuse.calibrate.coverage import coverage, coverage_sheet
+from posefuse.calibrate.extrinsics import Calibration
+from posefuse.calibrate.observations import Observations
+from posefuse.calibrate.report import CalibrationReport, RefusedCalibration
+from posefuse.calibrate.report_html import html_page
+from posefuse.core import Rig
+
+
+@contextmanager
+def reported(args: argparse.Namespace) -> Iterator[None]:
+    """Write the report of a refused calibration before the error goes on."""
+    try:
+        yield
+    except RefusedCalibration as refused:
+        write_report(args.report, refused.report, {})
+        raise
+
+
+def write_report(path: Path | None, report: CalibrationReport, pictures: Mapping[str, Any], rig: Rig | None = None) -> None:
+    """The HTML page with pictures by title (RGB images), where one was asked for."""
+    if path is not None:
+        path.write_text(html_page(report, pictures, rig), encoding="utf-8")
+
+
+def numbered(path: Path | None, name: str, count: int) -> Path | None:
+    """The report's path for one camera of several."""
+    return path if path is None or count == 1 else path.with_stem(f"{path.stem}_{name}")
+
+
+def show(report: CalibrationReport, terminal: Terminal) -> None:
+    """The checks as a table, and the notes."""
+    rows = [("pass" if check.passed else "FAIL", check.name, check.line) for check in report.checks]
+    terminal.table(report.subject, ("", "check", "found"), rows)
+    for note in report.notes:
+        terminal.note(f"note: {note}")
+
+
+def write_coverage(rig_path: Path, observations: Observations, terminal: Terminal) -> Path:
+    """The picture of what the waving has met, before the solve: it is needed most when that refuses."""
+    found, path = coverage(observations), rig_path.with_name(f"{rig_path.stem}_coverage.png")
+    _, png = cv2.imencode(".png", cv2.cvtColor(coverage_sheet(found, observations.sizes_wh), cv2.COLOR_RGB2BGR))
+    path.write_bytes(png.tobytes())
+    terminal.note(f"{path}: {found.advice()}")
+    return path
+
+
+def write_clocks(rig_path: Path, found: Calibration, terminal: Terminal) -> Path | None:
+    """The clocks that were found, as settings that `posefuse track` reads; a rig file cannot carry them.
+
+    A frame stamped s was taken at s - offset - drift * (s - middle), and `track` adds its settings: the signs turn.
+    Returns None when the cameras were in step, or the settings are somebody's already.
+    """
+    if not found.delay_s.any():
+        return None
+    clocks = zip(found.rig.names, found.delay_s.tolist(), strict=True)
+    text = "\n".join(_clock_settings(name, offset, drift, found.middle_ns / 1e9) for name, (offset, drift) in clocks)
+    path = rig_path.with_name(CONFIG_FILE)
+    if path.exists():
+        terminal.warn(f"{path} is there already and is left as it is; the clocks found belong into it:\n{text}")
+        return None
+    path.write_text(text, encoding="utf-8")
+    terminal.note(f"{path}: clocks of the cameras, for `posefuse track` of recordings made together with these")
+    return path
+
+
+def _clock_settings(camera: str, offset_s: float, drift: float, middle_s: float) -> str:
+    """One camera's table in `posefuse.toml`; drift only where it was estimated."""
+    table = f"[cameras.{json.dumps(camera)}]\noffset_s = {drift * middle_s - offset_s:.6f}\n"
+    return table + (f"drift_ppm = {-drift * 1e6:.3f}\n" if drift else "")
