@@ -18,9 +18,12 @@ from posefuse.app.live.network_intake import NetworkIntake
 from posefuse.core import SKELETONS, Detections2D
 from posefuse.track import JointCentres
 
+pytestmark = pytest.mark.realtime
+
 pytest.importorskip("cyclonedds")
 # apart from what tests of `wire` use, and from another run on this machine
 DOMAIN = 10 + os.getpid() % 80
+PATIENCE_S = 120.0
 
 
 def node(part: str, session: Path, *options: str) -> subprocess.Popen:
@@ -46,6 +49,25 @@ def stopped(running: subprocess.Popen) -> dict:
     return json.loads(out)
 
 
+def wait_until_heard(views: dict[str, int], poses: int) -> None:
+    """Listen beside the nodes until so many views of each camera, and poses with somebody in them, have come."""
+    from posefuse.wire import topics
+    from posefuse.wire.dds import Network, RosNode
+    from posefuse.wire.intake import Intake
+    from posefuse.wire.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, pose_from_message
+
+    end = time.monotonic() + PATIENCE_S
+    with RosNode("listener", Network(DOMAIN, local_only=True)) as listener:
+        seen, made = listener.reader(topics.DETECTIONS), listener.reader(topics.POSE)
+        view_intake, pose_intake = Intake(DETECTIONS_TYPE, detections_from_message), Intake(POSE_TYPE, pose_from_message)
+        while max(poses, *views.values()) > 0:
+            assert time.monotonic() < end, f"still to come: {views}, {poses} poses"
+            listener.wait(0.2)
+            for sample in seen.take():
+                views[view_intake.take(sample.raw)[0].camera] -= 1
+            poses -= sum(len(pose_intake.take(sample.raw)[0].person_id) > 0 for sample in made.take())
+
+
 def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> None:
     oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={demo_session / 'truth' / 'truth.npz'}"]
     # played again and again: a slow machine may need any time to begin
@@ -57,14 +79,13 @@ def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> No
             nodes.append(node("camera", demo_session, "--name", name, *shared, *sources))
         for running, words in zip(nodes, ("first view", "in process", "in process"), strict=True):
             told(running, words)
-        time.sleep(6)
+        wait_until_heard(dict.fromkeys(("cam00", "cam01", "cam02", "cam03"), 60), poses=60)
         figures, *sent = [stopped(running) for running in nodes]
     finally:
         for running in nodes:
             running.kill()
     assert figures["poses_with_people"] > 50
-    # every camera takes part; how much a busy machine gets done is for bench/live.py to say
-    assert all(camera["used"] > 5 for camera in figures["cameras"].values())
+    assert all(camera["used"] > 20 for camera in figures["cameras"].values())
     assert figures["messages"]["refused"] == 0
     assert all(count > 20 for one in sent for count in one["sent"].values())
 
