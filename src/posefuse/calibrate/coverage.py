@@ -80,12 +80,13 @@ def coverage(observations: Observations) -> Coverage:
     cells = np.zeros((count, rows, columns), np.int64)
     sizes = np.array(observations.sizes_wh, np.float64)[observations.camera]
     cell = np.clip(((observations.xy_img + 0.5) / sizes * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
-    seen = np.unique(np.column_stack([observations.camera, observations.t_ns, cell]), axis=0)
-    np.add.at(cells, (seen[:, 0], seen[:, 3], seen[:, 2]), 1)
-    instant = np.unique(np.column_stack([observations.camera, np.round(observations.t_ns / 2e6).astype(np.int64)]), axis=0)
-    _, place = np.unique(instant[:, 1], return_inverse=True)
-    present = np.zeros((count, int(place.max(initial=-1)) + 1), np.int64)
-    present[instant[:, 0], place] = 1
+    frame = np.unique(observations.t_ns, return_inverse=True)[1]
+    seen = np.unique(((observations.camera * (frame.max(initial=0) + 1) + frame) * rows + cell[:, 1]) * columns + cell[:, 0])
+    place = np.unravel_index(seen, (count, int(frame.max(initial=0)) + 1, rows, columns))
+    np.add.at(cells, (place[0], place[2], place[3]), 1)
+    moment = np.unique(np.round(observations.t_ns / 2e6).astype(np.int64), return_inverse=True)[1]
+    present = np.zeros((count, int(moment.max(initial=-1)) + 1), np.int64)
+    present[observations.camera, moment] = 1
     return Coverage(observations.cameras, cells, present @ present.T)
 
 

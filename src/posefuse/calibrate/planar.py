@@ -47,11 +47,14 @@ def planar_views(seen: Snapshots, corners: Array, lenses: Lenses) -> PlanarViews
     starts, ends = starts[big], ends[big]
     norm = lenses.norm_from_px(seen.camera, seen.xy_img)
     R, t = np.full((len(starts), 2, 3, 3), np.nan), np.full((len(starts), 2, 3), np.nan)
-    error = np.full((len(starts), 2), np.inf)
+    error, middle = np.full((len(starts), 2), np.inf), np.zeros((len(starts), 3))
+    finite, shapes = np.isfinite(norm).all(axis=1), _Shapes(corners)
     for d, (first, end) in enumerate(zip(starts, ends, strict=True)):
-        xyz = corners[seen.patch[first], seen.corner[first:end]]
-        for h, (rotation, shift, off) in enumerate(_two_poses(xyz, norm[first:end])):
-            R[d, h], t[d, h], error[d, h] = rotation, shift, off
+        flat, middle[d] = shapes.of(int(seen.patch[first]), seen.corner[first:end])
+        if flat is not None and finite[first:end].all():
+            for h, (rotation, shift, off) in enumerate(_two_poses(flat, norm[first:end])):
+                R[d, h], t[d, h], error[d, h] = rotation, shift, off
+    t -= (R @ middle[:, None, :, None])[..., 0]
     clear = error[:, 1] > _CLEAR_RATIO * error[:, 0]
     R[clear, 1], t[clear, 1], error[clear, 1] = np.nan, np.nan, np.inf
     good = np.isfinite(error[:, 0])
@@ -61,17 +64,32 @@ def planar_views(seen: Snapshots, corners: Array, lenses: Lenses) -> PlanarViews
     )  # fmt: skip
 
 
-def _two_poses(xyz: Array, norm: Array) -> list[tuple[Array, Array, float]]:
-    if not np.isfinite(norm).all():
-        return []
-    flat = xyz - xyz.mean(axis=0)
-    if np.linalg.matrix_rank(flat[:, :2], tol=1e-9) < 2:
-        return []
+class _Shapes:
+    """Corners about their middle, worked out once for every set of corners that is met; corners: (M, n, 3)."""
+
+    def __init__(self, corners: Array) -> None:
+        self._corners = corners
+        self._known: dict[tuple[int, bytes], tuple[Array | None, Array]] = {}
+
+    def of(self, patch: int, corner: Array) -> tuple[Array | None, Array]:
+        """Corners (n, 3) of a patch about their middle, None where they lie on a line; and the middle (3,)."""
+        key = patch, corner.tobytes()
+        if key not in self._known:
+            xyz = self._corners[patch, corner]
+            middle = xyz.mean(axis=0)
+            flat = xyz - middle
+            on_line = np.linalg.matrix_rank(flat[:, :2], tol=1e-9) < 2
+            self._known[key] = (None if on_line else flat), middle
+        return self._known[key]
+
+
+def _two_poses(flat: Array, norm: Array) -> list[tuple[Array, Array, float]]:
+    """Rotation, shift of the middle and rms of the poses that put all corners in front of the camera, the better first."""
     count, rotations, shifts, errors = cv2.solvePnPGeneric(flat, norm, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
     poses = []
     for i in range(min(count, 2)):
-        rotation = cv2.Rodrigues(rotations[i])[0]
-        shift = np.ravel(shifts[i]) - rotation @ xyz.mean(axis=0)
-        if np.isfinite(rotation).all() and (flat @ rotation.T + np.ravel(shifts[i]))[:, 2].min() > 0:
-            poses.append((rotation, shift, float(np.ravel(errors)[i])))
+        rotation, shift = cv2.Rodrigues(rotations[i])[0], shifts[i].ravel()
+        # a pose that is not finite is not in front either
+        if (flat @ rotation[2]).min() + shift[2] > 0:
+            poses.append((rotation, shift, float(np.ravel(errors[i])[0])))
     return poses

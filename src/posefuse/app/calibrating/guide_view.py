@@ -73,9 +73,8 @@ class GuideView:
         self._stream.log(f"{path}/image", rr.Image(picture).compress(jpeg_quality=75))
         # pixel centres are integers here and halves in Rerun
         xy = (look.corners.xy_img + 0.5) * factor
-        self._stream.log(f"{path}/corners", rr.Points2D(xy, colors=_FOUND_RGB, radii=-3.0))
-        names, quads = _quads(look.corners.patch, xy)
-        self._stream.log(f"{path}/markers", rr.LineStrips2D(quads, colors=_FOUND_RGB, radii=-2.0, labels=names, show_labels=True))
+        self._stream.log(f"{path}/corners", rr.Points2D(xy, colors=_FOUND_RGB, radii=-2.0))
+        self._stream.log(f"{path}/markers", rr.LineStrips2D(_quads(look.corners.patch, xy), colors=_FOUND_RGB, radii=-1.5))
 
 
 def next_page(state: Guidance) -> str:
@@ -96,10 +95,10 @@ def _partners(names: Sequence[str], together: Array, own: int) -> str:
     return ", ".join(f"{name} {n}" for n, name in sorted(counts, reverse=True)) or "**nobody**"
 
 
-def _quads(patch: Array, xy: Array) -> tuple[list[str], list[Array]]:
-    """Ids and closed outlines (5, 2) of the patches (n,) with four corners: markers, not boards."""
+def _quads(patch: Array, xy: Array) -> list[Array]:
+    """Closed outlines (5, 2) of the patches with four corners: markers, not boards."""
     ids, count = np.unique(patch, return_counts=True)
-    return [str(i) for i in ids[count == _CORNERS]], [xy[patch == i][[0, 1, 2, 3, 0]] for i in ids[count == _CORNERS]]
+    return [xy[patch == i][[0, 1, 2, 3, 0]] for i in ids[count == _CORNERS]]
 
 
 def _places(count: int) -> Array:

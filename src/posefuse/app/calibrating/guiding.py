@@ -84,10 +84,11 @@ def guide(
         while not state.enough:
             # asked before the frames are taken, so that the last ones are not lost
             over = all(slot.ended for slot in newest)
-            for camera, slot in enumerate(newest):
-                if slot.error is not None:
-                    raise slot.error
-                frame, received_ns = slot.take()
+            failed = next((slot.error for slot in newest if slot.error is not None), None)
+            if failed is not None:
+                raise failed
+            # all at once, before any is looked at: frames of one moment tell which cameras see the target together
+            for camera, (frame, received_ns) in enumerate([slot.take() for slot in newest]):
                 if frame is not None:
                     corners = detector.detect(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY))
                     state = seen(state, camera, received_ns, corners.xy_img, frame.size_wh)

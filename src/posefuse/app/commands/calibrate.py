@@ -63,6 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_target(sheets, "charuco")
     sheets.add_argument("--page", default="a4", help="a4, a3, a2, a1, a0 or letter")
     sheets.add_argument("--out", type=Path, required=True, metavar="FILE", help="PDF to write")
+    for step in (one, two, live, person, check, sheets):
+        # before the step it is understood as well
+        step.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="figures as JSON on stdout")
     for step in (one, two, person, check):
         step.add_argument("--report", type=Path, metavar="FILE", help="HTML report, written also when the result is refused")
 
