@@ -161,17 +161,19 @@ class _System:
         starts = np.cumsum([0] + [count * p for count, p in self._sizes])
         self._starts = starts
         total, locals_ = int(starts[-1]), problem.local_count
-        weighted = [np.nan_to_num(block.jacobian) * weight[:, None, None] for block in linear.blocks]
         plain = [np.nan_to_num(block.jacobian) for block in linear.blocks]
+        weighted = [jacobian * weight[:, None, None] for jacobian in plain]
         local = np.nan_to_num(linear.local_jacobian)
         residual = np.nan_to_num(linear.residual)
         q = local.shape[2]
         self._A = np.zeros((total, total))
         self._g = np.zeros(total)
         self._B = np.zeros((locals_, total, q))
-        for i, block in enumerate(linear.blocks):
-            (n, p), s = self._sizes[i], starts[i]
-            for j in range(i, len(linear.blocks)):
+        # what is held takes no part, and its rows go below
+        moving = [i for i, free in enumerate(problem.free) if free.any()]
+        for i in moving:
+            block, (n, p), s = linear.blocks[i], self._sizes[i], starts[i]
+            for j in (k for k in moving if k >= i):
                 (m, r), u = self._sizes[j], starts[j]
                 both = grouped_sum(_outer(weighted[i], plain[j]), block.index * m + linear.blocks[j].index, n * m)
                 square = both.reshape(n, m, p, r).transpose(0, 2, 1, 3).reshape(n * p, m * r)

@@ -85,22 +85,24 @@ def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreed
     free[np.arange(count) != freedom.reference] = True
     free[freedom.scale[0], 3 + freedom.scale[1]] = False
 
-    def predict(state: PointState) -> tuple[Array, Array, Array]:
-        cam = state.cam_from_world[views.camera].move(state.xyz[views.point])
-        px, jacobian = lenses.project(views.camera, cam)
-        return (px - views.xy_img) / scale, jacobian / scale[..., None], cam
+    def in_cameras(state: PointState) -> Array:
+        return state.cam_from_world[views.camera].move(state.xyz[views.point])
+
+    def residual(state: PointState) -> Array:
+        return np.asarray((lenses.px(views.camera, in_cameras(state)) - views.xy_img) / scale)
 
     def linearise(state: PointState) -> Linearised:
-        residual, d_cam, cam = predict(state)
+        cam = in_cameras(state)
+        d_cam = lenses.px_jacobian(views.camera, cam) / scale[..., None]
         turned = cam - state.cam_from_world.t[views.camera]
         pose = np.concatenate([-d_cam @ hat(turned), d_cam], axis=2)
         in_world = d_cam @ state.cam_from_world.R[views.camera]
-        return Linearised(residual, (Block(pose, views.camera, count),), in_world, views.point)
+        return Linearised(residual(state), (Block(pose, views.camera, count),), in_world, views.point)
 
     def step(state: PointState, blocks: list[Array], local: Array) -> PointState:
         return PointState(state.cam_from_world.stepped(blocks[0]), state.xyz + local)
 
     return Problem(
-        lambda state: predict(state)[0], linearise, step, (free,), views.point_count,
+        residual, linearise, step, (free,), views.point_count,
         np.arange(len(views.camera)), len(views.camera), _CAUCHY,
     )  # fmt: skip

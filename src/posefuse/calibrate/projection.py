@@ -45,18 +45,28 @@ class Lenses:
             out[mine] = lens.undistort(bent, self.distortion(i), self._cameras[i].model)
         return out
 
-    def project(self, camera: Array, xyz_cam: Array) -> tuple[Array, Array]:
-        """Raw px (N, 2) and their Jacobian (N, 2, 3) in the point; NaN behind the camera."""
-        depth = np.where(xyz_cam[:, 2] > 0, xyz_cam[:, 2], np.nan)
-        xy = xyz_cam[:, :2] / depth[:, None]
-        px, slope = np.empty_like(xy), np.empty((len(xy), 2, 2))
+    def px(self, camera: Array, xyz_cam: Array) -> Array:
+        """Raw px (N, 2); NaN behind the camera."""
+        xy = xyz_cam[:, :2] / _ahead(xyz_cam)[:, None]
+        out = np.empty_like(xy)
         for i in np.unique(camera):
             mine = camera == i
-            px[mine], slope[mine] = self._px_and_slope(i, xy[mine])
+            bent = lens.distort(xy[mine], self.distortion(i), self._cameras[i].model)
+            out[mine] = bent @ self.camera_matrix(i)[:2, :2].T + self.camera_matrix(i)[:2, 2]
+        return out
+
+    def px_jacobian(self, camera: Array, xyz_cam: Array) -> Array:
+        """(N, 2, 3) change of the px with the point; NaN behind the camera."""
+        depth = _ahead(xyz_cam)
+        xy = xyz_cam[:, :2] / depth[:, None]
+        slope = np.empty((len(xy), 2, 2))
+        for i in np.unique(camera):
+            mine = camera == i
+            slope[mine] = self._slope(i, xy[mine])
         d_norm = np.zeros((len(xy), 2, 3))
         d_norm[:, 0, 0] = d_norm[:, 1, 1] = 1 / depth
         d_norm[:, :, 2] = -xy / depth[:, None]
-        return px, slope @ d_norm
+        return np.asarray(slope @ d_norm)
 
     def lens_jacobian(self, camera: Array, xyz_cam: Array) -> Array:
         """(N, 2, 6) change of the px with `LENS_PARAMETERS` (pinhole models of up to 5 coefficients)."""
@@ -73,16 +83,18 @@ class Lenses:
             out[mine, :, 5] = (xy[mine] * r2[mine, None] ** 2) @ scale.T
         return out
 
-    def _px_and_slope(self, i: int, xy: Array) -> tuple[Array, Array]:
-        """Px (n, 2) and d px / d norm (n, 2, 2), the lens by central differences (exact to 1e-9 for every lens model)."""
-        scale, centre = self.camera_matrix(i)[:2, :2], self.camera_matrix(i)[:2, 2]
-        coefficients, model = self.distortion(i), self._cameras[i].model
-        px = lens.distort(xy, coefficients, model) @ scale.T + centre
+    def _slope(self, i: int, xy: Array) -> Array:
+        """(n, 2, 2) d px / d norm, the lens by central differences (exact to 1e-9 for every lens model)."""
+        scale, coefficients, model = self.camera_matrix(i)[:2, :2], self.distortion(i), self._cameras[i].model
         if len(coefficients) == 0:
-            return px, np.broadcast_to(scale, (len(xy), 2, 2))
-        steps = np.eye(2) * _STEP_NORM
+            return np.broadcast_to(scale, (len(xy), 2, 2))
         columns = [
             (lens.distort(xy + step, coefficients, model) - lens.distort(xy - step, coefficients, model)) / (2 * _STEP_NORM)
-            for step in steps
+            for step in np.eye(2) * _STEP_NORM
         ]
-        return px, scale @ np.stack(columns, axis=-1)
+        return np.asarray(scale @ np.stack(columns, axis=-1))
+
+
+def _ahead(xyz_cam: Array) -> Array:
+    """(N,) depths; NaN behind the camera."""
+    return np.where(xyz_cam[:, 2] > 0, xyz_cam[:, 2], np.nan)

@@ -212,7 +212,7 @@ class _Model:
         return whitened(values, self._seen.velocity_px_s, self._noise)
 
     def residual(self, state: PropState) -> Array:
-        return self._predict(state)[0]
+        return self._residual(state, *self._placed(state)[2:])
 
     def prior_cost(self, state: PropState) -> float:
         return float((self._lens_prior * state.lens_delta**2).sum())
@@ -228,21 +228,23 @@ class _Model:
             world_from_prop=state.world_from_prop.stepped(local),
         )
 
-    def _predict(self, state: PropState) -> tuple[Array, Array, Array, Array, Array, Lenses]:
+    def _placed(self, state: PropState) -> tuple[Array, Array, Array, Lenses]:
+        """The corners (N, 3) in axes of the prop, of the world and of the camera that sees them; and the lenses."""
         seen = self._seen
         prop = state.prop_from_patch[seen.patch].move(self._xyz_patch)
         world = state.world_from_prop[seen.instant].move(prop)
-        cam = state.cam_from_world[seen.camera].move(world)
-        lenses = Lenses(self._cameras, state.lens_delta)
-        px, jacobian = lenses.project(seen.camera, cam)
+        return prop, world, state.cam_from_world[seen.camera].move(world), Lenses(self._cameras, state.lens_delta)
+
+    def _residual(self, state: PropState, cam: Array, lenses: Lenses) -> Array:
+        seen = self._seen
         late = (state.delay_s - self._delay_s)[seen.camera]
         late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.instant]
-        residual = self._white(px - seen.xy_img - seen.velocity_px_s * late_s[:, None])
-        return residual, self._white(jacobian), prop, world, cam, lenses
+        return self._white(lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None])
 
     def linearise(self, state: PropState) -> Linearised:
         seen = self._seen
-        residual, d_cam, prop, world, cam, lenses = self._predict(state)
+        prop, world, cam, lenses = self._placed(state)
+        residual, d_cam = self._residual(state, cam, lenses), self._white(lenses.px_jacobian(seen.camera, cam))
         R_cam = state.cam_from_world.R[seen.camera]
         R_prop = state.world_from_prop.R[seen.instant]
         d_world = d_cam @ R_cam
