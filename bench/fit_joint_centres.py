@@ -5,12 +5,13 @@
                                                             run the pipeline, fit, judge by bodies left out, write the card
 
 MORE are folders of other rendered scenes, e.g. those of `fit_blazepose_noise.py render`. Bodies and motions are drawn for these
-two fits alone (bodies of random seeds 7000 to 7107); none of them appears in a reported measurement.
+two fits alone (bodies of random seeds 7000 to 7207); none of them appears in a reported measurement.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,14 @@ WANTED = {
     "knee": ("thigh", "bend", "outward", "forward"),
     "ankle": ("shank", "foot", "outward"),
 }
-SCENES = 8
+Range = tuple[Sequence[float], Sequence[float]]
+# least and most degrees of legs (abduction, flexion, knee) and arms (abduction, flexion, turn about the vertical, elbow): all
+# joints through most of their ranges; and standing with arms raised. Eight scenes of either, of bodies of their own
+MOVES: tuple[tuple[Range, Range], ...] = (
+    (((0, -20, 2), (25, 60, 80)), ((5, -40, -60, 2), (140, 120, 60, 120))),
+    (((0, -8, 1), (14, 8, 12)), ((45, -20, -30, 1), (130, 35, 30, 60))),
+)
+SCENES_EACH = 8
 DURATION_S, RATE_HZ = 8.0, 2.5
 FLOORS = ("wood", "concrete", "tiles", "plain")
 # an error larger than this is a confusion, not an offset
@@ -46,14 +54,14 @@ HUBER_M = 0.015
 PARTS = 4
 
 
-def smooth_path(rng: np.random.Generator, low: np.ndarray, high: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+def smooth_path(rng: np.random.Generator, low: Sequence[float], high: Sequence[float], t_s: np.ndarray) -> np.ndarray:
     """(T, n) angles in radians through a random pose every 0.8 s, from limits (n,) in degrees."""
     knots = np.arange(0.0, DURATION_S + 1.6, 0.8)
     return np.asarray(np.deg2rad(PchipInterpolator(knots, rng.uniform(low, high, (len(knots), len(low))))(t_s)))
 
 
-def moving_all_joints(seed: int) -> TrcData:
-    """Keypoints of somebody standing in place who moves arms, trunk and legs through most of their ranges.
+def moving(seed: int, legs: Range, arms: Range) -> TrcData:
+    """Keypoints of somebody standing in place who moves trunk, legs and arms between limits.
 
     Rest: +X ahead, +Y left, +Z up, arms down.
     """
@@ -65,13 +73,13 @@ def moving_all_joints(seed: int) -> TrcData:
     for side, sign in (("left", 1.0), ("right", -1.0)):
         hip = turn.apply([0.0, sign * 0.09, 0.0])
         # abduction, flexion; then the bend of the knee
-        leg = smooth_path(rng, np.array([0, -20, 2]), np.array([25, 60, 80]), t_s)
+        leg = smooth_path(rng, *legs, t_s)
         thigh = turn * Rotation.from_euler("xy", np.stack([sign * leg[:, 0], -leg[:, 1]], axis=-1))
         shank = thigh * Rotation.from_euler("y", leg[:, 2:])
         knee = hip + thigh.apply([0, 0, -0.42])
         ankle = knee + shank.apply([0, 0, -0.4])
         shoulder = trunk.apply([0, sign * 0.18, 0.5])
-        arm = smooth_path(rng, np.array([5, -40, -60, 2]), np.array([140, 120, 60, 120]), t_s)
+        arm = smooth_path(rng, *arms, t_s)
         upper = trunk * Rotation.from_euler("yxz", np.stack([-arm[:, 1], sign * arm[:, 0], arm[:, 2]], axis=-1))
         lower = upper * Rotation.from_euler("y", -arm[:, 3:])
         elbow = shoulder + upper.apply([0, 0, -0.29])
@@ -83,6 +91,7 @@ def moving_all_joints(seed: int) -> TrcData:
 
 def scene_settings(i: int, motion_file: Path) -> dict:
     rng = np.random.default_rng(91_000 + i)
+    body = 7100 + 100 * (i // SCENES_EACH) + i % SCENES_EACH
     return {
         "duration_s": DURATION_S,
         "rate_hz": RATE_HZ,
@@ -96,7 +105,7 @@ def scene_settings(i: int, motion_file: Path) -> dict:
             "image": {"size_px": [640, 480], "horizontal_fov_deg": float(rng.integers(58, 72))},
             "sensor": {"noise_dn": 1.5},
         },
-        "people": [{"body": {"random_seed": 7100 + i}, "motion": {"kind": "trc", "file": str(motion_file)}}],
+        "people": [{"body": {"random_seed": body}, "motion": {"kind": "trc", "file": str(motion_file)}}],
         "room": {"floor": FLOORS[i % 4], "walls": ("office", "plain")[i // 2 % 2], "brightness": round(rng.uniform(0.7, 1.2), 2)},
         "record": {"kind": "jpeg", "quality": 90},
     }
@@ -108,10 +117,12 @@ def render(out: Path) -> None:
     from posefuse.simulate.session import simulate
 
     out.mkdir(parents=True, exist_ok=True)
-    for i in range(SCENES):
-        motion_file = out.absolute() / f"motion{i:02d}.trc"
-        write_trc(motion_file, moving_all_joints(i))
+    for i in range(SCENES_EACH * len(MOVES)):
         folder = out / f"scene{i:02d}"
+        if (folder / "truth" / "truth.npz").exists() and not (folder / "INCOMPLETE").exists():
+            continue
+        motion_file = out.absolute() / f"motion{i:02d}.trc"
+        write_trc(motion_file, moving(i, *MOVES[i // SCENES_EACH]))
         simulate(settings_from_mapping(scene_settings(i, motion_file), Scene, where=f"scene {i}"), folder, processes=1)
         print(f"{folder.name}: done", flush=True)
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from posefuse.core import Joints, PoseSequence, Truth
 from posefuse.evaluate.angles import AngleError, angle_errors
+from posefuse.evaluate.biomechanics import rays_at_joint_centres
 from posefuse.evaluate.lab import joints_from_lab, poses_from_lab
 from posefuse.evaluate.metrics import joint_errors
 from posefuse.files.recording import read_recording
@@ -64,7 +65,10 @@ def tracked(session: Path, exact: Truth) -> dict:
         subprocess.run([sys.executable, "-m", "posefuse.app.cli", *command], check=True, capture_output=True)
         recording = read_recording(Path(folder) / "result")
     bodies = bodies_from_poses(recording.poses)
-    fits = {"points": fit_poses(recording.poses, bodies=bodies), "rays": fit_views(recording, bodies=bodies)}
+    fits = {
+        "points": fit_poses(recording.poses, bodies=bodies),
+        "rays": fit_views(rays_at_joint_centres(recording), bodies=bodies),
+    }
     figures = {}
     for name, (joints, poses) in {
         "without the whole-body fit": (joints_from_poses(recording.poses), recording.poses),

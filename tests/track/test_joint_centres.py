@@ -7,13 +7,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import ConfigError, Kind, PoseSequence
+from posefuse.core import ConfigError, Kind, PoseSequence, Recording
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detect import read_card
-from posefuse.track import JointCentres, read_joint_centres, to_joint_centres
+from posefuse.track import (
+    JointCentres,
+    from_joint_centres,
+    read_joint_centres,
+    to_joint_centres,
+    views_at_joint_centres,
+)
 from posefuse.track.joint_centres import JOINTS, SIDES, directions
 
 T, N, K = 4, 2, len(BLAZEPOSE33)
+LEG = ("hip", "knee", "ankle", "heel", "foot_index")
 EVERY = JointCentres(
     made_by="a test",
     offsets={
@@ -141,3 +148,38 @@ def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, word
         read_joint_centres(path)
     assert "wrong.toml" in str(caught.value) and "\n" not in str(caught.value)
     assert all(word in str(caught.value) for word in words)
+
+
+def somebody_standing() -> PoseSequence:
+    """Landmarks of people standing, turned and moved a little from instant to instant."""
+    turns = Rotation.from_euler("z", np.linspace(0, 1, T * N)[:, None]).as_matrix().reshape(T, N, 3, 3)
+    return replace(people(), xyz_world=np.einsum("tnij,kj->tnki", turns, standing()) + [0.1, -0.2, 0.0])
+
+
+def test_there_and_back_is_where_it_was() -> None:
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    before = somebody_standing()
+    there = to_joint_centres(before, table)
+    assert np.nanmax(np.abs(there.xyz_world - before.xyz_world)) > 0.01
+    np.testing.assert_allclose(from_joint_centres(there, table).xyz_world, before.xyz_world, atol=1e-5)
+
+
+def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
+    """Also where left and right are exchanged in one view, and at an instant without 3D."""
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    landmarks, rig = somebody_standing(), ring_rig(3)
+    centres = to_joint_centres(landmarks, table)
+    seen, expected = (np.stack([c.project(one.xyz_world) for c in rig], axis=2) for one in (landmarks, centres))
+    knee, legs = BLAZEPOSE33.index("left_knee"), [i for i, k in enumerate(BLAZEPOSE33.keypoints) if k.endswith(LEG)]
+    mixed = seen.copy()
+    mixed[1, 0, 2][legs] = seen[1, 0, 2][BLAZEPOSE33.mirror[legs]]
+    known = np.array(centres.xyz_world)
+    known[2, 1, knee] = np.nan
+    score = np.isfinite(seen[..., 0]) * 1.0
+    recording = Recording(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
+    moved = views_at_joint_centres(recording, table)
+    known_px = np.isfinite(seen[..., 0])
+    known_px[2, 1] = False  # the thigh's directions are unknown there
+    np.testing.assert_allclose(moved.xy_img[known_px], expected[known_px], atol=0.02)
+    np.testing.assert_allclose(moved.xy_img[2, 1, :, knee], expected[2, 1, :, knee], atol=0.5)
+    assert np.abs(seen[2, 1, :, knee] - expected[2, 1, :, knee]).max() > 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Literal
@@ -16,11 +17,12 @@ from posefuse.files.bvh import write_bvh
 from posefuse.files.c3d import C3dData, write_c3d
 from posefuse.files.gltf import write_gltf
 from posefuse.files.mot import motion_from_joints, write_mot
-from posefuse.files.settings import settings
+from posefuse.files.settings import settings, settings_from_mapping
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, fit_poses, fit_views
 from posefuse.kinematics.opensim_path import opensim_motion
+from posefuse.track import JointCentres, views_at_joint_centres
 
 from .report import write_report
 
@@ -32,9 +34,8 @@ class BiomechanicsSettings:
     """What is made of a recording.
 
     Attributes:
-        fit: ``points`` fits one skeleton per person to the 3D points, which lie at joint centres; ``rays`` to what the views
-            saw, so that one camera still counts, but landmarks are not joint centres; ``none`` takes the angles straight
-            from the points.
+        fit: ``points`` fits one skeleton per person to the 3D points; ``rays`` to what the views saw, brought to joint centres
+            (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points.
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
         joints, body: see `JointSettings`, `BodySettings`.
     """
@@ -56,8 +57,16 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     if chosen.fit == "points":
         fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
     else:
-        fit = fit_views(recording, chosen.body, joint_settings=chosen.joints)
+        fit = fit_views(rays_at_joint_centres(recording), chosen.body, joint_settings=chosen.joints)
     return fit.poses, fit.joints
+
+
+def rays_at_joint_centres(recording: Recording) -> Recording:
+    """The recording with views that lead where its 3D lies, by the offsets its provenance tells; as it is where it has none."""
+    told = recording.provenance.get("joint_centres")
+    if not isinstance(told, Mapping):
+        return recording
+    return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
 
 
 def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsSettings | None = None) -> list[Path]:

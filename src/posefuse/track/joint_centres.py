@@ -25,8 +25,8 @@ from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
 _FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])[:-1]
-# each round of the inverse leaves a fifth of the error or less: micrometres after these
-_INVERSE_ROUNDS = 8
+# each round of the inverse leaves two fifths of the error or less: micrometres after these
+_INVERSE_ROUNDS = 12
 
 
 @settings

@@ -73,7 +73,7 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         "session": session.folder.name,
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
         "config": dataclasses.asdict(config),
-        "joint_centres": centres.made_by if centres else None,
+        "joint_centres": dataclasses.asdict(centres) if centres else None,
         "interrupted": interrupted,
     }
     recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px, provenance)

@@ -1,0 +1,35 @@
+"""What the views of a finished recording saw, brought to the joint centres its 3D lies at."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.core import Recording
+from posefuse.core.arrays import Array
+
+from .joint_centres import JointCentres, from_joint_centres
+from .sides import sides_like
+
+
+def views_at_joint_centres(recording: Recording, table: JointCentres) -> Recording:
+    """The recording as if its 2D estimator marked joint centres, which is where its 3D is: rays then lead there.
+
+    Each view's keypoints move by what lies between landmark and joint centre in that picture, at every instant by the
+    offsets in the body's own directions; where the 3D is missing, by as much as before and after. Left and right are named
+    as in 3D.
+    """
+    landmarks, rig = from_joint_centres(recording.poses, table), recording.rig
+    xy, score, sigma = sides_like(landmarks, rig, recording.xy_img, recording.score, recording.sigma_px)
+    moves = np.stack([c.project(recording.poses.xyz_world) - c.project(landmarks.xyz_world) for c in rig], axis=2)
+    return replace(recording, xy_img=xy + _bridged(moves), score=score, sigma_px=sigma)
+
+
+def _bridged(moves: Array) -> Array:
+    """(T, ...) with what is missing interpolated over time, 0 where nothing is known."""
+    columns = moves.reshape(len(moves), -1).T.copy()
+    for column in columns:
+        known = np.isfinite(column)
+        column[~known] = np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known]) if known.any() else 0.0
+    return columns.T.reshape(moves.shape)
