@@ -24,19 +24,24 @@ from posefuse.detect.models import read_any_card
 from posefuse.evaluate.metrics import true_xyz_at
 from posefuse.files.trc import TrcData, write_trc
 from posefuse.files.truth import read_truth
-from posefuse.track.joint_centres import JOINTS, SIDES, directions
+from posefuse.track import to_joint_centres
+from posefuse.track.joint_centres import JOINTS, MOST_LONGER_M, SEGMENTS, SIDES, JointCentres, directions, segment_lengths
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
 # the mesh says 12 mm down, real footage (bench/real_footage.py) says up; "sinking" is nothing when standing, and grows as the
 # thigh is lifted.
 WANTED = {
     "shoulder": ("forward", "up", "outward", "arm", "raising"),
-    "elbow": ("upper_arm", "bend"),
+    "elbow": ("upper_arm", "bend", "lowering"),
     "wrist": ("forearm", "hand", "palm"),
     "hip": ("forward", "outward", "sinking"),
     "knee": ("thigh", "bend", "outward", "forward"),
     "ankle": ("shank", "foot", "outward"),
 }
+# Joints whose offsets also depend on how long somebody's segments are, as found to pay by bodies left out.
+BY_LENGTH = ("shoulder", "hip", "knee", "ankle")
+# what a slope of 1 costs, in instants whose lengths are a metre off: keeps slopes small that bodies do not tell
+RIDGE = 0.3
 Range = tuple[Sequence[float], Sequence[float]]
 # least and most degrees of legs (abduction, flexion, knee) and arms (abduction, flexion, turn about the vertical, elbow): all
 # joints through most of their ranges; and standing with arms raised. Eight scenes of either, of bodies of their own
@@ -45,6 +50,7 @@ MOVES: tuple[tuple[Range, Range], ...] = (
     (((0, -8, 1), (14, 8, 12)), ((45, -20, -30, 1), (130, 35, 30, 60))),
 )
 SCENES_EACH = 8
+Run = tuple[PoseSequence, Truth]
 DURATION_S, RATE_HZ = 8.0, 2.5
 FLOORS = ("wood", "concrete", "tiles", "plain")
 # an error larger than this is a confusion, not an offset
@@ -161,15 +167,16 @@ def samples(poses: PoseSequence, truth: Truth, joint: str) -> tuple[np.ndarray, 
     return np.concatenate(along), np.concatenate(missing)
 
 
-def solve(along: np.ndarray, missing: np.ndarray) -> np.ndarray:
-    """(D,) metres along each direction of least Huber-like loss."""
+def solve(along: np.ndarray, missing: np.ndarray, ridge: float = 0.0) -> np.ndarray:
+    """(D,) metres along each direction (M, D, 3) of least Huber-like loss; `ridge` pulls them to zero."""
     design = along.swapaxes(-1, -2).reshape(-1, along.shape[1])
     weight = np.ones(len(missing))
     metres = np.zeros(along.shape[1])
     for _ in range(20):
         w = np.repeat(weight, 3)[:, None]
-        metres = np.linalg.solve((design * w).T @ design, (design * w).T @ missing.reshape(-1))
-        weight = 1 / np.maximum(np.linalg.norm(missing - left(along, metres), axis=-1), HUBER_M)
+        normal = (design * w).T @ design + ridge * np.eye(along.shape[1])
+        metres = np.linalg.solve(normal, (design * w).T @ missing.reshape(-1))
+        weight = HUBER_M / np.maximum(np.linalg.norm(missing - left(along, metres), axis=-1), HUBER_M)
     return np.asarray(metres)
 
 
@@ -177,39 +184,80 @@ def left(along: np.ndarray, metres: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("mdx,d->mx", along, metres))
 
 
+def fitted(runs: list[Run]) -> JointCentres:
+    """Constants first; then, of what they leave, slopes on how much longer than usual each body is by those constants."""
+    each = {joint: [samples(poses, truth, joint) for poses, truth in runs] for joint in JOINTS}
+    offsets, by_length = {}, {}
+    for joint, parts in each.items():
+        along, missing = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+        offsets[joint] = dict(zip(WANTED[joint], solve(along, missing).tolist(), strict=True))
+    plain = JointCentres(made_by="", offsets=offsets)
+    lengths = np.concatenate([segment_lengths(to_joint_centres(p, plain).xyz_world, p.skeleton) for p, _ in runs])
+    usual = np.nanmean(lengths, axis=0)
+    longer = np.clip(np.nan_to_num(lengths - usual), -MOST_LONGER_M, MOST_LONGER_M)
+    for joint in BY_LENGTH:
+        metres = np.array([offsets[joint][name] for name in WANTED[joint]])
+        along = [(a[:, :, None] * own[:, None]).reshape(len(a), -1, 3) for (a, _), own in zip(each[joint], longer, strict=True)]
+        slopes = solve(np.concatenate(along), np.concatenate([m - left(a, metres) for a, m in each[joint]]), RIDGE)
+        rows = zip(WANTED[joint], slopes.reshape(-1, len(SEGMENTS)).tolist(), strict=True)
+        by_length[joint] = {name: dict(zip(SEGMENTS, row, strict=True)) for name, row in rows}
+    return JointCentres(
+        made_by="", offsets=offsets, lengths=dict(zip(SEGMENTS, usual.tolist(), strict=True)), by_length=by_length
+    )
+
+
+def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Per joint, distances of both sides' landmarks and of the joints moved by the table from the truth, confusions left out."""
+    inside = (poses.t_ns >= truth.t_ns[0]) & (poses.t_ns <= truth.t_ns[-1])
+    true_xyz = true_xyz_at(truth, poses.t_ns[inside])[:, 0]
+    moved = to_joint_centres(poses, table)
+    found = {}
+    for joint in JOINTS:
+        names = [f"{side}_{joint}" for side in SIDES]
+        wanted = pick_keypoints(true_xyz, truth.skeleton, names)
+        before, after = (
+            1000 * np.linalg.norm(pick_keypoints(p.xyz_world[inside, 0], p.skeleton, names) - wanted, axis=-1)
+            for p in (poses, moved)
+        )
+        found[joint] = before[before < 1000 * MOST_M], after[before < 1000 * MOST_M]
+    return found
+
+
 def fit(folders: list[Path], card_name: str) -> None:
     scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if (path / "truth" / "truth.npz").exists()]
     runs = [tracked(path, card_name) for path in scenes]
-    table = {}
     print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
+    found: list[dict[str, tuple[np.ndarray, np.ndarray]]] = []
+    for part in range(PARTS):
+        table = fitted([run for i, run in enumerate(runs) if i % PARTS != part])
+        found += [errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part]
+    table = fitted(runs)
     for joint in JOINTS:
-        each = [samples(poses, truth, joint) for poses, truth in runs]
-        before, after = [], []
-        for part in range(PARTS):
-            others = [np.concatenate(rows) for rows in zip(*(e for i, e in enumerate(each) if i % PARTS != part), strict=True)]
-            metres = solve(others[0], others[1])
-            for along, missing in (e for i, e in enumerate(each) if i % PARTS == part):
-                before.append(np.linalg.norm(missing, axis=-1))
-                after.append(np.linalg.norm(missing - left(along, metres), axis=-1))
-        along, missing = (np.concatenate(rows) for rows in zip(*each, strict=True))
-        table[joint] = dict(zip(WANTED[joint], solve(along, missing), strict=True))
-        means = [1000 * np.concatenate(rows).mean() for rows in (before, after)]
-        told = "  ".join(f"{name} {1000 * metres:+.1f}" for name, metres in table[joint].items())
-        print(f"{joint:9s} {means[0]:5.1f} -> {means[1]:5.1f}   {told}")
+        before, after = (np.concatenate([one[joint][k] for one in found]).mean() for k in (0, 1))
+        told = "  ".join(f"{name} {1000 * metres:+.1f}" for name, metres in table.offsets[joint].items())
+        print(f"{joint:9s} {before:5.1f} -> {after:5.1f}   {told}")
     write_card(card_name, table, len(runs), sum(len(poses) for poses, _ in runs))
 
 
-def write_card(card_name: str, table: dict[str, dict[str, float]], scenes: int, instants: int) -> None:
+def write_card(card_name: str, table: JointCentres, scenes: int, instants: int) -> None:
     card = read_any_card(card_name)
     lines = [
         "# metres from the fused landmark to the joint centre along directions of the body itself, see track/joint_centres.py",
         f'made_by = "bench/fit_joint_centres.py: {scenes} rendered scenes of as many bodies, {instants} instants"',
+        *section("lengths", table.lengths, 3),
     ]
-    for joint, offsets in table.items():
-        lines += ["", f"[offsets.{joint}]", *(f"{name} = {metres:.4f}" for name, metres in offsets.items())]
+    for joint, offsets in table.offsets.items():
+        lines += section(f"offsets.{joint}", offsets, 4)
+    for joint, directions_ in table.by_length.items():
+        for name, slopes in directions_.items():
+            lines += section(f"by_length.{joint}.{name}", slopes, 3)
     path = card.folder / f"{card.name}.joint_centres.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(f"written: {path.name}")
+
+
+def section(name: str, values: dict[str, float], digits: int) -> list[str]:
+    return ["", f"[{name}]", *(f"{key} = {value:.{digits}f}" for key, value in values.items())]
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ SIDES = ("left", "right")
 # joint -> directions it may be moved along, in the order of `body_directions`
 JOINT_DIRECTIONS = {
     "shoulder": ("forward", "up", "outward", "arm", "raising"),
-    "elbow": ("upper_arm", "forearm", "bend"),
+    "elbow": ("upper_arm", "forearm", "bend", "lowering"),
     "wrist": ("forearm", "hand", "palm"),
     "hip": ("forward", "up", "outward", "thigh", "sinking"),
     "knee": ("thigh", "bend", "outward", "forward"),
@@ -50,8 +50,9 @@ def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
     ``foot`` heel to toe, ``hand`` wrist to knuckles; at the knee and ankle ``outward`` is the pelvis's, normal to the limb,
     and ``forward`` normal to both. Others: ``bend``, the difference of the limbs' directions below and above the joint,
     nothing when it is straight; ``sinking``, of the thigh's direction and the spine's downward one, nothing when standing;
-    ``palm``, from little to index finger, about one long; ``raising``, outward as far as the arm points outward. NaN where
-    keypoints are missing.
+    ``palm``, from little to index finger, about one long; ``raising``, outward as far as the arm points outward;
+    ``lowering``, normal to the arm and the chest's forward, down from an arm held out sideways: nothing when it hangs, one
+    long when it is level. NaN where keypoints are missing.
     """
     points = _points(xyz, skeleton)
     vectors = points[..., _TO, :] - points[..., _FROM, :]
@@ -65,11 +66,13 @@ def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
     ups = np.stack([chest_up, pelvis_up, -thigh, -shank], axis=-2)
     ahead = _ahead(ups, np.stack([chest_out, pelvis_out, knee_out, ankle_out], axis=-2))
     chest_ahead, pelvis_ahead, knee_ahead, ankle_ahead = np.moveaxis(ahead, -2, 0)
-    raising = chest_out * (arm * chest_out).sum(axis=-1, keepdims=True)
+    outward, upward = ((arm * axis).sum(axis=-1, keepdims=True) for axis in (chest_out, chest_up))
+    raising = chest_out * outward
+    lowering = _ahead(chest_ahead[..., None, :], arm[..., None, :])[..., 0, :] * outward * (1 + upward)
     return np.stack(
         [
             chest_ahead, chest_up, chest_out, arm, raising,
-            arm, forearm, forearm - arm,
+            arm, forearm, forearm - arm, lowering,
             forearm, hand, vectors[..., -1, :] / _PALM_M,
             pelvis_ahead, pelvis_up, pelvis_out, thigh, thigh + spine,
             thigh, shank - thigh, knee_out, knee_ahead,

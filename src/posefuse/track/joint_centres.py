@@ -2,13 +2,14 @@
 
 A landmark network is consistent, but what it calls a hip is not the centre of the hip joint. The difference is close to
 constant in the body's own directions: each joint is moved by fixed lengths along directions built from the fused keypoints
-themselves (trunk, limb above, limb below). Lengths are fitted elsewhere and come as a table; see `bench/fit_joint_centres.py`.
+themselves (trunk, limb above, limb below), and by a little more or less as somebody's segments are longer or shorter than usual.
+The table is fitted elsewhere; see `bench/fit_joint_centres.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -18,15 +19,31 @@ import numpy as np
 from posefuse.core import ConfigError, Pose3D, PoseSequence, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.core.skeleton import pick_keypoints
 from posefuse.files.settings import read_settings, settings
 
 from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
+SEGMENTS = {
+    "upper_arm": ("{side}_shoulder", "{side}_elbow"),
+    "forearm": ("{side}_elbow", "{side}_wrist"),
+    "thigh": ("{side}_hip", "{side}_knee"),
+    "shank": ("{side}_knee", "{side}_ankle"),
+    "shoulders": ("left_shoulder", "right_shoulder"),
+    "hips": ("left_hip", "right_hip"),
+    "trunk": ("mid_hip", "neck"),
+}
+_DIRECTIONS = tuple((joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names)
 _FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])[:-1]
 # each round of the inverse leaves two fifths of the error or less: micrometres after these
 _INVERSE_ROUNDS = 12
+_SEQUENCE_NDIM = 4
+# fewer instants do not tell how long somebody's segments are
+_LEAST_INSTANTS = 10
+# people further from the average than those of the fit count as no further than this
+MOST_LONGER_M = 0.06
 
 
 @settings
@@ -35,11 +52,15 @@ class JointCentres:
 
     Attributes:
         made_by: command and data of the fit, for people.
-        offsets: joint (without its side) -> direction (see `directions`) -> metres.
+        offsets: joint (without its side) -> direction (see `body_directions`) -> metres.
+        lengths: segment (see `segment_lengths`) -> metres, of the people of the fit on average.
+        by_length: joint -> direction -> segment -> metres more per metre that somebody's segment is longer than that.
     """
 
     made_by: str
     offsets: dict[str, dict[str, float]]
+    lengths: dict[str, float] = field(default_factory=dict)
+    by_length: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
 
 
 def read_joint_centres(path: Path) -> JointCentres:
@@ -49,21 +70,29 @@ def read_joint_centres(path: Path) -> JointCentres:
 
 def check_joint_centres(table: JointCentres, where: str) -> JointCentres:
     """The table; raises ConfigError naming `where`, and the joint or direction that does not exist."""
-    for joint, offsets in table.offsets.items():
-        if joint not in JOINT_DIRECTIONS:
-            raise ConfigError(f"{where}: offsets: no joint {joint!r}; there are: {choices(JOINT_DIRECTIONS)}")
-        for name in offsets:
-            if name not in JOINT_DIRECTIONS[joint]:
-                there = choices(JOINT_DIRECTIONS[joint])
-                raise ConfigError(f"{where}: offsets.{joint}: no direction {name!r}; there are: {there}")
+    _check_names(f"{where}: lengths", "segment", table.lengths, SEGMENTS)
+    for part, joints in (("offsets", table.offsets), ("by_length", table.by_length)):
+        _check_names(f"{where}: {part}", "joint", joints, JOINT_DIRECTIONS)
+        for joint, along in joints.items():
+            _check_names(f"{where}: {part}.{joint}", "direction", along, JOINT_DIRECTIONS[joint])
+    for joint, slopes in table.by_length.items():
+        for direction, segments in slopes.items():
+            _check_names(f"{where}: by_length.{joint}.{direction}", "segment", segments, table.lengths)
     return table
+
+
+def _check_names(where: str, what: str, got: Iterable[str], known: Iterable[str]) -> None:
+    for name in got:
+        if name not in known:
+            raise ConfigError(f"{where}: no {what} {name!r}; there are: {choices(known)}")
 
 
 def to_joint_centres(poses: Poses, table: JointCentres) -> Poses:
     """The poses with shoulders, elbows, wrists, hips, knees and ankles moved to their centres.
 
     A joint stays where it is at instants at which a direction it needs is unknown (a keypoint is missing, or two coincide).
-    Covariances stay: the offsets are constants.
+    Covariances stay: the offsets are constants. In a sequence they depend on each person's lengths over all of it, which one
+    pose does not tell.
     """
     return replace(poses, xyz_world=poses.xyz_world + _moves(poses.xyz_world, poses.skeleton, table))
 
@@ -78,12 +107,47 @@ def from_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSeque
 
 def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres) -> Array:
     """(..., K, 3) from landmarks (..., K, 3) to joint centres; nothing where a direction is unknown."""
-    metres = np.array([table.offsets.get(j, {}).get(name, 0.0) for j, names in JOINT_DIRECTIONS.items() for name in names])
-    along = np.where(metres[:, None] == 0.0, 0.0, body_directions(xyz, skeleton) * metres[:, None])
+    known = body_directions(xyz, skeleton)
+    metres = np.array([table.offsets.get(joint, {}).get(name, 0.0) for joint, name in _DIRECTIONS])
+    moves = _moves_along(known, metres, skeleton)
+    if table.by_length and xyz.ndim == _SEQUENCE_NDIM:
+        slopes = np.array([_slopes(table, joint, name) for joint, name in _DIRECTIONS])
+        usual = np.array([table.lengths.get(segment, np.nan) for segment in SEGMENTS])
+        longer = np.nan_to_num(segment_lengths(xyz + moves, skeleton) - usual)
+        moves = _moves_along(known, metres + np.clip(longer, -MOST_LONGER_M, MOST_LONGER_M) @ slopes.T, skeleton)
+    return moves
+
+
+def _slopes(table: JointCentres, joint: str, direction: str) -> list[float]:
+    told = table.by_length.get(joint, {}).get(direction, {})
+    return [told.get(segment, 0.0) for segment in SEGMENTS]
+
+
+def _moves_along(known: Array, metres: Array, skeleton: Skeleton) -> Array:
+    """(..., K, 3) of directions (..., 2, D, 3) and metres (D,) or, of people, (N, D)."""
+    metres = metres[..., None, :, None]
+    along = np.where(metres == 0.0, 0.0, known * metres)
     move = np.add.reduceat(along, _FIRST_DIRECTION, axis=-2)
-    moves = np.zeros((*xyz.shape[:-2], len(skeleton) + 1, 3))
+    moves = np.zeros((*known.shape[:-3], len(skeleton) + 1, 3))
     moves[..., _columns(skeleton), :] = np.where(np.isfinite(move), move, 0.0)
     return moves[..., :-1, :]
+
+
+def segment_lengths(xyz: Array, skeleton: Skeleton) -> Array:
+    """(N, S) metres of people's `SEGMENTS` from keypoints (T, N, K, 3): medians over time, of limbs over both sides.
+
+    NaN for a segment seen in fewer than ten instants.
+    """
+    out = np.full((xyz.shape[1], len(SEGMENTS)), np.nan)
+    for s, ends in enumerate(SEGMENTS.values()):
+        named = [[end.format(side=side) for end in ends] for side in (SIDES if "{side}" in ends[0] else SIDES[:1])]
+        spans = [np.diff(pick_keypoints(xyz, skeleton, pair), axis=-2)[..., 0, :] for pair in named]
+        metres = np.linalg.norm(np.concatenate(spans), axis=-1)
+        for n, person in enumerate(metres.T):
+            seen = person[np.isfinite(person)]
+            if len(seen) >= _LEAST_INSTANTS * len(spans):
+                out[n, s] = np.median(seen)
+    return out
 
 
 @cache
