@@ -89,10 +89,15 @@ def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) ->
 
 
 @pytest.mark.parametrize("table", [FULL, None])
-def test_a_table_comes_back_from_the_network(table) -> None:
-    sent = Centres(("cam00", "cam02"), table)
-    msg = message_from_centres(sent, BEGIN_NS)
-    assert centres_from_message(decode(encode(msg), msg.__msgtype__, 2**20)) == sent
+def test_what_live_needs_of_a_table_comes_back_from_the_network(table) -> None:
+    needed = table and JointCentres(made_by=table.made_by, offsets=table.offsets)
+    msg = message_from_centres(Centres(("cam00", "cam02"), table), BEGIN_NS)
+    assert centres_from_message(decode(encode(msg), msg.__msgtype__, 2**20)) == Centres(("cam00", "cam02"), needed)
+
+
+def test_it_moves_one_pose_as_the_whole_table_does(somebody) -> None:
+    pose, needed = Still(somebody).at(0), JointCentres(made_by="", offsets=FULL.offsets)
+    np.testing.assert_array_equal(to_joint_centres(pose, needed).xyz_world, to_joint_centres(pose, FULL).xyz_world)
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ class Centring:
 
 
 def message_from_centres(told: Centres, t_ns: int) -> Any:
-    """For the network and recordings."""
+    """For the network and recordings: the offsets alone, as one pose does not tell the lengths of its segments."""
     table = told.table
     return message_from_joint_centres(told.cameras, table.made_by if table else "", table.offsets if table else {}, t_ns)
 
