@@ -18,7 +18,7 @@ from posefuse.app.terminal import Terminal
 from posefuse.calibrate.coverage import coverage, coverage_sheet
 from posefuse.calibrate.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibrate.report_html import html_page
-from posefuse.core import ConfigError, InputError
+from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.files.rig import read_rig, write_rig
 from posefuse.files.settings import read_settings
 from posefuse.sources import ImagesConfig
@@ -57,15 +57,41 @@ def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: An
     lenses, film = tmp_path / "lenses.toml", tmp_path / "cam00.mp4"
     write_rig(lenses, lab.rig)
     film.touch()
-    person = ("person", "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml"))
+    person, both = ("person", "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml")), (str(film), f"cam01={film}")
+    with pytest.raises(InputError, match="expected at least 2 cameras, got 1"):
+        run(*person, "--height-m", "1.8", str(film))
+    with pytest.raises(InputError, match=r"no such file or folder: .*none\.mp4"):
+        run(*person, "--height-m", "1.8", str(film), "cam01=none.mp4")
     with pytest.raises(InputError, match="one known length: --height-m METRES, or --apart"):
-        run(*person, str(film))
+        run(*person, *both)
     with pytest.raises(InputError, match="expected a number of metres at the end"):
-        run(*person, "--apart", "cam00", "cam01", "far", str(film))
+        run(*person, "--apart", "cam00", "cam01", "far", *both)
+    with pytest.raises(CalibrationError, match="expected a length > 0 m, got -1"):
+        run(*person, "--height-m", "-1", *both)
+    with pytest.raises(CalibrationError, match="no camera 'cam09'"):
+        run(*person, "--apart", "cam00", "cam09", "3", *both)
     with pytest.raises(InputError, match="got both"):
         run(*person, "--height-m", "1.8", str(film), f"cam01={tmp_path}")
     with pytest.raises(InputError, match="add --rate-hz"):
         run(*person, "--height-m", "1.8", f"cam01={tmp_path}", f"cam02={tmp_path}")
+
+
+def test_a_folder_that_is_not_there_is_named_before_any_work(tmp_path: Path) -> None:
+    nowhere = tmp_path / "none" / "file"
+    with pytest.raises(InputError, match=r"--out .*: there is no folder .*none"):
+        run("print", "--cube", "--marker-mm", "120", "--out", str(nowhere))
+    with pytest.raises(InputError, match="--report "):
+        run("intrinsics", "--out", str(tmp_path / "r.toml"), "--report", str(nowhere), "a.mp4")
+
+
+def test_what_is_wrong_with_the_floor_is_said_before_any_look(tmp_path: Path, lab: Any) -> None:
+    lenses = tmp_path / "lenses.toml"
+    write_rig(lenses, lab.rig)
+    extrinsics = ("extrinsics", "--marker-mm", "120", "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml"))
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read"):
+        run(*extrinsics, "--floor-points", str(tmp_path / "none.toml"), "cam00=none.mp4")
+    with pytest.raises(InputError, match="one of the two sets the world"):
+        run(*extrinsics, "--floor-points", "a.toml", "--floor-marker", "7", "cam00=none.mp4")
 
 
 def test_inputs_that_are_not_there_are_named(tmp_path: Path) -> None:
@@ -87,8 +113,8 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
     text = page.read_text()
     assert "extrinsics: passed" in text
     assert text.count("data:image/png;base64,") == 4
-    offsets = [f"cam_{i}={figures[f'cam_{i}_offset_ms']}" for i in range(4)]
-    assert run("verify", *board, "--rig", str(rig), *videos, "--offset-ms", *offsets)["length_rms_mm"] < 1.2
+    offsets = [f"--offset-ms=cam_{i}={figures[f'cam_{i}_offset_ms']}" for i in range(4)]
+    assert run("verify", *board, "--rig", str(rig), *offsets, *videos)["length_rms_mm"] < 1.2
     refused = tmp_path / "refused.toml"
     with pytest.raises(RefusedCalibration, match="halves agree"):
         run(

@@ -23,6 +23,7 @@ from .report import CalibrationReport, Check
 from .rotations import Poses
 from .world import FloorFromFeet, triangulate
 
+_SUBJECT = "extrinsics from a person"
 _LEAST_SCORE = 0.35
 _MOST_POINTS = 4000
 _MOST_SIGMA_PX_PER_1000 = 12.0
@@ -60,6 +61,9 @@ class KnownLength:
     def __post_init__(self) -> None:
         if (self.stature_m is None) == (self.distance_m is None) or (self.cameras is None) != (self.distance_m is None):
             raise CalibrationError("scale: give either the person's stature, or two cameras and their distance")
+        metres = self.distance_m if self.stature_m is None else self.stature_m
+        if not (metres is not None and np.isfinite(metres) and metres > 0):
+            raise CalibrationError(f"scale: expected a length > 0 m, got {metres}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +95,14 @@ def calibrate_from_person(
         raise CalibrationError(f"person: no intrinsics of {', '.join(missing)}; there are: {', '.join(by_name)}")
     cameras = tuple(by_name[name] for name in views.cameras)
     done = [_check_seen(views)]
-    CalibrationReport("extrinsics from a person", tuple(done)).require()
+    CalibrationReport(_SUBJECT, tuple(done)).require()
     solution, rows = _solve(views, cameras)
     rig, xyz = _scaled(views, cameras, solution, rows, length)
-    done += _checks(views, cameras, solution, rows, rig, xyz, length)
+    distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
+    done += _checks(views.skeleton, cameras, solution, rows, rig, xyz)
+    # halves take two more solves, which say nothing about a rig that already fails
+    CalibrationReport(_SUBJECT, tuple(done)).require()
+    done.append(_check_halves(views, cameras, distance_m, length))
     feet, head = _feet_and_head(views.skeleton, xyz)
     rule = FloorFromFeet(feet, head)
     new_from_old = rule.new_from_old(rig)
@@ -102,7 +110,7 @@ def calibrate_from_person(
     rig = replace(rig.moved(new_from_old), world_set_by=rule.words, residual_px=float(np.sqrt((residual**2).sum(axis=1).mean())))
     done += world_checks(rig, rule.has_floor, upside_down)
     report = CalibrationReport(
-        "extrinsics from a person", tuple(done),
+        _SUBJECT, tuple(done),
         numbers={"sigma_px": solution.sigma_px, "points": float(rows.point_count), "residual_px": rig.residual_px},
     )  # fmt: skip
     report.require()
@@ -241,10 +249,8 @@ def _inlier(solution: PointSolution) -> Array:
 
 
 def _checks(
-    views: PersonViews, cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews, rig: Rig, xyz: Array,
-    length: KnownLength,
-) -> list[Check]:  # fmt: skip
-    distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
+    skeleton: Skeleton, cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews, rig: Rig, xyz: Array
+) -> list[Check]:
     limit = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
     inlier = _inlier(solution)
     share = np.array([inlier[rows.camera == c].mean() for c in range(len(cameras))])
@@ -255,8 +261,7 @@ def _checks(
         Check("cameras agree", bool(share[worst] >= _LEAST_INLIER_SHARE),
               f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {_LEAST_INLIER_SHARE:.0%})",
               "it follows another person, moved, or is out of step"),
-        _check_mirror(views.skeleton, xyz),
-        _check_halves(views, cameras, rig, distance_m, length),
+        _check_mirror(skeleton, xyz),
         checks.check_apart(cameras, Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]),
                                                        np.stack([c.cam_from_world.xyz for c in rig])))),
     ]  # fmt: skip
@@ -271,7 +276,7 @@ def _check_mirror(skeleton: Skeleton, xyz: Array) -> Check:
     )  # fmt: skip
 
 
-def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], rig: Rig, distance_m: float, length: KnownLength) -> Check:
+def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: float, length: KnownLength) -> Check:
     """Solve from even and odd stretches of a tenth of the recording."""
     stretch = np.arange(len(views.t_ns)) * 10 // len(views.t_ns) % 2
     found = []

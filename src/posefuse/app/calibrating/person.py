@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.app.config import read_config
+from posefuse.app.session import LEAST_CAMERAS
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.person import KnownLength, calibrate_from_person
 from posefuse.calibrate.person_views import PersonViews, person_views
@@ -26,7 +27,12 @@ from .results import reported, show, write_report
 def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Rig file and report from videos, or from 2D poses that another tool has written."""
     lenses, paths = read_rig(args.intrinsics), dict(name_and_path(text) for text in args.inputs)
-    length = _known_length(args)
+    if len(paths) < LEAST_CAMERAS:
+        raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
+    absent = [str(path) for path in paths.values() if not path.exists()]
+    if absent:
+        raise InputError(f"person: no such file or folder: {choices(absent)}")
+    length = _known_length(args, Rig(tuple(lenses[name] for name in paths)))
     cameras = tuple(replace(lenses[name], cam_from_world=SE3.identity()) for name in paths)
     videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
     with reported(args):
@@ -49,14 +55,14 @@ def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     return {"rig": str(args.out), **found.report.numbers}
 
 
-def _known_length(args: argparse.Namespace) -> KnownLength:
+def _known_length(args: argparse.Namespace, rig: Rig) -> KnownLength:
     if (args.height_m is None) == (args.apart is None):
         raise InputError("person: the scale needs one known length: --height-m METRES, or --apart CAMERA CAMERA METRES")
     if args.height_m is not None:
         return KnownLength(stature_m=args.height_m)
     first, second, metres = args.apart
     try:
-        return KnownLength(cameras=(first, second), distance_m=float(metres))
+        return KnownLength(cameras=(rig[first].name, rig[second].name), distance_m=float(metres))
     except ValueError:
         raise InputError(f"--apart {first} {second} {metres}: expected a number of metres at the end") from None
 

@@ -20,7 +20,7 @@ from posefuse.calibrate.printing import board_sheet, cube_sheets, marker_sheets,
 from posefuse.calibrate.report_html import heat_picture
 from posefuse.calibrate.targets import Chessboard, Markers, Target
 from posefuse.calibrate.verify import verify
-from posefuse.calibrate.world import FloorTile, WorldRule
+from posefuse.calibrate.world import FloorTile, ThreePoints, WorldRule
 from posefuse.core import Camera, InputError, Rig
 from posefuse.files.rig import read_rig, write_rig
 
@@ -51,7 +51,10 @@ def intrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
 def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Places of the cameras from a waved prop or board: rig file, coverage picture, report, and clocks where they count."""
     target, lenses = target_from_arguments(args), read_rig(args.intrinsics)
+    # all that may be wrong with the command line, before minutes of looking
+    points = _floor_points(args, target)
     sources = sources_from_arguments(args.inputs)
+    cameras = tuple(lenses[source.camera] for source in sources)
     seen = []
     with terminal.progress("looking for the target") as advance:
         for i, source in enumerate(sources):
@@ -59,8 +62,7 @@ def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
             advance(i + 1, len(sources))
     observations = joined(seen)
     covered = write_coverage(args.out, observations, terminal)
-    observations, world = _world(args, observations, target)
-    cameras = tuple(lenses[source.camera] for source in sources)
+    observations, world = (observations, points) if points else _floor_marker(args, observations, target)
     with reported(args):
         options = Options(clocks=args.clocks, lens_sigma=_lens_sigma(args.refine_lenses, cameras))
         found = calibrate_extrinsics(observations, cameras, target, options, world, tuple(args.upside_down))
@@ -81,16 +83,21 @@ def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     }
 
 
-def _world(args: argparse.Namespace, observations: Observations, target: Target) -> tuple[Observations, WorldRule | None]:
-    """The prop's observations alone, and how the world is set; None guesses up from the cameras."""
-    if args.floor_points is not None:
-        if args.floor_marker is not None:
-            raise InputError("--floor-points, --floor-marker: one of the two sets the world")
-        return observations, read_floor_points(args.floor_points)
-    if args.floor_marker is None:
-        return observations, None
-    if not isinstance(target, Markers):
+def _floor_points(args: argparse.Namespace, target: Target) -> ThreePoints | None:
+    """Three marked points that set the world, if they do."""
+    if args.floor_marker is not None and not isinstance(target, Markers):
         raise InputError("--floor-marker: needs --target markers, of the same dictionary")
+    if args.floor_points is None:
+        return None
+    if args.floor_marker is not None:
+        raise InputError("--floor-points, --floor-marker: one of the two sets the world")
+    return read_floor_points(args.floor_points)
+
+
+def _floor_marker(args: argparse.Namespace, observations: Observations, target: Target) -> tuple[Observations, WorldRule | None]:
+    """The prop's observations alone, and the marker on the floor that sets the world; None guesses up from the cameras."""
+    if args.floor_marker is None or not isinstance(target, Markers):
+        return observations, None
     tile = replace(target, side_m=(args.floor_side_mm or target.side_m * 1e3) / 1e3, ids=(args.floor_marker,))
     world = FloorTile(observations.of_patches([args.floor_marker]), tile, args.floor_marker)
     return observations.rows(observations.patch != args.floor_marker), world

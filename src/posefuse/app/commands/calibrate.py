@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.app.terminal import Terminal
+from posefuse.core import InputError
 
 from .options import add_networks
 
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                      help="or: pixels per camera of three points of the floor: origin, one along x, one towards y")  # fmt: skip
     two.add_argument("--refine-lenses", type=float, metavar="PERCENT",
                      help="let the lenses move too; how well their focal lengths are known, e.g. 0.5")  # fmt: skip
-    two.add_argument("--upside-down", nargs="*", default=[], metavar="CAMERA", help="cameras that really hang upside down")
+    two.add_argument("--upside-down", action="append", default=[], metavar="CAMERA", help="a camera that really hangs so")
     live = steps.add_parser("guide", help="at the cameras: what the waving has covered, and when it is enough")
     _add_target(live, "markers")
     live.add_argument("--intrinsics", type=Path, required=True, metavar="FILE", help="rig file with the cameras' names")
@@ -50,14 +51,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     person.add_argument("--apart", nargs=3, metavar=("CAMERA", "CAMERA", "METRES"), help="or: measured distance of two cameras")
     person.add_argument("--rate-hz", type=float, help="frame rate of OpenPose JSON")
     person.add_argument("--instants", type=int, default=600, metavar="N", help="instants of the videos to look at, at most")
-    person.add_argument("--upside-down", nargs="*", default=[], metavar="CAMERA", help="cameras that really hang upside down")
+    person.add_argument("--upside-down", action="append", default=[], metavar="CAMERA", help="a camera that really hangs so")
     person.add_argument("--out", type=Path, required=True, metavar="FILE", help="rig file to write")
     add_networks(person)
+    person.set_defaults(overrides=[])
     check = steps.add_parser("verify", help="millimetres and pixels of a rig, with a marker or board held anywhere")
     _add_target(check, "charuco")
     _add_inputs(check)
     check.add_argument("--rig", type=Path, required=True, metavar="FILE", help="rig file to verify")
-    check.add_argument("--offset-ms", nargs="*", default=[], metavar="CAMERA=MS", help="clocks found by `extrinsics`")
+    check.add_argument("--offset-ms", action="append", default=[], metavar="CAMERA=MS", help="a clock found by `extrinsics`")
     sheets = steps.add_parser("print", help="PDF of a target at its true size")
     sheets.add_argument("--cube", action="store_true", help="six markers for a cube")
     _add_target(sheets, "charuco")
@@ -93,6 +95,10 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Do the step; a refused result is an error, after its report is written."""
+    for option in ("out", "report", "view_file"):
+        path: Path | None = getattr(args, option, None)
+        if path is not None and not path.absolute().parent.is_dir():
+            raise InputError(f"--{option.replace('_', '-')} {path}: there is no folder {path.parent}")
     return {"step": args.step, **_STEPS[args.step](args, terminal)}
 
 
