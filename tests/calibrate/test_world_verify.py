@@ -176,8 +176,13 @@ def test_triangulation_needs_two_views(lab: Any) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_the_monitor_bears_a_point_on_the_horizon(lab: Any) -> None:
-    xy = np.full((len(lab.rig), 1, 2), 1e200)
-    state, found = monitor.observe(monitor.start(lab.rig), lab.rig, 0, xy)
-    assert found == []
-    assert np.isfinite(state.square).all()
+def test_the_monitor_bears_points_on_the_horizon_and_cameras_that_see_nothing(lab: Any) -> None:
+    state, shape = monitor.start(lab.rig), (len(lab.rig), 6, 2)
+    far, nothing = np.full(shape, 1e200), np.full(shape, np.nan)
+    one_blind = lab.rig.project(walk(np.zeros(1))[0])
+    one_blind[2] = np.nan
+    for k in range(90):
+        state, _ = monitor.observe(state, lab.rig, k * 100_000_000, (far, nothing, one_blind)[k % 3])
+        assert np.isfinite([state.square, state.late, state.speed]).all()
+        # what was never measured stays unknown
+        assert not np.isinf(state.usual_px).any()

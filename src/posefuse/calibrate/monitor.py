@@ -14,7 +14,7 @@ import numpy as np
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
-from .world import triangulate
+from .world import meeting_points, triangulate
 
 _MEMORY_S = 1.5
 _SURE_AFTER_S = 2.0
@@ -115,12 +115,13 @@ def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
         (C,) rms px to which the others agree among themselves when this camera is left out; NaN with fewer than 3 of them.
     """
     out, rest_px = np.full(xy_img.shape, np.nan), np.full(len(rig), np.nan)
-    for c, camera in enumerate(rig):
-        others = np.array(xy_img, np.float64)
-        others[c] = np.nan
-        points = triangulate(rig, others)
-        out[c] = camera.project(points) - xy_img[c]
-        off = (_no_longer_than(rig.project(points) - others, np.array(_FARTHEST_PX)) ** 2).sum(axis=-1)
+    norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
+    for c in range(len(rig)):
+        mine = np.arange(len(rig)) == c
+        points = meeting_points(rig, np.where(mine[:, None, None], np.nan, norm))
+        apart = rig.project(points) - xy_img
+        out[c] = apart[c]
+        off = (_no_longer_than(apart[~mine], np.array(_FARTHEST_PX)) ** 2).sum(axis=-1)
         if np.isfinite(off).sum() > 2 * np.isfinite(points[:, 0]).sum():
             rest_px[c] = np.sqrt(np.nanmean(off))
     return out, rest_px

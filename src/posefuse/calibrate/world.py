@@ -173,18 +173,19 @@ def _frame(origin: Array, along: Array, up: Array) -> SE3:
 
 
 def triangulate(rig: Rig, xy_img: Array) -> Array:
-    """(P, 3) points of raw px (C, P, 2), NaN where unseen: least squares on ideal image planes (DLT); NaN below 2 views."""
-    count = xy_img.shape[1]
+    """(P, 3) points of raw px (C, P, 2), NaN where unseen; see `meeting_points`."""
+    return meeting_points(rig, np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)]))
+
+
+def meeting_points(rig: Rig, norm: Array) -> Array:
+    """(P, 3) where the rays of ideal image points (C, P, 2), NaN where unseen, meet: least squares (DLT); NaN below 2 views."""
+    count = norm.shape[1]
     rows = np.zeros((count, 2 * len(rig), 4))
-    seen = np.zeros(count, np.int64)
+    good = np.isfinite(norm).all(axis=2)
     for c, camera in enumerate(rig):
-        norm = camera.norm_from_px(xy_img[c])
         matrix = camera.cam_from_world.matrix4()[:3]
-        equations = norm[:, :, None] * matrix[2] - matrix[:2]
-        good = np.isfinite(norm).all(axis=1)
-        rows[good, 2 * c : 2 * c + 2] = equations[good]
-        seen += good
+        rows[good[c], 2 * c : 2 * c + 2] = (norm[c, :, :, None] * matrix[2] - matrix[:2])[good[c]]
     solution = np.linalg.svd(rows)[2][:, -1]
     with np.errstate(divide="ignore", invalid="ignore"):
         points = solution[:, :3] / solution[:, 3:]
-    return np.asarray(np.where((seen >= 2)[:, None], points, np.nan))
+    return np.asarray(np.where((good.sum(axis=0) >= 2)[:, None], points, np.nan))
