@@ -38,6 +38,7 @@ WANTED = {
     "knee": ("thigh", "bend", "outward", "forward"),
     "ankle": ("shank", "foot", "outward"),
 }
+ARM = ("shoulder", "elbow", "wrist")
 # Joints whose offsets also depend on how long somebody's segments are, as found to pay by bodies left out.
 BY_LENGTH = ("shoulder", "hip", "knee", "ankle")
 # what a slope of 1 costs, in instants whose lengths are a metre off: keeps slopes small that bodies do not tell
@@ -207,35 +208,53 @@ def fitted(runs: list[Run]) -> JointCentres:
 
 
 def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Per joint, distances of both sides' landmarks and of the joints moved by the table from the truth, confusions left out."""
+    """Per joint, what is missing to the truth from both sides' landmarks and from the joints moved by the table, (M, 3) along
+    forward, up and outward of the chest (arms) or the pelvis (legs); confusions left out."""
     inside = (poses.t_ns >= truth.t_ns[0]) & (poses.t_ns <= truth.t_ns[-1])
     true_xyz = true_xyz_at(truth, poses.t_ns[inside])[:, 0]
     moved = to_joint_centres(poses, table)
-    found = {}
-    for joint in JOINTS:
-        names = [f"{side}_{joint}" for side in SIDES]
-        wanted = pick_keypoints(true_xyz, truth.skeleton, names)
-        before, after = (
-            1000 * np.linalg.norm(pick_keypoints(p.xyz_world[inside, 0], p.skeleton, names) - wanted, axis=-1)
-            for p in (poses, moved)
-        )
-        found[joint] = before[before < 1000 * MOST_M], after[before < 1000 * MOST_M]
-    return found
+    found: dict[str, list[list[np.ndarray]]] = {joint: [[], []] for joint in JOINTS}
+    for side in SIDES:
+        known = directions(poses.xyz_world[inside, 0], poses.skeleton, side)
+        for joint in JOINTS:
+            trunk = known["shoulder" if joint in ARM else "hip"]
+            axes = np.stack([trunk[name] for name in ("forward", "up", "outward")], axis=-2)
+            name = [f"{side}_{joint}"]
+            wanted = pick_keypoints(true_xyz, truth.skeleton, name)[:, 0]
+            away = [1000 * (wanted - pick_keypoints(p.xyz_world[inside, 0], p.skeleton, name)[:, 0]) for p in (poses, moved)]
+            good = np.isfinite(axes).all(axis=(-1, -2)) & (np.linalg.norm(away[0], axis=-1) < 1000 * MOST_M)
+            for kept, one in zip(found[joint], away, strict=True):
+                kept.append(np.einsum("tij,tj->ti", axes, one)[good])
+    return {joint: (np.concatenate(before), np.concatenate(after)) for joint, (before, after) in found.items()}
+
+
+def parts(errors: list[np.ndarray]) -> str:
+    """What (M, 3) errors of each body are made of: a mean that all bodies share, each body's own, and what changes."""
+    means = np.array([one.mean(axis=0) for one in errors])
+    common = means.mean(axis=0)
+    changing = np.concatenate([one - one.mean(axis=0) for one in errors])
+    own = np.linalg.norm(means - common, axis=1)
+    return f"common {np.linalg.norm(common):4.1f}  own {own.mean():4.1f}  changing {np.linalg.norm(changing, axis=1).mean():4.1f}"
 
 
 def fit(folders: list[Path], card_name: str) -> None:
     scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if (path / "truth" / "truth.npz").exists()]
     runs = [tracked(path, card_name) for path in scenes]
-    print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
-    found: list[dict[str, tuple[np.ndarray, np.ndarray]]] = []
+    raised = {folders[0] / f"scene{i:02d}" for i in range(SCENES_EACH, 2 * SCENES_EACH)}
+    found: dict[Path, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
     for part in range(PARTS):
         table = fitted([run for i, run in enumerate(runs) if i % PARTS != part])
-        found += [errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part]
+        found |= {scenes[i]: errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part}
     table = fitted(runs)
+    print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
     for joint in JOINTS:
-        before, after = (np.concatenate([one[joint][k] for one in found]).mean() for k in (0, 1))
+        before, after = (np.linalg.norm(np.concatenate([one[joint][k] for one in found.values()]), axis=1) for k in (0, 1))
         told = "  ".join(f"{name} {1000 * metres:+.1f}" for name, metres in table.offsets[joint].items())
-        print(f"{joint:9s} {before:5.1f} -> {after:5.1f}   {told}")
+        print(f"{joint:9s} {before.mean():5.1f} -> {after.mean():5.1f}   {told}")
+    print(f"standing with arms raised, {len(raised & found.keys())} bodies: what errors are made of, before -> after")
+    for joint in JOINTS:
+        before_parts, after_parts = (parts([one[joint][k] for path, one in found.items() if path in raised]) for k in (0, 1))
+        print(f"{joint:9s} {before_parts}  ->  {after_parts}")
     write_card(card_name, table, len(runs), sum(len(poses) for poses, _ in runs))
 
 
