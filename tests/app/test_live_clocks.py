@@ -22,7 +22,7 @@ def truth(demo_session: Path) -> Truth:
 
 @pytest.fixture(scope="module")
 def views(truth: Truth) -> OracleViews:
-    """As the default network errs: 1.2 px anew in every frame, and 4 px that stay with each camera and keypoint; some keypoints are wild."""
+    """As the default network errs: 1.2 px anew in every frame, 4 px that stay with a camera and keypoint; and some wild ones."""
     return oracle_views(truth, OracleNoise(sigma_px=1.2, bias_px=4.0, outlier_share=0.03), seed=4)
 
 
@@ -86,7 +86,7 @@ def test_a_clock_that_is_set_is_followed(truth: Truth, views: OracleViews) -> No
 
 def test_paths_are_splines_and_their_slopes_are_slopes() -> None:
     times = np.random.default_rng(0).uniform(3.0, 5.0, 50)
-    place, slope, bend = _splines(times)
+    place, _, bend = _splines(times)
     np.testing.assert_allclose(place.sum(axis=1), 1, atol=1e-12)
     ends, step = np.array([3.0, 5.0]), 1e-6
     ahead, back = (_splines(np.concatenate([ends, times + sign * step]))[0][2:] for sign in (1, -1))

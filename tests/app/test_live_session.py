@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +18,20 @@ from posefuse.app.live.config import LiveConfig
 from posefuse.app.live.provenance import read_provenance
 from posefuse.app.live.replay import difference_m, replay, replayed
 from posefuse.app.terminal import Terminal
-from posefuse.core import InputError
+from posefuse.core import InputError, Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.metrics import true_xyz_at
 from posefuse.files.rig import read_rig, write_rig
 from posefuse.files.truth import read_truth
+from posefuse.wire import topics
 from posefuse.wire.bags import read_mcap, read_poses
-from posefuse.wire.messages import ns_from_time
+from posefuse.wire.messages import detections_from_message, ns_from_time, pose_from_message
 
 pytestmark = pytest.mark.realtime
 
 pytest.importorskip("mcap")
 PERIOD_NS = 10_000_000
+FRESH_NS = 70_000_000
 PATIENCE_S = 60.0
 
 
@@ -84,7 +87,7 @@ def killed(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
     os.kill(pids[0], signal.SIGKILL)
     live.wait_for(r"cam00: dead.*SIGKILL")
     live.wait_for(r"cam01: ok")
-    time.sleep(0.5)
+    time.sleep(1.5)
     live.process.send_signal(signal.SIGINT)
     return live.figures(), recording, pids
 
@@ -116,15 +119,29 @@ def test_poses_come_at_every_beat_and_are_near_the_truth_at_output_time(
     beats = np.diff([pose.t_ns for pose in poses])
     assert (beats % PERIOD_NS == 0).all()
     errors = []
-    for pose in poses:
+    for pose in well_informed(recording):
         t_ns = pose.t_ns - figures["zero_ns"]
         if len(pose.person_id) and 1e9 < t_ns < truth.t_ns[-1]:
             true = pick_keypoints(true_xyz_at(truth, np.array([t_ns]))[0, 0], truth.skeleton, PAPER14.keypoints)
             got = pick_keypoints(pose.xyz_world[0], pose.skeleton, PAPER14.keypoints)
             errors.append(np.nanmean(np.linalg.norm(got - true, axis=-1)))
     assert len(errors) > 50
-    # 18 to 31 mm, as the machine has time; a frame (33 ms) wrong in time would add 45 mm
-    assert np.median(errors) < 0.04
+    # a frame (33 ms) wrong in time would add 45 mm
+    assert np.median(errors) < 0.03
+
+
+def well_informed(recording: Path) -> Iterator[Pose3D]:
+    """Poses that came out when three cameras' views were not older than `FRESH_NS`: a busy machine gives up frames, and then a
+    pose is as far off as what nobody has seen yet."""
+    newest: dict[str, int] = {}
+    for entry in read_mcap(recording, {topics.DETECTIONS.name, topics.POSE.name}):
+        if entry.topic == topics.DETECTIONS.name:
+            view, _ = detections_from_message(entry.msg)
+            newest[view.camera] = view.t_ns
+            continue
+        pose, _ = pose_from_message(entry.msg)
+        if sum(pose.t_ns - t_ns <= FRESH_NS for t_ns in newest.values()) >= 3:
+            yield pose
 
 
 def test_joint_angles_are_recorded_with_every_pose(killed: tuple[dict, Path, list[int]]) -> None:
