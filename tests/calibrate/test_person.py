@@ -160,6 +160,22 @@ def rough(views: PersonViews, rig: Rig) -> Rig:
     return rough_rig(views, rig.cameras, KnownLength(stature_m=STATURE_M))
 
 
+def test_somebody_who_stays_in_one_place_is_refused_and_a_line_will_do(lab: Any) -> None:
+    views, length = watched(lab.rig), KnownLength(stature_m=STATURE_M)
+    t_s = views.t_ns / 1e9
+
+    def seen(xyz: np.ndarray) -> PersonViews:
+        noise = np.random.default_rng(4).normal(0, 1, views.xy_img.shape)
+        return replace(views, xy_img=np.stack([camera.project(xyz) for camera in lab.rig]) + noise)
+
+    with pytest.raises(RefusedCalibration, match=r"the person walks about: the hips spread over 0\.\d\d m"):
+        calibrate_from_person(seen(walker(t_s, lap_rad_s=0.0)), lab.rig.cameras, length)
+    ahead = walker(t_s, lap_rad_s=0.0) + np.array([0, 0.15, 0]) * (t_s[:, None, None] - 6)
+    rig = calibrate_from_person(seen(ahead), lab.rig.cameras, length).rig
+    assert rig.world_set_by == "up along the body, floor under the feet"
+    assert errors(lab.rig, rig, scaled=True)[0] < 40
+
+
 def test_the_world_does_not_matter(lab: Any) -> None:
     elsewhere = lab.rig.moved(SE3.from_rotvec([0.4, -0.3, 1.0], [2.0, 1.0, -0.5]))
     views = watched(lab.rig, seconds=4.0)

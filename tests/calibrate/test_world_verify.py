@@ -12,7 +12,7 @@ from posefuse.calibrate.sync import Track, estimate_clocks
 from posefuse.calibrate.synthetic import Faults, Waving, board, observe_prop
 from posefuse.calibrate.targets import Charuco, Markers
 from posefuse.calibrate.verify import check_stature, verify
-from posefuse.calibrate.world import FloorFromFeet, FloorTile, ThreePoints, UpFromCameras, triangulate
+from posefuse.calibrate.world import FloorFromFeet, FloorTile, FloorUnderBody, ThreePoints, UpFromCameras, triangulate
 from posefuse.core import SE3, CalibrationError, Rig
 
 TILE = Markers(0.4, ids=(40,))
@@ -69,6 +69,19 @@ def test_the_floor_is_found_under_feet_that_are_lifted_half_of_the_time() -> Non
     new_from_old = FloorFromFeet(tilt @ feet, tilt @ np.array([[0, 0, 1.6]])).new_from_old(Rig)
     up = (new_from_old @ tilt).matrix()[2]
     assert np.rad2deg(np.arccos(up[2])) < 0.5
+    assert abs((new_from_old @ (tilt @ np.zeros(3)))[2]) < 0.02
+
+
+def test_feet_on_one_line_stand_on_a_floor_below_the_body() -> None:
+    random = np.random.default_rng(1)
+    feet = np.column_stack([random.uniform(-2, 2, 600), random.normal(0, 0.02, 600), np.abs(random.normal(0, 0.1, 600))])
+    feet[::2, 2] = 0
+    head = np.column_stack([random.uniform(-2, 2, 300), np.zeros(300), np.full(300, 1.6)])
+    tilt = SE3.from_rotvec([0.5, 0.2, 0.0], [0.4, 0.1, 1.3])
+    with pytest.raises(CalibrationError, match="the feet stay on one line"):
+        FloorFromFeet(tilt @ feet, tilt @ head).new_from_old(Rig)
+    new_from_old = FloorUnderBody(tilt @ feet, tilt @ head).new_from_old(Rig)
+    assert np.rad2deg(np.arccos((new_from_old @ tilt).matrix()[2, 2])) < 6
     assert abs((new_from_old @ (tilt @ np.zeros(3)))[2]) < 0.02
 
 

@@ -21,16 +21,19 @@ from .person_views import PersonViews
 from .point_solve import PointFreedom, PointSolution, PointState, PointViews, solve_points
 from .report import CalibrationReport, Check
 from .rotations import Poses
-from .world import FloorFromFeet, triangulate
+from .world import FloorFromFeet, FloorUnderBody, triangulate
 
 _SUBJECT = "extrinsics from a person"
 _LEAST_SCORE = 0.35
 _MOST_POINTS = 4000
 _MOST_SIGMA_PX_PER_1000 = 12.0
 _LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
+# feet that spread less across their path than this do not tell where up is
+_PLANE_M, _LEAST_WALK_SHARE = 0.15, 0.04
 _HALVES_SHARE, _HALVES_RAD = 0.05, np.deg2rad(2.5)
 _FEET = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
 _HEADS = ("head", "nose", "neck")
+_HIPS = ("left_hip", "right_hip")
 
 _LEAST_TRUE_SIDED, _NEARLY_AS_WELL = 0.5, 1.5
 _LEFTWARDS = (("right_shoulder", "right_hip"), ("left_shoulder", "left_hip"))
@@ -99,12 +102,13 @@ def calibrate_from_person(
     solution, rows = _solve(views, cameras)
     rig, xyz = _scaled(views, cameras, solution, rows, length)
     distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
-    done += _checks(views.skeleton, cameras, solution, rows, rig, xyz)
+    feet, head = _feet_and_head(views.skeleton, xyz)
+    hips = xyz[:, views.skeleton.indices(_HIPS)].mean(axis=1)
+    done += [*_checks(views.skeleton, cameras, solution, rows, rig, xyz), _check_walk(hips, distance_m)]
     # halves take two more solves, which say nothing about a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
     done.append(_check_halves(views, cameras, distance_m, length))
-    feet, head = _feet_and_head(views.skeleton, xyz)
-    rule = FloorFromFeet(feet, head)
+    rule = FloorFromFeet(feet, head) if _spread_m(feet)[1] > _PLANE_M else FloorUnderBody(feet, head)
     new_from_old = rule.new_from_old(rig)
     residual = solution.residual_px[_inlier(solution)]
     rig = replace(rig.moved(new_from_old), world_set_by=rule.words, residual_px=float(np.sqrt((residual**2).sum(axis=1).mean())))
@@ -243,6 +247,16 @@ def _feet_and_head(skeleton: Skeleton, xyz: Array) -> tuple[Array, Array]:
     return of(_FEET), of(_HEADS)
 
 
+def _spread_m(points: Array) -> Array:
+    """(3,) standard deviations of points (N, 3) along their main directions, the widest first; strays left out."""
+    known = points[np.isfinite(points).all(axis=1)]
+    if len(known) == 0:
+        return np.zeros(3)
+    away = np.linalg.norm(known - np.median(known, axis=0), axis=1)
+    near = known[away <= 3 * np.median(away)]
+    return np.asarray(np.linalg.svd(near - near.mean(axis=0), compute_uv=False) / np.sqrt(len(near)))
+
+
 def _inlier(solution: PointSolution) -> Array:
     size = np.abs(solution.residual_px).max(axis=1)
     return np.asarray(size <= _INLIER_SIGMA * solution.sigma_px)
@@ -265,6 +279,15 @@ def _checks(
         checks.check_apart(cameras, Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]),
                                                        np.stack([c.cam_from_world.xyz for c in rig])))),
     ]  # fmt: skip
+
+
+def _check_walk(hips: Array, distance_m: float) -> Check:
+    spread_m, least_m = float(_spread_m(hips)[0]), _LEAST_WALK_SHARE * distance_m
+    return Check(
+        "the person walks about", spread_m >= least_m,
+        f"the hips spread over {spread_m:.2f} m about their middle (needed {least_m:.2f})",
+        "walk over the whole floor: somebody who stays in one place does not tell where the cameras are",
+    )  # fmt: skip
 
 
 def _check_mirror(skeleton: Skeleton, xyz: Array) -> Check:

@@ -19,6 +19,8 @@ from .targets import Target
 _LEAST_TRIANGLE_RAD = np.deg2rad(5)
 _FLOOR_CUT_M = 0.04
 _FLOOR_ROUNDS = 20
+# of the foot points of somebody who walks so many are on the floor
+_STANDING_SHARE = 0.25
 
 
 class WorldRule(Protocol):
@@ -113,6 +115,30 @@ class FloorFromFeet:
         return floor_from_feet(self.feet_m, self.head_m, self.keypoint_height_m)
 
 
+@dataclass(frozen=True, eq=False)
+class FloorUnderBody:
+    """For feet that stay on one line and so span no plane: up is the way from feet to heads, the floor is below the feet.
+
+    Attributes:
+        feet_m, head_m: as in `FloorFromFeet`.
+    """
+
+    feet_m: Array
+    head_m: Array
+    words: str = "up along the body, floor under the feet"
+    has_floor: bool = True
+
+    def new_from_old(self, rig: Rig) -> SE3:
+        """Raises CalibrationError when there are no feet or heads."""
+        feet, head = _feet_and_heads(self.feet_m, self.head_m)
+        middle = np.median(feet, axis=0)
+        up = np.median(head, axis=0) - middle
+        up /= np.linalg.norm(up)
+        lowest = np.quantile((feet - middle) @ up, _STANDING_SHARE)
+        along = np.linalg.svd(feet - middle, full_matrices=False)[2][0]
+        return _frame(middle + lowest * up, along, up)
+
+
 @dataclass(frozen=True)
 class UpFromCameras:
     """No floor known: up is the mean of the images' up directions, the origin is the first camera's place at height 0."""
@@ -144,10 +170,7 @@ def floor_from_feet(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0
 
     Feet in the air lie above the floor, so points far above the plane lose their weight and those below keep it.
     """
-    feet = feet_m[np.isfinite(feet_m).all(axis=-1)]
-    head = head_m[np.isfinite(head_m).all(axis=-1)]
-    if len(feet) < 10 or len(head) < 1:
-        raise CalibrationError(f"floor: expected at least 10 foot points and 1 head point, got {len(feet)} and {len(head)}")
+    feet, head = _feet_and_heads(feet_m, head_m)
     weight = np.ones(len(feet))
     for _ in range(_FLOOR_ROUNDS):
         middle = weight @ feet / weight.sum()
@@ -159,6 +182,14 @@ def floor_from_feet(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0
         raise CalibrationError("floor: the feet stay on one line; walk across the floor in both directions")
     new_from_old = _frame(middle, axes[0], up)
     return SE3(np.array([1.0, 0, 0, 0]), np.array([0, 0, keypoint_height_m])) @ new_from_old
+
+
+def _feet_and_heads(feet_m: Array, head_m: Array) -> tuple[Array, Array]:
+    """Those that are known; raises CalibrationError when there are too few."""
+    feet, head = (points[np.isfinite(points).all(axis=-1)] for points in (feet_m, head_m))
+    if len(feet) < 10 or len(head) < 1:
+        raise CalibrationError(f"floor: expected at least 10 foot points and 1 head point, got {len(feet)} and {len(head)}")
+    return feet, head
 
 
 def _frame(origin: Array, along: Array, up: Array) -> SE3:
