@@ -19,6 +19,7 @@ from rich.table import Table
 
 from posefuse.core import PoseSequence, Recording
 from posefuse.core.skeleton import pick_keypoints
+from posefuse.evaluate.biomechanics import BiomechanicsSettings, joints_of
 from posefuse.files.recording import read_recording
 from posefuse.files.trc import read_trc
 
@@ -64,6 +65,16 @@ def distances_mm(poses: PoseSequence, names: tuple[str, ...], xyz: np.ndarray) -
     return 1000 * np.linalg.norm(got - xyz[: len(got)], axis=-1)
 
 
+def row(poses: PoseSequence, recording: Recording, limbs: np.ndarray) -> dict:
+    """Figures of poses that were made of a recording's views."""
+    medians = np.nanmedian(distances_mm(poses, LIMBS, limbs), axis=0)
+    return {
+        "mean_of_medians_mm": float(medians.mean()),
+        "joints_mm": dict(zip(LIMBS, medians.tolist(), strict=True)),
+        "found_of_100": man_found(recording, limbs),
+    }
+
+
 def jumps(poses: PoseSequence, names: tuple[str, ...], xyz: np.ndarray) -> int:
     """Steps over 150 mm between frames where the reference makes none."""
     got = pick_keypoints(poses.xyz_world[: len(xyz), 0], poses.skeleton, names)
@@ -96,12 +107,11 @@ def main() -> None:
             "not smoothed, without joint centres": ("--raw", "--set", "joint_centres=false"),
         }.items():
             recording = tracked(args.data, out, *options)
-            medians = np.nanmedian(distances_mm(recording.poses, LIMBS, limbs), axis=0)
-            figures[name] = {
-                "mean_of_medians_mm": float(medians.mean()),
-                "joints_mm": dict(zip(LIMBS, medians.tolist(), strict=True)),
-                "found_of_100": man_found(recording, limbs),
-            }
+            figures[name] = row(recording.poses, recording, limbs)
+            if name == "default":
+                for fit in ("points", "rays"):
+                    poses, _ = joints_of(recording, BiomechanicsSettings(fit=fit))
+                    figures[f"default, whole-body fit to {fit}"] = row(poses, recording, limbs)
         for weights in ("score", "robust"):
             options = ("--input", "pose2d", "--set", f"rate_hz={RATE_HZ}", "--raw", "--weights", weights)
             poses = tracked(args.data, out, *options).poses

@@ -30,7 +30,7 @@ def write_summary(out: Path) -> Path:
         "Made by `posefuse experiment all`. Rendered people with exact truth, the real network in the loop; millimetres; mean "
         "over the paper's 14 joints unless said otherwise.",
         "The people and ways reported here are used in no fit. The noise model and the joint centres were fitted on bodies "
-        f"of random seeds 7000 to 7107 (`bench/fit_*.py`); the tables below are of the default body, and of seeds "
+        f"of random seeds 7000 to 7207 (`bench/fit_*.py`); the tables below are of the default body, and of seeds "
         f"{', '.join(map(str, CHECK_SEEDS))} as a check. "
         "What was tried, what stays and what does not: [ablation.md](ablation.md).",
         "*default* is what `posefuse track` does; *best networks* is the same with the largest 2D estimator, which is six times "

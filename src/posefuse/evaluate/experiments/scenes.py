@@ -1,6 +1,6 @@
 """The scenes of the paper's experiments, and other bodies and ways to check them with.
 
-Bodies, motions and seeds here are used in no fit: fits draw bodies of random seeds 7000 to 7107 (`bench/fit_*.py`).
+Bodies, motions and seeds here are used in no fit: fits draw bodies of random seeds 7000 to 7207 (`bench/fit_*.py`).
 """
 
 from __future__ import annotations
