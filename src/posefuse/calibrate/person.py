@@ -30,7 +30,7 @@ _MOST_SIGMA_PX_PER_1000 = 12.0
 _LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
 # feet that spread less across their path than this do not tell where up is
 _PLANE_M, _LEAST_WALK_SHARE = 0.15, 0.04
-_HALVES_SHARE, _HALVES_RAD = 0.05, np.deg2rad(2.5)
+_HALVES_SHARE, _HALVES_RAD = 0.03, np.deg2rad(1.5)
 _FEET = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
 _HEADS = ("head", "nose", "neck")
 _HIPS = ("left_hip", "right_hip")
