@@ -128,6 +128,10 @@ def soak(args: argparse.Namespace, recording: Path) -> tuple[Processes, dict, di
         if not begun.wait(_START_S):
             raise SystemExit(f"the session did not begin: {''.join(notes)}")
         watch(processes, live, args)
+        if live.poll() is not None:
+            listening.join()
+            lived_s = max(one.t_s for one in processes.samples)
+            raise SystemExit(f"the session ended by itself after {lived_s:.0f} s with {live.returncode}: {''.join(notes[-20:])}")
         stopping_s = time.monotonic()
         live.send_signal(signal.SIGINT)
         out = live.stdout.read()
