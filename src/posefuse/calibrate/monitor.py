@@ -1,8 +1,9 @@
 """Watch a rig while it is used: a bumped camera, a swapped cable or a lost synchronisation shows in its residuals.
 
 A pure function of an explicit state: `observe` takes what fusion has just used and returns the next state and what it
-found. It keeps per camera a short and a long memory (exponential) of how far the camera's pixels lie from the
-reprojection of what the *other* cameras say, and of how that distance follows the motion.
+found. A 2D network errs by many px, but differently from keypoint to keypoint, so single residuals tell little. What all
+keypoints of a camera share over some seconds tells: a shift is a camera that looks elsewhere, a lag behind the motion is
+its clock.
 """
 
 from __future__ import annotations
@@ -16,16 +17,18 @@ from posefuse.core.arrays import Array
 
 from .world import meeting_points, triangulate
 
-_MEMORY_S = 1.5
-_SURE_AFTER_S = 2.0
+_MEMORY_S = 2.0
+_SURE_AFTER_S = 1.5
 _WARM_UP_S = 5.0
 _LEAST_POINTS = 60
-_BUMPED_RATIO, _BUMPED_PX_PER_1000 = 2.0, 4.0
-_LATE_S, _LATE_SHARE = 0.012, 0.5
-_SWAP_GAIN = 0.5
+# rendered people and the default network stay well below this with nothing wrong
+_SHIFTED_PX_PER_1000, _LATE_S, _WILD_SHARE = 5.0, 0.03, 0.5
+# one wild keypoint must not speak for the camera; a fast one may for its clock
+_MOST_PX_PER_1000, _MOST_LATE_PX_PER_1000 = 15.0, 60.0
 _LEAST_SPEED_PX_S = 40.0
-# before a camera's usual residual is known; farther off than any image is wide; and faster than any image is crossed
-_UNKNOWN_PX, _FARTHEST_PX, _FASTEST_PX_S = 1e3, 1e5, 1e6
+_SWAP_GAIN, _SUSPECT_SHARE = 0.5, 0.5
+# faster than any image is crossed
+_FASTEST_PX_S = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +37,9 @@ class MonitorState:
 
     Attributes:
         t_ns: of the newest observation; None before the first. started_ns: of the first.
-        points, square: (C,) decaying count and sum of squared residuals, px.
-        late, speed: (C,) decaying sums of residual times velocity, and of squared velocity.
-        rest: (C,) decaying mean square of how well the others agree without this camera; NaN where that cannot be known.
-        usual_px: (C,) long memory of the rms; NaN before it is known.
+        points: (C,) count of residuals. shift: (C, 2) their sum, px, long ones cut short. wild: (C,) how many were.
+        late, speed: (C,) sums of residual against velocity, and of squared velocity.
+        rest: (C,) mean of how well the others agree without this camera, px; NaN where that cannot be known.
         wrong_since_ns: when residuals began to be too large; None while they are not.
         told: a finding was reported and still goes on.
     """
@@ -45,11 +47,11 @@ class MonitorState:
     t_ns: int | None
     started_ns: int | None
     points: Array
-    square: Array
+    shift: Array
+    wild: Array
     late: Array
     speed: Array
     rest: Array
-    usual_px: Array
     last_xy: Array | None = None
     last_t_ns: int = 0
     wrong_since_ns: int | None = None
@@ -74,8 +76,7 @@ class Finding:
 def start(rig: Rig) -> MonitorState:
     """Nothing seen yet."""
     zero = np.zeros(len(rig))
-    unknown = np.full(len(rig), np.nan)
-    return MonitorState(None, None, zero, zero, zero, zero, unknown, unknown)
+    return MonitorState(None, None, zero, np.zeros((len(rig), 2)), zero, zero, zero, np.full(len(rig), np.nan))
 
 
 def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
@@ -83,24 +84,24 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
     passed_s = 0.0 if state.t_ns is None else max((t_ns - state.t_ns) / 1e9, 0.0)
     keep = float(np.exp(-passed_s / _MEMORY_S))
     residual, rest_px = leave_one_out(rig, xy_img)
+    size = _sizes_px(rig)[:, None] / 1000
+    short, longer = (_no_longer_than(residual, most * size) for most in (_MOST_PX_PER_1000, _MOST_LATE_PX_PER_1000))
     velocity = _no_longer_than(_velocity(state, t_ns, xy_img), np.array(_FASTEST_PX_S))
-    # one wild keypoint must not speak for the camera
-    cap_px = np.nan_to_num(state.usual_px, nan=_UNKNOWN_PX) * 10 + 30
-    residual = _no_longer_than(residual, cap_px[:, None])
-    good = np.isfinite(residual).all(axis=-1)
-    square = np.where(good, (residual**2).sum(axis=-1), 0.0)
+    good = np.isfinite(short).all(axis=-1)
+    wild = good & (np.hypot(short[..., 0], short[..., 1]) > 0.99 * _MOST_PX_PER_1000 * size)
     moving = good & np.isfinite(velocity).all(axis=-1)
-    late = np.where(moving, -(residual * np.nan_to_num(velocity)).sum(axis=-1), 0.0)
-    speed = np.where(moving, (np.nan_to_num(velocity) ** 2).sum(axis=-1), 0.0)
+    late = np.where(moving, (longer * velocity).sum(axis=-1), 0.0)
+    speed = np.where(moving, (velocity**2).sum(axis=-1), 0.0)
     new = replace(
         state,
         t_ns=t_ns,
         started_ns=t_ns if state.started_ns is None else state.started_ns,
         points=keep * state.points + good.sum(axis=1),
-        square=keep * state.square + square.sum(axis=1),
+        shift=keep * state.shift + np.where(good[..., None], short, 0.0).sum(axis=1),
+        wild=keep * state.wild + wild.sum(axis=1),
         late=keep * state.late + late.sum(axis=1),
         speed=keep * state.speed + speed.sum(axis=1),
-        rest=_decayed(state.rest, rest_px**2, keep),
+        rest=_decayed(state.rest, rest_px, keep),
         last_xy=np.array(xy_img, np.float64),
         last_t_ns=t_ns,
     )
@@ -112,7 +113,7 @@ def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
 
     Returns:
         (C, P, 2) reprojection of the points of all others, minus what the camera saw; NaN with fewer than 2 others.
-        (C,) rms px to which the others agree among themselves when this camera is left out; NaN with fewer than 3 of them.
+        (C,) median px to which the others agree among themselves when this camera is left out; NaN with fewer than 3 of them.
     """
     out, rest_px = np.full(xy_img.shape, np.nan), np.full(len(rig), np.nan)
     norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
@@ -121,9 +122,9 @@ def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
         points = meeting_points(rig, np.where(mine[:, None, None], np.nan, norm))
         apart = rig.project(points) - xy_img
         out[c] = apart[c]
-        off = (_no_longer_than(apart[~mine], np.array(_FARTHEST_PX)) ** 2).sum(axis=-1)
+        off = np.hypot(*np.moveaxis(apart[~mine], -1, 0))
         if np.isfinite(off).sum() > 2 * np.isfinite(points[:, 0]).sum():
-            rest_px[c] = np.sqrt(np.nanmean(off))
+            rest_px[c] = np.nanmedian(off)
     return out, rest_px
 
 
@@ -145,30 +146,30 @@ def _velocity(state: MonitorState, t_ns: int, xy_img: Array) -> Array:
     return np.asarray((xy_img - state.last_xy) / ((t_ns - state.last_t_ns) / 1e9))
 
 
+def _sizes_px(rig: Rig) -> Array:
+    """(C,) longer side of every image."""
+    return np.array([max(camera.size_wh) for camera in rig], np.float64)
+
+
 def _judge(state: MonitorState, rig: Rig, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
     assert state.t_ns is not None and state.started_ns is not None
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rms = np.sqrt(np.where(state.points >= _LEAST_POINTS, state.square / state.points, np.nan))
-        late_s = np.where(state.speed > _LEAST_POINTS * _LEAST_SPEED_PX_S**2, state.late / state.speed, 0.0)
-    if (state.t_ns - state.started_ns) / 1e9 < _WARM_UP_S:
-        return replace(state, usual_px=np.fmin(state.usual_px, rms)), []
-    floor = np.array([_BUMPED_PX_PER_1000 * max(camera.size_wh) / 1000 for camera in rig])
-    usual = np.where(np.isfinite(state.usual_px), state.usual_px, floor)
-    over = np.nan_to_num(rms / np.maximum(usual, floor / _BUMPED_RATIO) / _BUMPED_RATIO)
-    if over.max(initial=0.0) <= 1:
+    many, moving = state.points >= _LEAST_POINTS, state.speed > _LEAST_POINTS * _LEAST_SPEED_PX_S**2
+    shift_px = np.linalg.norm(state.shift, axis=1) / np.maximum(state.points, 1) * many
+    late_s = np.where(moving, state.late / np.where(moving, state.speed, 1.0), 0.0)
+    wild = state.wild / np.maximum(state.points, 1) * many
+    shifted = shift_px / (_SHIFTED_PX_PER_1000 * _sizes_px(rig) / 1000)
+    over = np.max([shifted, np.abs(late_s) / _LATE_S, wild / _WILD_SHARE], axis=0)
+    if (state.t_ns - state.started_ns) / 1e9 < _WARM_UP_S or over.max(initial=0.0) <= 1:
         return replace(state, told=False, wrong_since_ns=None), []
     if state.wrong_since_ns is None:
         return replace(state, wrong_since_ns=state.t_ns), []
     # the memory must be filled by what is wrong before the kind of it can be told
     if state.told or (state.t_ns - state.wrong_since_ns) / 1e9 < _SURE_AFTER_S:
         return state, []
-    with np.errstate(divide="ignore", invalid="ignore"):
-        explained = np.nan_to_num(late_s * state.late / state.square)
-    found = _finding(state, rig, xy_img, rms, usual, over, np.where(explained > _LATE_SHARE, late_s, 0.0))
-    return replace(state, told=True), [found]
+    return replace(state, told=True), [_finding(state, rig, xy_img, shift_px, late_s, over)]
 
 
-def _finding(state: MonitorState, rig: Rig, xy_img: Array, rms: Array, usual: Array, over: Array, late_s: Array) -> Finding:
+def _finding(state: MonitorState, rig: Rig, xy_img: Array, shift_px: Array, late_s: Array, over: Array) -> Finding:
     """The one cause that explains most.
 
     A bad camera also spoils the residuals of the others; it is the one without which the others agree best.
@@ -178,17 +179,16 @@ def _finding(state: MonitorState, rig: Rig, xy_img: Array, rms: Array, usual: Ar
     if swapped is not None:
         a, b = (rig.names[i] for i in swapped)
         return Finding("swapped", (a, b), t_ns, f"the images of {a} and {b} fit when they are exchanged: a swapped cable")
-    worst = int(np.nanargmin(state.rest)) if np.isfinite(state.rest).any() else int(np.argmax(over))
+    rest = np.where(over > _SUSPECT_SHARE * over.max(), state.rest, np.nan)
+    worst = int(np.nanargmin(rest)) if np.isfinite(rest).any() else int(np.argmax(over))
     name = rig.names[worst]
-    # what follows the motion is a clock, what stays is a pose
-    if abs(late_s[worst]) > _LATE_S:
-        return Finding("out of step", (name,), t_ns, f"{name} runs {late_s[worst] * 1e3:+.0f} ms late against the others")
-    return Finding(
-        "bumped",
-        (name,),
-        t_ns,
-        f"{name} is {rms[worst]:.1f} px off what the others say, usually {usual[worst]:.1f} px: it was moved",
-    )
+    # what follows the motion is a clock, what stays is a pose: whichever takes more out of the squares
+    if late_s[worst] ** 2 * state.speed[worst] > shift_px[worst] ** 2 * state.points[worst]:
+        return Finding(
+            "out of step", (name,), t_ns, f"{name} is out of step: its images lag by about {late_s[worst] * 1e3:+.0f} ms"
+        )
+    detail = f"{name} sees everything {shift_px[worst]:.0f} px or more beside where the others do: it was moved since it was calibrated"
+    return Finding("bumped", (name,), t_ns, detail)
 
 
 def _swap(rig: Rig, xy_img: Array) -> tuple[int, int] | None:

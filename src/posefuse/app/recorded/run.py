@@ -20,6 +20,7 @@ from posefuse.track import JointCentres, read_joint_centres
 from .clock import StageClock
 from .following import Seen, follow
 from .instants import ImageInstants, Timeline, common_timeline
+from .rig_watch import rig_findings
 from .second_pass import ViewSequence, poses_over_time, views_over_time
 from .warm_up import warm_up
 
@@ -66,6 +67,9 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         views = views_over_time(seen)
         centres = _joint_centres(instants.joint_centres_file, config)
         poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth, centres)
+    with clock.stage("watch"):
+        for finding in rig_findings(views, rig):
+            warn(f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}")
     provenance = {
         "posefuse": __version__,
         "rig_id": rig.id,
