@@ -187,8 +187,8 @@ def _finding(state: MonitorState, rig: Rig, xy_img: Array, shift_px: Array, late
         return Finding(
             "out of step", (name,), t_ns, f"{name} is out of step: its images lag by about {late_s[worst] * 1e3:+.0f} ms"
         )
-    detail = f"{name} sees everything {shift_px[worst]:.0f} px or more beside where the others do: it was moved since it was calibrated"
-    return Finding("bumped", (name,), t_ns, detail)
+    beside = f"{name} sees everything {shift_px[worst]:.0f} px or more beside where the others do"
+    return Finding("bumped", (name,), t_ns, f"{beside}: it was moved since it was calibrated")
 
 
 def _swap(rig: Rig, xy_img: Array) -> tuple[int, int] | None:
