@@ -1,11 +1,11 @@
 """The live pipeline on this machine, as a user runs it: latencies, beat, frames used, and the error at output time.
 
-    python bench/live.py [--repeat 3] [--seconds 8] [--session examples/demo]
+    python bench/live.py [--only WORD ...] [--repeat 3] [--seconds 9] [--session examples/demo]
 
 A simulated session is played at the pace of the clock. Medians over the runs; tables on stderr, one JSON object on stdout.
-Scenarios: four cameras; eight (each film given twice, as two cameras at one place); both also with the small network; the paper's
-``latest`` tracker. *every frame* is what a machine that never gives up a frame would say after the same delay: 2D poses of all
-frames, made beforehand, through the same tracker.
+Scenarios: four cameras; eight (each film given twice, as two cameras at one place); both also with the small network; the
+paper's ``latest`` tracker; the network's landmarks as they are, not moved to joint centres. *every frame* is what a machine that
+never gives up a frame would say after the same delay: 2D poses of all frames, made beforehand, through the same tracker.
 """
 
 import argparse
@@ -131,6 +131,7 @@ def flat(figures: dict) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", nargs="*", default=[], help="scenarios whose name holds one of these words")
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=9.0)
     parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
@@ -141,13 +142,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         doubled = Path(scratch) / "rig.toml"
         twin_sources = twins(session, doubled)
-        rows = [
-            scenario("4 cameras", rig, [f"sim:{session}"], args),
-            scenario("4, small network", rig, [f"sim:{session}"], args, *small),
-            scenario("4, latest", rig, [f"sim:{session}"], args, "--set", "track.tracker=latest"),
-            scenario("8 cameras", doubled, twin_sources, args),
-            scenario("8, small network", doubled, twin_sources, args, *small),
-        ]
+        scenarios = {
+            "4 cameras": (rig, [f"sim:{session}"]),
+            "4, small network": (rig, [f"sim:{session}"], *small),
+            "4, latest": (rig, [f"sim:{session}"], "--set", "track.tracker=latest"),
+            "4, as the network marks": (rig, [f"sim:{session}"], "--set", "joint_centres=false"),
+            "8 cameras": (doubled, twin_sources),
+            "8, small network": (doubled, twin_sources, *small),
+        }
+        chosen = [name for name in scenarios if not args.only or any(word in name for word in args.only)]
+        rows = [scenario(name, *scenarios[name][:2], args, *scenarios[name][2:]) for name in chosen]
     table = Table(*rows[0])
     for row in rows:
         table.add_row(*(value if isinstance(value, str) else f"{value:.2f}" for value in row.values()))

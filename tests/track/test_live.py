@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from posefuse.core import Kind, ShapeError
+from posefuse.core import ConfigError, Kind, ShapeError
 from posefuse.core.skeleton import BODY_25, COCO17
 from posefuse.track.live import TRACKERS, LiveSettings
 
@@ -126,6 +126,29 @@ def test_covariance_is_honest_about_errors_that_last(world, motion):
             error = pose.xyz_world[0] - w.place(pose.t_ns / 1e9)
             nees += list(np.einsum("ki,kij,kj->k", error, np.linalg.inv(pose.cov_world[0]), error))
     assert 1.5 < np.mean(nees) < 4.5
+
+
+def test_who_moved_lately_is_expected_to_move_again(world):
+    """Both stand still now; what may begin before the next view tells of itself is as strong as what there was lately."""
+    stand = world(motion="stand").place(0)
+
+    def shaken(t_s):
+        return stand + np.array([0.12, 0.0, 0.0]) * np.sin(2 * np.pi * 1.5 * min(t_s, 2.0))
+
+    wide = {}
+    for name, motion in (("moved", shaken), ("stood", lambda t_s: stand)):
+        w = world(motion=motion)
+        tracker, _ = run(w, w.views(2.6), 2.6, late_s=0.0)
+        now, ahead = (tracker.at(t_ns).cov_world[0] for t_ns in (2_600_000_000, 2_700_000_000))
+        wide[name] = [np.sqrt(np.trace(cov, axis1=-2, axis2=-1).mean()) for cov in (now, ahead)]
+    assert wide["moved"][0] < 1.2 * wide["stood"][0]
+    assert wide["moved"][1] > 1.2 * wide["stood"][1]
+
+
+def test_the_body_has_as_many_motion_models_as_its_keypoints(world):
+    one = LiveSettings().body_models[:1]
+    with pytest.raises(ConfigError, match=r"track.body_models: expected 4, as many as track.motion_models, got 1"):
+        world().tracker(body_models=one)
 
 
 def test_one_camera_alone_helps_and_is_unsure_along_its_rays(world):

@@ -29,20 +29,21 @@ _BONE_MEMORY = 600.0  # views over which a bone's length is averaged
 _BONE_SURE_M = 0.05  # only ends known as well as this teach lengths
 _BONE_LEARNT = 30.0  # views before a bone holds
 _START_M, _START_M_S = 0.35, 2.0  # of a keypoint seen for the first time, about its neighbour
-# a keypoint that so many views in a row put elsewhere is elsewhere: as much is added to what is uncertain about it
-_REFUSED_MOST, _DOUBT_M, _DOUBT_M_S = 4.0, 0.1, 2.0
+_REFUSED_MOST = 4.0  # a keypoint that so many views in a row put elsewhere is elsewhere
+_DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
 # of the changes of a keypoint's model, the share that goes to the more agile one
 _AGILER = 0.5
 # no keypoint is further from the middle of the body, or faster against it
 _REACH_M, _FASTEST_M_S = 1.7, 20.0
 _OUT_OF_SIGHT_M = 0.5  # along a ray nobody else crosses
+_LIVELY_S = 2.0  # over which what somebody does tells what they may begin to do
 _BODY_BORN_M = 0.05  # the newborn body's middle
 
 
 @kernel()
 def state_size(k, m, c, b):
     """Length of a state of k keypoints, m models, c cameras, b bones."""
-    return (k + 1) * m * 91 + 6 * k * c + k + GROUPS + 2 * b + 1
+    return (k + 1) * (m * 91 + 1) + 6 * k * c + k + GROUPS + 2 * b + 1
 
 
 @kernel()
@@ -50,9 +51,9 @@ def parts(state, k, m, c, b):
     """Views into a state.
 
     x (K + 1, M, 9), its covariance (K + 1, M, 9, 9), the share (K + 1, M) of each model: the body as a whole in the last row,
-    the keypoints against it in the others; per camera (K, C): when it last measured, the
-    squared px residual, 1/variance; its lasting error (K, C, 3): x, y on the ideal image plane, variance in squared sigmas;
-    views refused in a row (K,); share of exchanged views (GROUPS,); bones (B, 2): mean length, views; the time (1,).
+    the keypoints against it in the others; variance (K + 1,) of their accelerations lately; per camera (K, C): when it last
+    measured, the squared px residual, 1/variance; its lasting error (K, C, 3): x, y on the ideal image plane, variance in squared
+    sigmas; views refused in a row (K,); share of exchanged views (GROUPS,); bones (B, 2): mean length, views; the time (1,).
     """
     rows = k + 1
     at = rows * m * 9
@@ -61,6 +62,8 @@ def parts(state, k, m, c, b):
     at += rows * m * 81
     share = state[at : at + rows * m].reshape(rows, m)
     at += rows * m
+    lively = state[at : at + rows]
+    at += rows
     seen = state[at : at + k * c].reshape(k, c)
     at += k * c
     square = state[at : at + k * c].reshape(k, c)
@@ -74,13 +77,13 @@ def parts(state, k, m, c, b):
     flips = state[at : at + GROUPS]
     at += GROUPS
     bones = state[at : at + 2 * b].reshape(b, 2)
-    return x, cov, share, seen, square, precision, lasting, refused, flips, bones, state[at + 2 * b :]
+    return x, cov, share, lively, seen, square, precision, lasting, refused, flips, bones, state[at + 2 * b :]
 
 
 @kernel()
-def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, acceleration):
+def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, models):
     """Fill a state at time 0: positions (K, 3) with covariance (K, 3, 3), NaN where not known yet."""
-    x, cov, share, seen, _, _, _, _, _, _, time = parts(state, k, m, c, b)
+    x, cov, share, _, seen, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     state[:] = 0.0
     seen[:] = _NEVER
     time[0] = 0.0
@@ -103,7 +106,7 @@ def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, acceleration):
                     for d in range(3):
                         cov[i, j, a, d] = xyz_cov[i, a, d] if known else 0.0
                 cov[i, j, 3 + a, 3 + a] = velocity_m_s * velocity_m_s
-                cov[i, j, 6 + a, 6 + a] = acceleration[j] * acceleration[j]
+                cov[i, j, 6 + a, 6 + a] = models[1 if i == k else 0, j, 0] ** 2
 
 
 @kernel()
@@ -587,6 +590,17 @@ def _learn_bones(bones, ends, means, spreads):
 
 
 @kernel()
+def _learn_liveliness(lively, share, models, dt):
+    """How strongly the body, and each keypoint against it, accelerates over some seconds: calm for now is not calm for good."""
+    memory = 1.0 - math.exp(-dt / _LIVELY_S)
+    for i in range(len(lively)):
+        now = 0.0
+        for j in range(share.shape[1]):
+            now += share[i, j] * models[1 if i == len(lively) - 1 else 0, j, 0] ** 2
+        lively[i] += memory * (now - lively[i])
+
+
+@kernel()
 def step(
     before, after, t, c, z, white, late, px_scale, cameras, mirror, group, neighbours, ends, sizes, models, rules, figures
 ):  # fmt: skip
@@ -595,37 +609,66 @@ def step(
     Args:
         c: camera. z (K, 2) ideal points, NaN where unseen; white (K, 2, 2); late (K,) how much after t a row was exposed.
         px_scale: (K,) pixels per sigma. cameras: (C, 15). mirror, group: (K,). neighbours: (K, n), -1 for none.
-        ends: (B, 2). sizes: (K, M, C, B). models: (M, 2) acceleration and how long it lasts.
+        ends: (B, 2). sizes: (K, M, C, B). models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
         rules: outlier, gate, switch_s, lost_after_s, lasting_share, lasting_s. figures: (FIGURES,) filled.
     """
     k, m, count, b = sizes
     after[:] = before
-    x, cov, share, seen, square, precision, lasting, refused, flips, bones, time = parts(after, k, m, count, b)
+    x, cov, share, lively, seen, square, precision, lasting, refused, flips, bones, time = parts(after, k, m, count, b)
     dt = t - time[0]
     time[0] = t
     figures[:] = 0.0
-    stay = math.exp(-dt / rules[2])
-    f, q = np.empty((m, 3, 3)), np.empty((m, 3, 3))
-    for j in range(m):
-        _singer(dt, models[j, 0], models[j, 1], f[j], q[j])
-    mixed_x, mixed_cov, mixed_share = np.empty((m, 9)), np.empty((m, 9, 9)), np.empty(m)
-    _start_missing(x, cov, seen, z, t, rules[3], neighbours, models[:, 0])
+    _start_missing(x, cov, seen, z, t, rules[3], neighbours, models[0, :, 0])
     means, spreads = np.full((k + 1, 3), np.nan), np.empty((k + 1, 3, 3))
-    for i in range(k + 1):
-        if not math.isfinite(x[i, 0, 0]):
-            continue
-        if dt > 0.0:
-            _mix(x[i], cov[i], share[i], stay, mixed_x, mixed_cov, mixed_share)
-            for j in range(m):
-                _forward(mixed_x[j], mixed_cov[j], f[j], q[j])
-            x[i], cov[i], share[i] = mixed_x, mixed_cov, mixed_share
-        _combined(x[i], cov[i], share[i], means[i], spreads[i])
+    _carried_on(x, cov, share, dt, rules[2], models, means, spreads)
     exchanged = np.zeros(GROUPS)
     wheres, wide = means[:k] + means[k], spreads[:k] + spreads[k]
     _flipped_groups(cameras[c], z, white, late, x, wheres, wide, mirror, group, exchanged)
     _move_body(
         cameras[c], c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
     )  # fmt: skip
+    _work_in(
+        cameras[c], c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, lasting, refused,
+        mirror, group, exchanged, rules, figures,
+    )  # fmt: skip
+    for g in range(GROUPS):
+        figures[3] += exchanged[g]
+        flips[g] += _FLIP_MEMORY * (exchanged[g] - flips[g])
+        if flips[g] > _FLIP_STATE:
+            _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g)
+            flips[g] = 0.0
+    _let_go_of_strays(x[:k], share, means[:k])
+    _learn_bones(bones, ends, means, spreads)
+    _learn_liveliness(lively, share, models, dt)
+    _centre_body(x, share)
+
+
+@kernel()
+def _carried_on(x, cov, share, dt, switch_s, models, means, spreads):
+    """Everybody `dt` later, in place, models mixed; fills places (K + 1, 3) and their covariances (K + 1, 3, 3)."""
+    k, m = len(x) - 1, x.shape[1]
+    stay = math.exp(-dt / switch_s)
+    f, q = _all_models(dt, models)
+    mixed_x, mixed_cov, mixed_share = np.empty((m, 9)), np.empty((m, 9, 9)), np.empty(m)
+    for i in range(k + 1):
+        if not math.isfinite(x[i, 0, 0]):
+            continue
+        if dt > 0.0:
+            _mix(x[i], cov[i], share[i], stay, mixed_x, mixed_cov, mixed_share)
+            whose = 1 if i == k else 0
+            for j in range(m):
+                _forward(mixed_x[j], mixed_cov[j], f[whose, j], q[whose, j])
+            x[i], cov[i], share[i] = mixed_x, mixed_cov, mixed_share
+        _combined(x[i], cov[i], share[i], means[i], spreads[i])
+
+
+@kernel()
+def _work_in(
+    camera, c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, lasting, refused, mirror,
+    group, exchanged, rules, figures,
+):  # fmt: skip
+    """Every keypoint's ray into the keypoint itself, once the body has moved; fills figures but for the exchanged limbs."""
+    k, m = len(z), x.shape[1]
     body = np.zeros(3)
     for a in range(3):
         for j in range(m):
@@ -642,7 +685,7 @@ def step(
                 drift += share[i, j] * x[i, j, 3 + a]
             before_m[a] = means[i, a]
             point[a] = means[k, a] + means[i, a] + late[o] * drift
-        if not _ray(cameras[c], point, h, slope):
+        if not _ray(camera, point, h, slope):
             continue
         _whitened(white[o], slope, z[o], h, rows, error)
         keep = math.exp(-(t - seen[i, c]) / rules[5])
@@ -675,19 +718,10 @@ def step(
         _combined(x[i], cov[i], share[i], means[i], spreads[i])
         for a in range(3):
             point[a] += means[i, a] - before_m[a]
-        if _ray(cameras[c], point, h, slope):
+        if _ray(camera, point, h, slope):
             _whitened(white[o], slope, z[o], h, rows, error)
             square[i, c] = (error[0] ** 2 + error[1] ** 2) * px_scale[o] ** 2
         precision[i, c] = 0.5 * (white[o, 0, 0] ** 2 + white[o, 0, 1] ** 2 + white[o, 1, 0] ** 2 + white[o, 1, 1] ** 2)
-    for g in range(GROUPS):
-        figures[3] += exchanged[g]
-        flips[g] += _FLIP_MEMORY * (exchanged[g] - flips[g])
-        if flips[g] > _FLIP_STATE:
-            _exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g)
-            flips[g] = 0.0
-    _let_go_of_strays(x[:k], share, means[:k])
-    _learn_bones(bones, ends, means, spreads)
-    _centre_body(x, share)
 
 
 @kernel()
@@ -695,14 +729,14 @@ def where(state, t, sizes, models, means, sigmas):
     """Positions (K, 3) expected at time t and how sure (K,), standard deviation; NaN where not tracked."""
     k, m, c, b = sizes
     spread = np.empty((3, 3))
-    x, cov, share, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
+    x, cov, share, _, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     f, q = _all_models(t - time[0], models)
     body, common = np.empty(3), np.empty((3, 3))
-    _position(x[k], cov[k], share[k], f, q, body, common)
+    _position(x[k], cov[k], share[k], f[1], q[1], body, common)
     for i in range(k):
         means[i], sigmas[i] = np.nan, np.nan
         if math.isfinite(x[i, 0, 0]):
-            _position(x[i], cov[i], share[i], f, q, means[i], spread)
+            _position(x[i], cov[i], share[i], f[0], q[0], means[i], spread)
             means[i] += body
             spread += common
             sigmas[i] = math.sqrt((spread[0, 0] + spread[1, 1] + spread[2, 2]) / 3.0)
@@ -710,10 +744,12 @@ def where(state, t, sizes, models, means, sigmas):
 
 @kernel()
 def _all_models(dt, models):
-    m = len(models)
-    f, q = np.empty((m, 3, 3)), np.empty((m, 3, 3))
-    for j in range(m):
-        _singer(max(dt, 0.0), models[j, 0], models[j, 1], f[j], q[j])
+    """f, q (2, M, 3, 3) of `_singer`: of keypoints, and of the body."""
+    m = models.shape[1]
+    f, q = np.empty((2, m, 3, 3)), np.empty((2, m, 3, 3))
+    for whose in range(2):
+        for j in range(m):
+            _singer(max(dt, 0.0), models[whose, j, 0], models[whose, j, 1], f[whose, j], q[whose, j])
     return f, q
 
 
@@ -823,17 +859,17 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
     rules: measured_s, lost_after_s, lasting_share, bone_sigma_m, kinds FUSED and PREDICTED.
     """
     k, m, count, b = sizes
-    x, p, share, seen, square, precision, _, _, _, bones, time = parts(state, k, m, count, b)
+    x, p, share, lively, seen, square, precision, _, _, _, bones, time = parts(state, k, m, count, b)
     dt = t - time[0]
     f, q = _all_models(dt, models)
     information, body, common = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
-    _position(x[k], p[k], share[k], f, q, body, common)
+    _position(x[k], p[k], share[k], f[1], q[1], body, common)
     for i in range(k):
         xyz[i], cov[i], reproj[i], n_views[i], kind[i] = np.nan, np.nan, np.nan, 0, 0
         newest = seen[i].max()
         if not math.isfinite(x[i, 0, 0]) or t - max(newest, 0.0) > rules[1]:
             continue
-        _position(x[i], p[i], share[i], f, q, xyz[i], cov[i])
+        _position(x[i], p[i], share[i], f[0], q[0], xyz[i], cov[i])
         xyz[i] += body
         cov[i] += common
         _add_lasting(rules[2], xyz[i], seen[i], precision[i], newest - rules[0], cameras, information, cov[i])
@@ -846,6 +882,11 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
         if n_views[i] > 0:
             reproj[i] = math.sqrt(total / n_views[i])
     _hold_bones(xyz, cov, bones, ends, rules[3])
+    # since the newest view an acceleration may have begun, as strong as there were lately
+    unseen = (0.5 * max(dt, 0.0) ** 2) ** 2
+    for i in range(k):
+        for a in range(3):
+            cov[i, a, a] += unseen * (lively[i] + lively[k])
 
 
 @kernel()

@@ -8,16 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from posefuse.core import Kind, Pose3D, Rig, Skeleton
+from posefuse.core import ConfigError, Kind, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from .settings import LiveSettings
 
 _ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
-# share of the lasting errors' covariance that the filter's own does not hold already: typical NEES of 3 on average of idling,
-# walking, hopping and squatting, with seeds and paces that bench/live_tracking.py does not report
-_UNFILTERED = 0.7
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
 
@@ -29,6 +26,11 @@ class Model:
     rig: Rig
     skeleton: Skeleton
     settings: LiveSettings
+
+    def __post_init__(self) -> None:
+        own, body = len(self.settings.motion_models), len(self.settings.body_models)
+        if own != body:
+            raise ConfigError(f"track.body_models: expected {own}, as many as track.motion_models, got {body}")
 
     @cached_property
     def sizes(self) -> tuple[int, int, int, int]:
@@ -44,8 +46,9 @@ class Model:
 
     @cached_property
     def models(self) -> Array:
-        """(M, 2): acceleration, and how long it lasts."""
-        return np.array([[one.acceleration_m_s2, one.persistence_s] for one in self.settings.motion_models])
+        """(2, M, 2): acceleration, and how long it lasts; of keypoints, and of the body."""
+        banks = (self.settings.motion_models, self.settings.body_models)
+        return np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks])
 
     @cached_property
     def mirror(self) -> Array:
@@ -88,7 +91,7 @@ class Model:
         """As `kernels.pose` wants them."""
         s = self.settings
         kinds = [float(Kind.FUSED), float(Kind.PREDICTED)]
-        return np.array([s.measured_s, s.lost_after_s, _UNFILTERED * s.lasting_share, s.bone_sigma_m, *kinds])
+        return np.array([s.measured_s, s.lost_after_s, s.unfiltered_share * s.lasting_share, s.bone_sigma_m, *kinds])
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +126,7 @@ class Person:
         self.measured_ns = t_ns
         self._model, self._birth_ns = model, t_ns
         state = np.empty(kernels.state_size(*model.sizes))
-        kernels.born(state, *model.sizes, xyz, cov, _BORN_M_S, model.models[:, 0].copy())
+        kernels.born(state, *model.sizes, xyz, cov, _BORN_M_S, model.models)
         self._moments = [_Moment(t_ns, -1, None, state)]
         self._figures = np.empty(kernels.FIGURES)
 

@@ -16,10 +16,10 @@ TRACKERS: tuple[TrackerName, ...] = ("asynchronous", "latest")
 
 @settings
 class MotionModelSettings:
-    """One way a keypoint may move: accelerations of this standard deviation, each of which fades within this time."""
+    """One way to move: accelerations of this standard deviation, each of which fades within this time."""
 
     acceleration_m_s2: Annotated[float, Gt(0)]
-    persistence_s: Annotated[float, Gt(0)] = 0.15
+    persistence_s: Annotated[float, Gt(0)]
 
 
 @settings
@@ -37,11 +37,11 @@ class LiveSettings:
         ahead_s: a view from further in the future than this has a wrong clock and is not used.
         camera_rate_max_hz: of one camera's views closer in time than this only the first is used.
         detections_max: people looked at in one view, the surest first.
-        motion_models: run side by side for every keypoint and for the body as a whole, from calm to agile; the views tell how
-            much of each it is.
+        motion_models: run side by side for every keypoint against the body, from calm to agile; the views tell how much of
+            each it is. body_models: as many, for the body as a whole. They and switch_s are fitted by `bench/fit_tracker.py`.
         switch_s: how long a keypoint stays in one of them.
         lasting_share: share of a view's stated variance that lasts from frame to frame, and lasting_s: for how long; see
-            `track.lasting`.
+            `track.lasting`. unfiltered_share: of what lasting errors do to a pose, what the filter does not state already.
         outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
         tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
         min_share: share of a detection's keypoints that must do so.
@@ -59,13 +59,20 @@ class LiveSettings:
     camera_rate_max_hz: Annotated[float, Gt(0), Le(1000)] = 250.0
     detections_max: Annotated[int, Ge(1)] = 16
     motion_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
-        MotionModelSettings(acceleration_m_s2=0.2),
-        MotionModelSettings(acceleration_m_s2=2.0),
-        MotionModelSettings(acceleration_m_s2=8.0),
-        MotionModelSettings(acceleration_m_s2=30.0),
+        MotionModelSettings(acceleration_m_s2=0.13, persistence_s=0.1),
+        MotionModelSettings(acceleration_m_s2=0.71, persistence_s=0.1),
+        MotionModelSettings(acceleration_m_s2=3.8, persistence_s=0.1),
+        MotionModelSettings(acceleration_m_s2=20.0, persistence_s=0.1),
     )
-    switch_s: Annotated[float, Gt(0)] = 0.3
+    body_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
+        MotionModelSettings(acceleration_m_s2=0.3, persistence_s=0.34),
+        MotionModelSettings(acceleration_m_s2=0.93, persistence_s=0.34),
+        MotionModelSettings(acceleration_m_s2=2.9, persistence_s=0.34),
+        MotionModelSettings(acceleration_m_s2=8.9, persistence_s=0.34),
+    )
+    switch_s: Annotated[float, Gt(0)] = 0.2
     lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
+    unfiltered_share: Annotated[float, Ge(0), Le(1)] = 0.67
     lasting_s: Annotated[float, Gt(0)] = LASTING_S
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
