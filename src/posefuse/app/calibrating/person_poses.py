@@ -17,7 +17,7 @@ from posefuse.app.detectors import build_detector
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.following import follow
 from posefuse.app.recorded.instants import ImageInstants, Timeline, common_timeline
-from posefuse.app.recorded.second_pass import views_over_time
+from posefuse.app.recorded.second_pass import poses_over_time, views_over_time
 from posefuse.app.session import Input, fitted_camera
 from posefuse.app.terminal import Terminal
 from posefuse.associate import AssociateSettings
@@ -28,6 +28,7 @@ from posefuse.core.arrays import Array
 from posefuse.detect import region_from_keypoints
 from posefuse.fuse import FuseSettings
 from posefuse.sources import FramesAhead, VideoConfig, frame_sets
+from posefuse.track import SmoothSettings, sides_like
 
 # frames between two searches of whole images for somebody who is lost
 _SEARCH_EVERY = 5
@@ -130,7 +131,10 @@ def poses_together(
     finally:
         instants.close()
     views = views_over_time(seen)
-    by_camera = [np.moveaxis(values[:, 0], 1, 0) for values in (views.xy_img, views.score, views.sigma_px)]
+    # a view that takes left for right for a while is wrong in all its limbs at once
+    steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())
+    named = sides_like(steadied, rig, views.xy_img, views.score, views.sigma_px)
+    by_camera = [np.moveaxis(values[:, 0], 1, 0) for values in named]
     return PersonViews(rig.names, views.skeleton, views.t_ns, *by_camera)
 
 
