@@ -13,24 +13,13 @@ import numpy as np
 
 from posefuse.files.compiled import kernel
 
+from .matrix_kernels import inverse3
+
 # standard deviations the filter starts with, far beyond any human motion: m, m/s, m/s^2
 START_SIGMA = (1.0, 60.0, 2000.0)
 
 # in units of its time scale: where the smoother's weight has fallen to less than a hundredth
 _REACH = 9.0
-
-
-@kernel()
-def inverse3(a, out):
-    """out = inverse of a symmetric positive 3x3 matrix."""
-    m00, m01 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2], a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
-    m02 = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]
-    det = a[0, 0] * m00 + a[0, 1] * m01 + a[0, 2] * m02
-    out[0, 0], out[0, 1], out[0, 2] = m00 / det, m01 / det, m02 / det
-    out[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[0, 2]) / det
-    out[1, 2] = (a[0, 1] * a[0, 2] - a[0, 0] * a[1, 2]) / det
-    out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[0, 1]) / det
-    out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
 
 
 @kernel()
