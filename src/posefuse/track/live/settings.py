@@ -38,7 +38,8 @@ class LiveSettings:
         camera_rate_max_hz: of one camera's views closer in time than this only the first is used.
         detections_max: people looked at in one view, the surest first.
         motion_models: run side by side for every keypoint against the body, from calm to agile; the views tell how much of
-            each it is. body_models: as many, for the body as a whole. They and switch_s are fitted by `bench/fit_tracker.py`.
+            each it is. body_models: as many, for the body as a whole. They, switch_s and unfiltered_share are fitted by
+            `bench/fit_tracker.py`.
         switch_s: how long a keypoint stays in one of them.
         lasting_share: share of a view's stated variance that lasts from frame to frame, and lasting_s: for how long; see
             `track.lasting`. unfiltered_share: of what lasting errors do to a pose, what the filter does not state already.
@@ -59,10 +60,10 @@ class LiveSettings:
     camera_rate_max_hz: Annotated[float, Gt(0), Le(1000)] = 250.0
     detections_max: Annotated[int, Ge(1)] = 16
     motion_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
-        MotionModelSettings(acceleration_m_s2=0.13, persistence_s=0.1),
-        MotionModelSettings(acceleration_m_s2=0.71, persistence_s=0.1),
-        MotionModelSettings(acceleration_m_s2=3.8, persistence_s=0.1),
-        MotionModelSettings(acceleration_m_s2=20.0, persistence_s=0.1),
+        MotionModelSettings(acceleration_m_s2=0.13, persistence_s=0.15),
+        MotionModelSettings(acceleration_m_s2=0.81, persistence_s=0.15),
+        MotionModelSettings(acceleration_m_s2=4.9, persistence_s=0.15),
+        MotionModelSettings(acceleration_m_s2=30.0, persistence_s=0.15),
     )
     body_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
         MotionModelSettings(acceleration_m_s2=0.3, persistence_s=0.34),
@@ -70,9 +71,9 @@ class LiveSettings:
         MotionModelSettings(acceleration_m_s2=2.9, persistence_s=0.34),
         MotionModelSettings(acceleration_m_s2=8.9, persistence_s=0.34),
     )
-    switch_s: Annotated[float, Gt(0)] = 0.2
+    switch_s: Annotated[float, Gt(0)] = 0.3
     lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
-    unfiltered_share: Annotated[float, Ge(0), Le(1)] = 0.67
+    unfiltered_share: Annotated[float, Ge(0), Le(1)] = 0.45
     lasting_s: Annotated[float, Gt(0)] = LASTING_S
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
