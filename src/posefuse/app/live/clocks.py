@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 
 import numpy as np
@@ -23,6 +23,7 @@ from .processes import ended, spawned
 _S = 1e9
 _NICENESS = 10
 _WAIT_S = 0.2
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 # what moves most tells most about time; the rest of the skeleton would only cost
 _TELLING = tuple(
     f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
@@ -36,7 +37,8 @@ class ClockOffsets:
         self._names = rig.names
         self._offset_s = dict.fromkeys(rig.names, float("nan"))
         self._channel, theirs = Channel.pair()
-        self._process = spawned(run_clocks, rig, theirs, name="posefuse clocks")
+        with _one_thread():
+            self._process = spawned(run_clocks, rig, theirs, name="posefuse clocks")
         theirs.close_own()
 
     def __enter__(self) -> ClockOffsets:
@@ -61,6 +63,19 @@ class ClockOffsets:
                 self._offset_s = found
         offset_s = self._offset_s[view.camera]
         return view.t_ns if np.isnan(offset_s) else view.t_ns - round(offset_s * _S)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Processes started meanwhile compute in one thread: waiting for each other, several would only take from the cameras."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            os.environ.update({name: value} if value is not None else {})
 
 
 @cache
