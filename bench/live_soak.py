@@ -131,7 +131,7 @@ def soak(args: argparse.Namespace, recording: Path) -> tuple[Processes, dict, di
         if live.poll() is not None:
             listening.join()
             lived_s = max(one.t_s for one in processes.samples)
-            raise SystemExit(f"the session ended by itself after {lived_s:.0f} s with {live.returncode}: {''.join(notes[-20:])}")
+            raise SystemExit(f"the session ended by itself after {lived_s:.0f} s with {live.returncode}: {''.join(notes[-80:])}")
         stopping_s = time.monotonic()
         live.send_signal(signal.SIGINT)
         out = live.stdout.read()

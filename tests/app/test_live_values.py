@@ -20,6 +20,7 @@ from posefuse.app.live.inputs import inputs_from_arguments
 from posefuse.app.live.latency import Histogram, Latencies, Way
 from posefuse.app.live.messages import CameraState, Seen
 from posefuse.app.live.monitor import Monitor
+from posefuse.app.live.processes import ended
 from posefuse.app.live.report import write_report
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.sources.live.stream import StampClock
@@ -357,3 +358,26 @@ def test_times_of_streams_only_go_forward() -> None:
     clock = StampClock(0)
     times = [clock.placed(stamp, arrived) for stamp, arrived in ((100, 1000), (50, 1010), (None, 1005), (None, 900))]
     assert all(later > earlier for earlier, later in itertools.pairwise(times))
+
+
+class SlowToDie:
+    """A killed process that the system has not come round to ending."""
+
+    killed = False
+
+    def join(self, timeout_s: float) -> None: ...
+
+    def is_alive(self) -> bool:
+        return True
+
+    def kill(self) -> None:
+        self.killed = True
+
+    def close(self) -> None:
+        raise ValueError("Cannot close a process while it is still running.")
+
+
+def test_a_process_that_a_busy_machine_has_not_ended_yet_is_no_error() -> None:
+    process = SlowToDie()
+    ended(process, 0.0)
+    assert process.killed

@@ -28,6 +28,7 @@ _FIRST_RETRY_S = 0.2
 _LONGEST_RETRY_S = 10.0
 _AT_ONCE = 32
 _LEAVE_S = 0.8
+_KILLED_S = 1.0
 
 
 def spawned(target: Callable[..., None], *args: Any, name: str) -> Any:
@@ -50,8 +51,10 @@ def ended(process: Any, wait_s: float) -> None:
     process.join(wait_s)
     if process.is_alive():
         process.kill()
-        process.join(1.0)
-    process.close()
+        process.join(_KILLED_S)
+    # on a machine with no time to spare a killed process may be there a while
+    if not process.is_alive():
+        process.close()
 
 
 @dataclass
@@ -175,6 +178,11 @@ class Groups:
         return ours, process
 
     def _restart(self, member: _Member) -> None:
+        if member.process.is_alive():
+            # waiting here would stop the beat
+            member.process.kill()
+            member.again_at_s = time.monotonic() + member.retry_s
+            return
         member.channel.close()
         member.process.close()
         member.channel, member.process = self._start(member.plan)
