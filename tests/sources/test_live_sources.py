@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -83,11 +84,25 @@ def ordinary_user() -> Iterator[None]:
     os.seteuid(0)
 
 
+def let_others_in(folder: Path) -> None:
+    for one in (folder, *folder.parents):
+        if not one.stat().st_mode & 0o001:
+            one.chmod(0o711)
+
+
+def test_a_device_in_a_folder_that_may_not_be_entered_is_one_line(tmp_path, request) -> None:
+    (tmp_path / "video0").touch()
+    let_others_in(tmp_path)
+    tmp_path.chmod(0o700)
+    request.getfixturevalue("ordinary_user")
+    with pytest.raises(SourceError, match="camera cam: no permission"):
+        StreamConfig(str(tmp_path / "video0"), "cam").build()
+
+
 def test_a_device_that_may_not_be_read_says_whose_group_to_join(tmp_path, request) -> None:
     device = tmp_path / "video0"
     device.touch(mode=0o000)
-    for folder in (tmp_path, *list(tmp_path.parents)[:2]):
-        folder.chmod(0o711)
+    let_others_in(tmp_path)
     # asked before: another user may not import what it takes to find out
     group = device.group()
     request.getfixturevalue("ordinary_user")

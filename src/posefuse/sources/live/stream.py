@@ -133,7 +133,7 @@ class StampClock:
 def _connected(config: StreamConfig) -> Any:
     where = f"{config.where}: camera {config.camera}"
     device = "://" not in config.where
-    if device and not Path(config.where).exists():
+    if device and _missing(config.where):
         there = choices(sorted(str(path) for path in Path("/dev").glob("video*")))
         raise SourceError(f"{where}: no such device; there are: {there}")
     size, _, rate = config.size.partition("@")
@@ -157,6 +157,14 @@ def _connected(config: StreamConfig) -> Any:
         raise SourceError(f"{where}: carries no video")
     container.streams.video[0].thread_type = "SLICE"
     return container
+
+
+def _missing(where: str) -> bool:
+    try:
+        return not Path(where).exists()
+    except PermissionError:
+        # in a folder that may not be entered; opening it says so
+        return False
 
 
 def _group(device: str) -> str:
