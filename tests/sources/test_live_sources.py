@@ -91,12 +91,15 @@ def let_others_in(folder: Path) -> None:
 
 
 def test_a_device_in_a_folder_that_may_not_be_entered_is_one_line(tmp_path, request) -> None:
-    (tmp_path / "video0").touch()
+    device = tmp_path / "video0"
+    device.touch()
+    # what the refusal needs is imported before: another user may not
+    device.group()
     let_others_in(tmp_path)
     tmp_path.chmod(0o700)
     request.getfixturevalue("ordinary_user")
     with pytest.raises(SourceError, match="camera cam: no permission"):
-        StreamConfig(str(tmp_path / "video0"), "cam").build()
+        StreamConfig(str(device), "cam").build()
 
 
 def test_a_device_that_may_not_be_read_says_whose_group_to_join(tmp_path, request) -> None:
