@@ -86,7 +86,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=Path("../shared/data/pose2sim_single"))
     args = parser.parse_args()
-    console = Console(stderr=True, highlight=False)
+    console = Console(stderr=True, highlight=False, width=170)
     if not (args.data / REFERENCE).is_file():
         console.print(f"real footage: skipped, there is no {args.data / REFERENCE}", markup=False)
         print(json.dumps({"skipped": f"no {REFERENCE}"}))
