@@ -20,7 +20,7 @@ from posefuse.app.live.inputs import inputs_from_arguments
 from posefuse.app.live.latency import Histogram, Latencies, Way
 from posefuse.app.live.messages import CameraState, Seen
 from posefuse.app.live.monitor import Monitor
-from posefuse.app.live.processes import ended
+from posefuse.app.live.processes import Groups, _Member, ended
 from posefuse.app.live.report import write_report
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.sources.live.stream import StampClock
@@ -381,3 +381,13 @@ def test_a_process_that_a_busy_machine_has_not_ended_yet_is_no_error() -> None:
     process = SlowToDie()
     ended(process, 0.0)
     assert process.killed
+
+
+def test_a_hung_process_that_is_still_dying_is_started_again_later() -> None:
+    """Closing it at once raised, and took the whole session along."""
+    process = SlowToDie()
+    member = _Member(plan=None, channel=None, process=process)
+    Groups._restart(object.__new__(Groups), member)
+    assert process.killed
+    assert member.process is process
+    assert member.again_at_s > time.monotonic()
