@@ -67,7 +67,7 @@ class Processes:
             try:
                 self.samples.append(sample_of(pid, time.monotonic() - self._began_s))
                 self.roles.setdefault(pid, role_of(pid))
-            except (FileNotFoundError, ProcessLookupError, IndexError):
+            except (FileNotFoundError, ProcessLookupError, KeyError):  # it has ended, or is about to
                 continue
 
     def alive(self) -> list[int]:
