@@ -12,7 +12,6 @@ from typing import Any
 
 from posefuse import __version__
 from posefuse.app.config import TrackConfig, read_config
-from posefuse.app.detectors import build_detector, joint_centres_of
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import track_session
 from posefuse.app.recorded.second_pass import poses_over_time, views_of
@@ -103,8 +102,7 @@ def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | Non
     session = find_session(folder, config)
     with context.terminal.progress(f"tracking {name}") as advance:
         tracked = track_session(session, config, clock or StageClock(), advance, context.terminal.note, context.terminal.warn)
-    centres = joint_centres_of(build_detector(config.detector, tracked.recording.rig)) if config.joint_centres else None
-    return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), centres)
+    return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), tracked.joint_centres)
 
 
 def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErrors]:

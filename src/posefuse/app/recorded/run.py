@@ -36,12 +36,14 @@ class Tracked:
     Attributes:
         recording: the result. stage_s: wall-clock seconds per stage. interrupted: Ctrl-C ended it early.
         found: per camera, share of its instants in which the person was seen.
+        joint_centres: the table keypoints were moved by; None where they stay as the 2D estimator marks them.
     """
 
     recording: Recording
     stage_s: Mapping[str, float]
     interrupted: bool
     found: Mapping[str, float]
+    joint_centres: JointCentres | None
 
 
 def track_session(session: Session, config: TrackConfig, clock: StageClock, progress: Progress, note: Say, warn: Say) -> Tracked:
@@ -81,7 +83,7 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         "interrupted": interrupted,
     }
     recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px, provenance)
-    return Tracked(recording, clock.seconds, interrupted, _found(views))
+    return Tracked(recording, clock.seconds, interrupted, _found(views), centres)
 
 
 def _joint_centres(path: Path | None, config: TrackConfig) -> JointCentres | None:
