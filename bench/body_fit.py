@@ -21,7 +21,7 @@ from posefuse.evaluate.metrics import joint_errors
 from posefuse.files.recording import read_recording
 from posefuse.files.truth import read_truth
 from posefuse.kinematics.body import Body, bodies_from_poses, fit_poses, fit_views
-from posefuse.track.joint_centres import SEGMENTS, segment_lengths
+from posefuse.track.segments import SEGMENTS, segment_lengths
 
 # the last word of a node's offset -> the segment it is as long as; half of those that lie across the body
 ALONG = {"elbow": "upper_arm", "wrist": "forearm", "knee": "thigh", "ankle": "shank", "neck": "trunk"}

@@ -25,7 +25,8 @@ from posefuse.evaluate.metrics import true_xyz_at
 from posefuse.files.trc import TrcData, write_trc
 from posefuse.files.truth import read_truth
 from posefuse.track import to_joint_centres
-from posefuse.track.joint_centres import JOINTS, MOST_LONGER_M, SEGMENTS, SIDES, JointCentres, directions, segment_lengths
+from posefuse.track.joint_centres import JOINTS, MOST_LONGER_M, SIDES, JointCentres, directions
+from posefuse.track.segments import SEGMENTS, segment_lengths
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
 # the mesh says 12 mm down, real footage (bench/real_footage.py) says up; "sinking" is nothing when standing, and grows as the

@@ -12,12 +12,14 @@ from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detect import read_card
 from posefuse.track import (
     JointCentres,
+    at_joint_centres,
     from_joint_centres,
     read_joint_centres,
     to_joint_centres,
     views_at_joint_centres,
 )
 from posefuse.track.joint_centres import JOINTS, SIDES, directions
+from posefuse.track.segments import segment_lengths
 
 T, N, K = 4, 2, len(BLAZEPOSE33)
 LEG = ("hip", "knee", "ankle", "heel", "foot_index")
@@ -177,9 +179,21 @@ def test_offsets_grow_with_the_length_of_a_segment(thigh_m: float, expected_m: f
     np.testing.assert_allclose(
         (to_joint_centres(many, LONG_LEGS).xyz_world - many.xyz_world)[:, 0, knee] - expected, 0, atol=1e-12
     )
-    for poses in (few, many.at(0)):  # which do not tell lengths
-        move = (to_joint_centres(poses, LONG_LEGS).xyz_world - poses.xyz_world)[..., 0, knee, :]
-        np.testing.assert_allclose(move - [0, 0, -0.01], 0, atol=1e-12)
+    move = (to_joint_centres(few, LONG_LEGS).xyz_world - few.xyz_world)[:, 0, knee]  # which do not tell lengths
+    np.testing.assert_allclose(move - [0, 0, -0.01], 0, atol=1e-12)
+
+
+def test_one_pose_is_moved_as_a_recording_of_the_same_lengths() -> None:
+    """Lengths that are not known count as usual."""
+    many = over_time(np.stack([standing(), 1.1 * standing()]), 12)
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    usual = at_joint_centres(many, table, table.usual)
+    lengths = segment_lengths(usual.xyz_world, BLAZEPOSE33)
+    one = at_joint_centres(many.at(3), table, lengths)
+    np.testing.assert_array_equal(one.xyz_world, to_joint_centres(many, table).xyz_world[3])
+    assert np.nanmax(np.abs(one.xyz_world - usual.xyz_world[3])) > 0.001
+    unknown = at_joint_centres(many.at(3), table, np.full(lengths.shape, np.nan))
+    np.testing.assert_array_equal(unknown.xyz_world, usual.xyz_world[3])
 
 
 def test_each_person_has_lengths_of_their_own() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,29 +19,17 @@ import numpy as np
 from posefuse.core import ConfigError, Pose3D, PoseSequence, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.core.skeleton import pick_keypoints
 from posefuse.files.settings import read_settings, settings
 
 from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions
+from .segments import SEGMENTS, segment_lengths
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
-SEGMENTS = {
-    "upper_arm": ("{side}_shoulder", "{side}_elbow"),
-    "forearm": ("{side}_elbow", "{side}_wrist"),
-    "thigh": ("{side}_hip", "{side}_knee"),
-    "shank": ("{side}_knee", "{side}_ankle"),
-    "shoulders": ("left_shoulder", "right_shoulder"),
-    "hips": ("left_hip", "right_hip"),
-    "trunk": ("mid_hip", "neck"),
-}
 _DIRECTIONS = tuple((joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names)
 _FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])[:-1]
 # each round of the inverse leaves two fifths of the error or less: micrometres after these
 _INVERSE_ROUNDS = 12
-_SEQUENCE_NDIM = 4
-# fewer instants do not tell how long somebody's segments are
-_LEAST_INSTANTS = 10
 # people further from the average than those of the fit count as no further than this
 MOST_LONGER_M = 0.06
 
@@ -61,6 +49,22 @@ class JointCentres:
     offsets: dict[str, dict[str, float]]
     lengths: dict[str, float] = field(default_factory=dict)
     by_length: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+
+    @cached_property
+    def metres(self) -> Array:
+        """(D,) offset along each of the directions of `JOINT_DIRECTIONS` in a row."""
+        return np.array([self.offsets.get(joint, {}).get(name, 0.0) for joint, name in _DIRECTIONS])
+
+    @cached_property
+    def usual(self) -> Array:
+        """(S,) `lengths` in the order of `SEGMENTS`; NaN where not told."""
+        return np.array([self.lengths.get(segment, np.nan) for segment in SEGMENTS])
+
+    @cached_property
+    def slopes(self) -> Array:
+        """(D, S) `by_length` in these orders."""
+        told = [self.by_length.get(joint, {}).get(name, {}) for joint, name in _DIRECTIONS]
+        return np.array([[one.get(segment, 0.0) for segment in SEGMENTS] for one in told])
 
 
 def read_joint_centres(path: Path) -> JointCentres:
@@ -87,40 +91,42 @@ def _check_names(where: str, what: str, got: Iterable[str], known: Iterable[str]
             raise ConfigError(f"{where}: no {what} {name!r}; there are: {choices(known)}")
 
 
-def to_joint_centres(poses: Poses, table: JointCentres) -> Poses:
+def to_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
+    """A finished recording with its joints at their centres; how long somebody's segments are is told by all of it."""
+    return at_joint_centres(sequence, table, _lengths(sequence.xyz_world, sequence.skeleton, table))
+
+
+def at_joint_centres(poses: Poses, table: JointCentres, lengths: Array) -> Poses:
     """The poses with shoulders, elbows, wrists, hips, knees and ankles moved to their centres.
 
     A joint stays where it is at instants at which a direction it needs is unknown (a keypoint is missing, or two coincide).
-    Covariances stay: the offsets are constants. In a sequence they depend on each person's lengths over all of it, which one
-    pose does not tell.
+    Covariances stay: the offsets count as constants.
+
+    Args:
+        lengths: (N, S) metres of each person's `SEGMENTS` between joint centres, or (S,) of everybody's; NaN where not known,
+            which counts as usual (`JointCentres.usual`).
     """
-    return replace(poses, xyz_world=poses.xyz_world + _moves(poses.xyz_world, poses.skeleton, table))
+    return replace(poses, xyz_world=poses.xyz_world + _moves(poses.xyz_world, poses.skeleton, table, lengths))
 
 
 def from_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
     """What the 2D estimator marks, given joint centres: the inverse of `to_joint_centres`."""
     landmarks = sequence.xyz_world
     for _ in range(_INVERSE_ROUNDS):
-        landmarks = sequence.xyz_world - _moves(landmarks, sequence.skeleton, table)
+        lengths = _lengths(landmarks, sequence.skeleton, table)
+        landmarks = sequence.xyz_world - _moves(landmarks, sequence.skeleton, table, lengths)
     return replace(sequence, xyz_world=landmarks)
 
 
-def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres) -> Array:
+def _lengths(landmarks: Array, skeleton: Skeleton, table: JointCentres) -> Array:
+    """(N, S) of landmarks (T, N, K, 3), between the joint centres of usual people: what the slopes are fitted to."""
+    return segment_lengths(landmarks + _moves(landmarks, skeleton, table, table.usual), skeleton)
+
+
+def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres, lengths: Array) -> Array:
     """(..., K, 3) from landmarks (..., K, 3) to joint centres; nothing where a direction is unknown."""
-    known = body_directions(xyz, skeleton)
-    metres = np.array([table.offsets.get(joint, {}).get(name, 0.0) for joint, name in _DIRECTIONS])
-    moves = _moves_along(known, metres, skeleton)
-    if table.by_length and xyz.ndim == _SEQUENCE_NDIM:
-        slopes = np.array([_slopes(table, joint, name) for joint, name in _DIRECTIONS])
-        usual = np.array([table.lengths.get(segment, np.nan) for segment in SEGMENTS])
-        longer = np.nan_to_num(segment_lengths(xyz + moves, skeleton) - usual)
-        moves = _moves_along(known, metres + np.clip(longer, -MOST_LONGER_M, MOST_LONGER_M) @ slopes.T, skeleton)
-    return moves
-
-
-def _slopes(table: JointCentres, joint: str, direction: str) -> list[float]:
-    told = table.by_length.get(joint, {}).get(direction, {})
-    return [told.get(segment, 0.0) for segment in SEGMENTS]
+    longer = np.clip(np.nan_to_num(lengths - table.usual), -MOST_LONGER_M, MOST_LONGER_M)
+    return _moves_along(body_directions(xyz, skeleton), table.metres + longer @ table.slopes.T, skeleton)
 
 
 def _moves_along(known: Array, metres: Array, skeleton: Skeleton) -> Array:
@@ -131,23 +137,6 @@ def _moves_along(known: Array, metres: Array, skeleton: Skeleton) -> Array:
     moves = np.zeros((*known.shape[:-3], len(skeleton) + 1, 3))
     moves[..., _columns(skeleton), :] = np.where(np.isfinite(move), move, 0.0)
     return moves[..., :-1, :]
-
-
-def segment_lengths(xyz: Array, skeleton: Skeleton) -> Array:
-    """(N, S) metres of people's `SEGMENTS` from keypoints (T, N, K, 3): medians over time, of limbs over both sides.
-
-    NaN for a segment seen in fewer than ten instants.
-    """
-    out = np.full((xyz.shape[1], len(SEGMENTS)), np.nan)
-    for s, ends in enumerate(SEGMENTS.values()):
-        named = [[end.format(side=side) for end in ends] for side in (SIDES if "{side}" in ends[0] else SIDES[:1])]
-        spans = [np.diff(pick_keypoints(xyz, skeleton, pair), axis=-2)[..., 0, :] for pair in named]
-        metres = np.linalg.norm(np.concatenate(spans), axis=-1)
-        for n, person in enumerate(metres.T):
-            seen = person[np.isfinite(person)]
-            if len(seen) >= _LEAST_INSTANTS * len(spans):
-                out[n, s] = np.median(seen)
-    return out
 
 
 @cache

@@ -21,11 +21,9 @@ Stages = Mapping[str, int]
 DETECTIONS_TYPE = "posefuse_msgs/msg/Detections2D"
 POSE_TYPE = "posefuse_msgs/msg/Pose3D"
 JOINT_ANGLES_TYPE = "posefuse_msgs/msg/JointAngles"
-JOINT_CENTRES_TYPE = "posefuse_msgs/msg/JointCentres"
 
 MAX_PEOPLE = 64
 MAX_KEYPOINTS = 512
-MAX_OFFSET_M = 0.5
 _NS = 1_000_000_000
 _MIN_NS, _MAX_NS = -(2**31) * _NS, 2**31 * _NS - 1
 _UPPER = np.triu_indices(3)
@@ -151,36 +149,6 @@ def messages_from_joints(joints: Joints, world_frame: str, t_ns: int) -> list[An
         )
         for n, person in enumerate(joints.person_id)
     ]
-
-
-def message_from_joint_centres(
-    cameras: Sequence[str], made_by: str, offsets: Mapping[str, Mapping[str, float]], t_ns: int
-) -> Any:
-    """`posefuse_msgs/JointCentres` of joint -> direction -> metres, told at `t_ns`."""
-    entries = [(joint, direction, metres) for joint, along in offsets.items() for direction, metres in along.items()]
-    return message(
-        JOINT_CENTRES_TYPE,
-        header=header(t_ns, ""),
-        cameras=list(cameras),
-        made_by=made_by,
-        joint=[joint for joint, _, _ in entries],
-        direction=[direction for _, direction, _ in entries],
-        offset_m=np.array([metres for _, _, metres in entries], np.float64),
-    )
-
-
-def joint_centres_from_message(msg: Any) -> tuple[tuple[str, ...], str, dict[str, dict[str, float]]]:
-    """Cameras, made_by, offsets as given to `message_from_joint_centres`; raises MessageError for anything that does not fit."""
-    where = "JointCentres message"
-    metres = _shaped(msg.offset_m, (len(msg.joint),), where, "offset_m")
-    if len(msg.direction) != len(msg.joint) or not msg.cameras:
-        raise MessageError(f"{where}: expected cameras, and as many directions as joints")
-    if not (np.abs(metres) <= MAX_OFFSET_M).all():
-        raise MessageError(f"{where}: expected offsets of at most {MAX_OFFSET_M} m")
-    offsets: dict[str, dict[str, float]] = {}
-    for joint, direction, value in zip(msg.joint, msg.direction, metres.tolist(), strict=True):
-        offsets.setdefault(joint, {})[direction] = value
-    return tuple(msg.cameras), msg.made_by, offsets
 
 
 def _stage_list(stages: Stages) -> list[Any]:

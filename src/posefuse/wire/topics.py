@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from . import camera_messages, messages
+from . import camera_messages, joint_centre_messages, messages
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Several:
 # depth: on a topic without keys all cameras share one history at the reader
 DETECTIONS = Topic("/posefuse/detections", messages.DETECTIONS_TYPE, depth=64)
 # of the detections, each camera machine its own
-JOINT_CENTRES = Topic("/posefuse/joint_centres", messages.JOINT_CENTRES_TYPE, depth=1, latched=True)
+JOINT_CENTRES = Topic("/posefuse/joint_centres", joint_centre_messages.JOINT_CENTRES_TYPE, depth=1, latched=True)
 POSE = Topic("/posefuse/pose", messages.POSE_TYPE, depth=4)
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", depth=20)
 TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", depth=1, latched=True)

@@ -10,7 +10,8 @@ from posefuse.core import Rig, Skeleton
 from posefuse.wire import topics
 from posefuse.wire.dds import Network, RosNode
 from posefuse.wire.intake import Intake
-from posefuse.wire.messages import DETECTIONS_TYPE, JOINT_CENTRES_TYPE, detections_from_message
+from posefuse.wire.joint_centre_messages import JOINT_CENTRES_TYPE
+from posefuse.wire.messages import DETECTIONS_TYPE, detections_from_message
 
 from .centres import centres_from_message
 from .channel import Channel, ChannelClosed

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from posefuse.app.detectors import joint_centres_of
 from posefuse.core import Detections2D, Detector, Frame, Pose3D, Rig, Skeleton, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_pose
 from posefuse.sources import FramesAhead, frame_sets
+from posefuse.track import JointCentres
 
 Look = Callable[[Pose3D | None], list[Detections2D]]
 
@@ -84,9 +85,9 @@ class ImageInstants:
         return self._detector.skeleton
 
     @property
-    def joint_centres_file(self) -> Path | None:
-        """Where the 2D estimator says how joint centres lie beside its keypoints."""
-        return self._detector.joint_centres_file
+    def joint_centres(self) -> JointCentres | None:
+        """How joint centres lie beside the 2D estimator's keypoints, where it knows."""
+        return joint_centres_of(self._detector)
 
     def __iter__(self) -> Iterator[Instant]:
         line = self._timeline

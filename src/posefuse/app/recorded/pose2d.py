@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from pathlib import Path
 
 from posefuse.app.config import TrackConfig
 from posefuse.app.session import Input, Session
@@ -30,9 +29,8 @@ class Pose2DInstants:
         return self._folders[0].skeleton
 
     @property
-    def joint_centres_file(self) -> Path | None:
+    def joint_centres(self) -> None:
         """Files do not say how joint centres lie beside their keypoints."""
-        return None
 
     def __iter__(self) -> Iterator[Instant]:
         for i in range(self._timeline.count):

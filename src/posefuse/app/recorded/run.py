@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from posefuse.app.session import LEAST_CAMERAS, Input, Session, fitted_camera
 from posefuse.core import InputError, Recording, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.track import JointCentres, read_joint_centres
+from posefuse.track import JointCentres
 
 from .clock import StageClock
 from .following import Seen, follow
@@ -67,7 +66,7 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
     _check_somebody(seen, rig, warn)
     with clock.stage("smooth"):
         views = views_over_time(seen)
-        centres = _joint_centres(instants.joint_centres_file, config)
+        centres = instants.joint_centres if config.joint_centres else None
         poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth, centres)
     with clock.stage("watch"):
         for finding in rig_findings(views, rig):
@@ -84,10 +83,6 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
     }
     recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px, provenance)
     return Tracked(recording, clock.seconds, interrupted, _found(views), centres)
-
-
-def _joint_centres(path: Path | None, config: TrackConfig) -> JointCentres | None:
-    return read_joint_centres(path) if path and config.joint_centres else None
 
 
 def _follow(
