@@ -1,5 +1,7 @@
 """Angles put into a figure come out again; laws of frames and angles; stated rules where they are not defined."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -236,6 +238,35 @@ def test_nobody_and_all_missing_give_empty_and_nan(posed):
         *(getattr(sequence, f)[:, :0] for f in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")),
     )
     assert joints_from_poses(nobody).angle_rad.shape == (3, 0, len(JOINT_NAMES), 3)
+
+
+@pytest.mark.parametrize("far_m", [1e12, 1e16, 1e100, 1e200, np.inf])
+def test_points_out_of_all_measure_break_nothing(posed, far_m):
+    sequence = posed([BENT])
+    pose, rng = sequence.at(0), np.random.default_rng(0)
+    for k in (slice(None), *range(len(pose.skeleton))):
+        tracker = JointTracker(sequence.skeleton)
+        before = tracker.step(pose).angle_rad
+        xyz = np.array(pose.xyz_world)
+        xyz[:, k] += far_m * rng.normal(size=3)
+        tracker.step(replace(pose, xyz_world=xyz))
+        after = [tracker.step(replace(pose, t_ns=pose.t_ns + i * 10_000_000)) for i in range(20)][-1].angle_rad
+        assert np.isfinite(after[np.isfinite(before)]).all()
+
+
+def test_points_that_coincide_give_no_angles_and_no_error(posed):
+    sequence = posed([BENT])
+    pose, tracker = sequence.at(0), JointTracker(sequence.skeleton)
+    whole = np.isfinite(tracker.step(pose).angle_rad)
+    lost = set()
+    for one, other in sequence.skeleton.bone_indices:
+        xyz = np.array(pose.xyz_world)
+        xyz[:, one] = xyz[:, other]
+        told = tracker.step(replace(pose, xyz_world=xyz))
+        lost |= {
+            name for name, missing in zip(told.joints, (whole & np.isnan(told.angle_rad))[0, 0], strict=True) if missing.any()
+        }
+    assert {"left_knee", "right_elbow", "left_ankle"} <= lost
 
 
 def test_the_tracker_refuses_another_skeleton(posed):

@@ -24,6 +24,7 @@ ZXY, YXY, YXZ, YZX = 0, 1, 2, 3
 MEMORY_SIZE = 13
 # a plane: normal z, variance of its turn; variance of the plane seen now, and the part of that due to the points
 PLANE_SIZE = 6
+_ROUNDING = 1e-6
 UNKNOWN_VAR = 1.0  # rad^2 of a plane guessed from the parent's Z axis
 
 
@@ -289,6 +290,20 @@ def segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_se
             turn_var[s] = turn_var[u] * lower_frame(
                 points, pairs[s], bends[limb], rotation[u], by_first[u], by_second[u], rotation[s], by_first[s], by_second[s]
             )
+    for s in range(pairs.shape[0]):
+        # points that coincide, or are too far away to be told apart in floating point, span no frame
+        if not _is_rotation(rotation[s]):
+            rotation[s] = np.nan
+
+
+@kernel()
+def _is_rotation(r):
+    """Whether the columns of (3, 3) are unit vectors at right angles; not where one is NaN."""
+    for i in range(3):
+        for j in range(i, 3):
+            if not abs(_dot(r[:, i], r[:, j]) - (1.0 if i == j else 0.0)) < _ROUNDING:
+                return False
+    return True
 
 
 @kernel()
