@@ -11,10 +11,20 @@ from posefuse.core import ConfigError, Truth
 from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
 from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.drift import drift
-from posefuse.evaluate.experiments.inertial import SuitNoise, standing_point, suit_pelvis
+from posefuse.evaluate.experiments.inertial import SuitNoise, standing_point, suit_joints
 from posefuse.evaluate.experiments.page import Line, Page, bars, plot
 from posefuse.evaluate.experiments.scaling import STUDIES, Setup, _errors, measure, run_study
-from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, PATHS, path_scene, scene_name, static_scene, walking_scene
+from posefuse.evaluate.experiments.scenes import (
+    CHECK_SEEDS,
+    HALF_HIDDEN,
+    HIDDEN_JOINTS,
+    PATHS,
+    half_hidden_scene,
+    path_scene,
+    scene_name,
+    static_scene,
+    walking_scene,
+)
 from posefuse.simulate.exact import truth_of
 
 QUIET = SuitNoise(0, 0, 20, 0, 0, 0, 0)
@@ -42,7 +52,29 @@ def test_reported_scenes_share_no_body_with_any_fit() -> None:
     bodies = [person.body.random_seed for seed in (1, *CHECK_SEEDS) for scene in
               (static_scene(True, seed), walking_scene(seed)) for person in scene.people]  # fmt: skip
     assert all(body is None or not 7000 <= body <= 7207 for body in bodies)
+    assert half_hidden_scene("screen").people[0].body.random_seed is None
     assert len({scene_name("x", scene) for scene in (static_scene(True), static_scene(False), *map(path_scene, PATHS))}) == 5
+
+
+def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> np.ndarray:
+    return suit_joints(truth, noise, seed)[:, PAPER14.keypoints.index("mid_hip")]
+
+
+def test_screens_hide_the_left_half_from_the_two_cameras_before_it_alone() -> None:
+    pytest.importorskip("anny")
+    seen = {}
+    for case in HALF_HIDDEN:
+        truth = truth_of(half_hidden_scene(case, 2.0))
+        joints = truth.skeleton.indices(HIDDEN_JOINTS)
+        other = truth.skeleton.indices([joint.replace("left", "right") for joint in HIDDEN_JOINTS])
+        before = [camera.centre_world[0] > 0 for camera in truth.rig]
+        visible = np.array([view.visible[:, 0].mean(axis=0) for view in truth.views])
+        seen[case] = (visible[before][:, joints].max(), visible[before][:, other].mean(), visible[np.invert(before)])
+    assert seen["free"][0] > 0.9
+    for case in ("screen", "false_arm"):
+        assert seen[case][0] == 0
+        np.testing.assert_allclose(seen[case][1], seen["free"][1], atol=0.05)
+        np.testing.assert_array_equal(seen[case][2], seen["free"][2])
 
 
 def test_a_perfect_suit_stays_near_the_truth_and_noise_takes_it_away(walker: Truth) -> None:
@@ -53,14 +85,29 @@ def test_a_perfect_suit_stays_near_the_truth_and_noise_takes_it_away(walker: Tru
     assert quiet.end_m < 0.5 * noisy
 
 
+def test_a_perfect_suit_has_the_true_posture_and_a_noisy_one_errs_more_the_longer_the_chain(walker: Truth) -> None:
+    true = pick_keypoints(walker.xyz_world[:, 0], walker.skeleton, PAPER14.keypoints)
+    hip = PAPER14.keypoints.index("mid_hip")
+
+    def off(suit: np.ndarray) -> dict[str, float]:
+        apart = np.linalg.norm((suit - suit[:, [hip]]) - (true - true[:, [hip]]), axis=-1)
+        return dict(zip(PAPER14.keypoints, apart.mean(axis=0), strict=True))
+
+    assert max(off(suit_joints(walker, QUIET)).values()) < 1e-9
+    noisy = [off(suit_joints(walker, seed=s)) for s in range(8)]
+    mean = {joint: np.mean([one[joint] for one in noisy]) for joint in PAPER14.keypoints}
+    for chain in (("neck", "left_shoulder", "left_elbow", "left_wrist"), ("right_hip", "right_knee", "right_ankle")):
+        assert sorted(chain, key=mean.__getitem__) == list(chain)
+
+
 def test_the_suit_is_the_same_for_a_seed_and_differs_between_seeds(walker: Truth) -> None:
-    np.testing.assert_array_equal(suit_pelvis(walker, seed=3), suit_pelvis(walker, seed=3))
-    assert not np.allclose(suit_pelvis(walker, seed=3), suit_pelvis(walker, seed=4))
+    np.testing.assert_array_equal(suit_joints(walker, seed=3), suit_joints(walker, seed=3))
+    assert not np.allclose(suit_joints(walker, seed=3), suit_joints(walker, seed=4))
     with pytest.raises(ConfigError, match="left_ankle"):
         k = COCO17.indices(["nose", "left_hip"])
         views = tuple(replace(v, xy_img=v.xy_img[:, :, k], visible=v.visible[:, :, k]) for v in walker.views)
         few = replace(COCO17, keypoints=("nose", "left_hip"), bones=())
-        suit_pelvis(replace(walker, skeleton=few, xyz_world=walker.xyz_world[:, :, k], views=views, joints=None))
+        suit_joints(replace(walker, skeleton=few, xyz_world=walker.xyz_world[:, :, k], views=views, joints=None))
 
 
 def test_the_slowest_point_stands() -> None:

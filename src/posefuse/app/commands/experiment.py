@@ -12,7 +12,7 @@ from posefuse.app.terminal import Terminal
 from .options import add_networks
 
 SUMMARY = "run one of the paper's experiments: render, find, fuse, compare with the truth, write a page and its figures"
-NAMES = ("static", "walking", "latency", "drift", "scaling", "all")
+NAMES = ("static", "walking", "latency", "drift", "occlusion", "scaling", "all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,7 +17,7 @@ from posefuse.files.atomic import atomic_file
 from .runs import Context, about
 from .summary import write_summary
 
-EXPERIMENTS = ("static", "walking", "latency", "drift", "scaling")
+EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
 
 
 def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:

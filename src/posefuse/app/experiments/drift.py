@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.experiments.drift import drift
-from posefuse.evaluate.experiments.inertial import SENSORS, SuitNoise, suit_pelvis
+from posefuse.evaluate.experiments.inertial import SENSORS, SuitNoise, suit_joints
 from posefuse.evaluate.experiments.page import Line, Page, plot
 from posefuse.evaluate.experiments.scenes import PATHS, path_scene
 from posefuse.evaluate.metrics import true_xyz_at
@@ -20,6 +20,7 @@ from .runs import Context, Outcome, run_scene
 SUMMARY = "three paths: place of the pelvis over time, beside a simulated inertial suit"
 _QUICK_S, _FULL_S = 2.0, 40.0
 _SUIT_SEEDS = 20
+_PELVIS = PAPER14.keypoints.index("mid_hip")
 
 
 def run(context: Context) -> Outcome:
@@ -42,7 +43,7 @@ def run(context: Context) -> Outcome:
         true = pick_keypoints(true_xyz_at(truth, t_ns)[:, 0], truth.skeleton, ["mid_hip"])[:, 0]
         seen = pick_keypoints(poses.xyz_world[inside, 0], poses.skeleton, ["mid_hip"])[:, 0]
         exact = pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, ["mid_hip"])[:, 0]
-        suits = [suit_pelvis(truth, noise, seed) for seed in range(_SUIT_SEEDS)]
+        suits = [suit_joints(truth, noise, seed)[:, _PELVIS] for seed in range(_SUIT_SEEDS)]
         ends = [drift(suit, exact).end_m for suit in suits]
         suit = suits[int(np.argsort(ends)[len(ends) // 2])]
         vision = drift(seen, true)

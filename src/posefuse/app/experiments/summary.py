@@ -11,6 +11,8 @@ from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS
 from posefuse.files.atomic import atomic_file
 
+from .occlusion import TITLES as TITLES_HALF_HIDDEN
+from .occlusion import summary_rows
 from .runs import BEST_NETWORKS, BEST_S
 from .static import TITLES
 from .tables import joint_rows
@@ -40,6 +42,7 @@ def write_summary(out: Path) -> Path:
         ("static", _static),
         ("walking", _walking),
         ("drift", _drift),
+        ("occlusion", _occlusion),
         ("latency", _latency),
         ("scaling", _scaling),
     ):
@@ -112,6 +115,19 @@ def _drift(figures: Mapping[str, Any]) -> list[str]:
     ]  # fmt: skip
     columns = ["path", "walked m", "drift mm per m", "suit: drift mm per m", "off at the end mm", "suit: off at the end mm"]
     return ["## Drift on three paths, beside a simulated inertial suit", _table(columns, rows)]
+
+
+def _occlusion(figures: Mapping[str, Any]) -> list[str]:
+    nees = "; ".join(
+        f"{TITLES_HALF_HIDDEN[case].lower()}: " + ", ".join(f"{value:.1f} {part}" for part, value in one["nees"].items())
+        for case, one in figures.items()
+    )
+    return [
+        "## Half of the body hidden, beside a simulated inertial suit",
+        "Four cameras in the corners of a room, somebody waves with the left arm. Mean error over joints.",
+        _table(["", "joints", *figures["free"]["columns"]], summary_rows(dict(figures))),
+        f"Stated uncertainty of the default (typical NEES; 3 is right): {nees}.",
+    ]
 
 
 def _latency(figures: Mapping[str, Any]) -> list[str]:

@@ -20,13 +20,23 @@ import numpy as np
 from posefuse.core import ConfigError, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import PAPER14, pick_keypoints
 
-# pelvis, sternum, head, and per side: shoulder, upper arm, forearm, hand, thigh, shank, foot
+# pelvis, sternum, head, and per side: shoulder, upper arm, forearm, hand, thigh, shank, foot; no joint lies beyond head and hands
 SENSORS = 17
-_CHAIN = (("ankle", "knee"), ("knee", "hip"))
-_SOLES = ("heel", "big_toe")
 _SIDES = ("left", "right")
+_SOLES = tuple(f"{side}_{part}" for side in _SIDES for part in ("heel", "big_toe"))
+# segment -> joints it holds apart, outward from the pelvis
+_BONES = {
+    "pelvis": (("mid_hip", "left_hip"), ("mid_hip", "right_hip")),
+    **{f"{side}_thigh": ((f"{side}_hip", f"{side}_knee"),) for side in _SIDES},
+    **{f"{side}_shank": ((f"{side}_knee", f"{side}_ankle"),) for side in _SIDES},
+    **{f"{side}_foot": tuple((f"{side}_ankle", f"{side}_{part}") for part in ("heel", "big_toe")) for side in _SIDES},
+    "trunk": (("mid_hip", "neck"),),
+    **{f"{side}_collar": (("neck", f"{side}_shoulder"),) for side in _SIDES},
+    **{f"{side}_upper_arm": ((f"{side}_shoulder", f"{side}_elbow"),) for side in _SIDES},
+    **{f"{side}_forearm": ((f"{side}_elbow", f"{side}_wrist"),) for side in _SIDES},
+}
 
 
 @dataclass(frozen=True)
@@ -57,11 +67,11 @@ class _Body:
     suit_turn_rad: Array
 
 
-def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> Array:
-    """The middle of the hips (T, 3) as the suit tells it, in world metres; it begins where the truth does.
+def suit_joints(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> Array:
+    """The paper's 14 joints (T, 14, 3) as the suit tells them, in world metres; it begins where the truth does.
 
     Args:
-        truth: of one person, with heels, big toes, ankles, knees and hips.
+        truth: of one person, with the joints, heels and big toes.
         noise: of the sensors.
         seed: of everything drawn.
 
@@ -70,21 +80,25 @@ def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> 
     """
     noise = noise or SuitNoise()
     rng = np.random.default_rng(seed)
-    names = [f"{side}_{joint}" for side in _SIDES for joint in ("ankle", "knee", "hip", *_SOLES)]
-    missing = [name for name in names if name not in truth.skeleton.keypoints]
-    if missing:
-        raise ConfigError(f"inertial suit: the truth lacks {choices(missing)}; there are: {choices(truth.skeleton.keypoints)}")
+    points = _points(truth)
     t_s = (truth.t_ns - truth.t_ns[0]) / 1e9
-    points = {name: pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, [name])[:, 0] for name in names}
     suit_turn = np.deg2rad(rng.normal(0, noise.bias_deg_per_h)) / 3600 * t_s
     across = points["left_hip"] - points["right_hip"]
     body = _Body(t_s, np.arctan2(-across[:, 0], across[:, 1]), suit_turn)
-    pelvis_from: dict[str, Array] = {}
-    for side in _SIDES:
-        leg, foot = _leg(points, side, body, noise, rng), _sensor(body, noise, rng)
-        for part in _SOLES:
-            pelvis_from[f"{side}_{part}"] = leg + _erring(points[f"{side}_ankle"] - points[f"{side}_{part}"], *foot)
-    return _stepped(points, pelvis_from, noise, rng)
+    from_pelvis = _chained(points, body, noise, rng)
+    pelvis = _stepped(points, from_pelvis, noise, rng)
+    return np.stack([pelvis + from_pelvis[joint] for joint in PAPER14.keypoints], axis=1)
+
+
+def _points(truth: Truth) -> dict[str, Array]:
+    """(T, 3) of every joint and sole of the chain."""
+    names = (*PAPER14.keypoints, *_SOLES)
+    # midpoints are made of these
+    wanted = [name for name in names if name not in ("neck", "mid_hip")]
+    missing = [name for name in wanted if name not in truth.skeleton.keypoints]
+    if missing:
+        raise ConfigError(f"inertial suit: the truth lacks {choices(missing)}; there are: {choices(truth.skeleton.keypoints)}")
+    return {name: pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, [name])[:, 0] for name in names}
 
 
 def standing_point(points: Array) -> Array:
@@ -93,14 +107,14 @@ def standing_point(points: Array) -> Array:
     return np.asarray(speed.argmin(axis=1))
 
 
-def _leg(points: dict[str, Array], side: str, body: _Body, noise: SuitNoise, rng: np.random.Generator) -> Array:
-    """(T, 3) from the ankle to the middle of the hips, along bones as their sensors tell them."""
-    total = np.zeros((len(body.t_s), 3))
-    for low, high in _CHAIN:
-        total += _erring(points[f"{side}_{high}"] - points[f"{side}_{low}"], *_sensor(body, noise, rng))
-    other = "right" if side == "left" else "left"
-    half_pelvis = (points[f"{other}_hip"] - points[f"{side}_hip"]) / 2
-    return total + _erring(half_pelvis, *_sensor(body, noise, rng))
+def _chained(points: dict[str, Array], body: _Body, noise: SuitNoise, rng: np.random.Generator) -> dict[str, Array]:
+    """(T, 3) from the middle of the hips to every joint and sole, along bones as their segments' sensors tell them."""
+    found = {"mid_hip": np.zeros((len(body.t_s), 3))}
+    for bones in _BONES.values():
+        sensor = _sensor(body, noise, rng)
+        for near, far in bones:
+            found[far] = found[near] + _erring(points[far] - points[near], *sensor)
+    return found
 
 
 def _sensor(body: _Body, noise: SuitNoise, rng: np.random.Generator) -> tuple[Array, float]:
@@ -134,20 +148,18 @@ def _wander(t_s: Array, time_s: float, shape: tuple[int, ...], rng: np.random.Ge
     return out
 
 
-def _stepped(points: dict[str, Array], pelvis_from: dict[str, Array], noise: SuitNoise, rng: np.random.Generator) -> Array:
+def _stepped(points: dict[str, Array], from_pelvis: dict[str, Array], noise: SuitNoise, rng: np.random.Generator) -> Array:
     """The pelvis over the standing point of the feet; when another one stands, it is put where the chain says it is."""
-    names = list(pelvis_from)
-    standing = standing_point(np.stack([points[name] for name in names], axis=1))
-    start = (points["left_hip"][0] + points["right_hip"][0]) / 2
+    standing = standing_point(np.stack([points[name] for name in _SOLES], axis=1))
     # the floor is known to be level
-    height = {name: float(np.percentile(points[name][:, 2], 5)) for name in names}
+    height = {name: float(np.percentile(points[name][:, 2], 5)) for name in _SOLES}
     pelvis = np.empty((len(standing), 3))
-    anchor = start - pelvis_from[names[standing[0]]][0]
+    anchor = points["mid_hip"][0] + from_pelvis[_SOLES[standing[0]]][0]
     for i, place in enumerate(standing):
         if i and place != standing[i - 1]:
-            name, before = names[place], names[standing[i - 1]]
+            name, before = _SOLES[place], _SOLES[standing[i - 1]]
             slip = noise.slip_m if name.partition("_")[0] != before.partition("_")[0] else 0.0
-            anchor = pelvis[i - 1] - pelvis_from[name][i - 1] + np.append(rng.normal(0, 1, 2) * slip, 0.0)
+            anchor = pelvis[i - 1] + from_pelvis[name][i - 1] + np.append(rng.normal(0, 1, 2) * slip, 0.0)
             anchor[2] = height[name]
-        pelvis[i] = anchor + pelvis_from[names[place]][i]
+        pelvis[i] = anchor - from_pelvis[_SOLES[place]][i]
     return pelvis

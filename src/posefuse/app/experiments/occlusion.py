@@ -1,0 +1,108 @@
+"""Half of the body hidden, and a false arm in its place, beside a simulated inertial suit (the paper's other comparison)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import PoseSequence, Truth
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.evaluate.experiments.inertial import SuitNoise, suit_joints
+from posefuse.evaluate.experiments.page import Line, Page, plot
+from posefuse.evaluate.experiments.scenes import HALF_HIDDEN, HIDDEN_JOINTS, half_hidden_scene
+from posefuse.evaluate.metrics import JointErrors, summary, true_xyz_at, typical_nees
+
+from .moments import pictures
+from .runs import Context, Outcome, Run, best_errors, run_scene
+from .tables import LANDMARKS, errors_row, joint_rows
+
+SUMMARY = "half of the body hidden from two of four cameras, and a false arm in its place, beside a simulated inertial suit"
+TITLES = {
+    "free": "Nothing in the way",
+    "screen": "Screens hide the left half from two of four cameras",
+    "false_arm": "The same, and false arms in the colour of the shirt",
+}
+_QUICK_S, _FULL_S = 1.0, 10.0
+_SUIT_SEEDS = 20
+_FOLLOWED = "left_wrist"
+
+
+def run(context: Context) -> Outcome:
+    """Errors of every joint with nothing in the way, screens, and false arms; the suit beside them."""
+    page = Page("Half of the body hidden: cameras beside an inertial suit")
+    page.section(
+        "What is measured",
+        "Somebody waves with the left arm amid four cameras in the corners of a room of 6 m x 7 m. A suit minds no screen; its "
+        f"column is of {_SUIT_SEEDS} suits, whose errors are those of the drift experiment. {LANDMARKS}",
+    )
+    figures: dict[str, Any] = {case: _case(case, context, page) for case in HALF_HIDDEN}
+    page.section("Summary", "Mean error in mm over what the screens hide (left arm and leg), and over the other joints.")
+    page.table(["case", "", *figures["free"]["columns"]], summary_rows(figures))
+    return Outcome(figures, page)
+
+
+def _case(case: str, context: Context, page: Page) -> dict[str, Any]:
+    scene = half_hidden_scene(case, _QUICK_S if context.quick else _FULL_S)
+    done = run_scene(f"occlusion-{case}", scene, context)
+    errors = {
+        **{weights: done.errors(weights, smoothed=False, centred=False) for weights in ("score", "all", "robust")},
+        "default": done.default_errors(),
+        **best_errors(f"occlusion-{case}", scene, context),
+        "suit": _suit_errors(done.truth),
+    }
+    columns = {name: errors_row(error) for name, error in errors.items()}
+    page.section(TITLES[case])
+    page.table(*joint_rows(columns, {}))
+    nees = {
+        "left arm and leg": typical_nees(done.recording.poses, done.truth, HIDDEN_JOINTS),
+        "right arm and leg": typical_nees(done.recording.poses, done.truth, [j.replace("left", "right") for j in HIDDEN_JOINTS]),
+    }
+    page.facts({f"stated uncertainty, {part} (typical NEES; 3 is right)": f"{value:.1f}" for part, value in nees.items()})
+    page.plots(_followed(done))
+    middle = len(done.recording.poses) // 2
+    page.pictures({k: v for c in range(len(done.recording.rig)) for k, v in pictures(done, c, [middle], 400).items()})
+    return {"columns": columns, "nees": nees}
+
+
+def _suit_errors(truth: Truth) -> JointErrors:
+    true = pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, PAPER14.keypoints)
+    apart = [np.linalg.norm(suit_joints(truth, SuitNoise(), seed) - true, axis=-1) for seed in range(_SUIT_SEEDS)]
+    return summary(PAPER14.keypoints, 1000 * np.array(apart))
+
+
+def _followed(done: Run) -> list[str]:
+    """The hidden wrist along each axis: truth, estimate, and the paper's weights."""
+    poses, theirs = done.recording.poses, done.poses("all", smoothed=False, centred=False)
+    t_ns = poses.t_ns[poses.t_ns <= done.truth.t_ns[-1]]
+    true = pick_keypoints(true_xyz_at(done.truth, t_ns)[:, 0], done.truth.skeleton, [_FOLLOWED])[:, 0]
+    t_s = (t_ns - t_ns[0]) / 1e9
+
+    def line(name: str, axis: int, sequence: PoseSequence) -> Line:
+        place: Array = pick_keypoints(sequence.xyz_world[: len(t_ns), 0], sequence.skeleton, [_FOLLOWED])[:, 0]
+        return Line(name, t_s, place[:, axis])
+
+    return [
+        plot(
+            f"{_FOLLOWED.replace('_', ' ')}, {name}",
+            "s",
+            "m",
+            [Line("truth", t_s, true[:, axis]), line("estimate", axis, poses), line("weights all", axis, theirs)],
+        )
+        for axis, name in enumerate("xyz")
+    ]
+
+
+def summary_rows(figures: dict[str, Any]) -> list[list[Any]]:
+    """Case, which joints, and the mean of every column."""
+    rows = []
+    for case, title in TITLES.items():
+        for part, hidden in (("left arm and leg", True), ("the rest", False)):
+            joints = [joint for joint in PAPER14.keypoints if (joint in HIDDEN_JOINTS) == hidden]
+            means = [
+                float(np.mean([column["joints"][joint]["mean_mm"] for joint in joints]))
+                for column in figures[case]["columns"].values()
+            ]
+            rows.append([title, part, *means])
+    return rows
