@@ -15,14 +15,14 @@ from posefuse.app.live.board import Board
 from posefuse.app.live.budget import expected_gain
 from posefuse.app.live.capture import Capture, Caught, LiveInput, pick
 from posefuse.app.live.channel import Channel, ChannelClosed
-from posefuse.app.live.faults import Fault, disturbed, faults_from_arguments
+from posefuse.app.live.faults import Fault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
 from posefuse.app.live.inputs import inputs_from_arguments
 from posefuse.app.live.latency import Histogram, Latencies, Way
 from posefuse.app.live.messages import CameraState, Seen
-from posefuse.app.live.monitor import Monitor
+from posefuse.app.live.monitor import Monitor, Verdict
 from posefuse.app.live.processes import Groups, _Member, ended
 from posefuse.app.live.report import write_report
-from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Skeleton, SourceError
+from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
 from posefuse.sources.live.stream import StampClock
 
 S = 1_000_000_000
@@ -316,9 +316,31 @@ def test_faults_are_read_and_happen(ring_rig) -> None:
     frames = [Frame("a", i, i * PERIOD_NS, 0, np.full((4, 4, 3), i, np.uint8)) for i in range(3)]
     frozen = list(disturbed(iter(frames), [Fault("freeze", 0.0, 1e9)], begun_s=0.0))
     assert [int(frame.image[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
-    assert [frame.t_ns + off_ns for frame, off_ns in frozen] == [frame.t_ns for frame in frames]
+    assert [frame.t_ns + wrong.off_ns for frame, wrong in frozen] == [frame.t_ns for frame in frames]
     jumped = disturbed(iter(frames), [Fault("jump", 0.0, 1e9)], begun_s=0.0)
-    assert [off_ns for _, off_ns in jumped] == [3600 * S] * 3
+    assert [wrong for _, wrong in jumped] == [Wrong(3600 * S)] * 3
+    assert [wrong for _, wrong in disturbed(iter(frames), [Fault("bump", 0.0, 1e9)], begun_s=0.0)] == [Wrong(bumped=True)] * 3
+
+
+def test_a_bump_moves_what_is_seen_as_a_turned_camera_would_see_it(ring_rig) -> None:
+    camera, xyz = ring_rig(3).cameras[1], np.random.default_rng(0).normal(size=(1, 5, 3)) * 0.4 + [0, 0, 1.0]
+    ones = np.ones((1, 5))
+    view = Detections2D(camera.name, 0, SKELETON, camera.project(xyz), ones, ones, np.zeros((1, 4)))
+    after = seen_by_bumped(view, camera)
+    np.testing.assert_allclose(after.xy_img, bumped(camera).project(xyz), atol=1e-3)
+    assert 5 < np.abs(after.xy_img - view.xy_img).max() < 50
+    region = Region(after.xy_img[0, 2], 80.0)
+    np.testing.assert_allclose(before_bump(region, camera).centre_img, view.xy_img[0, 2], atol=1e-3)
+
+
+def test_what_the_rig_watch_finds_is_told_unless_something_worse_is_wrong() -> None:
+    monitor = Monitor(("a", "b", "c"))
+    run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
+    ill = {"a": Verdict("bumped", "a looks beside"), "b": Verdict("bumped")}
+    verdicts = monitor.judge(101 * S, {"b": "process 1 ended"}, ill)
+    assert [verdicts[name].state for name in "abc"] == ["bumped", "dead", "ok"]
+    assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
+    assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "bumped"), ("a", "ok")]
 
 
 def test_a_film_begins_again_at_every_turn(ring_rig, demo_session) -> None:

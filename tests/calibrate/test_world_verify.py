@@ -197,5 +197,6 @@ def test_the_monitor_bears_points_on_the_horizon_and_cameras_that_see_nothing(la
     one_blind[2] = np.nan
     for k in range(90):
         state, _ = monitor.observe(state, lab.rig, k * 100_000_000, (far, nothing, one_blind)[k % 3])
-        assert np.isfinite(state.shift).all()
-        assert np.isfinite([state.points, state.late, state.speed]).all()
+        assert all(np.isfinite(sums.information).all() and np.isfinite(sums.pull).all() for sums in state.sums)
+        assert np.isfinite([[sums.squares, sums.count] for sums in state.sums]).all()
+    assert state.findings == ()

@@ -1,61 +1,45 @@
 """Watch a rig while it is used: a bumped camera, a swapped cable or a lost synchronisation shows in its residuals.
 
 A pure function of an explicit state: `observe` takes what fusion has just used and returns the next state and what it
-found. A 2D network errs by many px, but differently from keypoint to keypoint, so single residuals tell little. What all
-keypoints of a camera share over some seconds tells: a shift is a camera that looks elsewhere, a lag behind the motion is
-its clock.
+found. A 2D network errs by many px, but differently from keypoint to keypoint and from moment to moment, so single residuals tell
+little. What one camera's turn, or its lateness, explains of all that was left over for some seconds tells (`misalignment`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
-from .world import meeting_points, triangulate
+from .misalignment import LATE, TURN, UNKNOWNS, Instant, Sums, instant_of, sums_of
+from .world import meeting_points
 
-_MEMORY_S = 2.0
-_SURE_AFTER_S = 1.5
-_WARM_UP_S = 5.0
-_LEAST_POINTS = 60
-# rendered people and the default network stay well below this with nothing wrong
-_SHIFTED_PX_PER_1000, _LATE_S, _WILD_SHARE = 5.0, 0.03, 0.5
-# one wild keypoint must not speak for the camera; a fast one may for its clock
-_MOST_PX_PER_1000, _MOST_LATE_PX_PER_1000 = 15.0, 60.0
-_LEAST_SPEED_PX_S = 40.0
-_SWAP_GAIN, _SUSPECT_SHARE = 0.5, 0.5
-# faster than any image is crossed
-_FASTEST_PX_S = 1e4
-
-
-@dataclass(frozen=True, eq=False)
-class MonitorState:
-    """What is remembered: sums that decay, per camera.
-
-    Attributes:
-        t_ns: of the newest observation; None before the first. started_ns: of the first.
-        points: (C,) count of residuals. shift: (C, 2) their sum, px, long ones cut short. wild: (C,) how many were.
-        late, speed: (C,) sums of residual against velocity, and of squared velocity.
-        rest: (C,) mean of how well the others agree without this camera, px; NaN where that cannot be known.
-        wrong_since_ns: when residuals began to be too large; None while they are not.
-        told: a finding was reported and still goes on.
-    """
-
-    t_ns: int | None
-    started_ns: int | None
-    points: Array
-    shift: Array
-    wild: Array
-    late: Array
-    speed: Array
-    rest: Array
-    last_xy: Array | None = None
-    last_t_ns: int = 0
-    wrong_since_ns: int | None = None
-    told: bool = False
+BUMPED, OUT_OF_STEP, SWAPPED = "bumped", "out of step", "swapped"
+# what moves most tells most; faces are marked where nobody can see them
+_TELLING = frozenset(
+    f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+)
+# what is seen fades within the first for what is gross, within the second for what is small
+_MEMORIES_S = (2.0, 8.0)
+# squares explained over those left, per redundant coordinate; `bench/rig_monitor.py --fit` prints what nothing wrong explains
+_SURE = {BUMPED: (120.0, 200.0), OUT_OF_STEP: (60.0, 100.0)}
+# less than this is not worth a word
+_LEAST = {BUMPED: float(np.deg2rad(0.2)), OUT_OF_STEP: 0.012}
+# of a camera that is right again, so much of what was told is left
+_LEFT = 0.4
+_SURE_AFTER_S = 0.6
+_LEAST_COUNT, _LEAST_CAMERAS = 200.0, 3
+# a camera explains more than any other by this share of what makes it sure
+_APART = 0.5
+# where rays pass each other by so much, not only a little is wrong with the rig
+_GROSS_M = 0.1
+_SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
+_NEWEST_APART_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -64,48 +48,203 @@ class Finding:
 
     Attributes:
         kind: ``bumped``, ``out of step`` or ``swapped``. cameras: which. t_ns: when it was noticed.
-        detail: one line with numbers.
+        detail: one line with numbers. amount: rad of turn, s of lateness, or m by which rays passed each other.
     """
 
     kind: str
     cameras: tuple[str, ...]
     t_ns: int
     detail: str
+    amount: float
+
+
+@dataclass(frozen=True, eq=False)
+class MonitorState:
+    """What is remembered of a rig.
+
+    Attributes:
+        sums: one per memory. before: up to two instants, the newer last. recent: points of the newest instants, (C, P, 2) each.
+        findings: what goes on now. doubt: kind and camera that come next if that lasts, since_ns. well_ns: by finding, since when
+            it seems over.
+    """
+
+    sums: tuple[Sums, ...]
+    before: tuple[Instant, ...] = ()
+    recent: tuple[Array, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    doubt: tuple[str, tuple[int, ...]] | None = None
+    since_ns: int = 0
+    well_ns: tuple[int | None, ...] = ()
+
+
+def telling_points(keypoints: Sequence[str]) -> Array:
+    """Indices of the keypoints to watch a rig by, of a skeleton's names; all where it has none of them."""
+    found = [k for k, name in enumerate(keypoints) if name in _TELLING]
+    return np.array(found or range(len(keypoints)))
 
 
 def start(rig: Rig) -> MonitorState:
     """Nothing seen yet."""
-    zero = np.zeros(len(rig))
-    return MonitorState(None, None, zero, np.zeros((len(rig), 2)), zero, zero, zero, np.full(len(rig), np.nan))
+    return MonitorState(tuple(Sums.nothing(len(rig)) for _ in _MEMORIES_S))
 
 
 def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
-    """Take in matched points (C, P, 2) raw px of one instant (NaN where unseen); P stays the same from call to call."""
-    passed_s = 0.0 if state.t_ns is None else max((t_ns - state.t_ns) / 1e9, 0.0)
-    keep = float(np.exp(-passed_s / _MEMORY_S))
-    residual, rest_px = leave_one_out(rig, xy_img)
-    size = _sizes_px(rig)[:, None] / 1000
-    short, longer = (_no_longer_than(residual, most * size) for most in (_MOST_PX_PER_1000, _MOST_LATE_PX_PER_1000))
-    velocity = _no_longer_than(_velocity(state, t_ns, xy_img), np.array(_FASTEST_PX_S))
-    good = np.isfinite(short).all(axis=-1)
-    wild = good & (np.hypot(short[..., 0], short[..., 1]) > 0.99 * _MOST_PX_PER_1000 * size)
-    moving = good & np.isfinite(velocity).all(axis=-1)
-    late = np.where(moving, (longer * velocity).sum(axis=-1), 0.0)
-    speed = np.where(moving, (velocity**2).sum(axis=-1), 0.0)
-    new = replace(
-        state,
-        t_ns=t_ns,
-        started_ns=t_ns if state.started_ns is None else state.started_ns,
-        points=keep * state.points + good.sum(axis=1),
-        shift=keep * state.shift + np.where(good[..., None], short, 0.0).sum(axis=1),
-        wild=keep * state.wild + wild.sum(axis=1),
-        late=keep * state.late + late.sum(axis=1),
-        speed=keep * state.speed + speed.sum(axis=1),
-        rest=_decayed(state.rest, rest_px, keep),
-        last_xy=np.array(xy_img, np.float64),
-        last_t_ns=t_ns,
+    """Take in matched points (C, P, 2) raw px of one instant (NaN where unseen); P stays the same from call to call.
+
+    Returns:
+        The next state, whose `findings` are all that go on, and those that are new.
+    """
+    now = instant_of(rig, t_ns, xy_img)
+    recent = (*state.recent, np.array(xy_img, np.float64))[-_SWAP_INSTANTS:]
+    apart_s = [(now.t_ns - one.t_ns) / 1e9 for one in state.before]
+    if len(apart_s) < 2 or not 0 < apart_s[1] < apart_s[0] < _NEWEST_APART_S:
+        return replace(state, before=(*state.before, now)[-2:] if apart_s and apart_s[-1] > 0 else (now,), recent=recent), []
+    older, middle = state.before
+    new = sums_of(rig, middle, (now.xyz_world - older.xyz_world) / apart_s[0])
+    sums = tuple(old.decayed(float(np.exp(-apart_s[1] / m)), new) for old, m in zip(state.sums, _MEMORIES_S, strict=True))
+    state = replace(state, sums=sums, before=(middle, now), recent=recent)
+    return _judge(_recovered(state, rig, t_ns), rig, t_ns)
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    kind: str
+    camera: int
+    amount: float
+    gain: float
+    sure: float
+
+
+def _suspects(sums: Sums, memory: int) -> list[_Suspect]:
+    """What each camera's turn and lateness explain, by itself; `sure`: over 1 is more than nothing wrong explains."""
+    found = []
+    for kind, unknowns in ((BUMPED, TURN), (OUT_OF_STEP, LATE)):
+        amounts, gains = _explained(sums, unknowns)
+        left = np.maximum(sums.squares - gains, 1e-12)
+        sure = np.minimum(gains / left * sums.count / _SURE[kind][memory], np.abs(amounts) / _LEAST[kind])
+        found += [
+            _Suspect(kind, c, *told) for c, told in enumerate(zip(amounts.tolist(), gains.tolist(), sure.tolist(), strict=True))
+        ]
+    return found
+
+
+def _explained(sums: Sums, unknowns: slice) -> tuple[Array, Array]:
+    """Rad turned or s late (C,), and the squares that explains (C,)."""
+    cameras = len(sums.pull) // UNKNOWNS
+    own = np.arange(cameras)[:, None] * UNKNOWNS + np.arange(UNKNOWNS)[unknowns]
+    information, pull = sums.information[own[:, :, None], own[:, None, :]], sums.pull[own]
+    found = np.linalg.solve(information + 1e-6 * np.eye(own.shape[1]), pull[..., None])[..., 0]
+    amount = found[:, 0] if own.shape[1] == 1 else np.linalg.norm(found, axis=1)
+    return amount, (pull * found).sum(axis=1)
+
+
+def _judge(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, list[Finding]]:
+    doubt = _doubt(state, rig)
+    if doubt is None:
+        return replace(state, doubt=None), []
+    kind, cameras, finding = doubt
+    if state.doubt != (kind, cameras):
+        return replace(state, doubt=(kind, cameras), since_ns=t_ns), []
+    if (t_ns - state.since_ns) / 1e9 < _SURE_AFTER_S:
+        return state, []
+    found = replace(finding, t_ns=t_ns)
+    findings, well = (*state.findings, found), (*state.well_ns, None)
+    return replace(state, findings=findings, well_ns=well, doubt=None), [found]
+
+
+def _doubt(state: MonitorState, rig: Rig) -> tuple[str, tuple[int, ...], Finding] | None:
+    """The one thing more that explains most, if anything does."""
+    named = [rig.names.index(name) for finding in state.findings for name in finding.cameras]
+    if any(finding.kind == SWAPPED for finding in state.findings):
+        return None
+    if len(rig) - len(named) < _LEAST_CAMERAS:
+        return None
+    gross_m = _misfit_m(state.sums[0].without(named))
+    if gross_m > _GROSS_M and (pairs := _exchanged(rig, state.recent)):
+        cameras = tuple(sorted({c for pair in pairs for c in pair}))
+        return SWAPPED, cameras, _swapped(rig, pairs, gross_m)
+    worst = [_worst(sums.without(named), memory, named) for memory, sums in enumerate(state.sums)]
+    sure = [one for one in worst if one is not None]
+    if not sure:
+        return None
+    one = max(sure, key=lambda one: one.sure)
+    return one.kind, (one.camera,), _named(rig, one)
+
+
+def _worst(sums: Sums, memory: int, named: list[int]) -> _Suspect | None:
+    """What explains most of what was left over; None where that is too little, or another camera explains about as much."""
+    suspects = [one for one in _suspects(sums, memory) if one.camera not in named]
+    worst = max(suspects, key=lambda one: one.gain)
+    if sums.count < _LEAST_COUNT or worst.sure <= 1:
+        return None
+    next_gain = max(one.gain for one in suspects if one.camera != worst.camera)
+    apart = (worst.gain - next_gain) / max(sums.squares - worst.gain, 1e-12) * sums.count
+    return worst if apart > _APART * _SURE[worst.kind][memory] else None
+
+
+def _misfit_m(sums: Sums) -> float:
+    return float(np.sqrt(sums.squares / sums.count)) if sums.count > 0 else 0.0
+
+
+def _named(rig: Rig, suspect: _Suspect) -> Finding:
+    name = rig.names[suspect.camera]
+    if suspect.kind == OUT_OF_STEP:
+        words = f"{name} is out of step: its images lag by about {1e3 * suspect.amount:+.0f} ms"
+    else:
+        words = f"{name} looks about {np.rad2deg(suspect.amount):.1f} deg beside where the others do: was it moved?"
+    return Finding(suspect.kind, (name,), 0, words, abs(suspect.amount))
+
+
+def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
+    words = " or ".join(f"{rig.names[a]} and {rig.names[b]}" for a, b in pairs)
+    cameras = tuple(rig.names[c] for c in sorted({c for pair in pairs for c in pair}))
+    return Finding(SWAPPED, cameras, 0, f"the images of {words} fit when they are exchanged: a swapped cable", gross_m)
+
+
+def _recovered(state: MonitorState, rig: Rig, t_ns: int) -> MonitorState:
+    """The state without findings that are over for a while."""
+    if not state.findings or state.sums[0].count < _LEAST_COUNT:
+        return state
+    well = tuple(
+        (since or t_ns) if _is_well(state, rig, finding) else None
+        for finding, since in zip(state.findings, state.well_ns, strict=True)
     )
-    return _judge(new, rig, xy_img)
+    over = [since is not None and (t_ns - since) / 1e9 >= _SURE_AFTER_S for since in well]
+    if not any(over):
+        return replace(state, well_ns=well)
+    findings = tuple(finding for finding, gone in zip(state.findings, over, strict=True) if not gone)
+    well = tuple(since for since, gone in zip(well, over, strict=True) if not gone)
+    # the long memory still holds what is over
+    return replace(state, findings=findings, well_ns=well, sums=tuple(state.sums[0] for _ in state.sums))
+
+
+def _is_well(state: MonitorState, rig: Rig, finding: Finding) -> bool:
+    sums, names = state.sums[0], set(finding.cameras)
+    if finding.kind == SWAPPED:
+        return _misfit_m(sums) < _LEFT * finding.amount
+    others = [rig.names.index(name) for one in state.findings for name in one.cameras if name not in names]
+    amounts, _ = _explained(sums.without(others), TURN if finding.kind == BUMPED else LATE)
+    return abs(float(amounts[rig.names.index(finding.cameras[0])])) < _LEFT * finding.amount
+
+
+def _exchanged(rig: Rig, recent: Sequence[Array]) -> list[tuple[int, int]]:
+    """Pairs of cameras whose exchange brings the rays together: the best, and others about as good; none where none does."""
+    xy_img = np.concatenate(recent, axis=1)
+    now_m = _misfit_over(rig, xy_img, np.arange(len(rig)))
+    misfit_m = {}
+    for pair in combinations(range(len(rig)), 2):
+        order = np.arange(len(rig))
+        order[list(pair)] = pair[::-1]
+        if rig.cameras[pair[0]].size_wh == rig.cameras[pair[1]].size_wh:
+            misfit_m[pair] = _misfit_over(rig, xy_img, order)
+    best_m = min(misfit_m.values(), default=np.inf)
+    if not best_m < _SWAP_GAIN * now_m:
+        return []
+    return [pair for pair, m in misfit_m.items() if m < _SWAP_ALIKE * best_m]
+
+
+def _misfit_over(rig: Rig, xy_img: Array, order: Array) -> float:
+    return float(np.nanmedian(instant_of(rig, 0, xy_img[order]).misfit_m))
 
 
 def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
@@ -126,90 +265,3 @@ def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
         if np.isfinite(off).sum() > 2 * np.isfinite(points[:, 0]).sum():
             rest_px[c] = np.nanmedian(off)
     return out, rest_px
-
-
-def _no_longer_than(xy: Array, most_px: Array) -> Array:
-    """Vectors (..., 2) cut to a length (...): points on the horizon project to numbers too large to square."""
-    length = np.hypot(xy[..., 0], xy[..., 1])
-    return np.asarray(xy * np.minimum(1.0, most_px / np.maximum(length, 1e-9))[..., None])
-
-
-def _decayed(old: Array, new: Array, keep: float) -> Array:
-    """Running mean that starts with the first value known and stays where there is no new one."""
-    mixed = keep * old + (1 - keep) * new
-    return np.asarray(np.where(np.isnan(old), new, np.where(np.isnan(new), old, mixed)))
-
-
-def _velocity(state: MonitorState, t_ns: int, xy_img: Array) -> Array:
-    if state.last_xy is None or state.last_xy.shape != xy_img.shape or t_ns <= state.last_t_ns:
-        return np.full(xy_img.shape, np.nan)
-    return np.asarray((xy_img - state.last_xy) / ((t_ns - state.last_t_ns) / 1e9))
-
-
-def _sizes_px(rig: Rig) -> Array:
-    """(C,) longer side of every image."""
-    return np.array([max(camera.size_wh) for camera in rig], np.float64)
-
-
-def _judge(state: MonitorState, rig: Rig, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
-    assert state.t_ns is not None and state.started_ns is not None
-    many, moving = state.points >= _LEAST_POINTS, state.speed > _LEAST_POINTS * _LEAST_SPEED_PX_S**2
-    shift_px = np.linalg.norm(state.shift, axis=1) / np.maximum(state.points, 1) * many
-    late_s = np.where(moving, state.late / np.where(moving, state.speed, 1.0), 0.0)
-    wild = state.wild / np.maximum(state.points, 1) * many
-    shifted = shift_px / (_SHIFTED_PX_PER_1000 * _sizes_px(rig) / 1000)
-    over = np.max([shifted, np.abs(late_s) / _LATE_S, wild / _WILD_SHARE], axis=0)
-    if (state.t_ns - state.started_ns) / 1e9 < _WARM_UP_S or over.max(initial=0.0) <= 1:
-        return replace(state, told=False, wrong_since_ns=None), []
-    if state.wrong_since_ns is None:
-        return replace(state, wrong_since_ns=state.t_ns), []
-    # the memory must be filled by what is wrong before the kind of it can be told
-    if state.told or (state.t_ns - state.wrong_since_ns) / 1e9 < _SURE_AFTER_S:
-        return state, []
-    return replace(state, told=True), [_finding(state, rig, xy_img, shift_px, late_s, over)]
-
-
-def _finding(state: MonitorState, rig: Rig, xy_img: Array, shift_px: Array, late_s: Array, over: Array) -> Finding:
-    """The one cause that explains most.
-
-    A bad camera also spoils the residuals of the others; it is the one without which the others agree best.
-    """
-    t_ns = state.t_ns or 0
-    swapped = _swap(rig, xy_img)
-    if swapped is not None:
-        a, b = (rig.names[i] for i in swapped)
-        return Finding("swapped", (a, b), t_ns, f"the images of {a} and {b} fit when they are exchanged: a swapped cable")
-    rest = np.where(over > _SUSPECT_SHARE * over.max(), state.rest, np.nan)
-    worst = int(np.nanargmin(rest)) if np.isfinite(rest).any() else int(np.argmax(over))
-    name = rig.names[worst]
-    # what follows the motion is a clock, what stays is a pose: whichever takes more out of the squares
-    if late_s[worst] ** 2 * state.speed[worst] > shift_px[worst] ** 2 * state.points[worst]:
-        return Finding(
-            "out of step", (name,), t_ns, f"{name} is out of step: its images lag by about {late_s[worst] * 1e3:+.0f} ms"
-        )
-    beside = f"{name} sees everything {shift_px[worst]:.0f} px or more beside where the others do"
-    return Finding("bumped", (name,), t_ns, f"{beside}: it was moved since it was calibrated")
-
-
-def _swap(rig: Rig, xy_img: Array) -> tuple[int, int] | None:
-    """The two cameras whose exchange brings the points together, if any does."""
-    if len(rig) < 3:
-        return None
-    now = _misfit(rig, xy_img)
-    best: tuple[float, tuple[int, int]] | None = None
-    for a in range(len(rig)):
-        for b in range(a + 1, len(rig)):
-            if rig.cameras[a].size_wh != rig.cameras[b].size_wh:
-                continue
-            order = np.arange(len(rig))
-            order[[a, b]] = b, a
-            other = _misfit(rig, xy_img[order])
-            if np.isfinite(other) and (best is None or other < best[0]):
-                best = (other, (a, b))
-    return best[1] if best is not None and best[0] < _SWAP_GAIN * now else None
-
-
-def _misfit(rig: Rig, xy_img: Array) -> float:
-    """Median distance in px of seen points to the reprojection of all."""
-    off = np.linalg.norm(rig.project(triangulate(rig, xy_img)) - xy_img, axis=-1)
-    return float(np.nanmedian(off)) if np.isfinite(off).any() else float("nan")

@@ -6,14 +6,14 @@ import dataclasses
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
 
-from .faults import Fault, disturbed
+from .faults import Fault, Wrong, disturbed
 from .messages import CameraState
 
 _RETRY_S = 1.0
@@ -66,13 +66,13 @@ class Caught:
     Attributes:
         still: for how many frames in a row the image has not changed.
         later_ns: when this showing of the source began, after the session's zero.
-        off_ns: how wrong its stamp is on purpose.
+        wrong: what is wrong with it on purpose.
     """
 
     frame: Frame
     still: int
     later_ns: int = 0
-    off_ns: int = 0
+    wrong: Wrong = field(default_factory=Wrong)
 
 
 class Capture:
@@ -149,7 +149,7 @@ class Capture:
         try:
             frames = self._source.frames()
             self._began_s = self._began_s or (zero_ns / 1e9 if self.entry.from_zero else time.monotonic())
-            for frame, off_ns in disturbed(frames, self.entry.faults, self._began_s):
+            for frame, wrong in disturbed(frames, self.entry.faults, self._began_s):
                 if self._stop.is_set() or (self._loop_ns and frame.t_ns >= self._loop_ns):
                     return
                 sample = frame.image[::_SAMPLE_STEP, ::_SAMPLE_STEP].copy()
@@ -158,7 +158,7 @@ class Capture:
                 self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
                 seq = frame.seq
                 self._state, self._text = "running", ""
-                self.put(Caught(frame, still, later_ns, off_ns))
+                self.put(Caught(frame, still, later_ns, wrong))
         finally:
             self._source.close()
             self._source = None

@@ -7,12 +7,17 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from posefuse.core import ConfigError, Frame, Rig, SourceError
+import numpy as np
+
+from posefuse.core import SE3, Camera, ConfigError, Detections2D, Frame, Region, Rig, SourceError
 from posefuse.core.errors import choices
 
-FAULTS = ("freeze", "jump", "skew", "flood", "hang", "unplug")
+FAULTS = ("freeze", "jump", "skew", "bump", "flood", "hang", "unplug")
+# about the vertical, to the right, and about the optical axis: as a camera is turned that somebody brushes past
+_BUMP_RAD = np.deg2rad([0.3, 1.4, 0.3])
 _OFF_NS = {"jump": 3600 * 1_000_000_000, "skew": 50_000_000}
 _COPIES = 40
+_FAR_M = 100.0
 _POLL_S = 0.02
 
 
@@ -22,7 +27,7 @@ class Fault:
 
     Attributes:
         kind: ``freeze`` (the same image again and again), ``jump`` (its clock is an hour ahead),
-            ``skew`` (50 ms ahead), ``flood`` (forty frames for one), ``hang`` (says nothing),
+            ``skew`` (50 ms ahead), ``bump`` (turned by 1.5 degrees), ``flood`` (forty frames for one), ``hang`` (says nothing),
             ``unplug`` (the source ends, and comes back).
         start_s, end_s: seconds after the session's zero for films and simulated sessions, after its first opening for a camera.
     """
@@ -46,8 +51,16 @@ def faults_from_arguments(arguments: Sequence[str], rig: Rig) -> dict[str, tuple
     return found
 
 
-def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) -> Iterator[tuple[Frame, int]]:
-    """The frames of a faulty camera, each with how wrong its stamp is in ns; `begun_s`: monotonic time that faults count from."""
+@dataclass(frozen=True)
+class Wrong:
+    """What is wrong with a frame on purpose: its stamp, in ns; and its camera stands elsewhere."""
+
+    off_ns: int = 0
+    bumped: bool = False
+
+
+def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) -> Iterator[tuple[Frame, Wrong]]:
+    """The frames of a faulty camera, and what else is wrong with each; `begun_s`: monotonic time that faults count from."""
     last: Frame | None = None
     for frame in frames:
         active = {fault.kind: fault for fault in faults if fault.start_s <= time.monotonic() - begun_s < fault.end_s}
@@ -59,4 +72,23 @@ def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) 
             last = frame
         off_ns = sum(_OFF_NS.get(kind, 0) for kind in active)
         for copy in range(_COPIES if "flood" in active else 1):
-            yield replace(frame, image=last.image), off_ns + copy
+            yield replace(frame, image=last.image), Wrong(off_ns + copy, "bump" in active)
+
+
+def bumped(camera: Camera) -> Camera:
+    """Where a bump leaves a camera."""
+    return replace(camera, cam_from_world=SE3.from_rotvec(_BUMP_RAD, np.zeros(3)) @ camera.cam_from_world)
+
+
+def seen_by_bumped(view: Detections2D, camera: Camera) -> Detections2D:
+    """A view as the camera would have it after a bump: found in the image as it was, so that it needs no image."""
+    after = bumped(camera)
+    far_world = camera.centre_world + _FAR_M * camera.rays_world(view.xy_img)
+    return replace(view, xy_img=after.project(far_world))
+
+
+def before_bump(region: Region, camera: Camera) -> Region:
+    """Where in the image as it was lies what a bumped camera is asked to look at."""
+    after = bumped(camera)
+    far_world = after.centre_world + _FAR_M * after.rays_world(region.centre_img)
+    return replace(region, centre_img=camera.project(far_world))

@@ -20,10 +20,10 @@ from .budget import expected_gain
 from .centres import Centring
 from .channel import Channel
 from .clock import SessionClock
-from .clocks import ClockOffsets
 from .latency import Latencies, Way
 from .messages import Centres, Preview, Seen, Status
 from .monitor import Monitor, Verdict
+from .rig_watch import RigWatch
 
 _S = 1_000_000_000
 # views are told where to look this often, and judged this often
@@ -73,14 +73,14 @@ class Fusion:
         clock: SessionClock,
         outlets: Outlets,
         centring: Centring,
-        offsets: ClockOffsets | None = None,
+        watch: RigWatch | None = None,
         joints: JointTracker | None = None,
     ) -> None:
         self.rig, self.tracker, self._board, self.clock, self._outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
         self.centring = centring
-        self._offsets, self._joints = offsets, joints
+        self.watch, self._joints = watch, joints
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
@@ -148,8 +148,8 @@ class Fusion:
         view = self.monitor.admit(seen, now_ns)
         if view is None:
             return
-        if self._offsets is not None:
-            view = replace(view, t_ns=self._offsets.corrected_ns(view))
+        if self.watch is not None:
+            view = self.watch.timed(view)
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1
@@ -193,7 +193,8 @@ class Fusion:
         # processes that died while nothing came are noticed here
         for message in intake.messages():
             self.take(message)
-        self.verdicts = self.monitor.judge(now_ns, intake.troubles())
+        ill = self.watch.known.ill if self.watch is not None else {}
+        self.verdicts = self.monitor.judge(now_ns, intake.troubles(), ill)
         self._outlets.offer("health", now_ns, {name: (v.state, v.text) for name, v in self.verdicts.items()}, self._rates())
 
     def _rates(self) -> dict[str, dict[str, float]]:

@@ -21,6 +21,7 @@ from .budget import LEAST_EVERY_S
 from .capture import Capture, Caught, LiveInput, pick
 from .channel import Channel, ChannelClosed
 from .clock import SessionClock
+from .faults import before_bump, seen_by_bumped
 from .messages import Failed, Go, Preview, Ready, Seen, Status, Stop
 
 _STATUS_S = 0.25
@@ -144,14 +145,21 @@ class Group:
         shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
         started_ns = clock.now_ns()
         self._looked_s[name] = time.monotonic()
-        regions = self._regions(capture.camera, frame.t_ns + shift_ns + caught.off_ns, expected, started_ns)
-        [found] = self.detector.detect([frame], [regions])
-        shown = _in_session(found, shift_ns + caught.off_ns)
+        regions = self._regions(capture.camera, frame.t_ns + shift_ns + caught.wrong.off_ns, expected, started_ns)
+        found = self._detected(capture.camera, caught, regions)
+        shown = _in_session(found, shift_ns + caught.wrong.off_ns)
         seen = Seen(
             shown, capture.state(), frame.received_ns + shift_ns, started_ns, clock.now_ns(), caught.still, regions is None
         )  # fmt: skip
         self._channel.send(seen, _SEND_S)
         self._preview(frame, shown.t_ns)
+
+    def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
+        if not caught.wrong.bumped:
+            [found] = self.detector.detect([caught.frame], [regions])
+            return found
+        [found] = self.detector.detect([caught.frame], [regions and [before_bump(region, camera) for region in regions]])
+        return seen_by_bumped(found, camera)
 
     def _regions(self, camera: Camera, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
         """Where the people that are followed should be seen; None asks for a search of the whole image."""

@@ -41,7 +41,8 @@ class Verdict:
     """State of one camera.
 
     Attributes:
-        state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``.
+        state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``;
+            or what `rig_watch` found: ``bumped``, ``out of step`` or ``swapped``.
         text: in words.
     """
 
@@ -130,10 +131,10 @@ class Monitor:
             watch.before = captured + last.captured, replaced + last.replaced, missing + last.missing
         watch.source = state
 
-    def judge(self, now_ns: int, troubles: Mapping[str, str]) -> Mapping[str, Verdict]:
-        """Every camera's state; `troubles` says what is wrong with its process, by camera."""
+    def judge(self, now_ns: int, troubles: Mapping[str, str], ill: Mapping[str, Verdict] | None = None) -> Mapping[str, Verdict]:
+        """Every camera's state; `troubles` says what is wrong with its process, `ill` with where it stands, by camera."""
         for name, watch in self._watches.items():
-            verdict = self._verdict(watch, now_ns, troubles.get(name, ""))
+            verdict = self._verdict(watch, now_ns, troubles.get(name, ""), (ill or {}).get(name, Verdict(OK)))
             if verdict.state != self._verdicts[name].state:
                 self.events.append(Event(now_ns, name, verdict.state, verdict.text))
             self._verdicts[name] = verdict
@@ -160,7 +161,7 @@ class Monitor:
         """Every source is over and will not come back."""
         return all(watch.source is not None and watch.source.state == "ended" for watch in self._watches.values())
 
-    def _verdict(self, watch: _Watch, now_ns: int, trouble: str) -> Verdict:
+    def _verdict(self, watch: _Watch, now_ns: int, trouble: str, otherwise: Verdict) -> Verdict:
         if trouble:
             return Verdict("dead", trouble)
         if watch.source is not None and watch.source.state in ("ended", "lost"):
@@ -175,7 +176,7 @@ class Monitor:
             return Verdict("opening", "no frame yet")
         if now_ns - watch.heard_ns > SILENT_NS:
             return Verdict("silent", f"no frame for {(now_ns - watch.heard_ns) / _S:.1f} s")
-        return Verdict(OK)
+        return otherwise
 
     def _floods(self, watch: _Watch, now_ns: int) -> bool:
         if now_ns - watch.window_ns > _WINDOW_NS:

@@ -26,7 +26,6 @@ from .board import Board
 from .budget import expected_gain
 from .centres import Centring, message_from_centres
 from .clock import SessionClock
-from .clocks import ClockOffsets
 from .command import output_plan, settled_config, settled_inputs
 from .config import LiveConfig
 from .fusion import Fusion, velocity_between
@@ -37,7 +36,8 @@ from .outputs import OutputPlan, OutputProcess
 from .processes import Groups, peak_mb
 from .provenance import notes_of
 from .report import figures_of, show, write_report
-from .session import Finished, favoured, group_plans, new_board, ready_joints, ready_tracker, stop_requests
+from .rig_watch import RigWatch
+from .session import Finished, News, favoured, group_plans, new_board, ready_joints, ready_tracker, stop_requests
 from .sinks import health_lines, publish_preview
 
 _S = 1_000_000_000
@@ -190,16 +190,22 @@ def _fuse(
             raise SourceError(f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?")
         skeleton = intake.first_skeleton(_FIRST_VIEW_S)
     say(f"first view after {(plan.clock.now_ns() - begun_ns) / _S:.1f} s")
-    with ClockOffsets(rig) as offsets:
+    with RigWatch(rig, clocks=True) as watch:
         joints = ready_joints(skeleton, config)
         tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
-        fusion = Fusion(rig, tracker, new_board(rig), plan.clock, outputs, centring, offsets, joints)
+        fusion = Fusion(rig, tracker, new_board(rig), plan.clock, outputs, centring, watch, joints)
         for told in intake.centres:
             fusion.take(told)
         done = Finished(fusion, skeleton, zero_ns=begun_ns)
+        news = News(fusion, begun_ns, say)
+
+        def over(now_ns: int) -> bool:
+            news.tell(now_ns)
+            return until(now_ns)
+
         with favoured():
-            fusion.run(intake, config.rate_hz, until)
-        done.clock_offset_s = dict(offsets.offset_s)
+            fusion.run(intake, config.rate_hz, over)
+        done.clock_offset_s = {name: watch.known.offset_s.get(name, float("nan")) for name in rig.names}
     done.memory_mb = peak_mb([os.getpid()])
     done.seconds = (plan.clock.now_ns() - begun_ns) / _S
     done.stopped_by = stopped[0] if stopped else ""

@@ -27,6 +27,7 @@ from .group import GroupPlan
 from .outputs import NoOutputs, OutputPlan, OutputProcess
 from .processes import Groups
 from .provenance import notes_of
+from .rig_watch import watching
 
 LEAST_CAMERAS = 2
 _LEAD_NS = 300_000_000
@@ -44,7 +45,7 @@ class Finished:
         lost: values there was no room for. trouble: of the outputs. restarts: of camera processes.
         cpu_s: processor time of the fusion process, and of all its children.
         memory_mb: most memory of this process and its camera processes, added up.
-        clock_offset_s: by camera, on several machines only, see `clocks.ClockOffsets`.
+        clock_offset_s: by camera, on several machines only; NaN while it is not known.
     """
 
     fusion: Fusion
@@ -77,13 +78,13 @@ def run_live(
     board = new_board(rig)
     outputs = NoOutputs() if plan.empty else OutputProcess(plan)
     try:
-        with Groups(group_plans(rig, inputs, config, plan), board) as groups:
+        with Groups(group_plans(rig, inputs, config, plan), board) as groups, watching(rig, clocks=False) as watch:
             outputs.wait_ready()
             skeleton = groups.wait_ready()
-            say("; ".join(groups.whereabouts()))
+            say("; ".join([*groups.whereabouts(), *([watch.whereabouts()] if watch else [])]))
             joints = None if plan.empty else ready_joints(skeleton, config)
             tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
-            fusion = Fusion(rig, tracker, board, plan.clock, outputs, centring, joints=joints)
+            fusion = Fusion(rig, tracker, board, plan.clock, outputs, centring, watch, joints)
             for told in groups.centres():
                 fusion.take(told)
             done = Finished(fusion, skeleton)
@@ -105,20 +106,38 @@ def _run(fusion: Fusion, groups: Groups, config: LiveConfig, duration_s: float |
     groups.begin(zero_ns)
     zero_session_ns = zero_ns + fusion.clock.offset_ns
     end_ns = None if duration_s is None else zero_session_ns + round(duration_s * 1e9)
-    told = [0]
+    news = News(fusion, zero_session_ns, say)
 
     def until(now_ns: int) -> bool:
-        while told[0] < len(fusion.monitor.events):
-            event = fusion.monitor.events[told[0]]
-            told[0] += 1
-            at_s = (event.t_ns - zero_session_ns) / 1e9
-            say(f"{at_s:6.2f} s  camera {event.camera}: {event.state}{': ' + event.text if event.text else ''}")
+        news.tell(now_ns)
         over = end_ns is not None and now_ns >= end_ns
         return over or bool(stopped) or fusion.monitor.all_ended()
 
     with favoured():
         fusion.run(groups, config.rate_hz, until)
     return zero_session_ns
+
+
+class News:
+    """Says at once what changes; times are told from `zero_ns`."""
+
+    def __init__(self, fusion: Fusion, zero_ns: int, say: Say) -> None:
+        self._fusion, self._zero_ns, self._say = fusion, zero_ns, say
+        self._events, self._trouble = 0, ""
+
+    def tell(self, now_ns: int) -> None:
+        """Whatever has not been told yet."""
+        events, watch = self._fusion.monitor.events, self._fusion.watch
+        while self._events < len(events):
+            event = events[self._events]
+            self._events += 1
+            self._say_at(event.t_ns, f"camera {event.camera}: {event.state}{': ' + event.text if event.text else ''}")
+        if watch is not None and watch.trouble != self._trouble:
+            self._trouble = watch.trouble
+            self._say_at(now_ns, f"rig watch: {watch.trouble}")
+
+    def _say_at(self, t_ns: int, words: str) -> None:
+        self._say(f"{(t_ns - self._zero_ns) / 1e9:6.2f} s  {words}")
 
 
 @contextmanager
