@@ -13,8 +13,8 @@ from .joint_centres import MOST_LONGER_M, JointCentres, at_joint_centres
 from .segments import SEGMENTS, lengths_at
 
 _S = len(SEGMENTS)
-# somebody new counts as usual, as surely as if that had been seen for so long
-_USUAL_S = 1.0
+# somebody new counts as usual, as surely as if that had been seen for so long; see `bench/live_centres.py`
+USUAL_S = 0.3
 # what is older fades, in case somebody else has taken a person's place unnoticed
 _MEMORY_S = 60.0
 # poses this close in time tell nothing new
@@ -40,8 +40,8 @@ class LearntLengths:
     So nothing jumps: what is known of somebody goes over from usual to their own. Who leaves is forgotten.
     """
 
-    def __init__(self, table: JointCentres) -> None:
-        self.table = table
+    def __init__(self, table: JointCentres, usual_s: float = USUAL_S) -> None:
+        self.table, self._usual_s = table, usual_s
         self._people: dict[int, _Learnt] = {}
 
     def step(self, pose: Pose3D) -> Array:
@@ -70,7 +70,7 @@ class LearntLengths:
         away = np.where(sides > 0, np.clip(longer - person.longer, -MOST_LONGER_M, MOST_LONGER_M), 0.0)
         told_s = new_s * sides / len(seen)
         person.seconds = np.minimum(person.seconds + told_s, _MEMORY_S)
-        person.longer = person.longer + away * told_s / (_USUAL_S + person.seconds)
+        person.longer = person.longer + away * told_s / (self._usual_s + person.seconds)
 
 
 def _well_known(pose: Pose3D) -> Array:
