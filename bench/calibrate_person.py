@@ -14,6 +14,7 @@ from posefuse.app.terminal import Terminal
 from posefuse.calibrate.checks import camera_differences, scale_of
 from posefuse.calibrate.monitor import leave_one_out
 from posefuse.calibrate.person import KnownLength, PersonCalibration, calibrate_from_person
+from posefuse.calibrate.person_tracks import person_tracks
 from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.calibrate.report import RefusedCalibration
 from posefuse.calibrate.rotations import Poses, stacked
@@ -118,4 +119,4 @@ def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[
     }
     folders = {name: data / "openpose_json" / f"{name.replace('_', '')}_json" for name in lenses.names}
     poses = {name: list(read_openpose_folder(folder, name).frames(60.0)) for name, folder in folders.items()}
-    return {**found, "OpenPose": (person_views(poses), lenses.cameras)}
+    return {**found, "OpenPose": (person_views(person_tracks(poses)), lenses.cameras)}

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.app.live.clock_finding import ClockFinder, _splines
+from posefuse.app.live.clock_finding import ClockFinder
 from posefuse.calibrate.monitor import telling_points
 from posefuse.core import Truth
 from posefuse.detect import OracleNoise, OracleViews, oracle_views
@@ -82,15 +82,3 @@ def test_a_clock_that_is_set_is_followed(truth: Truth, views: OracleViews) -> No
             found = finder.find() or found
     late_s = np.array([found[name] for name in truth.rig.names])
     assert late_s[2] - late_s[[0, 1, 3]].mean() == pytest.approx(0.03, abs=0.012)
-
-
-def test_paths_are_splines_and_their_slopes_are_slopes() -> None:
-    times = np.random.default_rng(0).uniform(3.0, 5.0, 50)
-    place, _, bend = _splines(times)
-    np.testing.assert_allclose(place.sum(axis=1), 1, atol=1e-12)
-    ends, step = np.array([3.0, 5.0]), 1e-6
-    ahead, back = (_splines(np.concatenate([ends, times + sign * step]))[0][2:] for sign in (1, -1))
-    there = _splines(np.concatenate([ends, times]))[1][2:]
-    np.testing.assert_allclose((ahead - back) / (2 * step), there, atol=1e-6)
-    # coefficients of a straight line make no bend
-    np.testing.assert_allclose(bend @ np.arange(place.shape[1]), 0, atol=1e-9)

@@ -3,7 +3,6 @@
 import argparse
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -18,6 +17,7 @@ from posefuse.app.terminal import Terminal
 from posefuse.calibrate.coverage import coverage, coverage_sheet
 from posefuse.calibrate.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibrate.report_html import html_page
+from posefuse.calibrate.sync import ClockEstimate
 from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.files.rig import read_rig, write_rig
 from posefuse.files.settings import read_settings
@@ -138,24 +138,24 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
 def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     lab: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], late_s: tuple[float, ...], settings: bool
 ) -> None:
-    found = SimpleNamespace(rig=lab.rig, delay_s=np.column_stack([late_s, np.zeros(4)]), middle_ns=0)
-    path = write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
+    found, settings_file = ClockEstimate.known(np.array(late_s), 0.0), tmp_path / "posefuse.toml"
+    path = write_clocks(settings_file, lab.rig.names, found, Terminal(as_json=True))
     assert (path is not None) == settings
     if path is None:
         return
     read = read_settings(path, TrackConfig)
     assert [read.cameras[name].offset_s for name in lab.rig.names] == [-s for s in late_s]
     path.write_text("raw = true\n")
-    assert write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True)) is None
+    assert write_clocks(settings_file, lab.rig.names, found, Terminal(as_json=True)) is None
     assert path.read_text() == "raw = true\n"
     assert "offset_s = -0.120000" in capsys.readouterr().err
 
 
 def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_path: Path) -> None:
     offset, drift, middle = 0.12, -2e-4, 40.0
-    delay_s = np.array([[0.0, 0.0], [offset, drift], [0.0, 0.0], [0.0, 0.0]])
-    found = SimpleNamespace(rig=lab.rig, delay_s=delay_s, middle_ns=round(middle * 1e9))
-    path = write_clocks(tmp_path / "rig.toml", found, Terminal(as_json=True))
+    second = np.eye(4)[1]
+    found = ClockEstimate(offset * second, drift * second, 0 * second, 0 * second, middle)
+    path = write_clocks(tmp_path / "posefuse.toml", lab.rig.names, found, Terminal(as_json=True))
     assert path is not None
     read = read_settings(path, TrackConfig).cameras["cam01"]
     images = tmp_path / "images"

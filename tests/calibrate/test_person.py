@@ -9,7 +9,8 @@ import pytest
 from posefuse.calibrate.checks import camera_differences, scale_of
 from posefuse.calibrate.person import KnownLength, PersonCalibration, calibrate_from_person, rough_rig, stature_m
 from posefuse.calibrate.person_start import turned_inside_out
-from posefuse.calibrate.person_views import PersonViews, person_views, prominent
+from posefuse.calibrate.person_tracks import person_tracks, prominent
+from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.calibrate.report import RefusedCalibration
 from posefuse.calibrate.rotations import Poses, stacked
 from posefuse.core import SE3, SKELETONS, CalibrationError, Detections2D, Rig
@@ -151,7 +152,7 @@ def test_the_person_followed_is_the_large_one_and_then_the_near_one() -> None:
     assert prominent(seen) == 1
     assert prominent(seen, np.array([100.0, 100.0])) == 0
     assert prominent(replace(seen, xy_img=np.full((3, 17, 2), np.nan))) is None
-    views = person_views({"a": [seen], "b": [replace(seen, camera="b", xy_img=xy[[2, 2, 0]])]})
+    views = person_views(person_tracks({"a": [seen], "b": [replace(seen, camera="b", xy_img=xy[[2, 2, 0]])]}))
     np.testing.assert_array_equal(views.xy_img[:, 0, 0], [[390, 390], [150, 150]])
     assert views.sigma_px[0, 0, 0] == 1
 

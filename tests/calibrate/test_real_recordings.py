@@ -17,6 +17,7 @@ from posefuse.calibrate.extrinsics import Calibration, calibrate_extrinsics
 from posefuse.calibrate.monitor import leave_one_out
 from posefuse.calibrate.observations import Observations, joined
 from posefuse.calibrate.person import KnownLength, calibrate_from_person
+from posefuse.calibrate.person_tracks import person_tracks
 from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.calibrate.pipeline import Options
 from posefuse.calibrate.report import RefusedCalibration
@@ -84,11 +85,9 @@ def after_similarity(rig: Rig, found: Rig) -> tuple[np.ndarray, np.ndarray]:
 
 
 def openpose_views(folder: Path, rig: Rig) -> PersonViews:
+    folders = {name: folder / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
     return person_views(
-        {
-            name: list(read_openpose_folder(folder / "openpose_json" / f"{name.replace('_', '')}_json", name).frames(60.0))
-            for name in rig.names
-        }
+        person_tracks({name: list(read_openpose_folder(path, name).frames(60.0)) for name, path in folders.items()})
     )
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from posefuse.calibrate import monitor
 from posefuse.calibrate.extrinsics import world_checks
-from posefuse.calibrate.sync import Track, estimate_clocks
 from posefuse.calibrate.synthetic import Faults, Waving, board, observe_prop
 from posefuse.calibrate.targets import Charuco, Markers
 from posefuse.calibrate.verify import check_stature, verify
@@ -116,27 +115,6 @@ def walk(t_s: np.ndarray) -> np.ndarray:
     swing = np.stack([np.sin(5 * t_s[:, None] + np.arange(6)) * 0.3, np.cos(3.1 * t_s[:, None] + np.arange(6)) * 0.25,
                       np.tile(np.linspace(-0.8, 0.6, 6), (len(t_s), 1))], axis=-1)  # fmt: skip
     return middle[:, None] + swing
-
-
-def test_clocks_are_found_to_two_milliseconds_with_drift(lab: Any) -> None:
-    random = np.random.default_rng(2)
-    late, drift = (0.0, 0.183, -0.071, 0.0), (0.0, 2e-4, 0.0, -3e-4)
-    tracks = []
-    for camera, offset, rate in zip(lab.rig, late, drift, strict=True):
-        stamps = np.arange(1200) / 30 + 0.005
-        xy = camera.project(walk(stamps - offset - rate * (stamps - 20)))
-        tracks.append(Track(stamps, xy + random.normal(0, 1.0, xy.shape)))
-    found = estimate_clocks(lab.rig, tuple(tracks), with_drift=True)
-    np.testing.assert_allclose(found.offset_s, late, atol=2e-3)
-    np.testing.assert_allclose(found.drift, drift, atol=1e-4)
-    assert (np.abs(found.offset_s - late) < 5 * found.offset_sigma_s + 1e-4).all()
-
-
-def test_a_clock_without_motion_is_refused(lab: Any) -> None:
-    stamps = np.arange(300) / 30
-    still = tuple(Track(stamps, camera.project(walk(np.zeros(300)))) for camera in lab.rig)
-    with pytest.raises(CalibrationError, match="clock of cam01 against cam00: not determined"):
-        estimate_clocks(lab.rig, still)
 
 
 def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.Finding]:

@@ -1,14 +1,18 @@
-"""One person in all cameras, out of whoever each camera saw."""
+"""One person in all cameras at common instants."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import CalibrationError, Detections2D, Skeleton
+from posefuse.core import Skeleton
 from posefuse.core.arrays import Array, check_axes, frozen
+
+from .person_tracks import PersonTrack
+from .resample import at_times
+from .sync import ClockEstimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,60 +45,31 @@ class PersonViews:
             sigma_px=self.sigma_px[:, instants],
         )  # fmt: skip
 
+    def tracks(self) -> tuple[PersonTrack, ...]:
+        """The same as one track per camera."""
+        columns = zip(self.cameras, self.xy_img, self.score, self.sigma_px, strict=True)
+        return tuple(PersonTrack(name, self.skeleton, self.t_ns, *values) for name, *values in columns)
 
-def person_views(detections: Mapping[str, Sequence[Detections2D]]) -> PersonViews:
-    """The most prominent person of every camera, followed from frame to frame, at the times of the camera with most frames.
 
-    Prominent is who is large and well scored; a bystander is let go because the one followed is the nearest to the last.
+def person_views(tracks: Sequence[PersonTrack], clocks: ClockEstimate | None = None) -> PersonViews:
+    """All cameras at the times of the one with most frames, interpolated where others looked at other times.
+
+    Args:
+        tracks: of at least two cameras. clocks: of the cameras in this order; None takes their stamps as they are.
     """
-    if len(detections) < 2 or not all(detections.values()):
-        empty = [name for name, frames in detections.items() if not frames]
-        raise CalibrationError(f"person: expected detections of at least 2 cameras, got {len(detections)}; empty: {empty}")
-    names = tuple(detections)
-    longest = max(names, key=lambda name: len(detections[name]))
-    t_ns = np.array([frame.t_ns for frame in detections[longest]], dtype=np.int64)
-    skeleton = detections[longest][0].skeleton
-    period = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1
-    xy = np.full((len(names), len(t_ns), len(skeleton), 2), np.nan)
-    score, sigma = np.zeros(xy.shape[:3]), np.full(xy.shape[:3], np.nan)
-    for c, name in enumerate(names):
-        frames = sorted(detections[name], key=lambda frame: frame.t_ns)
-        if frames[0].skeleton != skeleton:
-            raise CalibrationError(f"person: {name} has skeleton {frames[0].skeleton.name}, {longest} has {skeleton.name}")
-        stamps = np.array([frame.t_ns for frame in frames])
-        followed = _follow(frames)
-        for i, t in enumerate(t_ns):
-            k = int(np.argmin(np.abs(stamps - t)))
-            person = followed[k]
-            if person is not None and abs(int(stamps[k]) - int(t)) <= period // 2:
-                xy[c, i], score[c, i], sigma[c, i] = frames[k].xy_img[person], frames[k].score[person], frames[k].sigma_px[person]
-    return PersonViews(names, skeleton, t_ns, xy, score, sigma)
+    taken = [track.t_ns / 1e9 if clocks is None else clocks.taken_s(c, track.t_ns / 1e9) for c, track in enumerate(tracks)]
+    longest = max(range(len(tracks)), key=lambda c: len(taken[c]))
+    t_s = taken[longest]
+    xy = np.stack([at_times(t, track.xy_img, t_s) for t, track in zip(taken, tracks, strict=True)])
+    sigma = np.stack([_of_both(t, track.sigma_px, t_s, np.maximum) for t, track in zip(taken, tracks, strict=True)])
+    score = np.stack([_of_both(t, track.score, t_s, np.minimum) for t, track in zip(taken, tracks, strict=True)])
+    score = np.where(np.isfinite(xy).all(axis=-1), score, 0.0)
+    names = tuple(track.camera for track in tracks)
+    return PersonViews(names, tracks[0].skeleton, np.round(t_s * 1e9).astype(np.int64), xy, score, sigma)
 
 
-def _follow(frames: Sequence[Detections2D]) -> list[int | None]:
-    followed: list[int | None] = []
-    last: Array | None = None
-    for frame in frames:
-        person = prominent(frame, last)
-        followed.append(person)
-        last = last if person is None else _middles(frame)[person]
-    return followed
-
-
-def prominent(frame: Detections2D, last: Array | None = None) -> int | None:
-    """Number of the person who is large and well scored, and near the place `last` (2,) px; None when nobody is there."""
-    known = np.isfinite(frame.xy_img).all(axis=-1).any(axis=-1)
-    if not known.any():
-        return None
-    xy = np.where(known[:, None, None], frame.xy_img, 0.0)
-    size = np.linalg.norm(np.nanmax(xy, axis=1) - np.nanmin(xy, axis=1), axis=1)
-    worth = np.where(known, size * frame.score.mean(axis=1), -1.0)
-    if last is not None:
-        away = np.nan_to_num(np.linalg.norm(_middles(frame) - last, axis=1), nan=np.inf)
-        worth = worth / (1 + away / np.maximum(size, 1))
-    return int(np.argmax(worth))
-
-
-def _middles(frame: Detections2D) -> Array:
-    """(P, 2) median keypoint of each person; NaN of one without any."""
-    return np.array([np.nanmedian(xy, axis=0) if np.isfinite(xy).any() else (np.nan, np.nan) for xy in frame.xy_img])
+def _of_both(t_s: Array, values: Array, wanted_s: Array, which: np.ufunc) -> Array:
+    """(W, K) the larger or the smaller value of the two frames about each moment."""
+    after = np.searchsorted(t_s, wanted_s).clip(0, len(t_s) - 1)
+    before = np.where(t_s[after] > wanted_s, after - 1, after).clip(0)
+    return np.asarray(which(values[before], values[after]))

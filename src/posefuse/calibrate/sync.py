@@ -1,34 +1,25 @@
-"""Clocks of calibrated cameras from what moves in front of them: offset and drift of each against the reference.
+"""Clocks of calibrated cameras from what moves in front of them: offset and drift of each.
 
-With the rig known, a point's images must meet in space. Between two frames an image point moves by its velocity times the
-clock error, so the offset is a least-squares problem in the epipolar distance; a coarse search comes first, because
-that linearisation holds for some frames only. Works for keypoints of a person and for corners of a prop alike.
+Works for keypoints of a person and for corners of a prop alike, and bears a rig that is a little wrong, since a constant error of
+each camera about each point is allowed for. The recording is cut into blocks; how far they disagree says how sure the result is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
-from scipy.optimize import least_squares
 
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
-_STEP_S = 0.01
-_LEAST_KNOWN = 8
-# lets motion of up to a ninth of the frame rate through
-_SMOOTHING_FRAMES = 3.0
-# offset in s and drift in s/s over which the image motion is straight
-_STEPS = np.array([1e-4, 1e-6])
-_LEAST_INFORMATION, _LEAST_SPREAD_PX = 1e-6, 0.05
-_LEAST_POINTS = 100
-_LOSS_PX = 2.0
-_LONGEST_GAP_PERIODS = 2.2
-_MOST_SAMPLES = 400
-_TRUSTED_SIGMA_S = 0.02
+from .sync_paths import ACCELERATIONS_M_S2, APART_S, LEAST_VIEWS, LONGEST_STEP_S, SETTLED_S, ClockSums, MovingViews, Paths
+
+# seconds of a block, what is looked at besides at its ends, and how many blocks are looked at, spread over the recording
+_BLOCK_S, _MARGIN_S, _MOST_BLOCKS = 4.0, 0.3, 30
+# of offsets and drifts before anything is seen
+_BEFORE_S, _BEFORE_DRIFT = 0.3, 3e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +32,9 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class ClockEstimate:
-    """offset_s, drift, and their standard errors, each (C,); the reference camera has 0.
+    """offset_s, drift, and their standard errors, each (C,), against the first camera, which has 0.
 
-    A frame that camera c stamped s was taken at s - offset - drift * (s - middle_s) on the reference camera's clock.
+    A frame that camera c stamped s was taken at s - offset - drift * (s - middle_s) on the first camera's clock.
     """
 
     offset_s: Array
@@ -52,113 +43,149 @@ class ClockEstimate:
     drift_sigma: Array
     middle_s: float
 
+    @classmethod
+    def known(cls, offset_s: Array, middle_s: float) -> ClockEstimate:
+        """Offsets without a doubt and without drift."""
+        nothing = np.zeros(len(offset_s))
+        return cls(np.asarray(offset_s - offset_s[0]), nothing, nothing, nothing, middle_s)
 
-def estimate_clocks(
-    rig: Rig, tracks: tuple[Track, ...], most_s: float = 0.3, reference: int = 0, with_drift: bool = False
-) -> ClockEstimate:
-    """Clock of every camera against the reference, each pair by itself.
+    def taken_s(self, c: int, stamp_s: Array) -> Array:
+        """When camera c took the frames it stamped so."""
+        return np.asarray(stamp_s - self.offset_s[c] - self.drift[c] * (stamp_s - self.middle_s))
+
+
+@dataclass(frozen=True, eq=False)
+class ClockFit:
+    """Clocks, and how they came about.
+
+    Attributes:
+        clocks: the result. spread_px: (C,) how far a camera's points usually lie beside the paths.
+        block_s: (B,) middle of each block. blocks: what each says of offsets that are still left.
+    """
+
+    clocks: ClockEstimate
+    spread_px: Array
+    block_s: Array
+    blocks: tuple[ClockSums, ...]
+
+    def parts(self, count: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Offsets (C,) about the result with standard errors, from the first `count` blocks alone, and from the others."""
+        first, second = (_left(part) for part in (self.blocks[:count], self.blocks[count:]))
+        return first, second
+
+
+def estimate_clocks(rig: Rig, tracks: Sequence[Track], start: ClockEstimate, with_drift: bool = False) -> ClockFit:
+    """Clocks of all cameras together, from clocks that are right to some frames.
+
+    Args:
+        tracks: one per camera of the rig, of the same points. start: as `sync_start` finds them.
 
     Raises:
-        CalibrationError: a camera shares too little motion with the reference, by name.
+        CalibrationError: no two cameras saw the points at one time.
     """
-    count = len(rig)
-    offset, drift, offset_sigma, drift_sigma = (np.zeros(count) for _ in range(4))
-    times = _samples(tracks[reference].t_s)
-    middle = float((tracks[reference].t_s[0] + tracks[reference].t_s[-1]) / 2)
-    for c in range(count):
-        if c == reference:
-            continue
-        pair = _Pair(rig, tracks, reference, c, times, middle)
-        values, sigmas = pair.solve(most_s, with_drift)
-        offset[c], drift[c] = values
-        offset_sigma[c], drift_sigma[c] = sigmas
-        if not offset_sigma[c] < _TRUSTED_SIGMA_S:
-            raise CalibrationError(
-                f"clock of {rig.names[c]} against {rig.names[reference]}: not determined (standard error"
-                f" {offset_sigma[c] * 1e3:.0f} ms); more motion across the line between the two is needed"
-            )
-    return ClockEstimate(offset, drift, offset_sigma, drift_sigma, middle)
+    blocks = _blocks(rig, tracks, start)
+    if not blocks:
+        raise CalibrationError("clocks: no two cameras saw the same points at one time, however their stamps are shifted")
+    paths = [Paths(rig, views) for _, views in blocks]
+    block_s = np.array([middle for middle, _ in blocks])
+    design = _design(block_s - start.middle_s, len(rig), with_drift)
+    first = np.concatenate([start.offset_s, start.drift])[: design.shape[2]]
+    first = first - np.repeat(first.reshape(-1, len(rig)).mean(axis=1), len(rig))
+    value, prior = first.copy(), _only_differences(len(rig), with_drift)
+    for acceleration in ACCELERATIONS_M_S2:
+        sums = [one.step(turn @ value, acceleration) for one, turn in zip(paths, design, strict=True)]
+        information, pulls = _gathered(design, sums)
+        step = np.linalg.solve(information + prior, pulls.sum(axis=0) - prior @ (value - first))
+        step[: len(rig)] = np.clip(step[: len(rig)], -LONGEST_STEP_S, LONGEST_STEP_S)
+        value = value + step
+        if acceleration == ACCELERATIONS_M_S2[-1] and np.abs(step[: len(rig)]).max() < SETTLED_S:
+            break
+    covariance = _covariance(information + prior, pulls - pulls.mean(axis=0))
+    clocks = _against_first(value, covariance, len(rig), start.middle_s)
+    return ClockFit(clocks, _spread_px(paths, len(rig)), block_s, tuple(sums))
 
 
-def _samples(t_s: Array) -> Array:
-    return t_s[:: max(1, len(t_s) // _MOST_SAMPLES)]
+def _blocks(rig: Rig, tracks: Sequence[Track], start: ClockEstimate) -> list[tuple[float, MovingViews]]:
+    """Middle and views of each block in which two cameras saw enough."""
+    taken = [start.taken_s(c, track.t_s) for c, track in enumerate(tracks)]
+    begin = sorted(t[0] for t in taken if len(t))[1]
+    end = sorted(t[-1] for t in taken if len(t))[-2]
+    count = max(1, round((end - begin) / _BLOCK_S))
+    edges = np.linspace(begin, max(end, begin), count + 1)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_BLOCKS)).round().astype(int))
+    norm = [camera.norm_from_px(track.xy_img) for camera, track in zip(rig, tracks, strict=True)]
+    blocks = []
+    for k in chosen:
+        inside = [_thinned(t, edges[k] - _MARGIN_S, edges[k + 1] + _MARGIN_S) for t in taken]
+        c = np.repeat(np.arange(len(rig)), [len(rows) for rows in inside])
+        xy = np.concatenate([norm[i][rows] for i, rows in enumerate(inside)])
+        seen = np.isfinite(xy[..., 0]).any(axis=1)
+        if (np.bincount(c[seen], minlength=len(rig)) >= LEAST_VIEWS).sum() >= 2:
+            stamps = np.concatenate([tracks[i].t_s[rows] for i, rows in enumerate(inside)])
+            blocks.append((float(edges[k] + edges[k + 1]) / 2, MovingViews(c[seen], stamps[seen], xy[seen])))
+    return blocks
 
 
-class _Pair:
-    """Epipolar distances of one camera's interpolated points to the reference camera's."""
-
-    def __init__(self, rig: Rig, tracks: tuple[Track, ...], reference: int, other: int, times: Array, middle_s: float) -> None:
-        self._camera, self._times, self._middle = rig.cameras[other], times, middle_s
-        self._names = (rig.names[reference], rig.names[other])
-        at = np.searchsorted(tracks[reference].t_s, times)
-        self._norm_a = rig.cameras[reference].norm_from_px(tracks[reference].xy_img[at])
-        b_from_a = self._camera.cam_from_world @ rig.cameras[reference].cam_from_world.inverse()
-        x, y, z = b_from_a.xyz
-        self._essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ b_from_a.matrix()
-        self._lines = self._with_one(self._norm_a) @ self._essential.T
-        self._splines = [_spline(tracks[other].t_s, tracks[other].xy_img[:, p]) for p in range(tracks[other].xy_img.shape[1])]
-
-    @staticmethod
-    def _with_one(norm: Array) -> Array:
-        return np.concatenate([norm, np.ones_like(norm[..., :1])], axis=-1)
-
-    def distances_px(self, offset_s: float, drift: float) -> Array:
-        """(S, P) signed distance to the epipolar line in px; NaN where either does not see the point."""
-        wanted = self._times + offset_s + drift * (self._times - self._middle)
-        xy = np.stack([spline(wanted) for spline in self._splines], axis=1)
-        norm = self._camera.norm_from_px(xy)
-        length = np.linalg.norm(self._lines[..., :2], axis=-1)
-        return np.asarray((self._with_one(norm) * self._lines).sum(axis=-1) / length * self._camera.K[0, 0])
-
-    def solve(self, most_s: float, with_drift: bool) -> tuple[tuple[float, float], tuple[float, float]]:
-        trials = np.arange(-most_s, most_s + _STEP_S / 2, _STEP_S)
-        cost = np.array([self._cost(trial) for trial in trials])
-        if not np.isfinite(cost).any():
-            raise CalibrationError(f"clock of {self._names[1]} against {self._names[0]}: too few points seen by both")
-        first = float(trials[int(np.nanargmin(cost))])
-        start = np.array([first, 0.0]) if with_drift else np.array([first])
-        seen = np.isfinite(self.distances_px(first, 0.0))
-
-        steps = _STEPS[: len(start)]
-
-        def residual(p: Array) -> Array:
-            x = start + p * steps
-            off = self.distances_px(x[0], x[1] if with_drift else 0.0)[seen]
-            return np.asarray(np.where(np.isfinite(off), off, 0.0))
-
-        def jacobian(p: Array) -> Array:
-            return np.stack([(residual(p + h) - residual(p - h)) / 2 for h in np.eye(len(p))], axis=1)
-
-        found = least_squares(residual, np.zeros(len(start)), jac=jacobian, loss="cauchy", f_scale=_LOSS_PX)
-        spread = max(1.4826 * float(np.median(np.abs(residual(found.x)))), _LEAST_SPREAD_PX)
-        slope = jacobian(found.x)
-        information = slope.T @ slope / spread**2
-        known = np.linalg.eigvalsh(information).min() > _LEAST_INFORMATION
-        sigma = np.sqrt(np.diag(np.linalg.inv(information))) * steps if known else np.full(len(start), np.inf)
-        values = np.pad(start + found.x * steps, (0, 2 - len(start)))
-        sigmas = np.pad(sigma, (0, 2 - len(start)))
-        return (float(values[0]), float(values[1])), (float(sigmas[0]), float(sigmas[1]))
-
-    def _cost(self, offset_s: float) -> float:
-        off = self.distances_px(offset_s, 0.0)
-        off = off[np.isfinite(off)]
-        return float(np.median(np.abs(off))) if len(off) >= _LEAST_POINTS else float("nan")
+def _thinned(t_s: Array, begin_s: float, end_s: float) -> Array:
+    """Rows from begin to end that are not too close to each other."""
+    rows, last = [], -np.inf
+    for row in np.flatnonzero((t_s >= begin_s) & (t_s <= end_s)):
+        if t_s[row] >= last + APART_S:
+            rows.append(row)
+            last = t_s[row]
+    return np.array(rows, np.intp)
 
 
-def _spline(t_s: Array, xy: Array) -> Callable[[Array], Array]:
-    """Interpolator times (n,) -> (n, 2), NaN outside what was seen and across gaps."""
-    good = np.isfinite(xy).all(axis=-1)
-    if good.sum() < _LEAST_KNOWN:
-        return lambda wanted: np.full((len(wanted), 2), np.nan)
-    known_s = t_s[good]
-    # smoothed, because the noise of an interpolated velocity would pull clocks towards no offset
-    period = float(np.median(np.diff(t_s)))
-    curve = make_smoothing_spline(known_s / period, xy[good], lam=_SMOOTHING_FRAMES)
-    longest = _LONGEST_GAP_PERIODS * period
+def _design(since_s: Array, cameras: int, with_drift: bool) -> Array:
+    """(B, C, unknowns) offsets at each block from offsets in the middle, and drifts."""
+    same = np.broadcast_to(np.eye(cameras), (len(since_s), cameras, cameras))
+    return np.concatenate([same, same * since_s[:, None, None]], axis=2) if with_drift else same
 
-    def at(wanted: Array) -> Array:
-        after = np.clip(np.searchsorted(known_s, wanted), 1, len(known_s) - 1)
-        inside = (wanted >= known_s[0]) & (wanted <= known_s[-1]) & (known_s[after] - known_s[after - 1] <= longest)
-        return np.asarray(np.where(inside[:, None], curve(wanted / period), np.nan))
 
-    return at
+def _gathered(design: Array, sums: Sequence[ClockSums]) -> tuple[Array, Array]:
+    """Information of all blocks together, and pull (B, unknowns) of each."""
+    turned = np.swapaxes(design, 1, 2)
+    information = turned @ np.stack([one.information for one in sums]) @ design
+    return information.sum(axis=0), np.einsum("buc,bc->bu", turned, np.stack([one.pull for one in sums]))
+
+
+def _only_differences(cameras: int, with_drift: bool) -> Array:
+    """Information that holds the means at 0, and each about where it was before anything is seen."""
+    same = np.ones((cameras, cameras)) / cameras**2 * 1e6 + np.eye(cameras)
+    scales = (_BEFORE_S, _BEFORE_DRIFT) if with_drift else (_BEFORE_S,)
+    return np.kron(np.diag([scale**-2 for scale in scales]), same)
+
+
+def _covariance(information: Array, pulls: Array) -> Array:
+    """As the noise says, or as the blocks scatter where that is more (White 1980)."""
+    formal = np.linalg.inv(information)
+    if len(pulls) < 2:
+        return formal
+    scatter = formal @ (pulls.T @ pulls * len(pulls) / (len(pulls) - 1)) @ formal
+    larger = np.sqrt(np.maximum(np.diag(scatter) / np.diag(formal), 1.0))
+    return np.asarray(formal * larger[:, None] * larger)
+
+
+def _against_first(value: Array, covariance: Array, cameras: int, middle_s: float) -> ClockEstimate:
+    to_first = np.eye(cameras) - np.eye(cameras)[0]
+    parts = []
+    for begin in range(0, len(value), cameras):
+        own = slice(begin, begin + cameras)
+        parts.append((to_first @ value[own], np.sqrt(np.diag(to_first @ covariance[own, own] @ to_first.T))))
+    parts.append((np.zeros(cameras), np.zeros(cameras)))
+    return ClockEstimate(parts[0][0], parts[1][0], parts[0][1], parts[1][1], middle_s)
+
+
+def _left(blocks: Sequence[ClockSums]) -> tuple[Array, Array]:
+    cameras = len(blocks[0].pull)
+    prior = _only_differences(cameras, False)
+    information = sum((one.information for one in blocks), prior)
+    left = np.linalg.solve(information, sum(one.pull for one in blocks))
+    return left, np.sqrt(np.diag(np.linalg.inv(information)))
+
+
+def _spread_px(paths: Sequence[Paths], cameras: int) -> Array:
+    c = np.concatenate([one.camera for one in paths])
+    left = np.concatenate([one.left_px for one in paths])
+    mine = [left[c == i] for i in range(cameras)]
+    return np.array([np.median(one) if len(one) else np.nan for one in mine])

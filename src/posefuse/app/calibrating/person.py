@@ -12,6 +12,7 @@ from posefuse.app.config import read_config
 from posefuse.app.session import LEAST_CAMERAS
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.person import KnownLength, calibrate_from_person
+from posefuse.calibrate.person_tracks import person_tracks
 from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.core import SE3, InputError, Rig
 from posefuse.core.errors import choices
@@ -70,4 +71,5 @@ def _known_length(args: argparse.Namespace, rig: Rig) -> KnownLength:
 def _from_files(args: argparse.Namespace, paths: Mapping[str, Path]) -> PersonViews:
     if args.rate_hz is None:
         raise InputError("person: folders of 2D poses do not say their frame rate: add --rate-hz")
-    return person_views({name: list(read_openpose_folder(path, name).frames(args.rate_hz)) for name, path in paths.items()})
+    frames = {name: list(read_openpose_folder(path, name).frames(args.rate_hz)) for name, path in paths.items()}
+    return person_views(person_tracks(frames))

@@ -22,7 +22,8 @@ from posefuse.app.session import Input, fitted_camera
 from posefuse.app.terminal import Terminal
 from posefuse.associate import AssociateSettings
 from posefuse.calibrate.person import KnownLength, rough_rig
-from posefuse.calibrate.person_views import PersonViews, person_views, prominent
+from posefuse.calibrate.person_tracks import person_tracks, prominent
+from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_keypoints
@@ -55,7 +56,7 @@ def person_in_videos(
     timeline = _timeline({source.camera: np.asarray(source.times_ns()) for source in sources}, instants)
     detector = build_detector(choice, Rig(cameras))
     with terminal.progress("finding the person") as advance:
-        apart = person_views(poses_apart(sources, detector, timeline, advance))
+        apart = person_views(person_tracks(poses_apart(sources, detector, timeline, advance)))
     with terminal.progress("looking again, together") as advance:
         return poses_together(sources, detector, timeline, rough_rig(apart, cameras, length), advance), cameras
 

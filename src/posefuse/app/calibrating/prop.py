@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from posefuse.app.config import CONFIG_FILE
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.coverage import coverage_picture
 from posefuse.calibrate.detection import observe, observe_all
@@ -26,7 +27,7 @@ from posefuse.files.rig import read_rig, write_rig
 
 from .floor_points import read_floor_points
 from .inputs import late_s, seen_or_why_not, sources_from_arguments, target_from_arguments
-from .results import numbered, reported, show, write_clocks, write_coverage, write_report
+from .results import clocks_of, numbered, reported, show, write_clocks, write_coverage, write_report
 
 # a board that gives the focal length to a per cent gives k1 and k2 to about this
 _LENS_PER_PERCENT = 0.02
@@ -73,7 +74,7 @@ def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
         for i, camera in enumerate(found.rig)
     }
     write_report(args.report, found.report, pictures, found.rig)
-    settings = write_clocks(args.out, found, terminal)
+    settings = write_clocks(args.out.with_name(CONFIG_FILE), found.rig.names, clocks_of(found), terminal)
     return {
         "rig": str(args.out),
         "coverage": str(covered),

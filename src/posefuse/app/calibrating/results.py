@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import cv2
 
-from posefuse.app.config import CONFIG_FILE
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.coverage import coverage, coverage_sheet
 from posefuse.calibrate.extrinsics import Calibration
 from posefuse.calibrate.observations import Observations
 from posefuse.calibrate.report import CalibrationReport, RefusedCalibration
 from posefuse.calibrate.report_html import html_page
+from posefuse.calibrate.sync import ClockEstimate
 from posefuse.core import Rig
 
 
@@ -59,17 +59,21 @@ def write_coverage(rig_path: Path, observations: Observations, terminal: Termina
     return path
 
 
-def write_clocks(rig_path: Path, found: Calibration, terminal: Terminal) -> Path | None:
+def clocks_of(found: Calibration) -> ClockEstimate:
+    """What a calibration from a prop says of the cameras' clocks."""
+    return ClockEstimate(*found.delay_s.T, *found.delay_sigma_s.T, found.middle_ns / 1e9)
+
+
+def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate, terminal: Terminal) -> Path | None:
     """The clocks that were found, as settings that `posefuse track` reads; a rig file cannot carry them.
 
     A frame stamped s was taken at s - offset - drift * (s - middle), and `track` adds its settings: the signs turn.
     Returns None when the cameras were in step, or the settings are somebody's already.
     """
-    if not found.delay_s.any():
+    if not (clocks.offset_s.any() or clocks.drift.any()):
         return None
-    clocks = zip(found.rig.names, found.delay_s.tolist(), strict=True)
-    text = "\n".join(_clock_settings(name, offset, drift, found.middle_ns / 1e9) for name, (offset, drift) in clocks)
-    path = rig_path.with_name(CONFIG_FILE)
+    each = zip(names, clocks.offset_s.tolist(), clocks.drift.tolist(), strict=True)
+    text = "\n".join(_clock_settings(name, offset, drift, clocks.middle_s) for name, offset, drift in each)
     if path.exists():
         terminal.warn(f"{path} is there already and is left as it is; the clocks found belong into it:\n{text}")
         return None

@@ -12,7 +12,8 @@ from posefuse.core import InputError
 
 from .options import add_networks
 
-SUMMARY = "calibrate cameras from recordings of a board, a marker prop or a person; verify; print targets"
+SUMMARY = "calibrate cameras from recordings of a board, a marker prop or a person; find their clocks; verify; print targets"
+CLOCKS = ("auto", "together", "offset", "drift")
 TARGETS = ("markers", "charuco", "chessboard", "aruco-board")
 
 
@@ -28,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_inputs(two)
     two.add_argument("--intrinsics", type=Path, required=True, metavar="FILE", help="rig file with the lenses")
     two.add_argument("--out", type=Path, required=True, metavar="FILE", help="rig file to write")
-    two.add_argument("--clocks", choices=("auto", "together", "offset", "drift"), default="auto",
+    two.add_argument("--clocks", choices=CLOCKS, default="auto",
                      help="estimate the cameras' clocks: never (together), always, or when needed (auto)")  # fmt: skip
     two.add_argument("--floor-marker", type=int, metavar="ID", help="marker of the same recordings that lies on the floor")
     two.add_argument("--floor-side-mm", type=float, metavar="MM", help="side of that marker, when it differs")
@@ -51,10 +52,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     person.add_argument("--apart", nargs=3, metavar=("CAMERA", "CAMERA", "METRES"), help="or: measured distance of two cameras")
     person.add_argument("--rate-hz", type=float, help="frame rate of OpenPose JSON")
     person.add_argument("--instants", type=int, default=600, metavar="N", help="instants of the videos to look at, at most")
+    person.add_argument("--clocks", choices=CLOCKS, default="auto",
+                        help="estimate the cameras' clocks: never (together), always, or when needed (auto)")  # fmt: skip
+    _add_most_s(person)
     person.add_argument("--upside-down", action="append", default=[], metavar="CAMERA", help="a camera that really hangs so")
     person.add_argument("--out", type=Path, required=True, metavar="FILE", help="rig file to write")
     add_networks(person)
     person.set_defaults(overrides=[])
+    clocks = steps.add_parser("clocks", help="how far apart the clocks of calibrated cameras are, from a person who moves")
+    clocks.add_argument("session", type=Path, metavar="SESSION", help="as for `posefuse track`: calibration and recordings")
+    clocks.add_argument("--rig", type=Path, metavar="FILE", help="calibration file, when it is not in SESSION")
+    clocks.add_argument("--clocks", choices=("offset", "drift"), default="offset",
+                        help="whether clocks run at rates of their own as well")  # fmt: skip
+    clocks.add_argument("--rate-hz", type=float, help="frame rate of OpenPose JSON and of images without times")
+    clocks.add_argument("--seconds", type=float, default=60.0, metavar="S", help="look at so much of the recording, its middle")
+    _add_most_s(clocks)
+    add_networks(clocks)
+    clocks.set_defaults(overrides=[])
     check = steps.add_parser("verify", help="millimetres and pixels of a rig, with a marker or board held anywhere")
     _add_target(check, "charuco")
     _add_inputs(check)
@@ -65,11 +79,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_target(sheets, "charuco")
     sheets.add_argument("--page", default="a4", help="a4, a3, a2, a1, a0 or letter")
     sheets.add_argument("--out", type=Path, required=True, metavar="FILE", help="PDF to write")
-    for step in (one, two, live, person, check, sheets):
+    for step in (one, two, live, person, clocks, check, sheets):
         # before the step it is understood as well
         step.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="figures as JSON on stdout")
-    for step in (one, two, person, check):
+    for step in (one, two, person, clocks, check):
         step.add_argument("--report", type=Path, metavar="FILE", help="HTML report, written also when the result is refused")
+
+
+def _add_most_s(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--most-s", type=float, default=10.0, metavar="S", help="how far clocks may be apart (default 10)")
 
 
 def _add_target(parser: argparse.ArgumentParser, default: str) -> None:
@@ -121,4 +139,18 @@ def _person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     return person(args, terminal)
 
 
-_STEPS = {"intrinsics": _prop, "extrinsics": _prop, "guide": _guide, "person": _person, "verify": _prop, "print": _prop}
+def _clocks(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    from posefuse.app.calibrating.clocks import clocks
+
+    return clocks(args, terminal)
+
+
+_STEPS = {
+    "intrinsics": _prop,
+    "extrinsics": _prop,
+    "guide": _guide,
+    "person": _person,
+    "clocks": _clocks,
+    "verify": _prop,
+    "print": _prop,
+}

@@ -67,7 +67,7 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
             f"there are {last - first + 1} at {rate_hz:g} Hz"
         )
     timeline = Timeline(skip * period_ns, period_ns, count - skip)
-    cameras = tuple(_fitted(session.rig[entry.camera], entry) for entry in session.inputs)
+    cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = dataclasses.replace(session.rig, cameras=cameras)
     return rig, Pose2DInstants(folders, timeline, first + skip, offsets_ns), timeline
 
@@ -79,7 +79,7 @@ def _check_one_skeleton(folders: list[OpenPoseFolder]) -> None:
         raise InputError(f"2D pose folders: expected one skeleton for all cameras, got {choices(named)}")
 
 
-def _fitted(camera: Camera, entry: Input) -> Camera:
+def stated_camera(camera: Camera, entry: Input) -> Camera:
     """A stated cut-out moves the picture; the size of the pictures is not in these files."""
     crop = entry.settings.crop
     return camera.cropped(*crop, camera.size_wh) if crop else camera

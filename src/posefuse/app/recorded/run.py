@@ -11,6 +11,7 @@ import numpy as np
 from posefuse import __version__
 from posefuse.app.config import TrackConfig
 from posefuse.app.session import LEAST_CAMERAS, Input, Session, fitted_camera
+from posefuse.calibrate.monitor import OUT_OF_STEP
 from posefuse.core import InputError, Recording, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
@@ -70,7 +71,8 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth, centres)
     with clock.stage("watch"):
         for finding in rig_findings(views, rig):
-            warn(f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}")
+            remedy = f"; `posefuse calibrate clocks {session.folder}` finds its offset" if finding.kind == OUT_OF_STEP else ""
+            warn(f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}")
     provenance = {
         "posefuse": __version__,
         "rig_id": rig.id,

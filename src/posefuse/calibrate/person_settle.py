@@ -1,0 +1,110 @@
+"""Clocks of cameras that stand nobody knows where, from the person who tells both: rig and clocks by turns, until they stay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.core import CalibrationError, Camera, Rig
+
+from .person import KnownLength, PersonCalibration, calibrate_from_person, rough_rig
+from .person_clocks import (
+    LATE_SIGMA,
+    SUBJECT,
+    check_one_offset,
+    check_seen,
+    fit_checks,
+    middle_s,
+    moving_points,
+    numbers,
+)
+from .person_tracks import PersonTrack
+from .person_views import person_views
+from .report import CalibrationReport, Check
+from .sync import ClockEstimate, ClockFit, estimate_clocks
+from .sync_start import rough_clocks_unplaced
+
+_MOST_ROUNDS = 6
+_SETTLED_S = 3e-4
+# a rig that is good enough for clocks needs so many instants
+_INSTANTS = 60
+# cameras closer together than a third of a usual frame are in step, whatever clocks would take up of a rig's own errors
+_IN_STEP_S = 0.01
+
+
+def unplaced_clocks(
+    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, clocks: str, most_s: float
+) -> ClockEstimate | None:
+    """Clocks of the cameras as far as a first look at the person tells; None where they are in step, or are taken so.
+
+    Args:
+        tracks: one per camera. clocks: one of `CLOCK_MODES` of a prop, and read as there.
+        most_s: the farthest two cameras' clocks may be apart.
+
+    Raises:
+        CalibrationError: the person does not tell; RefusedCalibration where a check says so by name.
+    """
+    if clocks == "together":
+        return None
+    moving = [moving_points(track) for track in tracks]
+    CalibrationReport(SUBJECT, (check_seen([track.camera for track in tracks], moving),)).require()
+    start = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
+    try:
+        rig, fit = _settled(tracks, cameras, length, start, clocks == "drift")
+        if clocks == "auto" and _in_step(fit.clocks):
+            return None
+        CalibrationReport(SUBJECT, tuple(fit_checks(rig, fit, clocks == "drift"))).require()
+        return fit.clocks
+    except CalibrationError:
+        # farther apart than a step of the solve reaches
+        rough = rough_clocks_unplaced(cameras, moving, most_s)
+    lost = [track.camera for track, offset in zip(tracks, rough.offset_s, strict=True) if not np.isfinite(offset)]
+    linked = Check("cameras are linked", not lost, f"{', '.join(lost)}: no way over the floor is like that of the others",
+                   "walk where two cameras see you together, turning this way and that")  # fmt: skip
+    CalibrationReport(SUBJECT, (linked,)).require()
+    CalibrationReport(SUBJECT, (check_one_offset([track.camera for track in tracks], rough),)).require()
+    _, fit = _settled(tracks, cameras, length, ClockEstimate.known(rough.offset_s, start.middle_s), clocks == "drift")
+    return fit.clocks
+
+
+def calibrate_out_of_step(
+    tracks: Sequence[PersonTrack],
+    cameras: tuple[Camera, ...],
+    length: KnownLength,
+    start: ClockEstimate,
+    with_drift: bool,
+    upside_down: tuple[str, ...] = (),
+) -> tuple[PersonCalibration, ClockEstimate]:
+    """Rig and clocks together, from clocks that are nearly right.
+
+    Raises:
+        CalibrationError: as `calibrate_from_person`. RefusedCalibration (one of them, with the report): a check fails.
+    """
+    rig, fit = _settled(tracks, cameras, length, start, with_drift)
+    checks = fit_checks(rig, fit, with_drift)
+    CalibrationReport(SUBJECT, tuple(checks)).require()
+    found = calibrate_from_person(person_views(tracks, fit.clocks), cameras, length, upside_down)
+    told = {**found.report.numbers, **numbers([track.camera for track in tracks], fit.clocks)}
+    report = replace(found.report, checks=(*found.report.checks, *checks), numbers=told)
+    return replace(found, report=report), fit.clocks
+
+
+def _settled(
+    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, start: ClockEstimate, with_drift: bool
+) -> tuple[Rig, ClockFit]:
+    moving, clocks = [moving_points(track) for track in tracks], start
+    for _ in range(_MOST_ROUNDS):
+        views = person_views(tracks, clocks)
+        rig = rough_rig(views.at(np.linspace(0, len(views.t_ns) - 1, _INSTANTS).astype(int)), cameras, length)
+        fit = estimate_clocks(rig, moving, clocks, with_drift)
+        moved_s = np.abs(fit.clocks.offset_s - clocks.offset_s).max()
+        clocks = fit.clocks
+        if moved_s < _SETTLED_S:
+            break
+    return rig, fit
+
+
+def _in_step(clocks: ClockEstimate) -> bool:
+    return bool((np.abs(clocks.offset_s) <= np.maximum(_IN_STEP_S, LATE_SIGMA * clocks.offset_sigma_s)).all())

@@ -1,0 +1,84 @@
+"""One person in each camera over time, out of whoever that camera saw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import CalibrationError, Detections2D, Skeleton
+from posefuse.core.arrays import Array, check_axes, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class PersonTrack:
+    """One camera's person at that camera's own stamps.
+
+    Attributes:
+        camera: name. skeleton: names axis K. t_ns: (F,) rising.
+        xy_img: (F, K, 2) raw px, NaN where missing. score: (F, K). sigma_px: (F, K), NaN where missing.
+    """
+
+    camera: str
+    skeleton: Skeleton
+    t_ns: Array
+    xy_img: Array
+    score: Array
+    sigma_px: Array
+
+    def __post_init__(self) -> None:
+        axes = {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"}
+        for name in axes:
+            dtype = np.int64 if name == "t_ns" else np.float64
+            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"PersonTrack.{name}"))
+        check_axes("PersonTrack", {name: (getattr(self, name), text) for name, text in axes.items()})
+
+
+def person_tracks(detections: Mapping[str, Sequence[Detections2D]]) -> tuple[PersonTrack, ...]:
+    """The most prominent person of every camera, followed from frame to frame.
+
+    Prominent is who is large and well scored; a bystander is let go because the one followed is the nearest to the last.
+    """
+    if len(detections) < 2 or not all(detections.values()):
+        blind = ", ".join(name for name, frames in detections.items() if not frames)
+        raise CalibrationError(f"person: nobody found by {blind}" if blind else "person: expected at least 2 cameras, got 1")
+    first, *others = detections
+    skeleton = detections[first][0].skeleton
+    for name in others:
+        if detections[name][0].skeleton != skeleton:
+            other = detections[name][0].skeleton
+            raise CalibrationError(f"person: {name} has skeleton {other.name}, {first} has {skeleton.name}")
+    return tuple(_track(name, frames) for name, frames in detections.items())
+
+
+def _track(camera: str, detections: Sequence[Detections2D]) -> PersonTrack:
+    frames = sorted(detections, key=lambda frame: frame.t_ns)
+    shape = (len(frames), len(frames[0].skeleton))
+    xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+    last: Array | None = None
+    for i, frame in enumerate(frames):
+        person = prominent(frame, last)
+        if person is not None:
+            xy[i], score[i], sigma[i] = frame.xy_img[person], frame.score[person], frame.sigma_px[person]
+            last = _middles(frame)[person]
+    return PersonTrack(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), xy, score, sigma)
+
+
+def prominent(frame: Detections2D, last: Array | None = None) -> int | None:
+    """Number of the person who is large and well scored, and near the place `last` (2,) px; None when nobody is there."""
+    known = np.isfinite(frame.xy_img).all(axis=-1).any(axis=-1)
+    if not known.any():
+        return None
+    xy = np.where(known[:, None, None], frame.xy_img, 0.0)
+    size = np.linalg.norm(np.nanmax(xy, axis=1) - np.nanmin(xy, axis=1), axis=1)
+    worth = np.where(known, size * frame.score.mean(axis=1), -1.0)
+    if last is not None:
+        away = np.nan_to_num(np.linalg.norm(_middles(frame) - last, axis=1), nan=np.inf)
+        worth = worth / (1 + away / np.maximum(size, 1))
+    return int(np.argmax(worth))
+
+
+def _middles(frame: Detections2D) -> Array:
+    """(P, 2) median keypoint of each person; NaN of one without any."""
+    return np.array([np.nanmedian(xy, axis=0) if np.isfinite(xy).any() else (np.nan, np.nan) for xy in frame.xy_img])
