@@ -110,6 +110,8 @@ def test_a_first_camera_an_hour_ahead_is_outvoted(world):
     pose = tracker.at(1_000_000_000)
     assert pose.person_id.tolist() == [0]
     assert np.nanmax(w.error_m(pose)) < 0.15
+    ages_s = [tracker.health[name].age_s for name in w.rig.names]
+    assert np.isnan(ages_s[0]) and (np.array(ages_s[1:]) >= 0).all()
 
 
 def test_when_all_cameras_jump_time_went_on(world):

@@ -25,6 +25,8 @@ _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
 _BIRTH_SPEED_M_S = 1.5
 _LEAST_KEYPOINTS = 3
+# of a sprinter: what is faster is no body any more
+_FASTEST_M_S = 13.0
 _HEALTH_MEMORY = 0.01
 
 
@@ -74,6 +76,8 @@ class AsynchronousTracker:
             self._restarts, self._tried_ns = self._admission.restarts, None
             self._people.clear()
             self._unclaimed.clear()
+            for own in self._figures.values():
+                own.newest_ns = None
         detections = _surest(detections, self._model.settings.detections_max)
         figures, c = self._figures[detections.camera], self._place[detections.camera]
         figures.newest_ns = max(detections.t_ns, figures.newest_ns or detections.t_ns)
@@ -148,7 +152,10 @@ class AsynchronousTracker:
         newest_ns = self._admission.newest_ns
         assert newest_ns is not None
         settings = self._model.settings
-        self._people = [p for p in self._people if newest_ns - p.measured_ns <= round(settings.lost_after_s * 1e9)]
+        lost_ns, alone_ns = newest_ns - round(settings.lost_after_s * 1e9), newest_ns - round(settings.alone_s * 1e9)
+        self._people = [
+            p for p in self._people if p.measured_ns >= lost_ns and p.crossed_ns >= alone_ns and p.speed_m_s < _FASTEST_M_S
+        ]
         for person in self._people:
             person.forget(newest_ns - round(settings.lag_s * 1e9))
 
