@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 
 import live_tracking as bench
 import numpy as np
+from live_motions import Place, crouching, jumping, swinging
 
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.track.live import LiveSettings
@@ -37,28 +38,22 @@ PEOPLE = {
 }
 
 
-def squatting(place: bench.Place) -> bench.Place:
-    """The same person, down by a third and up again every 1.8 s."""
-
-    def squatted(t_s: np.ndarray) -> np.ndarray:
-        xyz = place(t_s)
-        xyz[..., 2] *= (1 - 0.17 * (1 - np.cos(2 * np.pi * t_s / 1.8)))[:, None]
-        return xyz
-
-    return squatted
+def squatting(place: Place) -> Place:
+    """The same person, hips down by 0.4 m and up again every 1.8 s."""
+    return crouching(place, lambda t_s: 0.2 * (1 - np.cos(2 * np.pi * t_s / 1.8)))
 
 
-def hopping(place: bench.Place) -> bench.Place:
-    """The same person, hopping lower and oftener than in the report; see `bench.jumping`."""
-    return bench.jumping(place, flight_s=0.36, ground_s=0.42)
+def hopping(place: Place) -> Place:
+    """The same person, hopping lower and oftener than in the report; see `jumping`."""
+    return jumping(place, flight_s=0.36, ground_s=0.42)
 
 
-def waving(place: bench.Place) -> bench.Place:
+def waving(place: Place) -> Place:
     """The same person, both arms swinging by 40 degrees each way, 1.4 times a second."""
-    return bench.swinging(place, degrees=40.0, rate_hz=1.4)
+    return swinging(place, degrees=40.0, rate_hz=1.4)
 
 
-MOTIONS: Mapping[str, tuple[str, Callable[[bench.Place], bench.Place]]] = {
+MOTIONS: Mapping[str, tuple[str, Callable[[Place], Place]]] = {
     "idle": ("idle", lambda place: place),
     "stroll": ("stroll", lambda place: place),
     "march": ("march", lambda place: place),

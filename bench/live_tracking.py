@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from live_motions import Place, jumping, swinging
 from rich.console import Console
 from rich.table import Table
 
@@ -51,8 +52,6 @@ FAST = {
 # the least noise the tracker reckons with, and no confusions
 LIMITS: dict[str, dict] = {"exact views": {"sigma_px": 0.3}, "at once": {"latency_s": (0.0, 0.001)}}
 
-Place = Callable[[np.ndarray], np.ndarray]
-
 
 @dataclass(frozen=True)
 class Arrival:
@@ -73,47 +72,6 @@ def scene_of_person(motion: dict, cameras: int, seconds: float, seed: int) -> tu
     content = {"duration_s": seconds, "seed": seed, "cameras": {"kind": "ring", "count": cameras}, "people": [{"motion": motion}]}
     live = live_scene(settings_from_mapping(content, Scene, "bench"))
     return live.rig, lambda t_s: live.keypoints(t_s)[:, 0]
-
-
-def swinging(place: Place, degrees: float = 60.0, rate_hz: float = 0.9) -> Place:
-    """The same person, both arms swinging to and fro by so many degrees each way."""
-    arms = [[ANATOMICAL23.index(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
-
-    def swung(t_s: np.ndarray) -> np.ndarray:
-        xyz = place(t_s)
-        across = xyz[:, arms[0][0]] - xyz[:, arms[1][0]]
-        axis = across / np.linalg.norm(across, axis=-1, keepdims=True)
-        for sign, (shoulder, *rest) in zip((1, -1), arms, strict=True):
-            angle = sign * np.deg2rad(degrees) * np.sin(2 * np.pi * rate_hz * t_s)
-            xyz[:, rest] = xyz[:, [shoulder]] + turned(xyz[:, rest] - xyz[:, [shoulder]], axis[:, None], angle[:, None, None])
-        return xyz
-
-    return swung
-
-
-def turned(vector: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rodrigues' rotation of vectors (..., 3) about unit axes."""
-    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
-    beside = np.cross(np.broadcast_to(axis, vector.shape), vector)
-    return vector * np.cos(angle) + beside * np.sin(angle) + along * (1 - np.cos(angle))
-
-
-def jumping(place: Place, flight_s: float = 0.5, ground_s: float = 0.6) -> Place:
-    """The same person, jumping: flights of gravity alone, and between them knees that give way."""
-    gravity = 9.81
-    leap = gravity * flight_s / 2
-
-    def jumped(t_s: np.ndarray) -> np.ndarray:
-        xyz = place(t_s)
-        phase = np.mod(t_s, flight_s + ground_s)
-        u = phase - flight_s
-        up = leap * phase - gravity * phase**2 / 2
-        down = -leap * u + leap / ground_s * u**2
-        share = np.clip(xyz[..., 2] / 1.0, 0, 1)  # feet stay on the floor
-        xyz[..., 2] += np.where((phase < flight_s)[:, None], up[:, None], share * down[:, None])
-        return xyz
-
-    return jumped
 
 
 def noise(rng: np.random.Generator, t_s: np.ndarray, keypoints: int) -> np.ndarray:
