@@ -70,6 +70,8 @@ ONE_MACHINE = (
     Case("1200 frames/s", "flood", ("cam01",), fault="flood"),
     Case("says nothing", "silent", ("cam01",), fault="hang"),
     Case("unplugged", "lost", ("cam01",), fault="unplug"),
+    Case("turned by 1.5 deg", "bumped", ("cam01",), end_s=16.0, last_s=24.0, fault="bump"),
+    Case("clock 50 ms ahead", "out of step", ("cam01",), end_s=16.0, last_s=24.0, fault="skew"),
     Case("kill -9 of two cameras", "dead", ("cam02", "cam03"), end_s=6.0, last_s=20.0, fault="kill"),
 )
 _NEAR, _FAR = ("cam00", "cam01"), ("cam02", "cam03")
@@ -216,7 +218,8 @@ def figures_of(case: Case, ran: Ran, recording: Path, session: Path) -> dict:
     ill = [e for e in events if e[1] in case.cameras and e[0] >= ran.start_s]
     named = [min((t for t, c, state in ill if c == camera and state == case.state), default=np.nan) for camera in case.cameras]
     back = [max((t for t, c, state in ill if c == camera and state == "ok"), default=np.nan) for camera in case.cameras]
-    blamed = {c for t, c, state in events if c not in case.cameras and state not in ("ok", "opening") and t >= ran.start_s}
+    others = [e for e in events if e[1] not in case.cameras and e[0] >= ran.start_s]
+    blamed = {f"{c} {state}" for _, c, state in others if state not in ("ok", "opening")}
     times_s, errors_mm = errors(recording, session, ran.zero_ns)
     before = (times_s >= ran.start_s - _BEFORE_S) & (times_s < ran.start_s)
     during = (times_s >= ran.start_s) & (times_s < max(ran.end_s, ran.start_s + _LEAST_S))

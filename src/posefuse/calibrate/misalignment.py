@@ -8,7 +8,7 @@ together. So a bad camera, which spoils the residuals of the others, can be told
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -50,18 +50,23 @@ class Sums:
     """What instants say of the unknowns u (4 C) of all cameras; squares in m^2.
 
     Attributes:
-        information: (4C, 4C) of squares over u. pull: (4C,). squares: of what is left over. count: of redundant coordinates.
+        information: (4C, 4C) of squares over u, the points taken out. pull: (4C,). squares: of what is left over.
+        count: of redundant coordinates.
+        own: (C, 4, 4) squares by which each camera's unknowns displace its own points. points: (C,) of them.
     """
 
     information: Array
     pull: Array
     squares: float
     count: float
+    own: Array
+    points: Array
 
     @staticmethod
     def nothing(cameras: int) -> Sums:
         """No instant yet."""
-        return Sums(np.zeros((UNKNOWNS * cameras,) * 2), np.zeros(UNKNOWNS * cameras), 0.0, 0.0)
+        square, own = np.zeros((UNKNOWNS * cameras,) * 2), np.zeros((cameras, UNKNOWNS, UNKNOWNS))
+        return Sums(square, np.zeros(UNKNOWNS * cameras), 0.0, 0.0, own, np.zeros(cameras))
 
     def decayed(self, keep: float, new: Sums) -> Sums:
         """These counting `keep` times, and new ones."""
@@ -70,6 +75,8 @@ class Sums:
             keep * self.pull + new.pull,
             keep * self.squares + new.squares,
             keep * self.count + new.count,
+            keep * self.own + new.own,
+            keep * self.points + new.points,
         )
 
     def without(self, cameras: list[int]) -> Sums:
@@ -80,7 +87,8 @@ class Sums:
         inverse = np.linalg.pinv(self.information[np.ix_(out, out)], rcond=1e-9, hermitian=True)
         across = self.information[:, out] @ inverse
         information, pull = self.information - across @ self.information[out], self.pull - across @ self.pull[out]
-        return Sums(information, pull, self.squares - float(self.pull[out] @ inverse @ self.pull[out]), self.count)
+        squares = self.squares - float(self.pull[out] @ inverse @ self.pull[out])
+        return replace(self, information=information, pull=pull, squares=squares)
 
 
 def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
@@ -123,10 +131,12 @@ def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
     moved = np.concatenate([_turned(xyz_cam), -np.einsum("cij,pj->pci", turn, velocity_world[good])[..., None]], axis=-1)
     depth = np.maximum(xyz_cam[..., 2], _LEAST_DEPTH_M)
     across = moved[..., :2, :] - (xyz_cam[..., :2] / depth[..., None])[..., None] * moved[..., 2:, :]
+    across = np.where(seen[..., None, None], across, 0.0)
+    own = np.einsum("p,pciu,pciv->cuv", weight, across, across)
     # (P, C, 2, C, 4) of which each camera's rows know its own unknowns only
     design = np.zeros((len(rows), cameras, 2, cameras, UNKNOWNS))
     each = np.arange(cameras)
-    design[:, each, :, each] = np.moveaxis(np.where(seen[..., None, None], across, 0.0), 1, 0)
+    design[:, each, :, each] = np.moveaxis(across, 1, 0)
     design = design.reshape(len(rows), 2 * cameras, UNKNOWNS * cameras)
     rows = rows.reshape(len(rows), 2 * cameras, 3)
     normal = np.swapaxes(rows, 1, 2) @ rows + 1e-9 * np.eye(3)
@@ -136,7 +146,8 @@ def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
     information = (weighted @ left).sum(axis=0)
     pull = (weighted @ off.reshape(len(rows), 2 * cameras, 1)).sum(axis=0)[:, 0]
     redundant = 2 * seen.sum(axis=1) - 3
-    return Sums(information, pull, float((weight * redundant * misfit**2).sum()), float((weight * redundant).sum()))
+    squares, count = float((weight * redundant * misfit**2).sum()), float((weight * redundant).sum())
+    return Sums(information, pull, squares, count, own, (weight[:, None] * seen).sum(axis=0))
 
 
 @lru_cache(maxsize=8)

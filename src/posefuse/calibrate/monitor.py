@@ -25,11 +25,12 @@ _TELLING = frozenset(
     f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 )
 # what is seen fades within the first for what is gross, within the second for what is small
-_MEMORIES_S = (2.0, 8.0)
+MEMORIES_S = (2.0, 8.0)
 # squares explained over those left, per redundant coordinate; `bench/rig_monitor.py --fit` prints what nothing wrong explains
-_SURE = {BUMPED: (120.0, 200.0), OUT_OF_STEP: (60.0, 100.0)}
-# less than this is not worth a word
-_LEAST = {BUMPED: float(np.deg2rad(0.2)), OUT_OF_STEP: 0.012}
+_SURE = {BUMPED: (60.0, 70.0), OUT_OF_STEP: (40.0, 30.0)}
+# a network is off by so much in the same way for as long as somebody stands still
+_LEAST_M = 0.02
+_UNKNOWNS = {BUMPED: TURN, OUT_OF_STEP: LATE}
 # of a camera that is right again, so much of what was told is left
 _LEFT = 0.4
 _SURE_AFTER_S = 0.6
@@ -48,14 +49,14 @@ class Finding:
 
     Attributes:
         kind: ``bumped``, ``out of step`` or ``swapped``. cameras: which. t_ns: when it was noticed.
-        detail: one line with numbers. amount: rad of turn, s of lateness, or m by which rays passed each other.
+        detail: one line with numbers. displaced_m: by how much rays passed the person.
     """
 
     kind: str
     cameras: tuple[str, ...]
     t_ns: int
     detail: str
-    amount: float
+    displaced_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ def telling_points(keypoints: Sequence[str]) -> Array:
 
 def start(rig: Rig) -> MonitorState:
     """Nothing seen yet."""
-    return MonitorState(tuple(Sums.nothing(len(rig)) for _ in _MEMORIES_S))
+    return MonitorState(tuple(Sums.nothing(len(rig)) for _ in MEMORIES_S))
 
 
 def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
@@ -101,41 +102,49 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
         return replace(state, before=(*state.before, now)[-2:] if apart_s and apart_s[-1] > 0 else (now,), recent=recent), []
     older, middle = state.before
     new = sums_of(rig, middle, (now.xyz_world - older.xyz_world) / apart_s[0])
-    sums = tuple(old.decayed(float(np.exp(-apart_s[1] / m)), new) for old, m in zip(state.sums, _MEMORIES_S, strict=True))
+    sums = tuple(old.decayed(float(np.exp(-apart_s[1] / m)), new) for old, m in zip(state.sums, MEMORIES_S, strict=True))
     state = replace(state, sums=sums, before=(middle, now), recent=recent)
-    return _judge(_recovered(state, rig, t_ns), rig, t_ns)
+    return _judge(_gone_on(state, rig, t_ns), rig, t_ns)
 
 
 @dataclass(frozen=True)
-class _Suspect:
+class Suspect:
+    """What would be wrong with a camera, if anything is.
+
+    Attributes:
+        kind: ``bumped`` or ``out of step``. camera: its place. amount: rad of turn, or s of lateness.
+        displaced_m: by how much that displaces the person in its views, at the person.
+        gain: squares it explains. sure: those over the squares left, per redundant coordinate.
+    """
+
     kind: str
     camera: int
     amount: float
+    displaced_m: float
     gain: float
     sure: float
 
 
-def _suspects(sums: Sums, memory: int) -> list[_Suspect]:
-    """What each camera's turn and lateness explain, by itself; `sure`: over 1 is more than nothing wrong explains."""
+def suspects(sums: Sums) -> list[Suspect]:
+    """What each camera's turn and lateness explain, each by itself."""
     found = []
-    for kind, unknowns in ((BUMPED, TURN), (OUT_OF_STEP, LATE)):
-        amounts, gains = _explained(sums, unknowns)
-        left = np.maximum(sums.squares - gains, 1e-12)
-        sure = np.minimum(gains / left * sums.count / _SURE[kind][memory], np.abs(amounts) / _LEAST[kind])
-        found += [
-            _Suspect(kind, c, *told) for c, told in enumerate(zip(amounts.tolist(), gains.tolist(), sure.tolist(), strict=True))
-        ]
+    for kind, unknowns in _UNKNOWNS.items():
+        amount, displaced_m, gain = _explained(sums, unknowns)
+        sure = gain / np.maximum(sums.squares - gain, 1e-12) * sums.count
+        rows = np.stack([amount, displaced_m, gain, sure], axis=1).tolist()
+        found += [Suspect(kind, c, *row) for c, row in enumerate(rows)]
     return found
 
 
-def _explained(sums: Sums, unknowns: slice) -> tuple[Array, Array]:
-    """Rad turned or s late (C,), and the squares that explains (C,)."""
-    cameras = len(sums.pull) // UNKNOWNS
+def _explained(sums: Sums, unknowns: slice) -> tuple[Array, Array, Array]:
+    """Rad turned or s late, m by which that displaces what a camera sees, and the squares it explains; (C,) each."""
+    cameras = len(sums.points)
     own = np.arange(cameras)[:, None] * UNKNOWNS + np.arange(UNKNOWNS)[unknowns]
     information, pull = sums.information[own[:, :, None], own[:, None, :]], sums.pull[own]
     found = np.linalg.solve(information + 1e-6 * np.eye(own.shape[1]), pull[..., None])[..., 0]
     amount = found[:, 0] if own.shape[1] == 1 else np.linalg.norm(found, axis=1)
-    return amount, (pull * found).sum(axis=1)
+    squares = np.einsum("cu,cuv,cv->c", found, sums.own[:, unknowns, unknowns], found)
+    return amount, np.sqrt(squares / np.maximum(sums.points, 1e-9)), (pull * found).sum(axis=1)
 
 
 def _judge(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, list[Finding]]:
@@ -167,32 +176,36 @@ def _doubt(state: MonitorState, rig: Rig) -> tuple[str, tuple[int, ...], Finding
     sure = [one for one in worst if one is not None]
     if not sure:
         return None
-    one = max(sure, key=lambda one: one.sure)
+    _, one = max(sure, key=lambda one: one[0])
     return one.kind, (one.camera,), _named(rig, one)
 
 
-def _worst(sums: Sums, memory: int, named: list[int]) -> _Suspect | None:
-    """What explains most of what was left over; None where that is too little, or another camera explains about as much."""
-    suspects = [one for one in _suspects(sums, memory) if one.camera not in named]
-    worst = max(suspects, key=lambda one: one.gain)
-    if sums.count < _LEAST_COUNT or worst.sure <= 1:
+def _worst(sums: Sums, memory: int, named: list[int]) -> tuple[float, Suspect] | None:
+    """What explains most of what was left over, and how much more than is needed; None where that is too little, or another
+    camera explains about as much."""
+    if sums.count < _LEAST_COUNT:
         return None
-    next_gain = max(one.gain for one in suspects if one.camera != worst.camera)
-    apart = (worst.gain - next_gain) / max(sums.squares - worst.gain, 1e-12) * sums.count
-    return worst if apart > _APART * _SURE[worst.kind][memory] else None
+    left = [one for one in suspects(sums) if one.camera not in named]
+    worst = max(left, key=lambda one: one.gain)
+    needed = _SURE[worst.kind][memory]
+    others = max(one.sure for one in left if one.camera != worst.camera)
+    if worst.sure < needed or worst.displaced_m < _LEAST_M or worst.sure - others < _APART * needed:
+        return None
+    return worst.sure / needed, worst
 
 
 def _misfit_m(sums: Sums) -> float:
     return float(np.sqrt(sums.squares / sums.count)) if sums.count > 0 else 0.0
 
 
-def _named(rig: Rig, suspect: _Suspect) -> Finding:
-    name = rig.names[suspect.camera]
+def _named(rig: Rig, suspect: Suspect) -> Finding:
+    name, beside_mm = rig.names[suspect.camera], 1e3 * suspect.displaced_m
     if suspect.kind == OUT_OF_STEP:
         words = f"{name} is out of step: its images lag by about {1e3 * suspect.amount:+.0f} ms"
     else:
-        words = f"{name} looks about {np.rad2deg(suspect.amount):.1f} deg beside where the others do: was it moved?"
-    return Finding(suspect.kind, (name,), 0, words, abs(suspect.amount))
+        degrees = np.rad2deg(suspect.amount)
+        words = f"{name} sees everything {beside_mm:.0f} mm beside where the others do ({degrees:.1f} deg): it was moved"
+    return Finding(suspect.kind, (name,), 0, words, suspect.displaced_m)
 
 
 def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
@@ -201,30 +214,33 @@ def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
     return Finding(SWAPPED, cameras, 0, f"the images of {words} fit when they are exchanged: a swapped cable", gross_m)
 
 
-def _recovered(state: MonitorState, rig: Rig, t_ns: int) -> MonitorState:
-    """The state without findings that are over for a while."""
+def _gone_on(state: MonitorState, rig: Rig, t_ns: int) -> MonitorState:
+    """The state with its findings as they are by now, without those that are over for a while."""
     if not state.findings or state.sums[0].count < _LEAST_COUNT:
         return state
-    well = tuple(
-        (since or t_ns) if _is_well(state, rig, finding) else None
-        for finding, since in zip(state.findings, state.well_ns, strict=True)
-    )
-    over = [since is not None and (t_ns - since) / 1e9 >= _SURE_AFTER_S for since in well]
-    if not any(over):
-        return replace(state, well_ns=well)
-    findings = tuple(finding for finding, gone in zip(state.findings, over, strict=True) if not gone)
-    well = tuple(since for since, gone in zip(well, over, strict=True) if not gone)
-    # the long memory still holds what is over
-    return replace(state, findings=findings, well_ns=well, sums=tuple(state.sums[0] for _ in state.sums))
+    seen = [_by_now(state, rig, finding) for finding in state.findings]
+    well = [
+        (since or t_ns) if now_m < _LEFT * finding.displaced_m else None
+        for (finding, now_m), since in zip(seen, state.well_ns, strict=True)
+    ]
+    going = [since is None or (t_ns - since) / 1e9 < _SURE_AFTER_S for since in well]
+    findings = tuple(finding for (finding, _), goes_on in zip(seen, going, strict=True) if goes_on)
+    state = replace(state, findings=findings, well_ns=tuple(since for since, on in zip(well, going, strict=True) if on))
+    # what is remembered is still full of what is over
+    return state if all(going) else replace(state, sums=start(rig).sums)
 
 
-def _is_well(state: MonitorState, rig: Rig, finding: Finding) -> bool:
+def _by_now(state: MonitorState, rig: Rig, finding: Finding) -> tuple[Finding, float]:
+    """A finding at its worst so far, and by how much rays pass the person now."""
     sums, names = state.sums[0], set(finding.cameras)
     if finding.kind == SWAPPED:
-        return _misfit_m(sums) < _LEFT * finding.amount
+        now_m = _misfit_m(sums)
+        return replace(finding, displaced_m=max(finding.displaced_m, now_m)), now_m
     others = [rig.names.index(name) for one in state.findings for name in one.cameras if name not in names]
-    amounts, _ = _explained(sums.without(others), TURN if finding.kind == BUMPED else LATE)
-    return abs(float(amounts[rig.names.index(finding.cameras[0])])) < _LEFT * finding.amount
+    camera = rig.names.index(finding.cameras[0])
+    [now] = [one for one in suspects(sums.without(others)) if one.camera == camera and one.kind == finding.kind]
+    worse = now.displaced_m > finding.displaced_m
+    return (replace(_named(rig, now), t_ns=finding.t_ns) if worse else finding), now.displaced_m
 
 
 def _exchanged(rig: Rig, recent: Sequence[Array]) -> list[tuple[int, int]]:

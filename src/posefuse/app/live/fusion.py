@@ -150,6 +150,8 @@ class Fusion:
             return
         if self.watch is not None:
             view = self.watch.timed(view)
+            if view.camera in self.watch.known.astray and self.monitor.does_without(view.camera):
+                return
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1

@@ -30,6 +30,8 @@ _AGREEING_LATE = 90
 _USUAL_OF = 31
 _AGE_UNTIL_KNOWN_NS = 40_000_000
 SILENT_NS = _S
+# so many cameras make a pose
+_ENOUGH = 2
 # one camera may deliver so many frames a second
 FLOOD_HZ = 250
 _WINDOW_NS = _S // 2
@@ -139,6 +141,13 @@ class Monitor:
                 self.events.append(Event(now_ns, name, verdict.state, verdict.text))
             self._verdicts[name] = verdict
         return dict(self._verdicts)
+
+    def does_without(self, camera: str) -> bool:
+        """Whether enough other cameras are well to leave this one's views out; one more is counted as refused."""
+        enough = sum(verdict.state == OK for name, verdict in self._verdicts.items() if name != camera) >= _ENOUGH
+        if enough:
+            _count(self._watches[camera], self._verdicts[camera].state)
+        return enough
 
     def refused(self, camera: str) -> Mapping[str, int]:
         """Views not used, by reason."""

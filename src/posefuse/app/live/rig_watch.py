@@ -30,6 +30,8 @@ _NICENESS = 10
 _WAIT_S = 0.2
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _LEAST_SCORE = 0.5
+# poses are better without a camera that sees people further beside than this (`bench/rig_monitor.py`)
+_ASTRAY_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,12 @@ class Watched:
     Attributes:
         offset_s: how much later each camera's stamps are than the mean of all, by camera; only those that are known.
         ill: what is wrong with cameras, by camera; only those with something.
+        astray: those whose views lie so far beside the person that the others know better.
     """
 
     offset_s: Mapping[str, float] = field(default_factory=dict)
     ill: Mapping[str, Verdict] = field(default_factory=dict)
+    astray: frozenset[str] = frozenset()
 
 
 def watching(rig: Rig, clocks: bool) -> AbstractContextManager[RigWatch | None]:
@@ -94,7 +98,7 @@ class RigWatch:
                 self.known = found
         except ChannelClosed:
             self.trouble = f"process {self._process.pid} ended; cameras that are moved or out of step are not named any more"
-            self.known = replace(self.known, ill={})
+            self.known = replace(self.known, ill={}, astray=frozenset())
 
 
 @cache
@@ -157,5 +161,7 @@ class Watcher:
         if len(self._rig) >= LEAST_CAMERAS:
             for t_ns, xy_img in self._instants.ready():
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
-        ill = {name: Verdict(one.kind, one.detail) for one in self._state.findings for name in one.cameras}
-        return Watched(self._offset_s, ill)
+        found = self._state.findings
+        ill = {name: Verdict(one.kind, one.detail) for one in found for name in one.cameras}
+        astray = frozenset(name for one in found if one.displaced_m > _ASTRAY_M for name in one.cameras)
+        return Watched(self._offset_s, ill, astray)
