@@ -216,6 +216,21 @@ def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> 
     assert figures["poses_with_people"] > 0.7 * figures["poses"]
 
 
+def test_a_bumped_camera_is_named_and_left_out_and_killing_the_watch_ends_nothing(demo_session: Path) -> None:
+    live = Live(command(demo_session, "--loop", "10", "--fault", "cam01=bump@1"))
+    watch = int(live.wait_for(r"rig watched in process (\d+)")[1])
+    live.wait_for(r"cam01: bumped: cam01 sees everything \d+ mm beside")
+    time.sleep(0.5)
+    os.kill(watch, signal.SIGKILL)
+    live.wait_for(f"rig watch: process {watch} ended")
+    live.wait_for("cam01: ok")
+    live.process.send_signal(signal.SIGINT)
+    figures = live.figures()
+    assert figures["cameras"]["cam01"]["refused"]["bumped"] > 0
+    assert f"process {watch} ended" in figures["rig_watch_trouble"]
+    assert not {event["camera"] for event in figures["events"] if event["state"] == "bumped"} - {"cam01"}
+
+
 def listener() -> socket.socket:
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     made.bind(("127.0.0.1", 0))

@@ -158,6 +158,33 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
     assert "lag by about +" in late[0].detail
 
 
+def test_a_camera_that_looks_at_somebody_else_is_not_called_bumped(lab: Any) -> None:
+    def somebody_else(t: float) -> np.ndarray:
+        xy = lab.rig.project(walk(np.array([t]))[0])
+        if t >= 5:
+            xy[1] = lab.rig.cameras[1].project(walk(np.array([1.7 * t + 4]))[0] + [0.8, -0.7, 0.0])
+        return xy
+
+    assert run_monitor(lab.rig, somebody_else, seconds=11) == []
+
+
+def test_a_camera_that_is_put_right_again_is_well_and_may_be_bumped_anew(lab: Any) -> None:
+    cameras = list(lab.rig.cameras)
+    cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)
+    after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.start(lab.rig)
+    told: list[tuple[float, str]] = []
+    for k in range(200):
+        rig = after if 40 <= k < 80 or k >= 140 else lab.rig
+        xy = rig.project(walk(np.array([k / 10]))[0]) + random.normal(0, 1.5, (len(rig), 6, 2))
+        was, (state, _) = state.findings, monitor.observe(state, lab.rig, round(k * 1e8), xy)
+        if len(was) != len(state.findings):
+            told.append((k / 10, "".join(one.kind for one in state.findings)))
+    assert [words for _, words in told] == ["bumped", "", "bumped"]
+    assert 4 < told[0][0] < 6
+    assert 8 < told[1][0] < 13
+    assert 14 < told[2][0] < 16
+
+
 def test_triangulation_needs_two_views(lab: Any) -> None:
     points = np.array([[0.1, 0.2, 0.9], [0.4, -0.3, 1.2]])
     xy = lab.rig.project(points)

@@ -30,6 +30,8 @@ MEMORIES_S = (2.0, 8.0)
 _SURE = {BUMPED: (60.0, 70.0), OUT_OF_STEP: (40.0, 30.0)}
 # a network is off by so much in the same way for as long as somebody stands still
 _LEAST_M = 0.02
+# a rig is calibrated about so well
+_LEAST = {BUMPED: float(np.deg2rad(0.2)), OUT_OF_STEP: 0.012}
 _UNKNOWNS = {BUMPED: TURN, OUT_OF_STEP: LATE}
 # of a camera that is right again, so much of what was told is left
 _LEFT = 0.4
@@ -189,7 +191,12 @@ def _worst(sums: Sums, memory: int, named: list[int]) -> tuple[float, Suspect] |
     worst = max(left, key=lambda one: one.gain)
     needed = _SURE[worst.kind][memory]
     others = max(one.sure for one in left if one.camera != worst.camera)
-    if worst.sure < needed or worst.displaced_m < _LEAST_M or worst.sure - others < _APART * needed:
+    if worst.sure < needed or worst.sure - others < _APART * needed:
+        return None
+    if worst.displaced_m < _LEAST_M or abs(worst.amount) < _LEAST[worst.kind]:
+        return None
+    # a camera that looks at somebody else is not put right by any turn
+    if np.sqrt((sums.squares - worst.gain) / sums.count) > _GROSS_M:
         return None
     return worst.sure / needed, worst
 
@@ -204,7 +211,7 @@ def _named(rig: Rig, suspect: Suspect) -> Finding:
         words = f"{name} is out of step: its images lag by about {1e3 * suspect.amount:+.0f} ms"
     else:
         degrees = np.rad2deg(suspect.amount)
-        words = f"{name} sees everything {beside_mm:.0f} mm beside where the others do ({degrees:.1f} deg): it was moved"
+        words = f"{name} sees everything {beside_mm:.0f} mm beside where the others do ({degrees:.1f} deg): was it moved?"
     return Finding(suspect.kind, (name,), 0, words, suspect.displaced_m)
 
 

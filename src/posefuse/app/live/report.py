@@ -60,6 +60,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "outputs": done.outputs,
         "outputs_lost": done.lost,
         "outputs_trouble": done.trouble,
+        "rig_watch_trouble": fusion.watch.trouble if fusion.watch is not None else "",
         "cameras": cameras,
         "events": [
             {"t_s": (event.t_ns - done.zero_ns) / 1e9, "camera": event.camera, "state": event.state, "text": event.text}
@@ -107,6 +108,8 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         facts[f"output {name}"] = f"{sink['taken']} taken, {sink['dropped']} dropped{fault}"
     if figures["outputs_lost"] or figures["outputs_trouble"]:
         facts["outputs"] = f"{figures['outputs_lost']} lost; {figures['outputs_trouble'] or 'they did not keep up'}"
+    if figures["rig_watch_trouble"]:
+        facts["rig watch"] = figures["rig_watch_trouble"]
     terminal.facts("Session", facts)
 
 

@@ -20,7 +20,7 @@ from .viewer import ViewSink
 
 __all__ = ["RecordSink", "RosSink", "UdpSink", "ViewSink"]
 
-_LEVELS = {"ok": 0, "opening": 1, "flood": 1, "clock": 1, "late": 1}
+_LEVELS = {"ok": 0, "opening": 1, "flood": 1, "clock": 1, "late": 1, "bumped": 1, "out of step": 1}
 _ERROR = 2
 WORLD = "world"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posefuse.calibrate.monitor import Finding, observe, start
+from posefuse.calibrate.monitor import Finding, observe, start, telling_points
 from posefuse.core import Rig
 
 from .second_pass import ViewSequence
@@ -18,7 +18,8 @@ def rig_findings(views: ViewSequence, rig: Rig) -> list[Finding]:
     """Cameras that were moved, exchanged or out of step, as the first person's keypoints show; needs three cameras."""
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9 if len(views.t_ns) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
-    xy = np.where((views.score[:, 0] >= _LEAST_SCORE)[..., None], views.xy_img[:, 0], np.nan)
+    told = telling_points(views.skeleton.keypoints)
+    xy = np.where((views.score[:, 0] >= _LEAST_SCORE)[..., None], views.xy_img[:, 0], np.nan)[:, :, told]
     state, found = start(rig), []
     for t_ns, seen in zip(views.t_ns[::step].tolist(), xy[::step], strict=True):
         state, new = observe(state, rig, t_ns, seen)
