@@ -30,6 +30,7 @@ SESSIONS = Path("out/paper/sessions")
 WALKS = ((1, 60.0, 30.0), (41, 30.0, 6.0), (42, 30.0, 6.0))
 SECONDS = (20.0, 30.0, 60.0)
 STATURE_M = 1.75
+REAL_RATE_HZ = 60.0
 INSTANTS = 600
 LEAST_SCORE = 0.5
 NETWORKS = ("blazepose_full", "blazepose_heavy")
@@ -46,17 +47,23 @@ def after_similarity(reference: Rig, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     return metres * 1e3, np.rad2deg(radians)
 
 
+def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0) -> Path:
+    """A session with the films of a walk, rendered when it is not there."""
+    scene = replace(walking_scene(seed, seconds), rate_hz=rate_hz)
+    paths = SessionPaths(SESSIONS / scene_name(f"walking-{seed}", scene))
+    if not paths.rig.exists() or paths.incomplete.exists():
+        simulate(scene, paths.folder)
+    return paths.folder
+
+
 def simulated() -> dict:
     """Worst camera against the truth, for walks of some lengths; the real network on rendered films."""
     figures: dict = {}
     for seed, longest_s, rate_hz in WALKS:
-        scene = replace(walking_scene(seed, longest_s), rate_hz=rate_hz)
-        paths = SessionPaths(SESSIONS / scene_name(f"walking-{seed}", scene))
-        if not paths.rig.exists() or paths.incomplete.exists():
-            simulate(scene, paths.folder)
+        paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
         films = {camera.name: paths.film(camera.name) for camera in rig}
-        views, cameras = person_in_videos(films, rig, length, DetectorChoice(), INSTANTS, Terminal(as_json=True))
+        views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), INSTANTS, Terminal(as_json=True))
         for seconds in (s for s in SECONDS if s <= longest_s):
             figures[f"seed {seed}, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)
     return figures
@@ -109,14 +116,19 @@ def beside_px(rig: Rig, views: PersonViews) -> dict:
     return dict(zip(rig.names, np.nanmedian(off, axis=1).round(1).tolist(), strict=True))
 
 
+def folders_of(data: Path, rig: Rig) -> dict[str, Path]:
+    """OpenPose's files of each camera."""
+    return {name: data / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
+
+
 def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[PersonViews, tuple[Camera, ...]]]:
     films = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
     found = {
         network: person_in_videos(
             films, lenses, length, DetectorChoice(options={"landmarks": network}), INSTANTS, Terminal(as_json=True)
-        )
+        )[:2]
         for network in NETWORKS
     }
-    folders = {name: data / "openpose_json" / f"{name.replace('_', '')}_json" for name in lenses.names}
-    poses = {name: list(read_openpose_folder(folder, name).frames(60.0)) for name, folder in folders.items()}
+    folders = folders_of(data, lenses)
+    poses = {name: list(read_openpose_folder(folder, name).frames(REAL_RATE_HZ)) for name, folder in folders.items()}
     return {**found, "OpenPose": (person_views(person_tracks(poses)), lenses.cameras)}

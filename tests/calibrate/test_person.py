@@ -8,8 +8,9 @@ import pytest
 
 from posefuse.calibrate.checks import camera_differences, scale_of
 from posefuse.calibrate.person import KnownLength, PersonCalibration, calibrate_from_person, rough_rig, stature_m
+from posefuse.calibrate.person_settle import calibrate_out_of_step, unplaced_clocks
 from posefuse.calibrate.person_start import turned_inside_out
-from posefuse.calibrate.person_tracks import person_tracks, prominent
+from posefuse.calibrate.person_tracks import PersonTrack, person_tracks, prominent
 from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.calibrate.report import RefusedCalibration
 from posefuse.calibrate.rotations import Poses, stacked
@@ -175,6 +176,29 @@ def test_somebody_who_stays_in_one_place_is_refused_and_a_line_will_do(lab: Any)
     rig = calibrate_from_person(seen(ahead), lab.rig.cameras, length).rig
     assert rig.world_set_by == "up along the body, floor under the feet"
     assert errors(lab.rig, rig, scaled=True)[0] < 40
+
+
+def test_rig_and_clocks_come_from_the_person_alone_and_cameras_in_step_stay_so(lab: Any) -> None:
+    length, late_s = KnownLength(stature_m=STATURE_M), np.array([0.0, 0.147, -0.11, 0.05])
+    random, stamps = np.random.default_rng(2), np.arange(120) / 12
+
+    def tracks(offset_s: np.ndarray) -> list[PersonTrack]:
+        seen = [camera.project(walker(stamps - offset)) for camera, offset in zip(lab.rig, offset_s, strict=True)]
+        every = np.ones(seen[0].shape[:2])
+        return [
+            PersonTrack(name, BODY, np.round(stamps * 1e9), xy + random.normal(0, 1, xy.shape), 0.9 * every, every)
+            for name, xy in zip(lab.rig.names, seen, strict=True)
+        ]
+
+    assert unplaced_clocks(tracks(0 * late_s), lab.rig.cameras, length, "auto", 1.0) is None
+    apart = tracks(late_s)
+    assert unplaced_clocks(apart, lab.rig.cameras, length, "together", 1.0) is None
+    start = unplaced_clocks(apart, lab.rig.cameras, length, "auto", 1.0)
+    assert start is not None
+    found, clocks = calibrate_out_of_step(apart, lab.rig.cameras, length, start, with_drift=False)
+    np.testing.assert_allclose(clocks.offset_s, late_s, atol=0.004)
+    assert errors(lab.rig, found.rig, scaled=True)[0] < 15
+    assert "parts agree" in [check.name for check in found.report.checks]
 
 
 def test_the_world_does_not_matter(lab: Any) -> None:

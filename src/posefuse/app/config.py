@@ -27,7 +27,7 @@ class CameraInput:
     Attributes:
         video, images, pose2d: the file or folder (one of them); found by name when left out.
         offset_s: added to its times; positive when it began later than the others.
-        drift_ppm: added per million of its times; positive when its clock runs slow. Videos and images only.
+        drift_ppm: added per million of its times; positive when its clock runs slow.
         crop: (left, top) px: the video is a cut-out of the calibrated image that begins there.
         scale: the video is the calibrated image resampled to another size.
         skip: leave this camera out.

@@ -113,7 +113,7 @@ def check_one_offset(names: Sequence[str], rough: RoughClocks) -> Check:
         )  # fmt: skip
     return Check(
         "one offset fits best", bool(rough.rivalry[worst] <= _MOST_RIVALRY),
-        f"{names[worst]} fits best at {rough.offset_s[worst]:+.1f} s, and {rough.rivalry[worst]:.0%} as well at"
+        f"{names[worst]} fits best at {rough.offset_s[worst]:+.1f} s, and {max(0.0, rough.rivalry[worst]):.0%} as well at"
         f" {rough.other_s[worst]:+.1f} s (limit {_MOST_RIVALRY:.0%})",
         "another person, a rig of other cameras, clocks farther apart than --most-s, or too little way: walk about, turning this"
         " way and that",
@@ -155,10 +155,12 @@ def _check_steady(names: Sequence[str], fit: ClockFit, with_drift: bool) -> Chec
         c = int(np.argmax(ratio))
         worst = max(worst, (float(ratio[c]), c, float(apart[c]), float(fit.block_s[count - 1 : count + 1].mean())))
     ratio_, c, apart_s, at_s = worst
+    if ratio_ == 0:
+        return Check("parts agree", True, "the recording is too short to compare its parts")
     remedy = "frames were lost, or come at no constant rate, and its file does not say so: use the part before or after"
     return Check(
         "parts agree", ratio_ <= 1,
         f"{names[c]} runs {apart_s * 1e3:+.1f} ms later after {at_s:.0f} s than before (limit"
-        f" {abs(apart_s) / ratio_ * 1e3 if ratio_ else _MOST_JUMP_S * 1e3:.1f})",
+        f" {abs(apart_s) / ratio_ * 1e3:.1f})",
         remedy if with_drift else f"its clock runs at another rate: try --clocks drift; or {remedy}",
     )  # fmt: skip

@@ -18,7 +18,6 @@ from .person_clocks import (
     fit_checks,
     middle_s,
     moving_points,
-    numbers,
 )
 from .person_tracks import PersonTrack
 from .person_views import person_views
@@ -27,7 +26,7 @@ from .sync import ClockEstimate, ClockFit, estimate_clocks
 from .sync_start import rough_clocks_unplaced
 
 _MOST_ROUNDS = 6
-_SETTLED_S = 3e-4
+_SETTLED_S, _FARTHEST = 3e-4, 4.0
 # a rig that is good enough for clocks needs so many instants
 _INSTANTS = 60
 # cameras closer together than a third of a usual frame are in step, whatever clocks would take up of a rig's own errors
@@ -86,8 +85,7 @@ def calibrate_out_of_step(
     checks = fit_checks(rig, fit, with_drift)
     CalibrationReport(SUBJECT, tuple(checks)).require()
     found = calibrate_from_person(person_views(tracks, fit.clocks), cameras, length, upside_down)
-    told = {**found.report.numbers, **numbers([track.camera for track in tracks], fit.clocks)}
-    report = replace(found.report, checks=(*found.report.checks, *checks), numbers=told)
+    report = replace(found.report, checks=(*found.report.checks, *checks))
     return replace(found, report=report), fit.clocks
 
 
@@ -95,15 +93,30 @@ def _settled(
     tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, start: ClockEstimate, with_drift: bool
 ) -> tuple[Rig, ClockFit]:
     moving, clocks = [moving_points(track) for track in tracks], start
+    before: tuple[ClockEstimate, ClockEstimate] | None = None
     for _ in range(_MOST_ROUNDS):
         views = person_views(tracks, clocks)
         rig = rough_rig(views.at(np.linspace(0, len(views.t_ns) - 1, _INSTANTS).astype(int)), cameras, length)
         fit = estimate_clocks(rig, moving, clocks, with_drift)
-        moved_s = np.abs(fit.clocks.offset_s - clocks.offset_s).max()
-        clocks = fit.clocks
-        if moved_s < _SETTLED_S:
+        if np.abs(fit.clocks.offset_s - clocks.offset_s).max() < _SETTLED_S:
             break
+        before, clocks = (clocks, fit.clocks), _ahead(before, (clocks, fit.clocks))
     return rig, fit
+
+
+def _ahead(before: tuple[ClockEstimate, ClockEstimate] | None, now: tuple[ClockEstimate, ClockEstimate]) -> ClockEstimate:
+    """Where rounds that lead from the first of a pair to the second are heading, by the last two (Anderson 1965).
+
+    Somebody who walks round in one sense leaves rig and clocks to settle by turns for long otherwise.
+    """
+    start, end = now
+    if before is None:
+        return end
+    step, step_before = end.offset_s - start.offset_s, before[1].offset_s - before[0].offset_s
+    change = step - step_before
+    share = float(np.clip(-(step @ change) / max(float(change @ change), 1e-18), 0.0, _FARTHEST))
+    further = [now_ + share * (now_ - then) for now_, then in ((end.offset_s, before[1].offset_s), (end.drift, before[1].drift))]
+    return replace(end, offset_s=further[0], drift=further[1])
 
 
 def _in_step(clocks: ClockEstimate) -> bool:

@@ -53,6 +53,15 @@ class ClockEstimate:
         """When camera c took the frames it stamped so."""
         return np.asarray(stamp_s - self.offset_s[c] - self.drift[c] * (stamp_s - self.middle_s))
 
+    def correction(self, c: int) -> tuple[float, float]:
+        """What sources add to camera c's stamps to have times on one clock: offset_s, and drift_ppm."""
+        return float(self.drift[c] * self.middle_s - self.offset_s[c]), float(-1e6 * self.drift[c])
+
+    def then(self, left: ClockEstimate) -> ClockEstimate:
+        """These, with what was still found when they were corrected."""
+        offset_s, drift = self.offset_s + left.offset_s, self.drift + left.drift
+        return ClockEstimate(offset_s, drift, left.offset_sigma_s, left.drift_sigma, self.middle_s)
+
 
 @dataclass(frozen=True, eq=False)
 class ClockFit:

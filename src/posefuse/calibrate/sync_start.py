@@ -230,10 +230,11 @@ def _homography_misfit(p: Array, q: Array) -> float:
         _, vectors = np.linalg.eigh(np.swapaxes(weighted, 1, 2) @ rows.reshape(len(rows), -1, 9))
         there = along @ np.swapaxes(vectors[..., 0].reshape(-1, 3, 3), 1, 2)
         depth = np.where(both, there[..., 2], 1.0)
-        off = np.where(both, np.linalg.norm(there[..., :2] / depth[..., None] - q, axis=-1), np.nan)
-        usual = np.nanmedian(off, axis=1)
+        off = np.where(both, np.linalg.norm(there[..., :2] / depth[..., None] - q, axis=-1), np.inf)
+        # the median of those that are known
+        usual = np.sort(off, axis=1)[np.arange(len(off)), both.sum(axis=1) // 2]
         # as distances in the image count, not as the equations do
-        weight = np.nan_to_num(1 / depth**2 / (1 + (off / usual[:, None]) ** 2))
+        weight = 1 / depth**2 / (1 + (off / usual[:, None]) ** 2)
     return float(np.sort(usual)[: max(1, len(usual) // 2)].mean())
 
 

@@ -8,21 +8,26 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from posefuse.app.config import read_config
+import numpy as np
+
+from posefuse.app.config import CONFIG_FILE, read_config
 from posefuse.app.session import LEAST_CAMERAS
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.person import KnownLength, calibrate_from_person
-from posefuse.calibrate.person_tracks import person_tracks
-from posefuse.calibrate.person_views import PersonViews, person_views
+from posefuse.calibrate.person_clocks import numbers
+from posefuse.calibrate.person_settle import calibrate_out_of_step, unplaced_clocks
+from posefuse.calibrate.person_tracks import PersonTrack, person_tracks
+from posefuse.calibrate.person_views import person_views
+from posefuse.calibrate.sync import ClockEstimate
 from posefuse.core import SE3, InputError, Rig
 from posefuse.core.errors import choices
 from posefuse.detect.openpose import read_openpose_folder
 from posefuse.files.rig import read_rig, write_rig
-from posefuse.sources import VIDEO_SUFFIXES
+from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .inputs import name_and_path
 from .person_poses import person_in_videos
-from .results import reported, show, write_report
+from .results import frame_period_s, reported, show, show_clocks, write_clocks, write_report
 
 
 def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
@@ -30,6 +35,8 @@ def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     lenses, paths = read_rig(args.intrinsics), dict(name_and_path(text) for text in args.inputs)
     if len(paths) < LEAST_CAMERAS:
         raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
+    if not args.most_s > 0:
+        raise InputError(f"--most-s: expected > 0, got {args.most_s:g}")
     absent = [str(path) for path in paths.values() if not path.exists()]
     if absent:
         raise InputError(f"person: no such file or folder: {choices(absent)}")
@@ -39,21 +46,36 @@ def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     with reported(args):
         if len(videos) == len(paths):
             choice = read_config(None, args.overrides).detector
-            views, seen_by = person_in_videos(paths, Rig(cameras), length, choice, args.instants, terminal)
+            views, seen_by, clocks = person_in_videos(
+                paths, Rig(cameras), length, choice, args.instants, terminal, args.clocks, args.most_s
+            )
+            tracks = views.tracks()
         elif videos:
             raise InputError(
                 f"person: expected videos or folders of 2D poses for all cameras, got both: {choices(map(str, paths.values()))}"
             )
         else:
-            views, seen_by = _from_files(args, paths), cameras
-        found = calibrate_from_person(views, seen_by, length, tuple(args.upside_down))
+            tracks, seen_by = _from_files(args, paths), cameras
+            views, clocks = person_views(tracks), unplaced_clocks(tracks, seen_by, length, args.clocks, args.most_s)
+        upside_down = tuple(args.upside_down)
+        if clocks is None:
+            found = calibrate_from_person(views, seen_by, length, upside_down)
+        else:
+            # files are read by their own stamps, videos were looked at by the clocks found first
+            start = ClockEstimate.known(np.zeros(len(tracks)), clocks.middle_s) if videos else clocks
+            found, left = calibrate_out_of_step(tracks, seen_by, length, start, args.clocks == "drift", upside_down)
+            clocks = clocks.then(left) if videos else left
     show(found.report, terminal)
     # the lenses as they were given: videos of another size are fitted anew wherever they are read
     placed = {camera.name: camera.cam_from_world for camera in found.rig}
     rig = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=placed[camera.name]) for camera in cameras))
     write_rig(args.out, rig)
     write_report(args.report, found.report, {}, rig)
-    return {"rig": str(args.out), **found.report.numbers}
+    if clocks is None:
+        return {"rig": str(args.out), "settings": None, **found.report.numbers}
+    show_clocks(rig.names, clocks, _periods_s(args, paths), terminal)
+    settings = write_clocks(args.out.with_name(CONFIG_FILE), rig.names, clocks, terminal)
+    return {"rig": str(args.out), "settings": settings and str(settings), **found.report.numbers, **numbers(rig.names, clocks)}
 
 
 def _known_length(args: argparse.Namespace, rig: Rig) -> KnownLength:
@@ -68,8 +90,16 @@ def _known_length(args: argparse.Namespace, rig: Rig) -> KnownLength:
         raise InputError(f"--apart {first} {second} {metres}: expected a number of metres at the end") from None
 
 
-def _from_files(args: argparse.Namespace, paths: Mapping[str, Path]) -> PersonViews:
+def _periods_s(args: argparse.Namespace, paths: Mapping[str, Path]) -> list[float]:
+    """Seconds between two frames of each camera."""
+    return [
+        1 / args.rate_hz if path.is_dir() else frame_period_s(VideoConfig(path, name).build().times_ns())
+        for name, path in paths.items()
+    ]
+
+
+def _from_files(args: argparse.Namespace, paths: Mapping[str, Path]) -> tuple[PersonTrack, ...]:
     if args.rate_hz is None:
         raise InputError("person: folders of 2D poses do not say their frame rate: add --rate-hz")
     frames = {name: list(read_openpose_folder(path, name).frames(args.rate_hz)) for name, path in paths.items()}
-    return person_views(person_tracks(frames))
+    return person_tracks(frames)

@@ -22,13 +22,15 @@ from posefuse.app.session import Input, fitted_camera
 from posefuse.app.terminal import Terminal
 from posefuse.associate import AssociateSettings
 from posefuse.calibrate.person import KnownLength, rough_rig
+from posefuse.calibrate.person_settle import unplaced_clocks
 from posefuse.calibrate.person_tracks import person_tracks, prominent
 from posefuse.calibrate.person_views import PersonViews, person_views
+from posefuse.calibrate.sync import ClockEstimate
 from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_keypoints
 from posefuse.fuse import FuseSettings
-from posefuse.sources import FramesAhead, VideoConfig, frame_sets
+from posefuse.sources import FramesAhead, VideoConfig, VideoSource, frame_sets
 from posefuse.track import SmoothSettings, sides_like
 
 # frames between two searches of whole images for somebody who is lost
@@ -37,13 +39,21 @@ Progress = Callable[[int, int], None]
 
 
 def person_in_videos(
-    paths: Mapping[str, Path], lenses: Rig, length: KnownLength, choice: DetectorChoice, instants: int, terminal: Terminal
-) -> tuple[PersonViews, tuple[Camera, ...]]:
-    """The person in every video, and the cameras as they apply to the videos' images.
+    paths: Mapping[str, Path],
+    lenses: Rig,
+    length: KnownLength,
+    choice: DetectorChoice,
+    instants: int,
+    terminal: Terminal,
+    clocks: str = "together",
+    most_s: float = 10.0,
+) -> tuple[PersonViews, tuple[Camera, ...], ClockEstimate | None]:
+    """The person in every video, the cameras as they apply to the videos' images, and the clocks that the views were read by.
 
     Args:
         paths: video of each camera. lenses: a camera for each of them; where it stands does not count.
         length: sets the scale. choice: the 2D estimator. instants: looked at, at most.
+        clocks, most_s: as `unplaced_clocks` has them.
 
     Raises:
         CalibrationError: cameras that cannot be linked by what they see. InputError, SourceError: unusable videos.
@@ -53,16 +63,23 @@ def person_in_videos(
         fitted_camera(lenses[source.camera], Input(source.camera, "videos", path, CameraInput()), source)
         for source, path in zip(sources, paths.values(), strict=True)
     )
-    timeline = _timeline({source.camera: np.asarray(source.times_ns()) for source in sources}, instants)
+    timeline = timeline_of(sources, instants)
     detector = build_detector(choice, Rig(cameras))
     with terminal.progress("finding the person") as advance:
-        apart = person_views(person_tracks(poses_apart(sources, detector, timeline, advance)))
+        apart = person_tracks(poses_apart(sources, detector, timeline, advance))
+    found = unplaced_clocks(apart, cameras, length, clocks, most_s)
+    if found is not None:
+        terminal.note("the cameras are not synchronised: going on with their clocks estimated")
+        sources = [VideoConfig(path, name, *found.correction(c)).build() for c, (name, path) in enumerate(paths.items())]
+        timeline = timeline_of(sources, instants)
+    rig = rough_rig(person_views(apart, found), cameras, length)
     with terminal.progress("looking again, together") as advance:
-        return poses_together(sources, detector, timeline, rough_rig(apart, cameras, length), advance), cameras
+        return poses_together(sources, detector, timeline, rig, advance), cameras, found
 
 
-def _timeline(times_ns: Mapping[str, Array], instants: int) -> Timeline:
+def timeline_of(sources: Sequence[VideoSource], instants: int) -> Timeline:
     """Instants at the cameras' own rate, or as many as were asked for."""
+    times_ns = {source.camera: np.asarray(source.times_ns()) for source in sources}
     seconds = (max(t[-1] for t in times_ns.values()) - min(t[0] for t in times_ns.values())) / 1e9
     fastest_hz = max(1e9 / float(np.median(np.diff(t))) for t in times_ns.values())
     return common_timeline(times_ns, min(fastest_hz, instants / max(seconds, 1e-3)), None, None)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.coverage import coverage, coverage_sheet
@@ -19,6 +20,7 @@ from posefuse.calibrate.report import CalibrationReport, RefusedCalibration
 from posefuse.calibrate.report_html import html_page
 from posefuse.calibrate.sync import ClockEstimate
 from posefuse.core import Rig
+from posefuse.core.arrays import Array
 
 
 @contextmanager
@@ -59,6 +61,27 @@ def write_coverage(rig_path: Path, observations: Observations, terminal: Termina
     return path
 
 
+def frame_period_s(times_ns: Array) -> float:
+    """Usual time between two frames."""
+    return float(np.median(np.diff(times_ns))) / 1e9 if len(times_ns) > 1 else float("nan")
+
+
+def show_clocks(names: Sequence[str], clocks: ClockEstimate, period_s: Sequence[float], terminal: Terminal) -> None:
+    """A table of all cameras, in ms and in frames, which come every period_s (C,) s."""
+    rows: list[list[Any]] = []
+    for c, name in enumerate(names):
+        offset, sigma = clocks.offset_s[c], clocks.offset_sigma_s[c]
+        rows.append([name, _both(offset * 1e3, sigma * 1e3, 1), _both(offset / period_s[c], sigma / period_s[c], 2)])
+        if clocks.drift_sigma.any():
+            rows[-1].append(_both(clocks.drift[c] * 1e6, clocks.drift_sigma[c] * 1e6, 0))
+    columns = ("camera", "stamps late by, ms", "in frames", "running fast by, ppm")
+    terminal.table(f"clocks, against {names[0]}", columns[: len(rows[0])], rows)
+
+
+def _both(value: float, sigma: float, digits: int) -> str:
+    return f"{value:+.{digits}f} ± {sigma:.{digits}f}"
+
+
 def clocks_of(found: Calibration) -> ClockEstimate:
     """What a calibration from a prop says of the cameras' clocks."""
     return ClockEstimate(*found.delay_s.T, *found.delay_sigma_s.T, found.middle_ns / 1e9)
@@ -72,8 +95,7 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate, termin
     """
     if not (clocks.offset_s.any() or clocks.drift.any()):
         return None
-    each = zip(names, clocks.offset_s.tolist(), clocks.drift.tolist(), strict=True)
-    text = "\n".join(_clock_settings(name, offset, drift, clocks.middle_s) for name, offset, drift in each)
+    text = "\n".join(_clock_settings(name, *clocks.correction(c)) for c, name in enumerate(names))
     if path.exists():
         terminal.warn(f"{path} is there already and is left as it is; the clocks found belong into it:\n{text}")
         return None
@@ -82,7 +104,7 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate, termin
     return path
 
 
-def _clock_settings(camera: str, offset_s: float, drift: float, middle_s: float) -> str:
+def _clock_settings(camera: str, offset_s: float, drift_ppm: float) -> str:
     """One camera's table in `posefuse.toml`; drift only where it was estimated."""
-    table = f"[cameras.{json.dumps(camera)}]\noffset_s = {drift * middle_s - offset_s:.6f}\n"
-    return table + (f"drift_ppm = {-drift * 1e6:.3f}\n" if drift else "")
+    table = f"[cameras.{json.dumps(camera)}]\noffset_s = {offset_s:.6f}\n"
+    return table + (f"drift_ppm = {drift_ppm:.3f}\n" if drift_ppm else "")

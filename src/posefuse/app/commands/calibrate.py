@@ -62,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     clocks = steps.add_parser("clocks", help="how far apart the clocks of calibrated cameras are, from a person who moves")
     clocks.add_argument("session", type=Path, metavar="SESSION", help="as for `posefuse track`: calibration and recordings")
     clocks.add_argument("--rig", type=Path, metavar="FILE", help="calibration file, when it is not in SESSION")
+    clocks.add_argument("--input", choices=("auto", "videos", "images", "pose2d"), help="which data of the session to use")
     clocks.add_argument("--clocks", choices=("offset", "drift"), default="offset",
                         help="whether clocks run at rates of their own as well")  # fmt: skip
     clocks.add_argument("--rate-hz", type=float, help="frame rate of OpenPose JSON and of images without times")

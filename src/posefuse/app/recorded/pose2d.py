@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from posefuse.app.config import TrackConfig
+from posefuse.app.config import CameraInput, TrackConfig
 from posefuse.app.session import Input, Session
 from posefuse.core import Camera, Detections2D, InputError, Rig, Skeleton
 from posefuse.core.errors import choices
@@ -17,11 +17,18 @@ DEFAULT_RATE_HZ = 30.0
 
 
 class Pose2DInstants:
-    """Instants of frame numbers first, first + 1, ... at an even rate."""
+    """Instants of frame numbers first, first + 1, ... at an even rate; each camera gives its frame nearest to an instant.
 
-    def __init__(self, folders: list[OpenPoseFolder], timeline: Timeline, first_number: int, offset_ns: list[int]) -> None:
-        self._folders, self._timeline, self._first = folders, timeline, first_number
-        self._late = [round(offset / timeline.period_ns) for offset in offset_ns]
+    Args:
+        folders: one per camera. timeline: the instants. first_number: the first instant's. settings: one per camera.
+    """
+
+    def __init__(
+        self, folders: list[OpenPoseFolder], timeline: Timeline, first_number: int, settings: Sequence[CameraInput]
+    ) -> None:
+        self._folders, self._timeline = folders, timeline
+        self._zero_ns = first_number * timeline.period_ns - timeline.start_ns
+        self._clocks = [(round(one.offset_s * 1e9), timeline.period_ns * (1 + 1e-6 * one.drift_ppm)) for one in settings]
 
     @property
     def skeleton(self) -> Skeleton:
@@ -35,19 +42,23 @@ class Pose2DInstants:
     def __iter__(self) -> Iterator[Instant]:
         for i in range(self._timeline.count):
             t_ns = self._timeline.start_ns + i * self._timeline.period_ns
-            yield Instant(t_ns, lambda pose, t_ns=t_ns, number=self._first + i: self._read(number, t_ns))  # type: ignore[misc]
+            yield Instant(t_ns, lambda pose, t_ns=t_ns: self._read(t_ns))  # type: ignore[misc]
 
     def close(self) -> None:
         """Nothing stays open."""
 
-    def _read(self, number: int, t_ns: int) -> list[Detections2D]:
-        return [folder.frame(number - late, t_ns) for folder, late in zip(self._folders, self._late, strict=True)]
+    def _read(self, t_ns: int) -> list[Detections2D]:
+        seen = []
+        for folder, (offset_ns, period_ns) in zip(self._folders, self._clocks, strict=True):
+            number = round((t_ns + self._zero_ns - offset_ns) / period_ns)
+            seen.append(folder.frame(number, round(number * period_ns) + offset_ns - self._zero_ns))
+        return seen
 
 
 def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DInstants, Timeline]:
     """Instants of a session's 2D pose folders; frames of one number belong together.
 
-    The rate is `config.rate_hz`, else the usual 30 Hz. A camera's `offset_s` shifts its numbers by whole frames.
+    The rate is `config.rate_hz`, else the usual 30 Hz.
 
     Raises:
         InputError: folders of different skeletons, or no frame between start_s and end_s.
@@ -56,7 +67,6 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     _check_one_skeleton(folders)
     rate_hz = config.rate_hz or DEFAULT_RATE_HZ
     period_ns = round(1e9 / rate_hz)
-    offsets_ns = [round(entry.settings.offset_s * 1e9) for entry in session.inputs]
     first = min(folder.numbers[0] for folder in folders)
     last = max(folder.numbers[-1] for folder in folders)
     skip = 0 if config.start_s is None else max(0, -(-round(config.start_s * 1e9) // period_ns))
@@ -69,7 +79,7 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     timeline = Timeline(skip * period_ns, period_ns, count - skip)
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = dataclasses.replace(session.rig, cameras=cameras)
-    return rig, Pose2DInstants(folders, timeline, first + skip, offsets_ns), timeline
+    return rig, Pose2DInstants(folders, timeline, first + skip, [entry.settings for entry in session.inputs]), timeline
 
 
 def _check_one_skeleton(folders: list[OpenPoseFolder]) -> None:
