@@ -84,14 +84,14 @@ class Model:
     def step_rules(self) -> Array:
         """As `kernels.step` wants them."""
         s = self.settings
-        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s, s.lasting_share, s.lasting_s])
+        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s, s.learnt_share, s.learnt_s])
 
     @cached_property
     def pose_rules(self) -> Array:
         """As `kernels.pose` wants them."""
         s = self.settings
         kinds = [float(Kind.FUSED), float(Kind.PREDICTED)]
-        return np.array([s.measured_s, s.lost_after_s, s.unfiltered_share * s.lasting_share, s.bone_sigma_m, *kinds])
+        return np.array([s.measured_s, s.lost_after_s, s.lasting_share, s.averaging, s.bone_sigma_m, *kinds])
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +123,9 @@ class Person:
         from . import kernels
 
         self.id = person_id
-        self.measured_ns = t_ns
         self._model, self._birth_ns = model, t_ns
+        # by camera; those of the birth are not told apart
+        self._measured_by_ns = {-2: t_ns, -1: t_ns}
         state = np.empty(kernels.state_size(*model.sizes))
         kernels.born(state, *model.sizes, xyz, cov, _BORN_M_S, model.models)
         self._moments = [_Moment(t_ns, -1, None, state)]
@@ -140,7 +141,7 @@ class Person:
         for later in range(place + 1, len(self._moments)):
             self._redone(later)
         if figures[0] > figures[1]:
-            self.measured_ns = max(self.measured_ns, view.t_ns)
+            self._measured_by_ns[view.camera] = max(view.t_ns, self._measured_by_ns.get(view.camera, view.t_ns))
         return figures
 
     def forget(self, before_ns: int) -> None:
@@ -149,6 +150,24 @@ class Person:
         while keep + 1 < len(self._moments) and self._moments[keep + 1].t_ns <= before_ns:
             keep += 1
         del self._moments[:keep]
+
+    @property
+    def measured_ns(self) -> int:
+        """When a view last measured the person."""
+        return max(self._measured_by_ns.values())
+
+    @property
+    def crossed_ns(self) -> int:
+        """Until when two cameras measured the person; since then one alone, whose rays fit any depth."""
+        return sorted(self._measured_by_ns.values())[-2]
+
+    @property
+    def speed_m_s(self) -> float:
+        """Of the body as a whole."""
+        from . import kernels
+
+        x, _, share, *_ = kernels.parts(self._moments[-1].state, *self._model.sizes)
+        return float(np.linalg.norm(share[-1] @ x[-1, :, 3:6]))
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""

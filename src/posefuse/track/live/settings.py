@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 from posefuse.files.settings import settings
 
-from ..lasting import LASTING_S, LASTING_SHARE
+from ..lasting import LASTING_SHARE
 
 TrackerName = Literal["asynchronous", "latest"]
 TRACKERS: tuple[TrackerName, ...] = ("asynchronous", "latest")
@@ -31,6 +31,7 @@ class LiveSettings:
             paper's ``latest`` (the newest view of each camera, fused as if they were of one moment).
         max_people: how many people to follow; their ids are 0 .. max_people - 1.
         lost_after_s: a keypoint is missing, and a person gone, when no view measured it for so long.
+        alone_s: a person is gone, too, when one camera alone measured them for so long: its rays fit any depth.
         measured_s: a keypoint counts as measured (FUSED) when a view not older than this saw it, else PREDICTED. It spans
             what a view needs from exposure to here, and one period of a camera.
         lag_s: views that come up to so much late, seen from the newest, are worked in at their own time.
@@ -38,11 +39,14 @@ class LiveSettings:
         camera_rate_max_hz: of one camera's views closer in time than this only the first is used.
         detections_max: people looked at in one view, the surest first.
         motion_models: run side by side for every keypoint against the body, from calm to agile; the views tell how much of
-            each it is. body_models: as many, for the body as a whole. They, switch_s and unfiltered_share are fitted by
-            `bench/fit_tracker.py`.
+            each it is. body_models: as many, for the body as a whole.
         switch_s: how long a keypoint stays in one of them.
-        lasting_share: share of a view's stated variance that lasts from frame to frame, and lasting_s: for how long; see
-            `track.lasting`. unfiltered_share: of what lasting errors do to a pose, what the filter does not state already.
+        lasting_share: share of a view's stated variance that lasts from frame to frame, see `track.lasting`: poses state it.
+        averaging: how much of what lasting errors do to a pose counts as averaged away by looking back; with 0 they are stated
+            as if the filter only knew the newest views.
+        learnt_share: share of a view's variance that is taken for an error of this camera alone and learnt, and learnt_s: for
+            how long such an error lasts. Less than what lasts, as slow motion must not be taken for it. Models, switch_s,
+            averaging and these two are fitted together by `bench/fit_tracker.py`.
         outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
         tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
         min_share: share of a detection's keypoints that must do so.
@@ -54,6 +58,7 @@ class LiveSettings:
     tracker: TrackerName = "asynchronous"
     max_people: Annotated[int, Ge(1), Le(64)] = 1
     lost_after_s: Annotated[float, Gt(0)] = 0.7
+    alone_s: Annotated[float, Gt(0)] = 1.5
     measured_s: Annotated[float, Gt(0)] = 0.16
     lag_s: Annotated[float, Gt(0), Le(5)] = 0.3
     ahead_s: Annotated[float, Gt(0)] = 0.5
@@ -61,7 +66,7 @@ class LiveSettings:
     detections_max: Annotated[int, Ge(1)] = 16
     motion_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
         MotionModelSettings(acceleration_m_s2=0.13, persistence_s=0.15),
-        MotionModelSettings(acceleration_m_s2=0.81, persistence_s=0.15),
+        MotionModelSettings(acceleration_m_s2=0.8, persistence_s=0.15),
         MotionModelSettings(acceleration_m_s2=4.9, persistence_s=0.15),
         MotionModelSettings(acceleration_m_s2=30.0, persistence_s=0.15),
     )
@@ -69,12 +74,13 @@ class LiveSettings:
         MotionModelSettings(acceleration_m_s2=0.3, persistence_s=0.34),
         MotionModelSettings(acceleration_m_s2=0.93, persistence_s=0.34),
         MotionModelSettings(acceleration_m_s2=2.9, persistence_s=0.34),
-        MotionModelSettings(acceleration_m_s2=8.9, persistence_s=0.34),
+        MotionModelSettings(acceleration_m_s2=9.0, persistence_s=0.34),
     )
     switch_s: Annotated[float, Gt(0)] = 0.3
     lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
-    unfiltered_share: Annotated[float, Ge(0), Le(1)] = 0.45
-    lasting_s: Annotated[float, Gt(0)] = LASTING_S
+    averaging: Annotated[float, Ge(0)] = 0.1
+    learnt_share: Annotated[float, Ge(0), Lt(1)] = 0.6
+    learnt_s: Annotated[float, Gt(0)] = 0.8
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
     tolerance_m: Annotated[float, Gt(0)] = 0.2
