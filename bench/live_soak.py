@@ -60,6 +60,8 @@ class Processes:
         """Learn which process has which cameras from what the session says."""
         for cameras, pid in re.findall(r"cameras ([^;]+?) in process (\d+)", note):
             self.roles[int(pid)] = f"cameras {cameras}"
+        for pid in re.findall(r"rig watched in process (\d+)", note):
+            self.roles[int(pid)] = "rig watch"
 
     def look(self) -> None:
         """Read all processes once."""

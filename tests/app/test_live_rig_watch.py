@@ -117,12 +117,13 @@ def test_a_watch_that_is_killed_is_said_and_ends_nothing(truth: Truth) -> None:
     view = Detections2D.nobody("cam00", 5 * S, truth.skeleton)
     with RigWatch(truth.rig, clocks=True) as watch:
         pid = int(watch.whereabouts().split()[-1])
-        assert watch.timed(view) is view
+        assert watch.timed(view, 1) is view
         assert watch.trouble == ""
         os.kill(pid, signal.SIGKILL)
         end_s = time.monotonic() + 20
         while not watch.trouble and time.monotonic() < end_s:
-            assert watch.timed(view).t_ns == view.t_ns
+            assert watch.timed(view, 1).t_ns == view.t_ns
+            watch.hear()
             time.sleep(0.02)
     assert f"process {pid} ended" in watch.trouble
     with RigWatch(truth.rig, clocks=False) as watch:

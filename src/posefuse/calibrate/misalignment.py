@@ -8,7 +8,7 @@ together. So a bad camera, which spoils the residuals of the others, can be told
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -78,17 +78,6 @@ class Sums:
             keep * self.own + new.own,
             keep * self.points + new.points,
         )
-
-    def without(self, cameras: list[int]) -> Sums:
-        """The same with whatever these cameras' unknowns may be taken out."""
-        if not cameras:
-            return self
-        out = np.concatenate([np.arange(UNKNOWNS * c, UNKNOWNS * (c + 1)) for c in cameras])
-        inverse = np.linalg.pinv(self.information[np.ix_(out, out)], rcond=1e-9, hermitian=True)
-        across = self.information[:, out] @ inverse
-        information, pull = self.information - across @ self.information[out], self.pull - across @ self.pull[out]
-        squares = self.squares - float(self.pull[out] @ inverse @ self.pull[out])
-        return replace(self, information=information, pull=pull, squares=squares)
 
 
 def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:

@@ -26,7 +26,7 @@ _TELLING = frozenset(
 )
 # what is seen fades within the first for what is gross, within the second for what is small
 MEMORIES_S = (2.0, 8.0)
-# squares explained over those left, per redundant coordinate; `bench/rig_monitor.py --fit` prints what nothing wrong explains
+# squares explained, in those that a redundant coordinate keeps; `bench/rig_monitor.py --fit` prints what nothing wrong explains
 _SURE = {BUMPED: (60.0, 70.0), OUT_OF_STEP: (40.0, 30.0)}
 # a network is off by so much in the same way for as long as somebody stands still
 _LEAST_M = 0.02
@@ -67,17 +67,26 @@ class MonitorState:
 
     Attributes:
         sums: one per memory. before: up to two instants, the newer last. recent: points of the newest instants, (C, P, 2) each.
-        findings: what goes on now. doubt: kind and camera that come next if that lasts, since_ns. well_ns: by finding, since when
-            it seems over.
+        finding: what goes on; None while all is well. well_ns: since when it seems to be over.
+        doubt: kind and cameras that are named next if that lasts, and since_ns.
+        others: of the cameras that are not named, while some are.
     """
 
     sums: tuple[Sums, ...]
     before: tuple[Instant, ...] = ()
     recent: tuple[Array, ...] = ()
-    findings: tuple[Finding, ...] = ()
-    doubt: tuple[str, tuple[int, ...]] | None = None
+    finding: Finding | None = None
+    well_ns: int | None = None
+    doubt: tuple[str, tuple[str, ...]] | None = None
     since_ns: int = 0
-    well_ns: tuple[int | None, ...] = ()
+    others: MonitorState | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All that goes on."""
+        if self.finding is None:
+            return ()
+        return (self.finding, *(self.others.findings if self.others is not None else ()))
 
 
 def telling_points(keypoints: Sequence[str]) -> Array:
@@ -106,7 +115,7 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
     new = sums_of(rig, middle, (now.xyz_world - older.xyz_world) / apart_s[0])
     sums = tuple(old.decayed(float(np.exp(-apart_s[1] / m)), new) for old, m in zip(state.sums, MEMORIES_S, strict=True))
     state = replace(state, sums=sums, before=(middle, now), recent=recent)
-    return _judge(_gone_on(state, rig, t_ns), rig, t_ns)
+    return _judged(state, rig, t_ns) if state.finding is None else _gone_on(state, state.finding, rig, t_ns, xy_img)
 
 
 @dataclass(frozen=True)
@@ -116,7 +125,7 @@ class Suspect:
     Attributes:
         kind: ``bumped`` or ``out of step``. camera: its place. amount: rad of turn, or s of lateness.
         displaced_m: by how much that displaces the person in its views, at the person.
-        gain: squares it explains. sure: those over the squares left, per redundant coordinate.
+        gain: squares it explains. sure: those, in squares that a redundant coordinate keeps.
     """
 
     kind: str
@@ -149,48 +158,37 @@ def _explained(sums: Sums, unknowns: slice) -> tuple[Array, Array, Array]:
     return amount, np.sqrt(squares / np.maximum(sums.points, 1e-9)), (pull * found).sum(axis=1)
 
 
-def _judge(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, list[Finding]]:
-    doubt = _doubt(state, rig)
-    if doubt is None:
+def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, list[Finding]]:
+    found = _suspected(state, rig)
+    if found is None:
         return replace(state, doubt=None), []
-    kind, cameras, finding = doubt
-    if state.doubt != (kind, cameras):
-        return replace(state, doubt=(kind, cameras), since_ns=t_ns), []
+    if state.doubt != (found.kind, found.cameras):
+        return replace(state, doubt=(found.kind, found.cameras), since_ns=t_ns), []
     if (t_ns - state.since_ns) / 1e9 < _SURE_AFTER_S:
         return state, []
-    found = replace(finding, t_ns=t_ns)
-    findings, well = (*state.findings, found), (*state.well_ns, None)
-    return replace(state, findings=findings, well_ns=well, doubt=None), [found]
+    found = replace(found, t_ns=t_ns)
+    return replace(state, finding=found, well_ns=None, doubt=None, others=start(rig)), [found]
 
 
-def _doubt(state: MonitorState, rig: Rig) -> tuple[str, tuple[int, ...], Finding] | None:
-    """The one thing more that explains most, if anything does."""
-    named = [rig.names.index(name) for finding in state.findings for name in finding.cameras]
-    if any(finding.kind == SWAPPED for finding in state.findings):
+def _suspected(state: MonitorState, rig: Rig) -> Finding | None:
+    """The one thing that explains most of what is left over, if anything does."""
+    short = state.sums[0]
+    if (short.points > 0).sum() < _LEAST_CAMERAS or short.count < _LEAST_COUNT:
         return None
-    if len(rig) - len(named) < _LEAST_CAMERAS:
-        return None
-    gross_m = _misfit_m(state.sums[0].without(named))
-    if gross_m > _GROSS_M and (pairs := _exchanged(rig, state.recent)):
-        cameras = tuple(sorted({c for pair in pairs for c in pair}))
-        return SWAPPED, cameras, _swapped(rig, pairs, gross_m)
-    worst = [_worst(sums.without(named), memory, named) for memory, sums in enumerate(state.sums)]
+    if _misfit_m(short) > _GROSS_M and (pairs := _exchanged(rig, state.recent)):
+        return _swapped(rig, pairs, _misfit_m(short))
+    worst = [_worst(sums, memory) for memory, sums in enumerate(state.sums)]
     sure = [one for one in worst if one is not None]
-    if not sure:
-        return None
-    _, one = max(sure, key=lambda one: one[0])
-    return one.kind, (one.camera,), _named(rig, one)
+    return _named(rig, max(sure, key=lambda one: one[0])[1]) if sure else None
 
 
-def _worst(sums: Sums, memory: int, named: list[int]) -> tuple[float, Suspect] | None:
-    """What explains most of what was left over, and how much more than is needed; None where that is too little, or another
-    camera explains about as much."""
-    if sums.count < _LEAST_COUNT:
-        return None
-    left = [one for one in suspects(sums) if one.camera not in named]
-    worst = max(left, key=lambda one: one.gain)
+def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
+    """What explains most of what was left over, and how many times as much as is needed; None where that is too little, or
+    something else explains about as much."""
+    found = suspects(sums)
+    worst = max(found, key=lambda one: one.gain)
     needed = _SURE[worst.kind][memory]
-    others = max(one.sure for one in left if one.camera != worst.camera)
+    others = max(one.sure for one in found if one is not worst)
     if worst.sure < needed or worst.sure - others < _APART * needed:
         return None
     if worst.displaced_m < _LEAST_M or abs(worst.amount) < _LEAST[worst.kind]:
@@ -221,31 +219,31 @@ def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
     return Finding(SWAPPED, cameras, 0, f"the images of {words} fit when they are exchanged: a swapped cable", gross_m)
 
 
-def _gone_on(state: MonitorState, rig: Rig, t_ns: int) -> MonitorState:
-    """The state with its findings as they are by now, without those that are over for a while."""
-    if not state.findings or state.sums[0].count < _LEAST_COUNT:
-        return state
-    seen = [_by_now(state, rig, finding) for finding in state.findings]
-    well = [
-        (since or t_ns) if now_m < _LEFT * finding.displaced_m else None
-        for (finding, now_m), since in zip(seen, state.well_ns, strict=True)
-    ]
-    going = [since is None or (t_ns - since) / 1e9 < _SURE_AFTER_S for since in well]
-    findings = tuple(finding for (finding, _), goes_on in zip(seen, going, strict=True) if goes_on)
-    state = replace(state, findings=findings, well_ns=tuple(since for since, on in zip(well, going, strict=True) if on))
+def _gone_on(state: MonitorState, finding: Finding, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
+    """The state with its finding as it is by now, and what is found of the cameras that are not named; or without it, after
+    it has been over for a while."""
+    assert state.others is not None
+    named = np.isin(rig.names, finding.cameras)
+    others, new = observe(state.others, rig, t_ns, np.where(named[:, None, None], np.nan, xy_img))
+    state = replace(state, others=others)
+    if state.sums[0].count < _LEAST_COUNT:
+        return state, new
+    worse, now_m = _by_now(state.sums[0], finding, rig)
+    if now_m > _LEFT * worse.displaced_m:
+        return replace(state, finding=worse, well_ns=None), new
+    if state.well_ns is None or (t_ns - state.well_ns) / 1e9 < _SURE_AFTER_S:
+        return replace(state, well_ns=t_ns if state.well_ns is None else state.well_ns), new
     # what is remembered is still full of what is over
-    return state if all(going) else replace(state, sums=start(rig).sums)
+    return replace(start(rig), before=state.before), []
 
 
-def _by_now(state: MonitorState, rig: Rig, finding: Finding) -> tuple[Finding, float]:
+def _by_now(sums: Sums, finding: Finding, rig: Rig) -> tuple[Finding, float]:
     """A finding at its worst so far, and by how much rays pass the person now."""
-    sums, names = state.sums[0], set(finding.cameras)
     if finding.kind == SWAPPED:
         now_m = _misfit_m(sums)
         return replace(finding, displaced_m=max(finding.displaced_m, now_m)), now_m
-    others = [rig.names.index(name) for one in state.findings for name in one.cameras if name not in names]
     camera = rig.names.index(finding.cameras[0])
-    [now] = [one for one in suspects(sums.without(others)) if one.camera == camera and one.kind == finding.kind]
+    [now] = [one for one in suspects(sums) if one.camera == camera and one.kind == finding.kind]
     worse = now.displaced_m > finding.displaced_m
     return (replace(_named(rig, now), t_ns=finding.t_ns) if worse else finding), now.displaced_m
 

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     parser.add_argument(
         "--fault", action="append", default=[], metavar="CAMERA=KIND@START[-END]",
-        help="let a camera freeze, jump, flood, hang or unplug after START seconds, to see that the set-up survives it",
+        help="let a camera freeze, jump, skew, bump, flood, hang or unplug after START seconds, to see that all survives",
     )  # fmt: skip
     parser.add_argument("--replay", type=Path, metavar="FILE", help="feed a recording to the tracker again, and compare")
 

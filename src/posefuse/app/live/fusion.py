@@ -87,6 +87,7 @@ class Fusion:
         self.sigma_px = np.full(len(rig), _SIGMA_PX)
         self._waiting: list[Way] = []
         self._last_told: Pose3D | None = None
+        self._followed = 0
         self._judged_ns = 0
 
     def run(self, intake: Intake, rate_hz: float, until: Callable[[int], bool]) -> None:
@@ -138,7 +139,8 @@ class Fusion:
             self.latencies.view_out(way, output_ns)
         self._waiting.clear()
         self.poses += 1
-        self.poses_with_people += len(pose.person_id) > 0
+        self._followed = len(pose.person_id)
+        self.poses_with_people += self._followed > 0
         self._tell(pose)
 
     def _see(self, seen: Seen) -> None:
@@ -149,7 +151,7 @@ class Fusion:
         if view is None:
             return
         if self.watch is not None:
-            view = self.watch.timed(view)
+            view = self.watch.timed(view, self._followed)
             if view.camera in self.watch.known.astray and self.monitor.does_without(view.camera):
                 return
         self.tracker.add(view)
@@ -195,8 +197,9 @@ class Fusion:
         # processes that died while nothing came are noticed here
         for message in intake.messages():
             self.take(message)
-        ill = self.watch.known.ill if self.watch is not None else {}
-        self.verdicts = self.monitor.judge(now_ns, intake.troubles(), ill)
+        if self.watch is not None:
+            self.watch.hear()
+        self.verdicts = self.monitor.judge(now_ns, intake.troubles(), self.watch.known.ill if self.watch is not None else {})
         self._outlets.offer("health", now_ns, {name: (v.state, v.text) for name, v in self.verdicts.items()}, self._rates())
 
     def _rates(self) -> dict[str, dict[str, float]]:

@@ -29,6 +29,8 @@ _S = 1e9
 _NICENESS = 10
 _WAIT_S = 0.2
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+# of a camera's views, those closer than this to the one before tell nothing new
+_APART_NS = 45_000_000
 _LEAST_SCORE = 0.5
 # poses are better without a camera that sees people further beside than this (`bench/rig_monitor.py`)
 _ASTRAY_M = 0.05
@@ -66,6 +68,7 @@ class RigWatch:
 
     def __init__(self, rig: Rig, clocks: bool) -> None:
         self.known, self.trouble = Watched(), ""
+        self._told_ns = dict.fromkeys(rig.names, 0)
         self._channel, theirs = Channel.pair()
         with _one_thread():
             self._process = spawned(run_watch, rig, clocks, theirs, name="posefuse rig watch")
@@ -82,23 +85,39 @@ class RigWatch:
         """In which process it is, in words."""
         return f"rig watched in process {self._process.pid}"
 
-    def timed(self, view: Detections2D) -> Detections2D:
-        """The view with what is known of its clock taken away; it goes into the next finding."""
-        if not self.trouble:
-            self._exchange(view)
+    def timed(self, view: Detections2D, followed: int) -> Detections2D:
+        """The view with what is known of its clock taken away.
+
+        It goes into the next finding, unless several people are followed: cameras must not be asked about different ones.
+        """
+        if followed <= 1 and len(view) == 1 and not 0 <= view.t_ns - self._told_ns[view.camera] < _APART_NS:
+            self._tell(view)
         offset_s = self.known.offset_s.get(view.camera, 0.0)
         return replace(view, t_ns=view.t_ns - round(offset_s * _S)) if offset_s else view
 
-    def _exchange(self, view: Detections2D) -> None:
+    def hear(self) -> None:
+        """Take in what was found since the last time."""
+        if self.trouble:
+            return
         try:
-            if len(view) == 1:
-                told = _telling_points(view.skeleton)
-                self._channel.send((view.camera, view.t_ns, view.xy_img[0, told], view.score[0, told]))
             while (found := self._channel.receive()) is not None:
                 self.known = found
         except ChannelClosed:
-            self.trouble = f"process {self._process.pid} ended; cameras that are moved or out of step are not named any more"
-            self.known = replace(self.known, ill={}, astray=frozenset())
+            self._lost()
+
+    def _tell(self, view: Detections2D) -> None:
+        if self.trouble:
+            return
+        self._told_ns[view.camera] = view.t_ns
+        points = _telling_points(view.skeleton)
+        try:
+            self._channel.send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
+        except ChannelClosed:
+            self._lost()
+
+    def _lost(self) -> None:
+        self.trouble = f"process {self._process.pid} ended; cameras that are moved or out of step are not named any more"
+        self.known = replace(self.known, ill={}, astray=frozenset())
 
 
 @cache
