@@ -8,9 +8,12 @@ import pytest
 
 from posefuse.core import ConfigError, Kind, ShapeError
 from posefuse.core.skeleton import BODY_25, COCO17
+from posefuse.track.lasting import LASTING_S, LASTING_SHARE
 from posefuse.track.live import TRACKERS, LiveSettings
 
 LATE_S = 0.07
+# where no error lasts from frame to frame
+FRESH = {"lasting_share": 0.0, "learnt_share": 0.0}
 
 
 def run(world, views, seconds, from_s=0.5, late_s=LATE_S, **settings):
@@ -51,16 +54,16 @@ def test_at_rest_it_is_no_worse_than_the_latest_views(world):
 
 
 def with_lasting_errors(views, rng):
-    """Noise of the stated size, of which `LiveSettings.lasting_share` wanders with time constant `lasting_s`."""
-    settings, wandering, told = LiveSettings(), {}, []
+    """Noise of the stated size, of which a part wanders as `track.lasting` says."""
+    wandering, told = {}, []
     for view in views:
         fresh = rng.standard_normal(view.xy_img.shape)
         before_ns, slow = wandering.get(view.camera, (view.t_ns, fresh))
-        keep = np.exp(-(view.t_ns - before_ns) * 1e-9 / settings.lasting_s)
+        keep = np.exp(-(view.t_ns - before_ns) * 1e-9 / LASTING_S)
         slow = keep * slow + np.sqrt(1 - keep**2) * fresh
         wandering[view.camera] = view.t_ns, slow
         white = rng.standard_normal(view.xy_img.shape)
-        errors = np.sqrt(settings.lasting_share) * slow + np.sqrt(1 - settings.lasting_share) * white
+        errors = np.sqrt(LASTING_SHARE) * slow + np.sqrt(1 - LASTING_SHARE) * white
         told.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
     return told
 
@@ -108,7 +111,7 @@ def test_covariance_is_honest(world, motion, least, most):
     w = world(motion=motion)
     nees = []
     for seed in range(3):
-        _, poses = run(w, w.views(2.2, seed), 2.2, lasting_share=0.0)
+        _, poses = run(w, w.views(2.2, seed), 2.2, **FRESH)
         for pose in poses[::7]:
             error = pose.xyz_world[0] - w.place(pose.t_ns / 1e9)
             nees += list(np.einsum("ki,kij,kj->k", error, np.linalg.inv(pose.cov_world[0]), error))
@@ -204,8 +207,8 @@ def test_a_camera_that_was_knocked_cannot_pull_and_is_named(world):
     knocked = world(motion=lambda t_s: w.place(t_s) + (0.0, 0.45, 0.3))
     views = [knocked.view(2, v.t_ns / 1e9, np.random.default_rng(i)) if v.camera == "cam02" else v
              for i, v in enumerate(w.views(2.0))]  # fmt: skip
-    tracker, poses = run(w, views, 2.0, lasting_share=0.0)
-    _, without = run(w, [v for v in w.views(2.0) if v.camera != "cam02"], 2.0, lasting_share=0.0)
+    tracker, poses = run(w, views, 2.0, **FRESH)
+    _, without = run(w, [v for v in w.views(2.0) if v.camera != "cam02"], 2.0, **FRESH)
     assert mean_error_m(w, poses) < 1.15 * mean_error_m(w, without)
     health = tracker.health
     assert health["cam02"].unclaimed > 40 or health["cam02"].gated_share > 0.5

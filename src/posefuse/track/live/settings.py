@@ -65,22 +65,22 @@ class LiveSettings:
     camera_rate_max_hz: Annotated[float, Gt(0), Le(1000)] = 250.0
     detections_max: Annotated[int, Ge(1)] = 16
     motion_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
-        MotionModelSettings(acceleration_m_s2=0.13, persistence_s=0.15),
-        MotionModelSettings(acceleration_m_s2=0.8, persistence_s=0.15),
-        MotionModelSettings(acceleration_m_s2=4.9, persistence_s=0.15),
-        MotionModelSettings(acceleration_m_s2=30.0, persistence_s=0.15),
+        MotionModelSettings(acceleration_m_s2=0.2, persistence_s=0.1),
+        MotionModelSettings(acceleration_m_s2=0.91, persistence_s=0.1),
+        MotionModelSettings(acceleration_m_s2=4.3, persistence_s=0.1),
+        MotionModelSettings(acceleration_m_s2=20.0, persistence_s=0.1),
     )
     body_models: Annotated[tuple[MotionModelSettings, ...], MinLen(1), MaxLen(6)] = (
-        MotionModelSettings(acceleration_m_s2=0.3, persistence_s=0.34),
-        MotionModelSettings(acceleration_m_s2=0.93, persistence_s=0.34),
-        MotionModelSettings(acceleration_m_s2=2.9, persistence_s=0.34),
-        MotionModelSettings(acceleration_m_s2=9.0, persistence_s=0.34),
+        MotionModelSettings(acceleration_m_s2=0.2, persistence_s=0.77),
+        MotionModelSettings(acceleration_m_s2=0.71, persistence_s=0.77),
+        MotionModelSettings(acceleration_m_s2=2.5, persistence_s=0.77),
+        MotionModelSettings(acceleration_m_s2=9.0, persistence_s=0.77),
     )
-    switch_s: Annotated[float, Gt(0)] = 0.3
+    switch_s: Annotated[float, Gt(0)] = 1.0
     lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
     averaging: Annotated[float, Ge(0)] = 0.1
     learnt_share: Annotated[float, Ge(0), Lt(1)] = 0.6
-    learnt_s: Annotated[float, Gt(0)] = 0.8
+    learnt_s: Annotated[float, Gt(0)] = 1.8
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
     tolerance_m: Annotated[float, Gt(0)] = 0.2

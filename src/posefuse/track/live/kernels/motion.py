@@ -59,7 +59,7 @@ def _singer(dt, sigma, lasts, f, q):
 
 @kernel()
 def _goes(i, j, m, stay):
-    """Chance to change from model i to j: only to the next calmer or more agile one, more readily to the calmer."""
+    """Chance to change from model i to j: only to the next calmer or more agile one."""
     up = (1.0 - stay) * _AGILER if i < m - 1 else 0.0
     down = (1.0 - stay) * (1.0 - _AGILER) if i > 0 else 0.0
     if j == i + 1:

@@ -36,7 +36,7 @@ def whitened(white, slope, z, h, rows, error):
 
 @kernel()
 def expected(rows, spread, noise):
-    """Three entries of the innovation covariance rows spread rows^T + 1."""
+    """Three entries of the innovation covariance rows spread rows^T + noise."""
     s00, s01, s11 = noise, 0.0, noise
     for a in range(3):
         t0, t1 = 0.0, 0.0

@@ -17,7 +17,7 @@ _FLIP_MOST = 16.0  # most a keypoint can say about it
 
 
 @kernel()
-def flipped_groups(camera, z, white, late, x, means, spreads, mirror, group, out):
+def flipped_groups(camera, z, white, means, spreads, mirror, group, out):
     """out (GROUPS,): which limbs fit clearly better with left and right exchanged."""
     gain = np.zeros(GROUPS)
     h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)

@@ -31,7 +31,7 @@ def step(
         c: camera. z (K, 2) ideal points, NaN where unseen; white (K, 2, 2); late (K,) how much after t a row was exposed.
         px_scale: (K,) pixels per sigma. cameras: (C, 15). mirror, group: (K,). neighbours: (K, n), -1 for none.
         ends: (B, 2). sizes: (K, M, C, B). models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
-        rules: outlier, gate, switch_s, lost_after_s, lasting_share, lasting_s. figures: (FIGURES,) filled.
+        rules: outlier, gate, switch_s, lost_after_s, learnt_share, learnt_s. figures: (FIGURES,) filled.
     """
     k, m, count, b = sizes
     after[:] = before
@@ -44,7 +44,7 @@ def step(
     _carried_on(x, cov, share, dt, rules[2], models, means, spreads)
     exchanged = np.zeros(GROUPS)
     wheres, wide = means[:k] + means[k], spreads[:k] + spreads[k]
-    flipped_groups(cameras[c], z, white, late, x, wheres, wide, mirror, group, exchanged)
+    flipped_groups(cameras[c], z, white, wheres, wide, mirror, group, exchanged)
     move_body(
         cameras[c], c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
     )  # fmt: skip
