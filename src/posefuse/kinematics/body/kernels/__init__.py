@@ -1,0 +1,19 @@
+"""The compiled mathematics of the whole-body fit: tree, Gauss-Newton step, filter and smoother.
+
+State of one instant: q (nodes,) of slides and hinges, rot (nodes, 3, 3) of balls; its error lives in D local coordinates,
+a ball's as a rotation vector in its own child axes (rot <- rot exp(d)). The filter's covariance is over (D errors,
+D velocities). A keypoint's measurement of any kind is brought to information (3, 3) and gradient (3,) about its present
+place, so that 3D points and the rays of all cameras enter the same normal equations.
+"""
+
+from .algebra import inverse, solve_rows, times_transposed
+from .filter import absorb, add_point_variance, predict, smooth_step
+from .measurements import ray_information
+from .newton import gauss_newton
+from .tree import BALL, HINGE, SLIDE, derivative, difference, exp3, forward, keypoints, log3, place, retract
+
+__all__ = [
+    "BALL", "HINGE", "SLIDE", "absorb", "add_point_variance", "derivative", "difference", "exp3", "forward", "gauss_newton",
+    "inverse", "keypoints", "log3", "place", "predict", "ray_information", "retract", "smooth_step", "solve_rows",
+    "times_transposed",
+]  # fmt: skip

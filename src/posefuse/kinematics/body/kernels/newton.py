@@ -1,0 +1,56 @@
+"""One instant fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posefuse.files.compiled import kernel
+
+from .algebra import solve_rows
+from .measurements import add, habits, point_information, ray_information
+from .tree import derivative, difference, forward, place, retract
+
+CONVERGED = 1e-5
+
+
+@kernel()
+def gauss_newton(
+    parent, kind, axis, offset, dof, limits, mirrored, node, local, q_expected, rot_expected, expected_information,
+    preferred_sd, seen, information, projections, xy, inverse_var, robust, iterations, q, rot,
+):  # fmt: skip
+    """Fit one instant, in place from (q, rot); returns the information (D, D) at the optimum and the iterations used."""
+    size = dof[-1]
+    frame = np.empty((kind.shape[0], 3, 3))
+    origin = np.empty((kind.shape[0], 3))
+    columns = np.empty(size, np.int64)
+    values = np.empty((size, 3))
+    gradient = np.empty(3)
+    local_information = np.empty((3, 3))
+    hessian = np.empty((size, size))
+    used = 0
+    for _ in range(iterations + 1):
+        forward(parent, kind, axis, offset, q, rot, frame, origin)
+        hessian[:] = expected_information
+        slope = -(expected_information @ difference(kind, dof, q, rot, q_expected, rot_expected))
+        habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope)
+        for p in range(node.shape[0]):
+            x = place(frame, origin, node[p], local[p])
+            gradient[:] = 0.0
+            local_information[:] = 0.0
+            if information[p, 0, 0] > 0.0:
+                point_information(x, seen[p], information[p], robust, gradient, local_information)
+            ray_information(x, projections, xy[p], inverse_var[p], robust, gradient, local_information)
+            if local_information[0, 0] > 0.0:
+                count = derivative(parent, kind, axis, dof, frame, node[p], x, origin, columns, values)
+                add(columns, values, count, gradient, local_information, hessian, slope)
+        if used == iterations:
+            break
+        step = solve_rows(hessian, slope.reshape(1, -1))[0]
+        biggest = np.max(np.abs(step))
+        if biggest > 0.5:
+            step *= 0.5 / biggest
+        if biggest < CONVERGED:
+            break
+        retract(kind, dof, step, q, rot)
+        used += 1
+    return 0.5 * (hessian + hessian.T), used
