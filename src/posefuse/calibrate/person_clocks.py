@@ -52,7 +52,9 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
     done = [check_seen(rig.names, moving)]
     _require(done)
     rough = rough_clocks(rig, moving, most_s)
-    done += [_check_linked(rig.names, rough, most_s), check_one_offset(rig.names, rough)]
+    done.append(_check_linked(rig.names, rough, most_s))
+    _require(done)
+    done.append(check_one_offset(rig.names, rough))
     _require(done)
     fit = estimate_clocks(rig, moving, ClockEstimate.known(rough.offset_s, middle_s(tracks)), with_drift)
     done += fit_checks(rig, fit, with_drift)
@@ -93,6 +95,11 @@ def check_seen(names: Sequence[str], moving: Sequence[Track]) -> Check:
 
 def _check_linked(names: Sequence[str], rough: RoughClocks, most_s: float) -> Check:
     lost = [name for name, offset in zip(names, rough.offset_s, strict=True) if not np.isfinite(offset)]
+    if len(lost) == len(names):
+        return Check(
+            "cameras are linked", False, f"at no offset within {most_s:g} s do two cameras see the same person move",
+            "record longer, walk about, turning this way and that; or give a larger --most-s",
+        )  # fmt: skip
     linked = "at some offset every camera sees the person where others do"
     return Check(
         "cameras are linked", not lost,
@@ -122,7 +129,7 @@ def check_one_offset(names: Sequence[str], rough: RoughClocks) -> Check:
 
 def fit_checks(rig: Rig, fit: ClockFit, with_drift: bool) -> list[Check]:
     """What the solve says of itself."""
-    return [_check_spread(rig, fit), _check_determined(rig.names, fit.clocks), _check_steady(rig.names, fit, with_drift)]
+    return [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), _check_determined(rig.names, fit.clocks)]
 
 
 def _check_spread(rig: Rig, fit: ClockFit) -> Check:
@@ -131,7 +138,7 @@ def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     return Check(
         "keypoints fit", bool(fit.spread_px[worst] <= limit[worst]),
         f"{rig.names[worst]}'s lie worst, usually {fit.spread_px[worst]:.1f} px beside the paths (limit {limit[worst]:.1f})",
-        "it follows another person, or was moved after the rig was made",
+        "it follows another person, was moved after the rig was made, or is farther off than --most-s",
     )  # fmt: skip
 
 
