@@ -27,6 +27,7 @@ TITLES = {
     "render": "Simulator: rendering",
     "kinematics": "Joint angles",
     "calibrate": "Calibration",
+    "rig_monitor": "Rig monitor: bumped, late and exchanged cameras",
     "live": "Live: the whole pipeline",
     "live_tracking": "Live: the tracker against the paper's way",
     "live_faults": "Live: what goes wrong, and what comes of it",

@@ -185,6 +185,19 @@ def test_a_camera_that_is_put_right_again_is_well_and_may_be_bumped_anew(lab: An
     assert 14 < told[2][0] < 16
 
 
+def test_a_late_camera_stays_so_while_the_person_stands_still(lab: Any) -> None:
+    random, state, found = np.random.default_rng(4), monitor.start(lab.rig), []
+    for k in range(180):
+        there_s = min(k / 10, 9.0)
+        late_s = 0.1 if k >= 30 and there_s < 9.0 else 0.0
+        xy = lab.rig.project(walk(np.array([there_s]))[0])
+        xy[2] = lab.rig.cameras[2].project(walk(np.array([there_s - late_s]))[0])
+        state, new = monitor.observe(state, lab.rig, round(k * 1e8), xy + random.normal(0, 1.5, xy.shape))
+        found += new
+    assert [(one.kind, one.cameras) for one in found] == [("out of step", ("cam02",))]
+    assert [one.cameras for one in state.findings] == [("cam02",)]
+
+
 def test_triangulation_needs_two_views(lab: Any) -> None:
     points = np.array([[0.1, 0.2, 0.9], [0.4, -0.3, 1.2]])
     xy = lab.rig.project(points)

@@ -36,7 +36,9 @@ _UNKNOWNS = {BUMPED: TURN, OUT_OF_STEP: LATE}
 # of a camera that is right again, so much of what was told is left
 _LEFT = 0.4
 _SURE_AFTER_S = 0.6
-_LEAST_COUNT, _LEAST_CAMERAS = 200.0, 3
+_LEAST_COUNT = 200.0
+# of two nobody can tell which is wrong
+LEAST_CAMERAS = 3
 # a camera explains more than any other by this share of what makes it sure
 _APART = 0.5
 # where rays pass each other by so much, not only a little is wrong with the rig
@@ -51,7 +53,7 @@ class Finding:
 
     Attributes:
         kind: ``bumped``, ``out of step`` or ``swapped``. cameras: which. t_ns: when it was noticed.
-        detail: one line with numbers. displaced_m: by how much rays passed the person.
+        detail: one line with numbers. displaced_m: by how much rays passed the person. amount: rad of turn, or s of lateness.
     """
 
     kind: str
@@ -59,6 +61,7 @@ class Finding:
     t_ns: int
     detail: str
     displaced_m: float
+    amount: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +176,7 @@ def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, lis
 def _suspected(state: MonitorState, rig: Rig) -> Finding | None:
     """The one thing that explains most of what is left over, if anything does."""
     short = state.sums[0]
-    if (short.points > 0).sum() < _LEAST_CAMERAS or short.count < _LEAST_COUNT:
+    if (short.points > 0).sum() < LEAST_CAMERAS or short.count < _LEAST_COUNT:
         return None
     if _misfit_m(short) > _GROSS_M and (pairs := _exchanged(rig, state.recent)):
         return _swapped(rig, pairs, _misfit_m(short))
@@ -210,7 +213,7 @@ def _named(rig: Rig, suspect: Suspect) -> Finding:
     else:
         degrees = np.rad2deg(suspect.amount)
         words = f"{name} sees everything {beside_mm:.0f} mm beside where the others do ({degrees:.1f} deg): was it moved?"
-    return Finding(suspect.kind, (name,), 0, words, suspect.displaced_m)
+    return Finding(suspect.kind, (name,), 0, words, suspect.displaced_m, suspect.amount)
 
 
 def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
@@ -244,8 +247,13 @@ def _by_now(sums: Sums, finding: Finding, rig: Rig) -> tuple[Finding, float]:
         return replace(finding, displaced_m=max(finding.displaced_m, now_m)), now_m
     camera = rig.names.index(finding.cameras[0])
     [now] = [one for one in suspects(sums) if one.camera == camera and one.kind == finding.kind]
-    worse = now.displaced_m > finding.displaced_m
-    return (replace(_named(rig, now), t_ns=finding.t_ns) if worse else finding), now.displaced_m
+    if now.displaced_m > finding.displaced_m:
+        return replace(_named(rig, now), t_ns=finding.t_ns), now.displaced_m
+    if finding.kind == OUT_OF_STEP:
+        # of somebody who stands still a late camera shows the same
+        would_m = now.displaced_m * abs(finding.amount) / max(abs(now.amount), 1e-9)
+        return finding, finding.displaced_m * (abs(now.amount / finding.amount) if would_m > _LEAST_M else 1.0)
+    return finding, now.displaced_m
 
 
 def _exchanged(rig: Rig, recent: Sequence[Array]) -> list[tuple[int, int]]:
@@ -265,7 +273,9 @@ def _exchanged(rig: Rig, recent: Sequence[Array]) -> list[tuple[int, int]]:
 
 
 def _misfit_over(rig: Rig, xy_img: Array, order: Array) -> float:
-    return float(np.nanmedian(instant_of(rig, 0, xy_img[order]).misfit_m))
+    misfit_m = instant_of(rig, 0, xy_img[order]).misfit_m
+    known = misfit_m[np.isfinite(misfit_m)]
+    return float(np.median(known)) if len(known) else float("inf")
 
 
 def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:

@@ -24,7 +24,6 @@ from .common_instants import CommonInstants
 from .monitor import Verdict
 from .processes import ended, spawned
 
-LEAST_CAMERAS = 3
 _S = 1e9
 _NICENESS = 10
 _WAIT_S = 0.2
@@ -53,7 +52,7 @@ class Watched:
 
 def watching(rig: Rig, clocks: bool) -> AbstractContextManager[RigWatch | None]:
     """A watch over the rig, where there is anything to watch: two cameras cannot tell which of them is wrong."""
-    return RigWatch(rig, clocks) if clocks or len(rig) >= LEAST_CAMERAS else contextlib.nullcontext()
+    return RigWatch(rig, clocks) if clocks or len(rig) >= monitor.LEAST_CAMERAS else contextlib.nullcontext()
 
 
 class RigWatch:
@@ -177,7 +176,7 @@ class Watcher:
         if self._finder is not None:
             found = self._finder.find()
             self._offset_s = self._offset_s if found is None else found
-        if len(self._rig) >= LEAST_CAMERAS:
+        if len(self._rig) >= monitor.LEAST_CAMERAS:
             for t_ns, xy_img in self._instants.ready():
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
         found = self._state.findings
