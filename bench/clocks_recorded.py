@@ -56,14 +56,7 @@ def tracks_of(rig: Rig, session: Path) -> tuple[PersonTrack, ...]:
 
 def until(tracks: Sequence[PersonTrack], seconds: float, phases: Sequence[int] = PHASES) -> list[PersonTrack]:
     """Every second frame of the first seconds, the even or the odd ones."""
-    return [
-        _rows(track, np.flatnonzero(track.t_ns < seconds * 1e9)[phase::2]) for track, phase in zip(tracks, phases, strict=True)
-    ]
-
-
-def _rows(track: PersonTrack, rows: np.ndarray) -> PersonTrack:
-    seen = {name: getattr(track, name)[rows] for name in ("t_ns", "xy_img", "score", "sigma_px")}
-    return replace(track, **seen)
+    return [track.at(np.flatnonzero(track.t_ns < seconds * 1e9)[phase::2]) for track, phase in zip(tracks, phases, strict=True)]
 
 
 def shifted(tracks: Sequence[PersonTrack], late_s: Sequence[float], drift: Sequence[float] | None = None) -> list[PersonTrack]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.core import CalibrationError, Camera, Rig
+from posefuse.core.arrays import Array
 
 from .person import KnownLength, PersonCalibration, calibrate_from_person, rough_rig
 from .person_clocks import (
@@ -27,6 +28,8 @@ from .sync_start import rough_clocks_unplaced
 
 _MOST_ROUNDS = 6
 _SETTLED_S, _FARTHEST = 3e-4, 4.0
+# a rig from half of a recording and its clocks may be so far off together
+_HALVES_S = 0.03
 # a rig that is good enough for clocks needs so many instants
 _INSTANTS = 60
 # cameras closer together than a third of a usual frame are in step, whatever clocks would take up of a rig's own errors
@@ -85,8 +88,37 @@ def calibrate_out_of_step(
     checks = fit_checks(rig, fit, with_drift)
     CalibrationReport(SUBJECT, tuple(checks)).require()
     found = calibrate_from_person(person_views(tracks, fit.clocks), cameras, length, upside_down)
+    apart_s = _halves_apart_s(tracks, cameras, length, fit.clocks)
+    checks.append(_check_halves([track.camera for track in tracks], apart_s))
     report = replace(found.report, checks=(*found.report.checks, *checks))
-    return replace(found, report=report), fit.clocks
+    report.require()
+    # what a rig gets wrong its clocks take up: halves, which have rigs of their own, tell that, and the fit does not
+    shared_s = float(np.sqrt((apart_s[1:] ** 2).mean())) / 2
+    sigma_s = np.where(np.arange(len(tracks)) > 0, np.hypot(fit.clocks.offset_sigma_s, shared_s), 0.0)
+    return replace(found, report=report), replace(fit.clocks, offset_sigma_s=sigma_s)
+
+
+def _halves_apart_s(
+    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, clocks: ClockEstimate
+) -> Array:
+    """(C,) how far apart the clocks are that the first and the second half of the recording give, each with a rig of its own."""
+    offsets = []
+    for second in (False, True):
+        part = []
+        for c, track in enumerate(tracks):
+            t_s = clocks.taken_s(c, track.t_ns / 1e9)
+            part.append(track.at((t_s >= clocks.middle_s) == second))
+        offsets.append(_settled(part, cameras, length, clocks, False)[1].clocks.offset_s)
+    return np.asarray(offsets[1] - offsets[0])
+
+
+def _check_halves(names: Sequence[str], apart_s: Array) -> Check:
+    worst = int(np.argmax(np.abs(apart_s)))
+    return Check(
+        "clocks of halves agree", bool(np.abs(apart_s[worst]) <= _HALVES_S),
+        f"from separate data {names[worst]}'s clock comes out {apart_s[worst] * 1e3:+.1f} ms apart (limit {_HALVES_S * 1e3:.0f})",
+        "walk longer and over the whole floor, turning this way and that",
+    )  # fmt: skip
 
 
 def _settled(

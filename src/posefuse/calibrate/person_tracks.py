@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,11 @@ class PersonTrack:
             dtype = np.int64 if name == "t_ns" else np.float64
             object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"PersonTrack.{name}"))
         check_axes("PersonTrack", {name: (getattr(self, name), text) for name, text in axes.items()})
+
+    def at(self, frames: Array) -> PersonTrack:
+        """Only the frames of a mask or of indices."""
+        seen = {name: getattr(self, name)[frames] for name in ("t_ns", "xy_img", "score", "sigma_px")}
+        return replace(self, **seen)
 
 
 def person_tracks(detections: Mapping[str, Sequence[Detections2D]]) -> tuple[PersonTrack, ...]:
