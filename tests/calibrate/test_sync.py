@@ -13,8 +13,10 @@ from scipy.interpolate import CubicSpline
 from posefuse.app.commands import calibrate
 from posefuse.app.config import TrackConfig
 from posefuse.app.recorded.pose2d import pose2d_instants
+from posefuse.app.recorded.run import finding_line
 from posefuse.app.session import find_session
 from posefuse.app.terminal import Terminal
+from posefuse.calibrate.monitor import Finding
 from posefuse.calibrate.person_clocks import clocks_from_person
 from posefuse.calibrate.person_tracks import PersonTrack
 from posefuse.calibrate.person_views import person_views
@@ -156,6 +158,12 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
         true = rig.cameras[c].project(body(np.array([seen.t_ns / 1e9])))
         np.testing.assert_allclose(seen.xy_img, true, atol=1.5)
         assert abs(seen.t_ns - at.t_ns) <= 0.5e9 / rate_hz + 1
+
+
+def test_a_camera_out_of_step_is_told_with_the_command_that_helps() -> None:
+    line = finding_line(Finding("out of step", ("cam01",), 12_000_000_000, "cam01 is out of step", 0.1), Path("trial"))
+    assert line == "at 12.0 s: cam01 is out of step; `posefuse calibrate clocks trial` finds its offset"
+    assert "posefuse" not in finding_line(Finding("bumped", ("cam01",), 0, "cam01 was moved", 0.1), Path("trial"))
 
 
 def test_points_are_read_between_frames_but_not_across_gaps() -> None:

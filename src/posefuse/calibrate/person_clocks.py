@@ -136,7 +136,7 @@ def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     limit = np.array([_MOST_SPREAD_PX_PER_1000 * max(camera.size_wh) / 1000 for camera in rig])
     worst = int(np.nanargmax(np.nan_to_num(fit.spread_px / limit, nan=np.inf)))
     return Check(
-        "keypoints fit", bool(fit.spread_px[worst] <= limit[worst]),
+        "paths fit", bool(fit.spread_px[worst] <= limit[worst]),
         f"{rig.names[worst]}'s lie worst, usually {fit.spread_px[worst]:.1f} px beside the paths (limit {limit[worst]:.1f})",
         "it follows another person, was moved after the rig was made, or is farther off than --most-s",
     )  # fmt: skip

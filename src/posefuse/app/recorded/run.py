@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from posefuse import __version__
 from posefuse.app.config import TrackConfig
 from posefuse.app.session import LEAST_CAMERAS, Input, Session, fitted_camera
-from posefuse.calibrate.monitor import OUT_OF_STEP
+from posefuse.calibrate.monitor import OUT_OF_STEP, Finding
 from posefuse.core import InputError, Recording, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
@@ -71,8 +72,7 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth, centres)
     with clock.stage("watch"):
         for finding in rig_findings(views, rig):
-            remedy = f"; `posefuse calibrate clocks {session.folder}` finds its offset" if finding.kind == OUT_OF_STEP else ""
-            warn(f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}")
+            warn(finding_line(finding, session.folder))
     provenance = {
         "posefuse": __version__,
         "rig_id": rig.id,
@@ -85,6 +85,12 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
     }
     recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px, provenance)
     return Tracked(recording, clock.seconds, interrupted, _found(views), centres)
+
+
+def finding_line(finding: Finding, session: Path) -> str:
+    """When it shows, what is wrong with a camera, and what to do about it."""
+    remedy = f"; `posefuse calibrate clocks {session}` finds its offset" if finding.kind == OUT_OF_STEP else ""
+    return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"
 
 
 def _follow(
