@@ -69,7 +69,7 @@ def person_in_videos(
         apart = person_tracks(poses_apart(sources, detector, timeline, advance))
     found = unplaced_clocks(apart, cameras, length, clocks, most_s)
     if found is not None:
-        terminal.note("the cameras are not synchronised: going on with their clocks estimated")
+        terminal.note("going on with the clocks of the cameras as this first look tells them")
         sources = [VideoConfig(path, name, *found.correction(c)).build() for c, (name, path) in enumerate(paths.items())]
         timeline = timeline_of(sources, instants)
     rig = rough_rig(person_views(apart, found), cameras, length)
