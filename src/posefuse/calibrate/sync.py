@@ -18,6 +18,8 @@ from .sync_paths import ACCELERATIONS_M_S2, APART_S, LEAST_VIEWS, LONGEST_STEP_S
 
 # seconds of a block, what is looked at besides at its ends, and how many blocks are looked at, spread over the recording
 _BLOCK_S, _MARGIN_S, _MOST_BLOCKS = 4.0, 0.3, 30
+# what a network's lasting errors move clocks by, however long the recording: as on the walks of `posefuse experiment drift`
+_LASTING_S = 1.5e-3
 # of offsets and drifts before anything is seen
 _BEFORE_S, _BEFORE_DRIFT = 0.3, 3e-3
 
@@ -182,7 +184,8 @@ def _against_first(value: Array, covariance: Array, cameras: int, middle_s: floa
         own = slice(begin, begin + cameras)
         parts.append((to_first @ value[own], np.sqrt(np.diag(to_first @ covariance[own, own] @ to_first.T))))
     parts.append((np.zeros(cameras), np.zeros(cameras)))
-    return ClockEstimate(parts[0][0], parts[1][0], parts[0][1], parts[1][1], middle_s)
+    offset_sigma_s = np.where(np.arange(cameras) > 0, np.hypot(parts[0][1], _LASTING_S), 0.0)
+    return ClockEstimate(parts[0][0], parts[1][0], offset_sigma_s, parts[1][1], middle_s)
 
 
 def _left(blocks: Sequence[ClockSums]) -> tuple[Array, Array]:
