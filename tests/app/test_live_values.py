@@ -22,6 +22,7 @@ from posefuse.app.live.messages import CameraState, Seen
 from posefuse.app.live.monitor import Monitor, Verdict
 from posefuse.app.live.processes import Groups, _Member, ended
 from posefuse.app.live.report import write_report
+from posefuse.app.live.session import News
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
 from posefuse.sources.live.stream import StampClock
 
@@ -176,6 +177,16 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
     assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
     assert "SIGKILL" in verdicts["c"].text
     assert {event.camera for event in monitor.events} == {"a", "b", "c"}
+
+
+def test_all_that_changes_is_told_however_long_a_session_runs() -> None:
+    monitor, said = Monitor(("a",)), []
+    news = News(SimpleNamespace(monitor=monitor, watch=None), 0, said.append)
+    for second in range(1200):
+        monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
+        news.tell(second * S)
+    assert len(said) == monitor.event_count > len(monitor.events)
+    assert said[-1] == "1199.00 s  camera a: dead: process 1 ended"
 
 
 def test_counts_go_on_when_a_process_was_started_again() -> None:

@@ -90,13 +90,14 @@ class Monitor:
     """Judges every frame before it is used, and every camera once in a while.
 
     Attributes:
-        events: what changed, oldest first, at most the newest 1000.
+        events: what changed, oldest first, at most the newest 1000. event_count: of all there ever were.
     """
 
     def __init__(self, cameras: Iterable[str]) -> None:
         self._watches = {name: _Watch() for name in cameras}
         self._verdicts = {name: Verdict("opening") for name in self._watches}
         self.events: deque[Event] = deque(maxlen=1000)
+        self.event_count = 0
 
     def admit(self, seen: Seen, now_ns: int) -> Detections2D | None:
         """The view to use, its time put right where its clock has jumped; None when it must not be used."""
@@ -139,6 +140,7 @@ class Monitor:
             verdict = self._verdict(watch, now_ns, troubles.get(name, ""), (ill or {}).get(name, Verdict(OK)))
             if verdict.state != self._verdicts[name].state:
                 self.events.append(Event(now_ns, name, verdict.state, verdict.text))
+                self.event_count += 1
             self._verdicts[name] = verdict
         return dict(self._verdicts)
 

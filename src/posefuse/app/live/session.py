@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -123,14 +124,14 @@ class News:
 
     def __init__(self, fusion: Fusion, zero_ns: int, say: Say) -> None:
         self._fusion, self._zero_ns, self._say = fusion, zero_ns, say
-        self._events, self._trouble = 0, ""
+        self._told, self._trouble = 0, ""
 
     def tell(self, now_ns: int) -> None:
         """Whatever has not been told yet."""
-        events, watch = self._fusion.monitor.events, self._fusion.watch
-        while self._events < len(events):
-            event = events[self._events]
-            self._events += 1
+        monitor, watch = self._fusion.monitor, self._fusion.watch
+        new = min(monitor.event_count - self._told, len(monitor.events))
+        self._told = monitor.event_count
+        for event in islice(monitor.events, len(monitor.events) - new, None):
             self._say_at(event.t_ns, f"camera {event.camera}: {event.state}{': ' + event.text if event.text else ''}")
         if watch is not None and watch.trouble != self._trouble:
             self._trouble = watch.trouble
