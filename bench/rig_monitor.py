@@ -28,7 +28,7 @@ from posefuse.app.terminal import plain
 from posefuse.calibrate import monitor
 from posefuse.core import SE3, Camera, Recording, Rig, Skeleton, Truth, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluate.experiments.scenes import scene_name, static_scene, walking_scene
+from posefuse.evaluate.experiments.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
 from posefuse.evaluate.metrics import true_xyz_at
 from posefuse.files.atomic import atomic_folder
 from posefuse.files.recording import read_recording, write_recording
@@ -113,6 +113,8 @@ def scenes(fit: bool) -> Iterator[tuple[str, Scene]]:
     yield "walk 8, body 32", made(32, 10.0, 8, 4.5, 60, walk(1.35))
     yield "stands 8, body 33", made(33, 4.0, 8, 4.5, 60, {"kind": "idle"})
     yield "T-pose 8 occluded, body 1", static_scene(True)
+    yield "waves 4 half hidden, body 1", half_hidden_scene("screen")
+    yield "waves 4 false arm, body 1", half_hidden_scene("false_arm")
 
 
 def walk(speed_mps: float) -> dict:
@@ -140,7 +142,8 @@ def made(seed: int, seconds: float, cameras: int, radius_m: float, fov_deg: floa
 
 def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
     folder = scene_name(name.split(",")[0].replace(" ", "-"), scene)
-    kept = [SESSIONS / scene_name(f"{kind}-{scene.seed}", scene) for kind in ("walking", "static-occluded")]
+    kinds = (f"walking-{scene.seed}", f"static-occluded-{scene.seed}", "occlusion-screen", "occlusion-false_arm")
+    kept = [SESSIONS / scene_name(kind, scene) for kind in kinds]
     session = next((path for path in kept if path.is_dir()), cache / "sessions" / folder)
     paths = SessionPaths(session)
     if not paths.rig.exists() or paths.incomplete.exists():

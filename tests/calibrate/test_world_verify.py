@@ -168,6 +168,21 @@ def test_a_camera_that_looks_at_somebody_else_is_not_called_bumped(lab: Any) -> 
     assert run_monitor(lab.rig, somebody_else, seconds=11) == []
 
 
+@pytest.mark.parametrize(("reach_m", "turn_rad", "kinds"), [(0.0, 0.02, []), (0.0, 0.1, ["bumped"]), (1.0, 0.02, ["bumped"])])
+def test_who_stands_tells_of_gross_displacements_alone(lab: Any, reach_m: float, turn_rad: float, kinds: list[str]) -> None:
+    """What a network makes up for limbs that one view does not show stays as long as somebody stands; a walk tells it apart."""
+    start, still = walk(np.zeros(1))[0], [0.0, 0.0, 0.0]
+    cameras = list(lab.rig)
+    cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.0, turn_rad, 0.0], still) @ cameras[1].cam_from_world)
+    after = Rig(tuple(cameras))
+
+    def pictures(t: float) -> np.ndarray:
+        swing = 0.05 * np.sin(5 * t + np.arange(len(start)))[:, None]
+        return after.project(start + swing + reach_m * np.array([np.sin(t), np.cos(t), 0.0]))
+
+    assert [one.kind for one in run_monitor(lab.rig, pictures, seconds=9)] == kinds
+
+
 def test_a_camera_that_is_put_right_again_is_well_and_may_be_bumped_anew(lab: Any) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)

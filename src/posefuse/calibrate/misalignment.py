@@ -53,6 +53,7 @@ class Sums:
         information: (4C, 4C) of squares over u, the points taken out. pull: (4C,). squares: of what is left over.
         count: of redundant coordinates.
         own: (C, 4, 4) squares by which each camera's unknowns displace its own points. points: (C,) of them.
+        places: (5,) of the middle of the points: how many, sums of x, y, z in m, and of their squares.
     """
 
     information: Array
@@ -61,12 +62,19 @@ class Sums:
     count: float
     own: Array
     points: Array
+    places: Array
+
+    @property
+    def walked_m(self) -> float:
+        """How far about its mean the middle of the points was, rms."""
+        count, *place, square = self.places / max(self.places[0], 1e-9)
+        return float(np.sqrt(max(square - np.dot(place, place), 0.0))) if count else 0.0
 
     @staticmethod
     def nothing(cameras: int) -> Sums:
         """No instant yet."""
         square, own = np.zeros((UNKNOWNS * cameras,) * 2), np.zeros((cameras, UNKNOWNS, UNKNOWNS))
-        return Sums(square, np.zeros(UNKNOWNS * cameras), 0.0, 0.0, own, np.zeros(cameras))
+        return Sums(square, np.zeros(UNKNOWNS * cameras), 0.0, 0.0, own, np.zeros(cameras), np.zeros(5))
 
     def decayed(self, keep: float, new: Sums) -> Sums:
         """These counting `keep` times, and new ones."""
@@ -77,6 +85,7 @@ class Sums:
             keep * self.count + new.count,
             keep * self.own + new.own,
             keep * self.points + new.points,
+            keep * self.places + new.places,
         )
 
 
@@ -136,7 +145,9 @@ def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
     pull = (weighted @ off.reshape(len(rows), 2 * cameras, 1)).sum(axis=0)[:, 0]
     redundant = 2 * seen.sum(axis=1) - 3
     squares, count = float((weight * redundant * misfit**2).sum()), float((weight * redundant).sum())
-    return Sums(information, pull, squares, count, own, (weight[:, None] * seen).sum(axis=0))
+    middle = np.median(now.xyz_world[good], axis=0)
+    places = np.array([1.0, *middle, middle @ middle])
+    return Sums(information, pull, squares, count, own, (weight[:, None] * seen).sum(axis=0), places)
 
 
 @lru_cache(maxsize=8)

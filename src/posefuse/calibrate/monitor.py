@@ -28,8 +28,9 @@ _TELLING = frozenset(
 MEMORIES_S = (2.0, 8.0)
 # squares explained, in those that a redundant coordinate keeps; `bench/rig_monitor.py --fit` prints what nothing wrong explains
 _SURE = {BUMPED: (60.0, 70.0), OUT_OF_STEP: (40.0, 30.0)}
-# a network is off by so much in the same way for as long as somebody stands still
-_LEAST_M = 0.02
+# a network is off by less in the same way all along somebody's way; by more for as long as they stand, most of all where
+# limbs are hidden. Who moved less than this about the middle of their way, rms, stands
+_LEAST_M, _LEAST_STANDING_M, _STANDS_M = 0.02, 0.15, 0.25
 # a rig is calibrated about so well
 _LEAST = {BUMPED: float(np.deg2rad(0.2)), OUT_OF_STEP: 0.012}
 _UNKNOWNS = {BUMPED: TURN, OUT_OF_STEP: LATE}
@@ -194,7 +195,8 @@ def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
     others = max(one.sure for one in found if one is not worst)
     if worst.sure < needed or worst.sure - others < _APART * needed:
         return None
-    if worst.displaced_m < _LEAST_M or abs(worst.amount) < _LEAST[worst.kind]:
+    least_m = _LEAST_STANDING_M if sums.walked_m < _STANDS_M else _LEAST_M
+    if worst.displaced_m < least_m or abs(worst.amount) < _LEAST[worst.kind]:
         return None
     # a camera that looks at somebody else is not put right by any turn
     if np.sqrt((sums.squares - worst.gain) / sums.count) > _GROSS_M:
