@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,13 @@ import numpy as np
 from posefuse.app.config import CONFIG_FILE, read_config
 from posefuse.app.session import LEAST_CAMERAS
 from posefuse.app.terminal import Terminal
-from posefuse.calibrate.person import KnownLength, calibrate_from_person
+from posefuse.calibrate.person import KnownLength, PersonCalibration, calibrate_from_person
 from posefuse.calibrate.person_clocks import numbers
 from posefuse.calibrate.person_settle import calibrate_out_of_step, unplaced_clocks
 from posefuse.calibrate.person_tracks import PersonTrack, person_tracks
-from posefuse.calibrate.person_views import person_views
+from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.calibrate.sync import ClockEstimate
-from posefuse.core import SE3, InputError, Rig
+from posefuse.core import SE3, Camera, InputError, Rig
 from posefuse.core.errors import choices
 from posefuse.detect.openpose import read_openpose_folder
 from posefuse.files.rig import read_rig, write_rig
@@ -32,39 +32,12 @@ from .results import frame_period_s, reported, show, show_clocks, write_clocks, 
 
 def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Rig file and report from videos, or from 2D poses that another tool has written."""
-    lenses, paths = read_rig(args.intrinsics), dict(name_and_path(text) for text in args.inputs)
-    if len(paths) < LEAST_CAMERAS:
-        raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
-    if not args.most_s > 0:
-        raise InputError(f"--most-s: expected > 0, got {args.most_s:g}")
-    absent = [str(path) for path in paths.values() if not path.exists()]
-    if absent:
-        raise InputError(f"person: no such file or folder: {choices(absent)}")
+    lenses, paths = read_rig(args.intrinsics), _paths(args)
     length = _known_length(args, Rig(tuple(lenses[name] for name in paths)))
     cameras = tuple(replace(lenses[name], cam_from_world=SE3.identity()) for name in paths)
-    videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
     with reported(args):
-        if len(videos) == len(paths):
-            choice = read_config(None, args.overrides).detector
-            views, seen_by, clocks = person_in_videos(
-                paths, Rig(cameras), length, choice, args.instants, terminal, args.clocks, args.most_s
-            )
-            tracks = views.tracks()
-        elif videos:
-            raise InputError(
-                f"person: expected videos or folders of 2D poses for all cameras, got both: {choices(map(str, paths.values()))}"
-            )
-        else:
-            tracks, seen_by = _from_files(args, paths), cameras
-            views, clocks = person_views(tracks), unplaced_clocks(tracks, seen_by, length, args.clocks, args.most_s)
-        upside_down = tuple(args.upside_down)
-        if clocks is None:
-            found = calibrate_from_person(views, seen_by, length, upside_down)
-        else:
-            # files are read by their own stamps, videos were looked at by the clocks found first
-            start = ClockEstimate.known(np.zeros(len(tracks)), clocks.middle_s) if videos else clocks
-            found, left = calibrate_out_of_step(tracks, seen_by, length, start, args.clocks == "drift", upside_down)
-            clocks = clocks.then(left) if videos else left
+        seen = _seen(args, paths, cameras, length, terminal)
+        found, clocks = _solved(args, seen, length)
     show(found.report, terminal)
     # the lenses as they were given: videos of another size are fitted anew wherever they are read
     placed = {camera.name: camera.cam_from_world for camera in found.rig}
@@ -76,6 +49,63 @@ def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     show_clocks(rig.names, clocks, _periods_s(args, paths), terminal)
     settings = write_clocks(args.out.with_name(CONFIG_FILE), rig.names, clocks, terminal)
     return {"rig": str(args.out), "settings": settings and str(settings), **found.report.numbers, **numbers(rig.names, clocks)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the cameras saw of the person.
+
+    Attributes:
+        tracks: at the cameras' own moments. views: at common ones. seen_by: the cameras, as their images were.
+        clocks: found first; None where the cameras are in step. applied: the tracks' stamps are put right by them already.
+    """
+
+    tracks: tuple[PersonTrack, ...]
+    views: PersonViews
+    seen_by: tuple[Camera, ...]
+    clocks: ClockEstimate | None
+    applied: bool
+
+
+def _paths(args: argparse.Namespace) -> dict[str, Path]:
+    """What each camera recorded."""
+    paths = dict(name_and_path(text) for text in args.inputs)
+    if len(paths) < LEAST_CAMERAS:
+        raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
+    if not args.most_s > 0:
+        raise InputError(f"--most-s: expected > 0, got {args.most_s:g}")
+    absent = [str(path) for path in paths.values() if not path.exists()]
+    if absent:
+        raise InputError(f"person: no such file or folder: {choices(absent)}")
+    return paths
+
+
+def _seen(
+    args: argparse.Namespace, paths: dict[str, Path], cameras: tuple[Camera, ...], length: KnownLength, terminal: Terminal
+) -> _Seen:
+    videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
+    if len(videos) == len(paths):
+        choice = read_config(None, args.overrides).detector
+        views, seen_by, clocks = person_in_videos(
+            paths, Rig(cameras), length, choice, args.instants, terminal, args.clocks, args.most_s
+        )
+        return _Seen(views.tracks(), views, seen_by, clocks, True)
+    if videos:
+        raise InputError(
+            f"person: expected videos or folders of 2D poses for all cameras, got both: {choices(map(str, paths.values()))}"
+        )
+    tracks = _from_files(args, paths)
+    return _Seen(tracks, person_views(tracks), cameras, unplaced_clocks(tracks, cameras, length, args.clocks, args.most_s), False)
+
+
+def _solved(args: argparse.Namespace, seen: _Seen, length: KnownLength) -> tuple[PersonCalibration, ClockEstimate | None]:
+    """The rig, and the clocks where the cameras are not in step."""
+    upside_down, clocks = tuple(args.upside_down), seen.clocks
+    if clocks is None:
+        return calibrate_from_person(seen.views, seen.seen_by, length, upside_down), None
+    start = ClockEstimate.known(np.zeros(len(seen.tracks)), clocks.middle_s) if seen.applied else clocks
+    found, left = calibrate_out_of_step(seen.tracks, seen.seen_by, length, start, args.clocks == "drift", upside_down)
+    return found, clocks.then(left) if seen.applied else left
 
 
 def _known_length(args: argparse.Namespace, rig: Rig) -> KnownLength:
