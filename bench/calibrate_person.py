@@ -12,12 +12,12 @@ from posefuse.app.calibrating.person_poses import person_in_videos
 from posefuse.app.config import DetectorChoice
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.checks import camera_differences, scale_of
-from posefuse.calibrate.monitor import leave_one_out
 from posefuse.calibrate.person import KnownLength, PersonCalibration, calibrate_from_person
 from posefuse.calibrate.person_tracks import person_tracks
 from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.calibrate.report import RefusedCalibration
 from posefuse.calibrate.rotations import Poses, stacked
+from posefuse.calibrate.world import beside_others
 from posefuse.core import Camera, Rig
 from posefuse.detect.openpose import read_openpose_folder
 from posefuse.evaluate.experiments.scenes import scene_name, walking_scene
@@ -112,7 +112,7 @@ def real(data: Path) -> dict:
 def beside_px(rig: Rig, views: PersonViews) -> dict:
     """Per camera, median (x, y) over all keypoints and instants from what it saw to where the others' rays meet."""
     xy = np.where((views.score >= LEAST_SCORE)[..., None], views.xy_img, np.nan)
-    off, _ = leave_one_out(rig, xy.reshape(len(rig), -1, 2))
+    off = beside_others(rig, xy.reshape(len(rig), -1, 2))
     return dict(zip(rig.names, np.nanmedian(off, axis=1).round(1).tolist(), strict=True))
 
 

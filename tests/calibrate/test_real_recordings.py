@@ -14,7 +14,6 @@ from posefuse.app.terminal import Terminal
 from posefuse.calibrate.checks import camera_differences, scale_of
 from posefuse.calibrate.detection import TargetDetector, observations_from_frames, observe
 from posefuse.calibrate.extrinsics import Calibration, calibrate_extrinsics
-from posefuse.calibrate.monitor import leave_one_out
 from posefuse.calibrate.observations import Observations, joined
 from posefuse.calibrate.person import KnownLength, calibrate_from_person
 from posefuse.calibrate.person_tracks import person_tracks
@@ -24,6 +23,7 @@ from posefuse.calibrate.report import RefusedCalibration
 from posefuse.calibrate.rotations import Poses, stacked
 from posefuse.calibrate.targets import Charuco, Markers
 from posefuse.calibrate.verify import verify
+from posefuse.calibrate.world import beside_others
 from posefuse.core import Rig
 from posefuse.detect.openpose import read_openpose_folder
 from posefuse.files.rig import read_rig
@@ -94,7 +94,7 @@ def openpose_views(folder: Path, rig: Rig) -> PersonViews:
 def beside_px(rig: Rig, views: PersonViews) -> np.ndarray:
     """(C, 2) median over all keypoints from what a camera saw to where the rays of the others meet."""
     xy = np.where((views.score >= 0.5)[..., None], views.xy_img, np.nan)
-    return np.nanmedian(leave_one_out(rig, xy.reshape(len(rig), -1, 2))[0], axis=1)
+    return np.nanmedian(beside_others(rig, xy.reshape(len(rig), -1, 2)), axis=1)
 
 
 def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:

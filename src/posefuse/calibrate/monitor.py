@@ -17,13 +17,14 @@ from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
 from .misalignment import LATE, TURN, UNKNOWNS, Instant, Sums, instant_of, sums_of
-from .world import meeting_points
 
 BUMPED, OUT_OF_STEP, SWAPPED = "bumped", "out of step", "swapped"
 # what moves most tells most; faces are marked where nobody can see them
 _TELLING = frozenset(
     f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 )
+# of a keypoint, for it to tell anything
+LEAST_SCORE = 0.5
 # what is seen fades within the first for what is gross, within the second for what is small
 MEMORIES_S = (2.0, 8.0)
 # squares explained, in those that a redundant coordinate keeps; `bench/rig_monitor.py --fit` prints what nothing wrong explains
@@ -278,23 +279,3 @@ def _misfit_over(rig: Rig, xy_img: Array, order: Array) -> float:
     misfit_m = instant_of(rig, 0, xy_img[order]).misfit_m
     known = misfit_m[np.isfinite(misfit_m)]
     return float(np.median(known)) if len(known) else float("inf")
-
-
-def leave_one_out(rig: Rig, xy_img: Array) -> tuple[Array, Array]:
-    """What the other cameras say, camera by camera.
-
-    Returns:
-        (C, P, 2) reprojection of the points of all others, minus what the camera saw; NaN with fewer than 2 others.
-        (C,) median px to which the others agree among themselves when this camera is left out; NaN with fewer than 3 of them.
-    """
-    out, rest_px = np.full(xy_img.shape, np.nan), np.full(len(rig), np.nan)
-    norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
-    for c in range(len(rig)):
-        mine = np.arange(len(rig)) == c
-        points = meeting_points(rig, np.where(mine[:, None, None], np.nan, norm))
-        apart = rig.project(points) - xy_img
-        out[c] = apart[c]
-        off = np.hypot(*np.moveaxis(apart[~mine], -1, 0))
-        if np.isfinite(off).sum() > 2 * np.isfinite(points[:, 0]).sum():
-            rest_px[c] = np.nanmedian(off)
-    return out, rest_px

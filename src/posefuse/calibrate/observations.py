@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from posefuse.core import InputError
-from posefuse.core.arrays import Array, check_axes, frozen
+from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
 from posefuse.core.errors import choices
 
 _DTYPES = {
@@ -43,10 +43,8 @@ class Observations:
     doubled: tuple[tuple[str, int, int], ...] = field(default=())
 
     def __post_init__(self) -> None:
-        for name, dtype in _DTYPES.items():
-            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"Observations.{name}"))
-        axes = {name: (getattr(self, name), "N 2" if name == "xy_img" else "N") for name in _DTYPES}
-        check_axes("Observations", axes)
+        freeze_fields(self, _DTYPES)
+        check_fields(self, {name: "N 2" if name == "xy_img" else "N" for name in _DTYPES})
         order = np.lexsort((self.corner, self.patch, self.t_ns, self.camera))
         if (np.diff(order) < 0).any():
             for name, dtype in _DTYPES.items():

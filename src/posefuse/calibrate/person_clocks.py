@@ -9,14 +9,14 @@ import numpy as np
 
 from posefuse.core import Rig
 
-from .monitor import telling_points
+from .monitor import LEAST_SCORE, telling_points
 from .person_tracks import PersonTrack
 from .report import CalibrationReport, Check
 from .sync import ClockEstimate, ClockFit, Track, estimate_clocks
 from .sync_start import RoughClocks, rough_clocks
 
 SUBJECT = "clocks from a person"
-_LEAST_SCORE, _LEAST_FRAMES = 0.5, 8
+_LEAST_FRAMES = 8
 _MOST_RIVALRY, _LEAST_CLEARNESS = 0.85, 0.3
 _MOST_SPREAD_PX_PER_1000 = 12.0
 _MOST_SIGMA_S = 0.01
@@ -35,7 +35,7 @@ class FoundClocks:
 def moving_points(track: PersonTrack) -> Track:
     """The points of a person that tell most about time, where they are well seen."""
     told = telling_points(track.skeleton.keypoints)
-    xy = np.where((track.score >= _LEAST_SCORE)[..., None], track.xy_img, np.nan)
+    xy = np.where((track.score >= LEAST_SCORE)[..., None], track.xy_img, np.nan)
     return Track(track.t_ns / 1e9, xy[:, told])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core import CalibrationError, Detections2D, Skeleton
-from posefuse.core.arrays import Array, check_axes, frozen
+from posefuse.core.arrays import Array, check_fields, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,8 @@ class PersonTrack:
     sigma_px: Array
 
     def __post_init__(self) -> None:
-        axes = {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"}
-        for name in axes:
-            dtype = np.int64 if name == "t_ns" else np.float64
-            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"PersonTrack.{name}"))
-        check_axes("PersonTrack", {name: (getattr(self, name), text) for name, text in axes.items()})
+        freeze_fields(self, {"t_ns": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
+        check_fields(self, {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"})
 
     def at(self, frames: Array) -> PersonTrack:
         """Only the frames of a mask or of indices."""

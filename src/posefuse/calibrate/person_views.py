@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core import Skeleton
-from posefuse.core.arrays import Array, check_axes, frozen
+from posefuse.core.arrays import Array, check_fields, freeze_fields
 
 from .person_tracks import PersonTrack
 from .resample import at_times
@@ -32,11 +32,8 @@ class PersonViews:
     sigma_px: Array
 
     def __post_init__(self) -> None:
-        axes = {"t_ns": "T", "xy_img": "C T K 2", "score": "C T K", "sigma_px": "C T K"}
-        for name in axes:
-            dtype = np.int64 if name == "t_ns" else np.float64
-            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"PersonViews.{name}"))
-        check_axes("PersonViews", {name: (getattr(self, name), text) for name, text in axes.items()})
+        freeze_fields(self, {"t_ns": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
+        check_fields(self, {"t_ns": "T", "xy_img": "C T K 2", "score": "C T K", "sigma_px": "C T K"})
 
     def at(self, instants: Array) -> PersonViews:
         """Only the instants of a mask or of indices."""

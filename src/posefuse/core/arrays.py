@@ -21,6 +21,17 @@ def frozen(value: Any, dtype: DTypeLike, name: str) -> Array:
     return array
 
 
+def freeze_fields(value: Any, dtypes: Mapping[str, DTypeLike]) -> None:
+    """Make the named fields of a frozen dataclass `frozen` arrays; for its ``__post_init__``."""
+    for name, dtype in dtypes.items():
+        object.__setattr__(value, name, frozen(getattr(value, name), dtype, f"{type(value).__name__}.{name}"))
+
+
+def check_fields(value: Any, axes: Mapping[str, str]) -> dict[str, int]:
+    """`check_axes` of the named fields of `value`."""
+    return check_axes(type(value).__name__, {name: (getattr(value, name), text) for name, text in axes.items()})
+
+
 def check_axes(owner: str, arrays: Mapping[str, tuple[Array, str]]) -> dict[str, int]:
     """Check that axes of the same letter have the same size over all arrays; returns the size of each.
 

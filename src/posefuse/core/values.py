@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array, check_axes, frozen
+from .arrays import Array, check_fields, freeze_fields
 from .errors import ShapeError
 from .rig import Rig
 from .se3 import SE3
@@ -28,16 +28,6 @@ class Kind(IntEnum):
     SMOOTHED = 2  # from views of this and neighbouring instants
     INTERPOLATED = 3  # inside a gap, from both sides of it
     PREDICTED = 4  # ahead of the newest measurement
-
-
-def _freeze(value: Any, dtypes: Mapping[str, Any]) -> None:
-    for name, dtype in dtypes.items():
-        array = frozen(getattr(value, name), dtype, f"{type(value).__name__}.{name}")
-        object.__setattr__(value, name, array)
-
-
-def _check(value: Any, axes: Mapping[str, str]) -> dict[str, int]:
-    return check_axes(type(value).__name__, {name: (getattr(value, name), text) for name, text in axes.items()})
 
 
 def _check_keypoints(value: Any, sizes: Mapping[str, int]) -> None:
@@ -93,8 +83,8 @@ class Region:
     angle_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        _freeze(self, {"centre_img": np.float64})
-        _check(self, {"centre_img": "2"})
+        freeze_fields(self, {"centre_img": np.float64})
+        check_fields(self, {"centre_img": "2"})
         if not (np.isfinite(self.centre_img).all() and self.side_px > 0 and np.isfinite(self.angle_rad)):
             raise ShapeError(
                 f"Region: expected finite centre, angle and side > 0, got {self.centre_img}, {self.angle_rad}, {self.side_px}"
@@ -123,8 +113,8 @@ class Detections2D:
     box_img: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, dict.fromkeys(("xy_img", "score", "sigma_px", "box_img"), np.float32))
-        sizes = _check(self, {"xy_img": "P K 2", "score": "P K", "sigma_px": "P K", "box_img": "P 4"})
+        freeze_fields(self, dict.fromkeys(("xy_img", "score", "sigma_px", "box_img"), np.float32))
+        sizes = check_fields(self, {"xy_img": "P K 2", "score": "P K", "sigma_px": "P K", "box_img": "P 4"})
         _check_keypoints(self, sizes)
 
     def __len__(self) -> int:
@@ -158,8 +148,8 @@ class Views:
     sigma_px: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, {"person_id": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
-        sizes = _check(self, {"person_id": "N", "xy_img": "N C K 2", "score": "N C K", "sigma_px": "N C K"})
+        freeze_fields(self, {"person_id": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
+        sizes = check_fields(self, {"person_id": "N", "xy_img": "N C K 2", "score": "N C K", "sigma_px": "N C K"})
         _check_keypoints(self, sizes)
         if sizes["C"] != len(self.camera_names):
             raise ShapeError(f"Views: {len(self.camera_names)} camera names, arrays have {sizes['C']} cameras")
@@ -189,8 +179,8 @@ class Pose3D:
     kind: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, _POSE_DTYPES)
-        _check_keypoints(self, _check(self, _POSE_AXES))
+        freeze_fields(self, _POSE_DTYPES)
+        _check_keypoints(self, check_fields(self, _POSE_AXES))
 
 
 _POSE_DTYPES = {
@@ -231,9 +221,9 @@ class PoseSequence:
     kind: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, {"t_ns": np.int64} | _POSE_DTYPES)
+        freeze_fields(self, {"t_ns": np.int64} | _POSE_DTYPES)
         axes = {name: text if name == "person_id" else f"T {text}" for name, text in _POSE_AXES.items()}
-        _check_keypoints(self, _check(self, {"t_ns": "T"} | axes))
+        _check_keypoints(self, check_fields(self, {"t_ns": "T"} | axes))
         if (np.diff(self.t_ns) <= 0).any():
             raise ShapeError("PoseSequence.t_ns: expected strictly increasing times")
 
@@ -278,8 +268,8 @@ class Recording:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _freeze(self, dict.fromkeys(("xy_img", "score", "sigma_px"), np.float32))
-        sizes = _check(self, {"xy_img": "T N C K 2", "score": "T N C K", "sigma_px": "T N C K"})
+        freeze_fields(self, dict.fromkeys(("xy_img", "score", "sigma_px"), np.float32))
+        sizes = check_fields(self, {"xy_img": "T N C K 2", "score": "T N C K", "sigma_px": "T N C K"})
         t, n, k = self.poses.kind.shape
         if (sizes["T"], sizes["N"], sizes["C"], sizes["K"]) != (t, n, len(self.rig), k):
             raise ShapeError(f"Recording: poses have (T, N, K) = {(t, n, k)} and {len(self.rig)} cameras, 2D has {sizes}")
@@ -306,8 +296,8 @@ class Joints:
     sigma_rad: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, {"t_ns": np.int64, "person_id": np.int64, "angle_rad": np.float64, "sigma_rad": np.float64})
-        sizes = _check(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
+        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "angle_rad": np.float64, "sigma_rad": np.float64})
+        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
         if self.world_from_segment.batch != (sizes["T"], sizes["N"], len(self.segments)):
             raise ShapeError(f"Joints.world_from_segment: expected batch (T, N, S), got {self.world_from_segment.batch}")
         if not sizes["J"] == len(self.joints) == len(self.angle_names):
@@ -330,8 +320,8 @@ class CameraTruth:
     visible: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, {"t_ns": np.int64, "xy_img": np.float64, "visible": np.bool_})
-        _check(self, {"t_ns": "F", "xy_img": "F N K 2", "visible": "F N K"})
+        freeze_fields(self, {"t_ns": np.int64, "xy_img": np.float64, "visible": np.bool_})
+        check_fields(self, {"t_ns": "F", "xy_img": "F N K 2", "visible": "F N K"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,8 +346,8 @@ class Truth:
     joints: Joints | None = None
 
     def __post_init__(self) -> None:
-        _freeze(self, {"t_ns": np.int64, "person_id": np.int64, "xyz_world": np.float64})
-        sizes = _check(self, {"t_ns": "T", "person_id": "N", "xyz_world": "T N K 3"})
+        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "xyz_world": np.float64})
+        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "xyz_world": "T N K 3"})
         _check_keypoints(self, sizes)
         if tuple(view.camera for view in self.views) != self.rig.names:
             raise ShapeError("Truth.views: expected one entry per camera of the rig, in its order")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import InputError, ShapeError
-from posefuse.core.arrays import Array, check_axes, frozen
+from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
 from posefuse.core.errors import choices
 
 from .atomic import atomic_file
@@ -50,12 +50,10 @@ class C3dData:
     about: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("xyz_world", "sigma_m", "angle_rad"):
-            object.__setattr__(self, name, frozen(getattr(self, name), np.float64, f"C3dData.{name}"))
+        freeze_fields(self, dict.fromkeys(("xyz_world", "sigma_m", "angle_rad"), np.float64))
         if not self.angle_names:
             object.__setattr__(self, "angle_rad", frozen(np.zeros((len(self.xyz_world), 0, 3)), np.float64, "C3dData.angle_rad"))
-        axes = {"xyz_world": "T K 3", "sigma_m": "T K", "angle_rad": "T A 3"}
-        sizes = check_axes("C3dData", {name: (getattr(self, name), text) for name, text in axes.items()})
+        sizes = check_fields(self, {"xyz_world": "T K 3", "sigma_m": "T K", "angle_rad": "T A 3"})
         if (sizes["K"], sizes["A"]) != (len(self.names), len(self.angle_names)):
             raise ShapeError(f"C3dData: {len(self.names)} names, {len(self.angle_names)} angle names; arrays have {sizes}")
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import InputError, Joints, ShapeError
-from posefuse.core.arrays import Array, check_axes, frozen
+from posefuse.core.arrays import Array, check_fields, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +32,8 @@ class Motion:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
-        object.__setattr__(self, "t_s", frozen(self.t_s, np.float64, "Motion.t_s"))
-        object.__setattr__(self, "values", frozen(self.values, np.float64, "Motion.values"))
-        sizes = check_axes("Motion", {"t_s": (self.t_s, "T"), "values": (self.values, "T Q")})
+        freeze_fields(self, dict.fromkeys(("t_s", "values"), np.float64))
+        sizes = check_fields(self, {"t_s": "T", "values": "T Q"})
         if sizes["Q"] != len(self.columns) or len(set(self.columns)) != len(self.columns):
             raise ShapeError(f"Motion: expected {sizes['Q']} different column names, got {len(set(self.columns))}")
 

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from posefuse.core import InputError, ShapeError
-from posefuse.core.arrays import Array, check_axes, frozen
+from posefuse.core.arrays import Array, check_fields, freeze_fields
 from posefuse.core.errors import choices
 
 from .atomic import atomic_file
@@ -44,9 +44,8 @@ class TrcData:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        object.__setattr__(self, "t_s", frozen(self.t_s, np.float64, "TrcData.t_s"))
-        object.__setattr__(self, "xyz_world", frozen(self.xyz_world, np.float64, "TrcData.xyz_world"))
-        sizes = check_axes("TrcData", {"t_s": (self.t_s, "T"), "xyz_world": (self.xyz_world, "T K 3")})
+        freeze_fields(self, dict.fromkeys(("t_s", "xyz_world"), np.float64))
+        sizes = check_fields(self, {"t_s": "T", "xyz_world": "T K 3"})
         if sizes["K"] != len(self.names):
             raise ShapeError(f"TrcData: {len(self.names)} names for {sizes['K']} points")
 

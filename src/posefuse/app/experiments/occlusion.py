@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import PoseSequence, Truth
-from posefuse.core.arrays import Array
+from posefuse.core import Truth
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.experiments.inertial import SuitNoise, suit_joints
-from posefuse.evaluate.experiments.page import Line, Page, plot
+from posefuse.evaluate.experiments.page import Page
 from posefuse.evaluate.experiments.scenes import HALF_HIDDEN, HIDDEN_JOINTS, half_hidden_scene
-from posefuse.evaluate.metrics import JointErrors, summary, true_xyz_at, typical_nees
+from posefuse.evaluate.metrics import JointErrors, summary, typical_nees
 
 from .moments import pictures
-from .runs import Context, Outcome, Run, best_errors, run_scene
+from .runs import Context, Outcome, best_errors, run_scene
 from .tables import LANDMARKS, errors_row, joint_rows
+from .trajectories import trajectories
 
 SUMMARY = "half of the body hidden from two of four cameras, and a false arm in its place, beside a simulated inertial suit"
 TITLES = {
@@ -60,7 +60,8 @@ def _case(case: str, context: Context, page: Page) -> dict[str, Any]:
         "right arm and leg": typical_nees(done.recording.poses, done.truth, [j.replace("left", "right") for j in HIDDEN_JOINTS]),
     }
     page.facts({f"stated uncertainty, {part} (typical NEES; 3 is right)": f"{value:.1f}" for part, value in nees.items()})
-    page.plots(_followed(done))
+    followed = {"estimate": done.recording.poses, "weights all": done.poses("all", smoothed=False, centred=False)}
+    page.plots(trajectories(done, (_FOLLOWED,), followed, scene.duration_s))
     middle = len(done.recording.poses) // 2
     page.pictures({k: v for c in range(len(done.recording.rig)) for k, v in pictures(done, c, [middle], 400).items()})
     return {"columns": columns, "nees": nees}
@@ -70,28 +71,6 @@ def _suit_errors(truth: Truth) -> JointErrors:
     true = pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, PAPER14.keypoints)
     apart = [np.linalg.norm(suit_joints(truth, SuitNoise(), seed) - true, axis=-1) for seed in range(_SUIT_SEEDS)]
     return summary(PAPER14.keypoints, 1000 * np.array(apart))
-
-
-def _followed(done: Run) -> list[str]:
-    """The hidden wrist along each axis: truth, estimate, and the paper's weights."""
-    poses, theirs = done.recording.poses, done.poses("all", smoothed=False, centred=False)
-    t_ns = poses.t_ns[poses.t_ns <= done.truth.t_ns[-1]]
-    true = pick_keypoints(true_xyz_at(done.truth, t_ns)[:, 0], done.truth.skeleton, [_FOLLOWED])[:, 0]
-    t_s = (t_ns - t_ns[0]) / 1e9
-
-    def line(name: str, axis: int, sequence: PoseSequence) -> Line:
-        place: Array = pick_keypoints(sequence.xyz_world[: len(t_ns), 0], sequence.skeleton, [_FOLLOWED])[:, 0]
-        return Line(name, t_s, place[:, axis])
-
-    return [
-        plot(
-            f"{_FOLLOWED.replace('_', ' ')}, {name}",
-            "s",
-            "m",
-            [Line("truth", t_s, true[:, axis]), line("estimate", axis, poses), line("weights all", axis, theirs)],
-        )
-        for axis, name in enumerate("xyz")
-    ]
 
 
 def summary_rows(figures: dict[str, Any]) -> list[list[Any]]:

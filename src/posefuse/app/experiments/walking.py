@@ -10,16 +10,17 @@ import numpy as np
 from posefuse.app.recorded.second_pass import views_of
 from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.core.skeleton import PAPER14
 from posefuse.evaluate.experiments import paper
 from posefuse.evaluate.experiments.page import Line, Page, plot
 from posefuse.evaluate.experiments.scenes import CHECK_SEEDS, walking_scene
-from posefuse.evaluate.metrics import true_xyz_at, typical_nees
+from posefuse.evaluate.metrics import typical_nees
 from posefuse.fuse import FuseSettings, fuse
 
 from .moments import moments
 from .runs import Context, Outcome, Run, best_errors, run_scene
 from .tables import LANDMARKS, errors_row, joint_rows
+from .trajectories import trajectories
 
 SUMMARY = "walking, 4 cameras, 60 s at 1.35 m/s: error per joint, trajectories, rate of the fusion"
 _SHOWN = ("right_wrist", "left_hip", "left_ankle")
@@ -59,7 +60,7 @@ def run(context: Context) -> Outcome:
     )
     page.facts(figures["nees"])
     page.section("Trajectories against the truth", f"Default result; the first {_SHOWN_S:g} s.")
-    page.plots(_trajectories(done), many=True)
+    page.plots(trajectories(done, _SHOWN, {"estimate": done.recording.poses}, _SHOWN_S), many=True)
     figures["fusion"], rates = _fusion(done)
     page.section("Rate of the fusion", "Solves of all keypoints of one instant, timed one after the other in one process.")
     page.facts({"median": f"{figures['fusion']['median_ms']:.2f} ms per instant", "paper": f"< {paper.TRIANGULATE_MS:g} ms"})
@@ -70,21 +71,6 @@ def run(context: Context) -> Outcome:
     if not context.quick:
         figures["check"] = _check(context, page)
     return Outcome(figures, page)
-
-
-def _trajectories(done: Run) -> list[str]:
-    poses, truth = done.recording.poses, done.truth
-    inside = (poses.t_ns <= truth.t_ns[-1]) & (poses.t_ns - poses.t_ns[0] < _SHOWN_S * 1e9)
-    t_s = (poses.t_ns[inside] - poses.t_ns[0]) / 1e9
-    true_xyz = true_xyz_at(truth, poses.t_ns[inside])[:, 0]
-    drawn = []
-    for joint in _SHOWN:
-        got = pick_keypoints(poses.xyz_world[inside, 0], poses.skeleton, [joint])[:, 0]
-        true = pick_keypoints(true_xyz, truth.skeleton, [joint])[:, 0]
-        for axis, name in enumerate("xyz"):
-            lines = [Line("truth", t_s, true[:, axis]), Line("estimate", t_s, got[:, axis])]
-            drawn.append(plot(f"{joint.replace('_', ' ')}, {name}", "s", "m", lines))
-    return drawn
 
 
 def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:

@@ -10,6 +10,7 @@ from collections import deque
 
 import numpy as np
 
+from posefuse.calibrate.monitor import LEAST_SCORE
 from posefuse.calibrate.sync_paths import (
     ACCELERATIONS_M_S2,
     APART_S,
@@ -28,7 +29,6 @@ _BLOCK_S, _LONGEST_S, _MARGIN_S = 2.0, 6.0, 0.3
 _FAR_S, _FAR_SIGMAS = 0.02, 5.0
 # of all cameras' offsets before anything is seen
 _BEFORE_S = 0.3
-_LEAST_SCORE = 0.5
 _FORGOTTEN_S, _TRUSTED_S = 20.0, 0.005
 
 
@@ -52,7 +52,7 @@ class ClockFinder:
         if t_s < self._newest_s[c] + APART_S:
             return
         self._newest_s[c] = t_s
-        xy = np.where((score >= _LEAST_SCORE)[:, None], self._rig.cameras[c].norm_from_px(xy_img), np.nan)
+        xy = np.where((score >= LEAST_SCORE)[:, None], self._rig.cameras[c].norm_from_px(xy_img), np.nan)
         self._views.append((c, t_s, xy))
         while self._views[0][1] < t_s - _LONGEST_S - 2 * _MARGIN_S:
             self._views.popleft()

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from posefuse.calibrate import monitor
+from posefuse.calibrate.sync_paths import APART_S
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
 
@@ -29,8 +30,7 @@ _NICENESS = 10
 _WAIT_S = 0.2
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 # of a camera's views, those closer than this to the one before tell nothing new
-_APART_NS = 45_000_000
-_LEAST_SCORE = 0.5
+_APART_NS = round(APART_S * 1e9)
 # poses are better without a camera that sees people further beside than this (`bench/rig_monitor.py`)
 _ASTRAY_M = 0.05
 
@@ -169,7 +169,7 @@ class Watcher:
         if self._finder is not None:
             self._finder.add(camera, t_ns, xy_img, score)
         later_ns = round(self._offset_s.get(camera, 0.0) * _S)
-        self._instants.add(camera, t_ns - later_ns, xy_img, score >= _LEAST_SCORE)
+        self._instants.add(camera, t_ns - later_ns, xy_img, score >= monitor.LEAST_SCORE)
 
     def look(self) -> Watched:
         """What is known by now."""

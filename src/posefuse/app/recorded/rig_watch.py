@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from posefuse.calibrate.monitor import Finding, observe, start, telling_points
+from posefuse.calibrate.monitor import LEAST_SCORE, Finding, observe, start, telling_points
 from posefuse.core import Rig
 
 from .second_pass import ViewSequence
 
-_LEAST_SCORE = 0.5
 # more tells no more: a network's errors last longer than this
 _EVERY_S = 0.1
 
@@ -19,7 +18,7 @@ def rig_findings(views: ViewSequence, rig: Rig) -> list[Finding]:
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9 if len(views.t_ns) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
     told = telling_points(views.skeleton.keypoints)
-    xy = np.where((views.score[:, 0] >= _LEAST_SCORE)[..., None], views.xy_img[:, 0], np.nan)[:, :, told]
+    xy = np.where((views.score[:, 0] >= LEAST_SCORE)[..., None], views.xy_img[:, 0], np.nan)[:, :, told]
     state, found = start(rig), []
     for t_ns, seen in zip(views.t_ns[::step].tolist(), xy[::step], strict=True):
         state, new = observe(state, rig, t_ns, seen)

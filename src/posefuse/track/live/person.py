@@ -123,6 +123,7 @@ class Person:
         from . import kernels
 
         self.id = person_id
+        self.speed_m_s = 0.0
         self._model, self._birth_ns = model, t_ns
         # by camera; those of the birth are not told apart
         self._measured_by_ns = {-2: t_ns, -1: t_ns}
@@ -137,9 +138,10 @@ class Person:
             return None
         place = bisect_right(self._moments, (view.t_ns, view.camera), key=lambda m: (m.t_ns, m.camera))
         self._moments.insert(place, _Moment(view.t_ns, view.camera, view, np.empty_like(self._moments[0].state)))
-        figures = self._redone(place)
+        figures = newest = self._redone(place)
         for later in range(place + 1, len(self._moments)):
-            self._redone(later)
+            newest = self._redone(later)
+        self.speed_m_s = float(newest[4])
         if figures[0] > figures[1]:
             self._measured_by_ns[view.camera] = max(view.t_ns, self._measured_by_ns.get(view.camera, view.t_ns))
         return figures
@@ -160,14 +162,6 @@ class Person:
     def crossed_ns(self) -> int:
         """Until when two cameras measured the person; since then one alone, whose rays fit any depth."""
         return sorted(self._measured_by_ns.values())[-2]
-
-    @property
-    def speed_m_s(self) -> float:
-        """Of the body as a whole."""
-        from . import kernels
-
-        x, _, share, *_ = kernels.parts(self._moments[-1].state, *self._model.sizes)
-        return float(np.linalg.norm(share[-1] @ x[-1, :, 3:6]))
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""

@@ -6,7 +6,7 @@ Times are seconds since the person's birth. Cameras are rows of (R 9, t 3, centr
 
 from .pose import pose, where
 from .rays import agreement, measure
-from .state import born, parts, state_size
+from .state import born, state_size
 from .step import FIGURES, step
 
-__all__ = ["FIGURES", "agreement", "born", "measure", "parts", "pose", "state_size", "step", "where"]
+__all__ = ["FIGURES", "agreement", "born", "measure", "pose", "state_size", "step", "where"]

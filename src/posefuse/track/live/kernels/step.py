@@ -15,7 +15,7 @@ from .sides import exchange_person, flipped_groups
 from .state import GROUPS, parts
 from .updates import doubt, learn_lasting, move_body, update
 
-FIGURES = 4  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs
+FIGURES = 5  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs; then the body's speed
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
 _FLIP_STATE = 0.6  # when so many views are exchanged it is the person who is
 _REFUSED_MOST = 4.0  # a keypoint that so many views in a row put elsewhere is elsewhere
@@ -62,6 +62,19 @@ def step(
     learn_bones(bones, ends, means, spreads)
     learn_liveliness(lively, share, models, dt)
     centre_body(x, share)
+    figures[4] = _body_speed(x[k], share[k])
+
+
+@kernel()
+def _body_speed(x, share):
+    """m/s over the models (M, 9)."""
+    square = 0.0
+    for a in range(3):
+        along = 0.0
+        for j in range(len(share)):
+            along += share[j] * x[j, 3 + a]
+        square += along * along
+    return math.sqrt(square)
 
 
 @kernel()
