@@ -19,13 +19,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.app.config import DetectorChoice, TrackConfig
+from posefuse.app.config import TrackConfig
+from posefuse.app.detectors import DetectorChoice
 from posefuse.app.live.clock_finding import ClockFinder
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import track_session
 from posefuse.app.recorded.second_pass import ViewSequence, views_of
 from posefuse.app.session import find_session
-from posefuse.calibrate.monitor import telling_points
+from posefuse.calibrate.keypoints import limb_keypoints
 from posefuse.core import Rig
 
 OFFSET_S = 0.05
@@ -46,7 +47,7 @@ def run(rig: Rig, views: ViewSequence, rate_hz: float, number: int) -> tuple[dic
     rng = np.random.default_rng([number, round(rate_hz)])
     halves = list(combinations(rig.names, len(rig) // 2))
     ahead = halves[number % len(halves)]
-    finder, told = ClockFinder(rig), telling_points(views.skeleton.keypoints)
+    finder, told = ClockFinder(rig), limb_keypoints(views.skeleton.keypoints)
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9
     chance = rate_hz * period_s
     begin = int(rng.integers(len(views.t_ns)))

@@ -20,8 +20,7 @@ import numpy as np
 from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_of, rendered_walk
 
 from posefuse.app.calibrating.person_poses import poses_apart, timeline_of
-from posefuse.app.config import DetectorChoice
-from posefuse.app.detectors import build_detector
+from posefuse.app.detectors import DetectorChoice, build_detector
 from posefuse.calibrate.person import KnownLength, calibrate_from_person
 from posefuse.calibrate.person_clocks import clocks_from_person
 from posefuse.calibrate.person_settle import calibrate_out_of_step, unplaced_clocks

@@ -137,7 +137,8 @@ def render(out: Path) -> None:
 
 def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
     """What the pipeline makes of a scene, instant by instant and uncorrected, and the truth."""
-    from posefuse.app.config import CameraInput, DetectorChoice, TrackConfig
+    from posefuse.app.config import CameraInput, TrackConfig
+    from posefuse.app.detectors import DetectorChoice
     from posefuse.app.recorded.clock import StageClock
     from posefuse.app.recorded.run import track_session
     from posefuse.app.session import find_session

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.app.config import TrackConfig, read_overridden
-from posefuse.app.detectors import build_detector, joint_centres_of
+from posefuse.app.detectors import build_detector
 from posefuse.app.live.centres import Centring
 from posefuse.app.live.config import LiveConfig
 from posefuse.app.live.messages import Centres
@@ -36,6 +36,7 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.metrics import true_xyz_at, typical_nees
 from posefuse.files.rig import read_rig, write_rig
 from posefuse.files.truth import read_truth
+from posefuse.track import joint_centres_of
 from posefuse.wire.bags import read_poses
 
 # the tracker needs a moment to know speeds and bones

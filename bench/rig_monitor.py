@@ -26,6 +26,7 @@ from posefuse.app.recorded.run import track_session
 from posefuse.app.session import find_session
 from posefuse.app.terminal import plain
 from posefuse.calibrate import monitor
+from posefuse.calibrate.keypoints import limb_keypoints
 from posefuse.core import SE3, Camera, Recording, Rig, Skeleton, Truth, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluate.experiments.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
@@ -207,7 +208,7 @@ def later(clip: Clip, late_s: float) -> np.ndarray:
 
 def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[monitor.Finding]:
     """What the monitor says of keypoints (T, C, K, 2); a while after the first finding after `after_s` all has been said."""
-    chosen = monitor.telling_points(clip.skeleton.keypoints)
+    chosen = limb_keypoints(clip.skeleton.keypoints)
     state, found = monitor.start(clip.rig), []
     for t_s, seen in zip(clip.t_s.tolist(), xy[:, :, chosen], strict=True):
         if any(after_s * 1e9 <= one.t_ns < (t_s - SAID_S) * 1e9 for one in found):
@@ -310,7 +311,7 @@ def quiet(clip: Clip) -> dict:
 
 def explained_by_nothing(clip: Clip) -> dict:
     """The most that a turn and a lateness of any camera explain with nothing wrong, in each memory."""
-    long, chosen, most = clip.lasting(QUIET_S), monitor.telling_points(clip.skeleton.keypoints), {}
+    long, chosen, most = clip.lasting(QUIET_S), limb_keypoints(clip.skeleton.keypoints), {}
     state = monitor.start(clip.rig)
     for i, (t_s, seen) in enumerate(zip(long.t_s.tolist(), long.xy_img[:, :, chosen], strict=True)):
         state, _ = monitor.observe(state, clip.rig, round(t_s * 1e9), seen)

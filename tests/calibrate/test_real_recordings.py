@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posefuse.app.calibrating.person_poses import person_in_videos
-from posefuse.app.config import DetectorChoice
+from posefuse.app.detectors import DetectorChoice
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.checks import camera_differences, scale_of
 from posefuse.calibrate.detection import TargetDetector, observations_from_frames, observe

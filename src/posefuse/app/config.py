@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Gt
 
+from posefuse.app.detectors import DetectorChoice
 from posefuse.associate import AssociateSettings
 from posefuse.core import ConfigError
 from posefuse.files.settings import read_mapping, settings, settings_from_mapping
@@ -41,14 +42,6 @@ class CameraInput:
     crop: tuple[float, float] | None = None
     scale: bool = False
     skip: bool = False
-
-
-@settings
-class DetectorChoice:
-    """Which 2D estimator, and its options (see `posefuse plugins`)."""
-
-    name: str = "blazepose"
-    options: dict[str, Any] = field(default_factory=dict)
 
 
 @settings

@@ -12,8 +12,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from posefuse.app.config import CameraInput, DetectorChoice
-from posefuse.app.detectors import build_detector
+from posefuse.app.config import CameraInput
+from posefuse.app.detectors import DetectorChoice, build_detector
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.following import follow
 from posefuse.app.recorded.instants import ImageInstants, Timeline, common_timeline

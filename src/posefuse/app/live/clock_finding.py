@@ -10,7 +10,7 @@ from collections import deque
 
 import numpy as np
 
-from posefuse.calibrate.monitor import LEAST_SCORE
+from posefuse.calibrate.keypoints import MIN_SCORE
 from posefuse.calibrate.sync_paths import (
     ACCELERATIONS_M_S2,
     APART_S,
@@ -52,7 +52,7 @@ class ClockFinder:
         if t_s < self._newest_s[c] + APART_S:
             return
         self._newest_s[c] = t_s
-        xy = np.where((score >= LEAST_SCORE)[:, None], self._rig.cameras[c].norm_from_px(xy_img), np.nan)
+        xy = np.where((score >= MIN_SCORE)[:, None], self._rig.cameras[c].norm_from_px(xy_img), np.nan)
         self._views.append((c, t_s, xy))
         while self._views[0][1] < t_s - _LONGEST_S - 2 * _MARGIN_S:
             self._views.popleft()

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
 
-from posefuse.app.config import DetectorChoice
+from posefuse.app.detectors import DetectorChoice
 from posefuse.associate import AssociateSettings
 from posefuse.files.settings import settings
 from posefuse.fuse import FuseSettings

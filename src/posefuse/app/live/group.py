@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.app.config import DetectorChoice
+from posefuse.app.detectors import DetectorChoice
 from posefuse.core import Camera, Detections2D, Detector, Frame, PosefuseError, Region, Rig
 
 from .board import Board, Expected
@@ -74,7 +74,7 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
 def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
     import cv2
 
-    from posefuse.app.detectors import joint_centres_of
+    from posefuse.track import joint_centres_of
 
     cv2.setNumThreads(1)
     group = Group(plan, channel, board)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from posefuse.calibrate import monitor
+from posefuse.calibrate.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.calibrate.sync_paths import APART_S
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
@@ -108,7 +109,7 @@ class RigWatch:
         if self.trouble:
             return
         self._told_ns[view.camera] = view.t_ns
-        points = _telling_points(view.skeleton)
+        points = _limb_keypoints(view.skeleton)
         try:
             self._channel.send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
         except ChannelClosed:
@@ -120,8 +121,8 @@ class RigWatch:
 
 
 @cache
-def _telling_points(skeleton: Skeleton) -> Array:
-    return monitor.telling_points(skeleton.keypoints)
+def _limb_keypoints(skeleton: Skeleton) -> Array:
+    return limb_keypoints(skeleton.keypoints)
 
 
 @contextlib.contextmanager
@@ -169,7 +170,7 @@ class Watcher:
         if self._finder is not None:
             self._finder.add(camera, t_ns, xy_img, score)
         later_ns = round(self._offset_s.get(camera, 0.0) * _S)
-        self._instants.add(camera, t_ns - later_ns, xy_img, score >= monitor.LEAST_SCORE)
+        self._instants.add(camera, t_ns - later_ns, xy_img, score >= MIN_SCORE)
 
     def look(self) -> Watched:
         """What is known by now."""

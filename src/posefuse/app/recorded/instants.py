@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.app.detectors import joint_centres_of
 from posefuse.core import Detections2D, Detector, Frame, Pose3D, Rig, Skeleton, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_pose
 from posefuse.sources import FramesAhead, frame_sets
-from posefuse.track import JointCentres
+from posefuse.track import JointCentres, joint_centres_of
 
 Look = Callable[[Pose3D | None], list[Detections2D]]
 
