@@ -17,9 +17,9 @@ from posefuse.app.terminal import Terminal, plain
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.evaluate.compare import Comparison, Tracks, compare, middle_of
-from posefuse.evaluate.experiments.page import Line, Page, plot
 from posefuse.files.atomic import atomic_file
 from posefuse.files.c3d import read_c3d
+from posefuse.files.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
 from posefuse.files.recording import read_recording
 from posefuse.files.trc import read_trc
 
@@ -46,7 +46,7 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
     terminal.table("Distances, mm", ["point", "mean", "sd", "median", "p95", "share compared"], rows)
     if args.out:
         args.out.mkdir(parents=True, exist_ok=True)
-        page = _page(a, b, found, rows).write(args.out / "compare.html")
+        page = write_page(args.out / "compare.html", comparison_page(a, b, found, rows))
         with atomic_file(args.out / "compare.json") as beside:
             beside.write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
         terminal.note(f"written: {page}")
@@ -205,36 +205,37 @@ def _figures(found: Comparison) -> dict[str, Any]:
     }
 
 
-def _page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
-    page = Page(f"{b.name} beside {a.name}")
-    page.section("Alignment", f"{b.name} is brought onto {a.name}.")
-    page.facts(_facts(found))
-    page.section("Distances")
-    page.table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows)
+def comparison_page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
+    """Alignment, distances, drift and every point over time."""
     t_s = found.t_s - found.t_s[0]
     both = np.isfinite(found.a_m) & np.isfinite(found.b_m)
     middle = [middle_of(np.where(both, one, np.nan)) for one in (found.a_m, found.b_m)]
-    page.section("Drift", "Level distance of the middles of all points.")
-    page.plots(
+    apart = Line("apart", found.walked_m, 1000 * found.apart_m)
+    paths = [Line(name, m[:, 0], m[:, 1]) for name, m in zip((a.name, b.name), middle, strict=True)]
+    points = [
+        Plot(
+            f"{point.replace('_', ' ')}, {axis}",
+            [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])],
+            x_label="s", y_label="m",
+        )
+        for k, point in enumerate(found.points)
+        for i, axis in enumerate("xyz")
+    ]  # fmt: skip
+    return Page(
+        f"{b.name} compared with {a.name}",
         [
-            plot("Over the way", "m walked", "mm", [Line("apart", found.walked_m, 1000 * found.apart_m)], from_zero=True),
-            plot(
-                "From above",
-                "x, m",
-                "m",
-                [Line(n, m[:, 0], m[:, 1]) for n, m in zip((a.name, b.name), middle, strict=True)],
-                True,
+            Heading("Alignment", f"{b.name} is aligned to {a.name}."),
+            Facts(_facts(found)),
+            Heading("Distances"),
+            Table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows),
+            Heading("Drift", "Horizontal distance between the means of all points."),
+            Plots(
+                [
+                    Plot("Along the path", [apart], x_label="distance walked, m", y_label="mm", from_zero=True),
+                    Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
+                ]
             ),
-        ]
-    )
-    page.section("Points over time")
-    page.plots(
-        [
-            plot(f"{point.replace('_', ' ')}, {axis}", "s", "m",
-                 [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])])
-            for k, point in enumerate(found.points)
-            for i, axis in enumerate("xyz")
+            Heading("Points over time"),
+            Plots(points, small=True),
         ],
-        many=True,
-    )  # fmt: skip
-    return page
+    )

@@ -18,7 +18,7 @@ from posefuse.calibrate.intrinsics import calibrate_intrinsics
 from posefuse.calibrate.observations import Observations, joined
 from posefuse.calibrate.pipeline import Options
 from posefuse.calibrate.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
-from posefuse.calibrate.report_html import heat_picture
+from posefuse.calibrate.report_page import heat_picture
 from posefuse.calibrate.targets import Chessboard, Markers, Target
 from posefuse.calibrate.verify import verify
 from posefuse.calibrate.world import FloorTile, ThreePoints, WorldRule

@@ -17,10 +17,11 @@ from posefuse.calibrate.coverage import coverage, coverage_sheet
 from posefuse.calibrate.extrinsics import Calibration
 from posefuse.calibrate.observations import Observations
 from posefuse.calibrate.report import CalibrationReport, RefusedCalibration
-from posefuse.calibrate.report_html import html_page
+from posefuse.calibrate.report_page import calibration_page
 from posefuse.calibrate.sync import ClockEstimate
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.files.page import write_page
 
 
 @contextmanager
@@ -34,9 +35,9 @@ def reported(args: argparse.Namespace) -> Iterator[None]:
 
 
 def write_report(path: Path | None, report: CalibrationReport, pictures: Mapping[str, Any], rig: Rig | None = None) -> None:
-    """The HTML page with pictures by title (RGB images), where one was asked for."""
+    """The HTML page with images by caption (RGB arrays), where one was asked for."""
     if path is not None:
-        path.write_text(html_page(report, pictures, rig), encoding="utf-8")
+        write_page(path, calibration_page(report, pictures, rig))
 
 
 def numbered(path: Path | None, name: str, count: int) -> Path | None:

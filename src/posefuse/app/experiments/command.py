@@ -6,6 +6,7 @@ import argparse
 import importlib
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 from posefuse.app.plugins import build_plugin
 from posefuse.app.terminal import Terminal, plain
 from posefuse.files.atomic import atomic_file
+from posefuse.files.page import Facts, Heading, write_page
 
 from .runs import Context, about
 from .summary import write_summary
@@ -49,9 +51,8 @@ def _one(name: str, context: Context, out: Path) -> list[Path]:
     module = importlib.import_module(f"posefuse.app.experiments.{name}")
     outcome = module.run(context)
     facts = about(context)
-    outcome.page.section("How it was made")
-    outcome.page.facts(facts)
-    page = outcome.page.write(out / f"{name}.html")
+    blocks = [*outcome.page.blocks, Heading("How it was made"), Facts(facts)]
+    page = write_page(out / f"{name}.html", replace(outcome.page, blocks=blocks))
     figures = out / f"{name}.json"
     with atomic_file(figures) as beside:
         content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}

@@ -18,9 +18,9 @@ from posefuse.app.recorded.second_pass import poses_over_time, views_of
 from posefuse.app.session import UNFINISHED_FILE, find_session
 from posefuse.app.terminal import Terminal
 from posefuse.core import PoseSequence, Recording, Truth
-from posefuse.evaluate.experiments.page import Page
 from posefuse.evaluate.experiments.scenes import scene_name
 from posefuse.evaluate.metrics import JointErrors, joint_errors
+from posefuse.files.page import Page
 from posefuse.files.truth import read_truth
 from posefuse.simulate.scene import Scene
 from posefuse.simulate.session import simulate
