@@ -20,7 +20,7 @@ from posefuse.calibrate.guidance import Guidance, seen, start
 from posefuse.calibrate.targets import Target
 from posefuse.core import Frame, PosefuseError
 from posefuse.files.rig import read_rig
-from posefuse.sinks.rerun import SPAWN
+from posefuse.sinks.rerun_scene import SPAWN
 
 from .inputs import target_from_arguments
 
