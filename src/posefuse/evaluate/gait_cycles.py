@@ -19,6 +19,7 @@ _SIDES = ("left", "right")
 # of the median stride: a longer one holds a turn or a stop
 _SHORTEST, _LONGEST = 0.5, 1.5
 _LEAST_KNOWN = 0.9
+_HEADING = ("pelvis", "rotation_left")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,7 @@ def gait_cycles(joints: Joints, person: int, gait: Gait) -> list[CycleAngles]:
 
     Joints of a side are cut at the strikes of that foot, joints of the trunk at those of the left foot. Left out are cycles much
     shorter or longer than the median, and those in which less than 90 % of the angle is known; gaps are bridged linearly.
+    The rotation of the pelvis, which the world's axes define, is taken relative to the mean heading of the stride.
     """
     t_s = (joints.t_ns - joints.t_ns[:1]) * 1e-9
     spans = _cycles(gait)
@@ -75,6 +77,8 @@ def gait_cycles(joints: Joints, person: int, gait: Gait) -> list[CycleAngles]:
                 for begin, end in spans[side]
                 if (values := _resampled(t_s, joints.angle_rad[:, person, q, a], begin, end)) is not None
             ]
+            if (joint, angle) == _HEADING:
+                kept = [(begin, end, values - np.linspace(*_turn(values))) for begin, end, values in kept]
             if kept:
                 begins, ends, values = (np.array(column) for column in zip(*kept, strict=True))
                 found.append(CycleAngles(joint, angle, side, begins, ends, values))
@@ -105,6 +109,12 @@ def _cycles(gait: Gait) -> dict[str, list[tuple[float, float]]]:
         side: [(begin, end) for begin, end in both if _SHORTEST * usual_s <= end - begin <= _LONGEST * usual_s]
         for side, both in spans.items()
     }
+
+
+def _turn(values: Array) -> tuple[float, float, int]:
+    """Heading at begin and end of a stride, which turns evenly by what it turns in all, and the number of values."""
+    half = float(values[-1] - values[0]) / 2
+    return float(values.mean()) - half, float(values.mean()) + half, len(values)
 
 
 def _resampled(t_s: Array, angle_rad: Array, begin: float, end: float) -> Array | None:

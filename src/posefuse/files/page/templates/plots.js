@@ -58,10 +58,11 @@
       tickfont: { size: 11, color: soft }, automargin: true, ...(range && { range }),
     });
     return {
-      height: bars ? 90 + 26 * bars.rows.length : plot.equal ? 380 : 260, margin: { l: 46, r: 14, t: plot.legend || bars ? 34 : 12, b: 40 },
+      height: bars ? 90 + 26 * bars.rows.length : plot.equal ? 380 : 260, margin: { l: 46, r: 14, t: 34, b: 40 },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 11, family: "system-ui, sans-serif" },
       showlegend: plot.legend || Boolean(bars), legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", font: { size: 11 }, traceorder: "normal" },
       hovermode: plot.equal || bars ? "closest" : "x unified", hoverlabel: { bgcolor: colour("paper"), font: { size: 11, color: ink } },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: soft, activecolor: ink },
       dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", barmode: "stack",
       xaxis: axis(plot.x, plot.ranges[0]),
       yaxis: { ...axis(plot.y, plot.ranges[1]), ...(plot.equal && { scaleanchor: "x" }), ...(bars && { autorange: "reversed" }) },
