@@ -65,7 +65,7 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
     names = {path.name for path in made}
     assert {"angles_2.mot", "skeleton_2.bvh"} <= names
     assert not any("_7" in name for name in names)
-    assert "Not seen in any instant" in (tmp_path / "report.html").read_text()
+    assert "Not seen in any time step" in (tmp_path / "report.html").read_text()
 
 
 def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, monkeypatch):

@@ -200,8 +200,14 @@ def test_a_long_recording_is_cut_and_it_is_said():
         (lambda: Spikes("l", X, X, X, colour="pink"), "unknown colour 'pink'"),
         (lambda: Table(["a", "b"], [["only one"]]), "expected rows of 2 cells"),
         (lambda: Bars(("a",), {"r": [1.0, 2.0]}), "row r: expected 1 values, got 2"),
-        (lambda: Player(X, np.zeros((3, 1, 1, 3)), bones=np.zeros((0, 2)), sides=(), people=("a",)), r"expected positions \(7, 1"),
-        (lambda: Player(X, np.zeros((7, 1, 1, 3)), bones=np.zeros((1, 2)), sides=(), people=("a",)), "a side for each of 1 bones"),
+        (
+            lambda: Player(X, np.zeros((3, 1, 1, 3)), bones=np.zeros((0, 2)), sides=(), people=("a",)),
+            r"expected positions \(7, 1",
+        ),
+        (
+            lambda: Player(X, np.zeros((7, 1, 1, 3)), bones=np.zeros((1, 2)), sides=(), people=("a",)),
+            "a side for each of 1 bones",
+        ),
     ],
 )
 def test_blocks_that_do_not_fit_together_are_refused(build, said):
