@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
-from posefuse.files.page import Block, Cell, Dots, Heading, Images, Line, Note, Page, Plot, Plots, Table
+from posefuse.files.page import Block, Cell, Dots, Heading, Images, Line, Note, Page, Plot, Plots, Series, Table
 
 from .report import CalibrationReport
 
@@ -40,7 +40,7 @@ def plan(rig: Rig) -> Plot:
     gap = np.full(len(centres), np.nan)
     looks = np.stack([centres[:, :2], centres[:, :2] + _LOOK_M * forward[:, :2], np.stack([gap, gap], axis=-1)], axis=1)
     names = [f"{camera.name} ({centre[2]:.2f} m up)" for camera, centre in zip(rig, centres, strict=True)]
-    series = [
+    series: list[Series] = [
         Line("viewing direction", *looks.reshape(-1, 2).T, colour="ink"),
         Dots("cameras", *centres[:, :2].T, colour="c0", labels=names),
         Line("x, 1 m", np.array([0.0, 1]), np.zeros(2), colour="bad"),

@@ -12,6 +12,7 @@ import numpy as np
 from posefuse.core import Joints
 from posefuse.core.arrays import Array
 from posefuse.files.atomic import atomic_file
+from posefuse.files.page import Side
 from posefuse.kinematics.gait import Gait
 
 PERCENT = np.linspace(0.0, 100.0, 101)
@@ -54,9 +55,9 @@ class CycleAngles:
         return np.asarray(np.ptp(self.angle_rad, axis=1))
 
 
-def side_of(joint: str) -> str:
+def side_of(joint: str) -> Side:
     """``left`` or ``right`` of a joint's or keypoint's name, ``mid`` for the others."""
-    return joint.split("_")[0] if joint.startswith(("left_", "right_")) else "mid"
+    return "left" if joint.startswith("left_") else "right" if joint.startswith("right_") else "mid"
 
 
 def gait_cycles(joints: Joints, person: int, gait: Gait) -> list[CycleAngles]:
@@ -70,7 +71,7 @@ def gait_cycles(joints: Joints, person: int, gait: Gait) -> list[CycleAngles]:
     spans = _cycles(gait)
     found = []
     for q, joint in enumerate(joints.joints):
-        side = side_of(joint) if side_of(joint) in _SIDES else _SIDES[0]
+        side: Side = "right" if side_of(joint) == "right" else "left"
         for a, angle in enumerate(joints.angle_names[q]):
             kept = [
                 (begin, end, values)

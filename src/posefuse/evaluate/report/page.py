@@ -13,7 +13,7 @@ import numpy as np
 from posefuse import __version__
 from posefuse.core import InputError, Joints, Recording
 from posefuse.evaluate.gait_cycles import gait_cycles, side_of
-from posefuse.files.page import Block, Cards, Details, Facts, Heading, Images, Note, Page, Player, Plots, Table, write_page
+from posefuse.files.page import Block, Cards, Details, Facts, Heading, Images, Note, Page, Player, Plots, Side, Table, write_page
 from posefuse.kinematics.gait import gait_from_poses
 
 from .angles import cycle_plots, range_table, time_plots
@@ -96,7 +96,9 @@ def _player(recording: Recording) -> Player:
     poses = recording.poses
     names = poses.skeleton.keypoints
     pairs = [(f"right_{part}", f"left_{part}") for part in _PAIRS]
-    sides = [side_of(names[a]) if side_of(names[a]) == side_of(names[b]) else "mid" for a, b in poses.skeleton.bone_indices]
+    sides: list[Side] = [
+        side_of(names[a]) if side_of(names[a]) == side_of(names[b]) else "mid" for a, b in poses.skeleton.bone_indices
+    ]
     return Player(
         (poses.t_ns - poses.t_ns[:1]) * 1e-9,
         poses.xyz_world,
@@ -115,7 +117,7 @@ def _person(recording: Recording, joints: Joints, n: int) -> list[Block]:
     gait = gait_from_poses(poses, n)
     cycles = gait_cycles(joints, n, gait) if gait is not None else []
     blocks: list[Block] = [Heading(f"{name}: walking"), *parameter_blocks(gait, cycles)]
-    if cycles:
+    if gait is not None and cycles:
         blocks += [
             Heading(
                 f"{name}: joint angles over the gait cycle",

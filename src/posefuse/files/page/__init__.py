@@ -5,7 +5,7 @@ plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. 
 """
 
 from .blocks import Block, Cards, Cell, Details, Facts, Heading, Images, Note, Page, Table
-from .player import Player
+from .player import Player, Side
 from .plots import Band, Bars, Dots, Line, Plot, Plots, Series, Spikes, Ticks
 from .write import write_page
 
@@ -27,6 +27,7 @@ __all__ = [
     "Plot",
     "Plots",
     "Series",
+    "Side",
     "Spikes",
     "Table",
     "Ticks",

@@ -14,7 +14,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
 MISSING = "–"
-Tone = Literal["", "left", "right", "good", "bad"]
+Tone = Literal["", "left", "right", "mid", "good", "bad"]
 _JPEG_QUALITY = 85
 _MEDIA = {b"\xff\xd8": "jpeg", b"\x89P": "png"}
 
