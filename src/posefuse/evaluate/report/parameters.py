@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from posefuse.evaluate.gait_cycles import CycleAngles, side_of
-from posefuse.files.page import Block, Details, Facts, Note, Table
+from posefuse.files.page import MISSING, Block, Details, Facts, Note, Table
 from posefuse.kinematics.gait import Gait, Spread
 
 from .angles import title_of
 from .normal import CADENCE, CAUTION, NONE, RANGES, SOURCES, SPEED, STANCE, STRIDE_LENGTH, Normal
 
+# a space at which a line does not break
+_KEPT = "\N{NO-BREAK SPACE}"
 _COLUMNS = ("parameter", "left", "right", "both", "normal for adults", "source")
 
 
@@ -38,10 +40,11 @@ def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block
 
 
 def spread_text(spread: Spread, unit: str, scale: float = 1.0, digits: int = 2) -> str:
-    """``0.71 ± 0.02 m (12)``; a dash for none."""
+    """``0.71 ± 0.02 m (12)``, broken before the count alone; a dash for none."""
     if not spread.count:
-        return "–"
-    return f"{scale * spread.mean:.{digits}f} ± {scale * spread.sd:.{digits}f} {unit} ({spread.count})"
+        return MISSING
+    unit = unit if unit == "°" else f"{_KEPT}{unit}"
+    return f"{scale * spread.mean:.{digits}f}{_KEPT}±{_KEPT}{scale * spread.sd:.{digits}f}{unit} ({spread.count})"
 
 
 def _ranges(cycles: list[CycleAngles]) -> list[list[str]]:

@@ -4,12 +4,13 @@ A page holds headings, tables, images, plots that zoom and export, and a 3D play
 plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. See `write_page`.
 """
 
-from .blocks import Block, Cards, Cell, Details, Facts, Heading, Images, Note, Page, Table
+from .blocks import MISSING, Block, Cards, Cell, Details, Facts, Heading, Images, Note, Page, Table
 from .player import Player, Side
 from .plots import Band, Bars, Dots, Line, Plot, Plots, Series, Spikes, Ticks
 from .write import write_page
 
 __all__ = [
+    "MISSING",
     "Band",
     "Bars",
     "Block",

@@ -51,14 +51,15 @@
     }));
   };
 
-  const layout = plot => {
+  const layout = (plot, paper) => {
     const ink = colour("ink"), soft = colour("soft"), grid = colour("line"), bars = plot.series.find(one => one.type === "bars");
     const axis = (title, range) => ({
       title: { text: plain(title), font: { size: 11, color: soft }, standoff: 6 }, gridcolor: grid, zerolinecolor: grid, linecolor: grid,
       tickfont: { size: 11, color: soft }, automargin: true, ...(range && { range }),
     });
     return {
-      height: bars ? 90 + 26 * bars.rows.length : plot.equal ? 380 : 260, margin: { l: 46, r: 14, t: 34, b: 40 },
+      height: bars ? 90 + 26 * bars.rows.length : plot.equal ? 380 : paper ? 200 : 260,
+      margin: { l: 46, r: 14, t: paper && !plot.legend && !bars ? 8 : 34, b: 40 },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 11, family: "system-ui, sans-serif" },
       showlegend: plot.legend || Boolean(bars), legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", font: { size: 11 }, traceorder: "normal" },
       hovermode: plot.equal || bars ? "closest" : "x unified", hoverlabel: { bgcolor: colour("paper"), font: { size: 11, color: ink } },
@@ -97,37 +98,41 @@
     setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
   };
 
+  // the buttons are named one by one, so that none comes that sends data to a server
+  const saveImage = (plot, format) => ({
+    name: `Save as ${format.toUpperCase()}`, icon: Plotly.Icons[format === "png" ? "camera" : "pencil"],
+    click: shown => Plotly.downloadImage(shown, { format, filename: fileName(plot.title), width: shown.clientWidth, height: shown.clientHeight, scale: 2 }),
+  });
   const config = plot => ({
-    responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
-    toImageButtonOptions: { format: "png", filename: fileName(plot.title), scale: 2 },
-    modeBarButtonsToAdd: [
-      { name: "Save as SVG", icon: Plotly.Icons.camera, click: shown => Plotly.downloadImage(shown, { format: "svg", filename: fileName(plot.title), width: shown.clientWidth, height: shown.clientHeight }) },
-      { name: "Save the data as CSV", icon: Plotly.Icons.disk, click: () => saveCsv(plot) },
+    responsive: true, displaylogo: false, plotlyServerURL: "",
+    modeBarButtons: [
+      ["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"],
+      [saveImage(plot, "png"), saveImage(plot, "svg"), { name: "Save the data as CSV", icon: Plotly.Icons.disk, click: () => saveCsv(plot) }],
     ],
   });
 
+  const onPaper = matchMedia("print");
   const figures = [...document.querySelectorAll("[data-plot]")];
-  const draw = figure => {
-    const plot = data.plots[Number(figure.dataset.plot)];
+  const resized = new ResizeObserver(seen => seen.forEach(one => { if (!onPaper.matches && one.contentRect.width) Plotly.Plots.resize(one.target); }));
+  const draw = (figure, paper) => {
+    const plot = data.plots[Number(figure.dataset.plot)], axes = figure.querySelector(".axes");
+    if (!figure.classList.contains("drawn")) resized.observe(axes);
     figure.classList.add("drawn");
-    return Plotly.react(figure.querySelector(".axes"), plot.series.flatMap(traces), layout(plot), config(plot));
+    return Plotly.react(axes, plot.series.flatMap(traces), layout(plot, paper), config(plot));
   };
   const soon = new IntersectionObserver(seen => {
     for (const one of seen) if (one.isIntersecting) { soon.unobserve(one.target); draw(one.target); }
   }, { rootMargin: "600px" });
   figures.forEach(figure => soon.observe(figure));
-  document.querySelectorAll("details").forEach(one => one.addEventListener("toggle", () =>
-    one.querySelectorAll(".drawn").forEach(figure => Plotly.Plots.resize(figure.querySelector(".axes")))));
-  const redraw = () => figures.filter(figure => figure.classList.contains("drawn")).forEach(draw);
-  dark.addEventListener("change", redraw);
+  dark.addEventListener("change", () => figures.filter(figure => figure.classList.contains("drawn")).forEach(figure => draw(figure)));
 
   // on paper every plot is there, as wide as a column of an A4 page, in the colours of print
   const columns = { wide: 660, half: 322 };
-  const onPaper = matchMedia("print");
   const printed = () => figures.forEach(figure => {
-    draw(figure);
+    draw(figure, true);
     Plotly.relayout(figure.querySelector(".axes"), { width: columns[figure.classList.contains("wide") ? "wide" : "half"], autosize: false });
   });
   const onScreen = () => figures.forEach(figure => { draw(figure); Plotly.relayout(figure.querySelector(".axes"), { width: null, autosize: true }); });
+  addEventListener("beforeprint", printed);
   onPaper.addEventListener("change", event => event.matches ? printed() : onScreen());
 })();
