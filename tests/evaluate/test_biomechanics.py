@@ -82,3 +82,11 @@ def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
     views = {name: getattr(recording, name)[:1] for name in ("xy_img", "score", "sigma_px")}
     made = write_biomechanics(Recording(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
     assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}
+
+
+def test_stages_are_told_as_they_begin(recording, tmp_path):
+    told = []
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", stage=told.append)
+    assert told == ["fitting the skeleton to the points of 24 time steps", "tables and files for other programs",
+                    "gait cycles and the page"]  # fmt: skip
+    assert "<h1>Trial 7</h1>" in (tmp_path / "report.html").read_text()

@@ -64,12 +64,13 @@ def test_the_page_says_what_it_is_about(read_page, tmp_path, ring_rig):
 def test_gait_parameters_stand_beside_published_ones(read_page, tmp_path, ring_rig):
     recording = recording_of(ring_rig, *walker())
     page = reported(read_page, tmp_path, recording)
-    rows = {row[0]: row for row in page.tables[1]}
+    rows = {(row[0], row[1]): row for row in page.tables[1]}
     gait = gait_from_poses(recording.poses)
-    assert rows["Walking speed"][3] == f"{gait.speed_m_s:.2f} m/s" and rows["Walking speed"][5] in SOURCES
-    assert rows["Step length"][1].endswith(f"({gait.step_length_m['left'].count})") and rows["Step length"][4:] == ["", ""]
+    speed, step = rows["Walking speed", ""], rows["Step length", "left"]
+    assert speed[2] == f"{gait.speed_m_s:.2f}\N{NO-BREAK SPACE}m/s" and speed[4] in SOURCES
+    assert step[2].endswith(f"({gait.step_length_m['left'].count})") and step[3:] == ["", ""]
     for row in page.tables[1][1:]:
-        assert bool(row[4]) == bool(row[5])
+        assert bool(row[3]) == bool(row[4])
     assert set(RANGES) <= {(j.name.removeprefix("left_"), angle) for j in JOINTS for angle in j.angle_names}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Literal
@@ -21,10 +21,12 @@ from posefuse.files.settings import settings, settings_from_mapping
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, fit_poses, fit_views
+from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
 from posefuse.track import JointCentres, views_at_joint_centres
 
-from .report import write_report
+from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
+from .report import TITLE, write_report
 
 _CENTIMETRES = 0.01
 
@@ -69,18 +71,36 @@ def rays_at_joint_centres(recording: Recording) -> Recording:
     return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
 
 
-def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsSettings | None = None) -> list[Path]:
+def write_biomechanics(
+    recording: Recording,
+    folder: Path,
+    chosen: BiomechanicsSettings | None = None,
+    *,
+    title: str = TITLE,
+    stage: Callable[[str], None] = lambda _: None,
+) -> list[Path]:
     """Write into an existing folder; returns the files made.
 
-    ``angles.csv``, ``angles.parquet``, ``report.html``; and per person ``angles.mot`` (OpenSim), ``points_angles.c3d``,
-    ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder ``opensim``. With several people the
-    names end in ``_ID``. People who cannot be animated (`animation_gap` says why) have no skeleton files.
+    ``angles.csv``, ``angles.parquet``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
+    (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder
+    ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_gap` says why) have
+    no skeleton files.
+
+    Args:
+        recording: the result. folder: where to write. chosen: what is made of it. title: of the page.
+        stage: told what begins, in words, e.g. to show it.
 
     Raises:
         InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.
     """
     chosen = chosen or BiomechanicsSettings()
+    stage(
+        "joint angles"
+        if chosen.fit == "none"
+        else f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
+    )
     poses, joints = joints_of(recording, chosen)
+    stage("tables and files for other programs")
     made = [folder / "angles.csv", folder / "angles.parquet"]
     for path in made:
         write_angles(path, joints)
@@ -89,9 +109,21 @@ def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsS
         if np.isfinite(joints.angle_rad[:, n]).any():
             made += _person_files(poses, joints, n, folder, ending)
             if chosen.opensim:
+                stage("OpenSim inverse kinematics")
                 made += _opensim_files(poses, n, folder / f"opensim{ending}")
-    made.append(write_report(recording, joints, folder / "report.html"))
+    stage("gait cycles and the page")
+    cycles = _cycles(poses, joints)
+    if cycles:
+        made.append(write_gait_cycles(folder / "gait_cycles.csv", cycles))
+    made.append(write_report(recording, joints, folder / "report.html", title=title))
     return made
+
+
+def _cycles(poses: PoseSequence, joints: Joints) -> dict[int, list[CycleAngles]]:
+    """By person id, of those who walk."""
+    found = {person: gait_from_poses(poses, n) for n, person in enumerate(poses.person_id.tolist())}
+    places = {person: n for n, person in enumerate(poses.person_id.tolist())}
+    return {person: gait_cycles(joints, places[person], gait) for person, gait in found.items() if gait is not None}
 
 
 def _person_files(poses: PoseSequence, joints: Joints, n: int, folder: Path, ending: str) -> list[Path]:

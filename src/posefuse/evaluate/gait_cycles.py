@@ -6,6 +6,7 @@ import csv
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class CycleAngles:
 
     joint: str
     angle: str
-    side: str
+    side: Literal["left", "right"]
     begin_s: Array
     end_s: Array
     angle_rad: Array
@@ -71,7 +72,7 @@ def gait_cycles(joints: Joints, person: int, gait: Gait) -> list[CycleAngles]:
     spans = _cycles(gait)
     found = []
     for q, joint in enumerate(joints.joints):
-        side: Side = "right" if side_of(joint) == "right" else "left"
+        side: Literal["left", "right"] = "right" if side_of(joint) == "right" else "left"
         for a, angle in enumerate(joints.angle_names[q]):
             kept = [
                 (begin, end, values)

@@ -21,19 +21,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fit", choices=("none", "points", "rays"), default="points",
         help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",
     )  # fmt: skip
+    parser.add_argument("--title", metavar="TEXT", help="title of the page (default: Motion report)")
     parser.add_argument("--opensim", action="store_true", help="run OpenSim's inverse kinematics too (extra: biomech)")
 
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Write the files; returns their names."""
     from posefuse.evaluate.biomechanics import BiomechanicsSettings, write_biomechanics
+    from posefuse.evaluate.report import TITLE
     from posefuse.files.atomic import atomic_folder
     from posefuse.files.recording import read_recording
 
     recording = read_recording(args.result)
     out = args.out or args.result / FOLDER
     with atomic_folder(out) as folder:
-        made = write_biomechanics(recording, folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
+        chosen = BiomechanicsSettings(fit=args.fit, opensim=args.opensim)
+        made = write_biomechanics(recording, folder, chosen, title=args.title or TITLE, stage=terminal.note)
         names = [str(path.relative_to(folder)) for path in made]
     terminal.facts(
         "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}

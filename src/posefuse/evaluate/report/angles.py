@@ -61,9 +61,9 @@ def range_table(joints: Joints, person: int) -> Table:
                 continue
             sigma = float(np.degrees(np.nanmedian(joints.sigma_rad[:, person, q, a])))
             side = side_of(joints.joints[q])
-            figures = [float(figure) for figure in (known.min(), known.max(), np.ptp(known), known.mean())]
+            figures = [f"{figure:.1f}" for figure in (known.min(), known.max(), np.ptp(known), known.mean(), sigma)]
             shown = "" if side == "mid" else Cell(side, side)
-            rows.append([title, shown, *figures, sigma, f"{100 * len(known) / len(values):.0f} %"])
+            rows.append([title, shown, *figures, f"{100 * len(known) / len(values):.0f} %"])
     columns = ["angle, degrees", "side", "least", "greatest", "range", "mean", "standard deviation", "known in"]
     return Table(columns, rows)
 

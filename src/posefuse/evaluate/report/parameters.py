@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any, Literal
+
 import numpy as np
 
-from posefuse.evaluate.gait_cycles import CycleAngles, side_of
-from posefuse.files.page import MISSING, Block, Details, Facts, Note, Table
+from posefuse.core.arrays import Array
+from posefuse.evaluate.gait_cycles import CycleAngles
+from posefuse.files.page import MISSING, Block, Cell, Details, Facts, Note, Table
 from posefuse.kinematics.gait import Gait, Spread
 
 from .angles import title_of
@@ -13,7 +16,8 @@ from .normal import CADENCE, CAUTION, NONE, RANGES, SOURCES, SPEED, STANCE, STRI
 
 # a space at which a line does not break
 _KEPT = "\N{NO-BREAK SPACE}"
-_COLUMNS = ("parameter", "left", "right", "both", "normal for adults", "source")
+_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
+_COLUMNS = ("parameter", "side", "value", "normal for adults", "source")
 
 
 def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block]:
@@ -21,13 +25,13 @@ def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block
     if gait is None:
         return [Note("No walking found: gait parameters need two foot strikes of each foot.")]
     rows = [
-        _row("Walking speed", SPEED, both=f"{gait.speed_m_s:.2f} m/s"),
-        _row("Cadence", CADENCE, both=f"{gait.cadence_per_min:.0f} steps/min"),
-        _row("Stride length", STRIDE_LENGTH, both=spread_text(gait.stride_length_m, "m")),
-        _row("Stride time", NONE, both=spread_text(gait.stride_time_s, "s")),
-        _row("Step length", NONE, **{side: spread_text(one, "m") for side, one in gait.step_length_m.items()}),
-        _row("Step width", NONE, both=spread_text(gait.step_width_m, "m")),
-        _row("Stance phase", STANCE, **{side: spread_text(one, "%", 100.0, 0) for side, one in gait.stance_share.items()}),
+        _row("Walking speed", f"{gait.speed_m_s:.2f}{_KEPT}m/s", SPEED),
+        _row("Cadence", f"{gait.cadence_per_min:.0f}{_KEPT}steps/min", CADENCE),
+        _row("Stride length", spread_text(gait.stride_length_m, "m"), STRIDE_LENGTH),
+        _row("Stride time", spread_text(gait.stride_time_s, "s")),
+        *(_row("Step length", spread_text(gait.step_length_m[side], "m"), side=side) for side in _SIDES),
+        _row("Step width", spread_text(gait.step_width_m, "m")),
+        *(_row("Stance phase", spread_text(gait.stance_share[side], "%", 100.0, 0), STANCE, side) for side in _SIDES),
         *_ranges(cycles),
     ]
     used = {row[-1] for row in rows} & set(SOURCES)
@@ -47,23 +51,24 @@ def spread_text(spread: Spread, unit: str, scale: float = 1.0, digits: int = 2) 
     return f"{scale * spread.mean:.{digits}f}{_KEPT}±{_KEPT}{scale * spread.sd:.{digits}f}{unit} ({spread.count})"
 
 
-def _ranges(cycles: list[CycleAngles]) -> list[list[str]]:
-    """Range of every angle of a limb over the gait cycle, where a normal value is cited."""
-    rows = []
-    for (part, angle), normal in RANGES.items():
-        texts = {
-            side_of(one.joint): spread_text(_spread(np.degrees(one.ranges_rad)), "°", digits=0)
-            for one in cycles
-            if one.joint in (f"left_{part}", f"right_{part}") and one.angle == angle
-        }
-        if texts:
-            rows.append(_row(f"{title_of(part, angle)}, range over the gait cycle", normal, **texts))
-    return rows
+def _ranges(cycles: list[CycleAngles]) -> list[list[Any]]:
+    """Range over the gait cycle of the angles for which a normal value is cited."""
+    return [
+        _row(
+            f"{title_of(part, angle)}, range over the gait cycle",
+            spread_text(_spread(np.degrees(one.ranges_rad)), "°", digits=0),
+            normal,
+            one.side,
+        )
+        for (part, angle), normal in RANGES.items()
+        for one in cycles
+        if (one.joint, one.angle) == (f"{one.side}_{part}", angle)
+    ]
 
 
-def _spread(values: np.ndarray) -> Spread:
+def _spread(values: Array) -> Spread:
     return Spread(float(values.mean()), float(values.std()), len(values))
 
 
-def _row(name: str, normal: Normal, *, left: str = "", right: str = "", both: str = "") -> list[str]:
-    return [name, left, right, both, normal.text, normal.source]
+def _row(name: str, value: str, normal: Normal = NONE, side: Literal["", "left", "right"] = "") -> list[Any]:
+    return [name, Cell(side, side), value, normal.text, normal.source]

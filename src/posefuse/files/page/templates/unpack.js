@@ -11,6 +11,8 @@ const summed = (steps, decimals) => {
 };
 const pageData = inflated("page-data").then(JSON.parse);
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+// what is folded away is there on paper
+addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(one => { one.open = true; }));
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const faded = (hex, alpha) => {
   const long = hex.length === 4 ? [...hex.slice(1)].map(c => c + c).join("") : hex.slice(1);
