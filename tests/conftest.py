@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, Camera, Rig
-from posefuse.files.user_cache import default_cache_dir
+from posefuse.foundation.user_cache import default_cache_dir
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -66,7 +66,7 @@ def models() -> None:
     import os
 
     from posefuse.core import ModelError
-    from posefuse.detect import default_cards, fetch_all
+    from posefuse.detection import default_cards, fetch_all
 
     try:
         fetch_all(default_cards(), default_cache_dir(os.environ))
@@ -76,7 +76,7 @@ def models() -> None:
 
 @pytest.fixture(scope="session")
 def read_page() -> Callable[[Path], "PageReader"]:
-    """Parser of a page of `posefuse.files.page`: checks that it is whole and stands alone, and says what it shows."""
+    """Parser of a page of `posefuse.formats.page`: checks that it is whole and stands alone, and says what it shows."""
     return PageReader
 
 
@@ -145,7 +145,7 @@ class PageReader(HTMLParser):
 
 def _unpacked(data: dict[str, Any]) -> dict[str, Any]:
     """The page's data with the arrays in place of their numbers."""
-    from posefuse.files.page.packing import unpacked
+    from posefuse.formats.page.packing import unpacked
 
     arrays = [unpacked(one) for one in data["arrays"]]
     for plot in data["plots"]:

@@ -1,0 +1,109 @@
+"""Three paths, beside a simulated inertial suit: what drifts and what does not (the paper's comparison with a suit)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from paper.scenes.drift import drift
+from paper.scenes.inertial import SENSORS, SuitNoise, suit_joints
+from paper.scenes.scenes import PATHS, path_scene
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plot, Plots, Table
+
+from .moments import pictures
+from .runs import Context, Outcome, run_scene
+
+SUMMARY = "three paths: place of the pelvis over time, beside a simulated inertial suit"
+_QUICK_S, _FULL_S = 2.0, 40.0
+_SUIT_SEEDS = 20
+_PELVIS = PAPER14.keypoints.index("mid_hip")
+
+
+def run(context: Context) -> Outcome:
+    """Pelvis of all three paths from cameras and from the suit."""
+    noise = SuitNoise()
+    blocks: list[Block] = [
+        Heading(
+            "The suit",
+            f"{SENSORS} sensors simulated from the truth; it chains segments from the standing foot (zero-velocity updates). "
+            "Errors as published for such sensors, see paper/scenes/inertial.py. Drawn: the run of median drift of "
+            f"{_SUIT_SEEDS} suits.",
+        ),
+        Facts({name: f"{value:g}" for name, value in vars(noise).items()}),
+    ]
+    figures: dict[str, Any] = {"paths": {}, "suit": vars(noise), "suits": _SUIT_SEEDS}
+    for path in PATHS:
+        done = run_scene(f"drift-{path}", path_scene(path, _QUICK_S if context.quick else _FULL_S), context)
+        poses, truth = done.recording.poses, done.truth
+        inside = (poses.t_ns >= truth.t_ns[0]) & (poses.t_ns <= truth.t_ns[-1])
+        t_ns = poses.t_ns[inside]
+        true = pick_keypoints(true_xyz_at(truth, t_ns)[:, 0], truth.skeleton, ["mid_hip"])[:, 0]
+        seen = pick_keypoints(poses.xyz_world[inside, 0], poses.skeleton, ["mid_hip"])[:, 0]
+        exact = pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, ["mid_hip"])[:, 0]
+        suits = [suit_joints(truth, noise, seed)[:, _PELVIS] for seed in range(_SUIT_SEEDS)]
+        ends = [drift(suit, exact).end_m for suit in suits]
+        suit = suits[int(np.argsort(ends)[len(ends) // 2])]
+        vision = drift(seen, true)
+        worn = drift(suit, exact)
+        figures["paths"][path] = {
+            "distance_m": float(vision.walked_m[-1]),
+            "vision": {
+                "drift_mm_per_m": vision.mm_per_m,
+                "end_m": vision.end_m,
+                "mean_mm": 1000 * float(np.nanmean(vision.error_m)),
+            },
+            "suit": {
+                "drift_mm_per_m": worn.mm_per_m,
+                "end_m": worn.end_m,
+                "end_m_of_all": [float(np.min(ends)), float(np.max(ends))],
+            },
+        }
+        rate_hz = 1e9 / np.median(np.diff(truth.t_ns))
+        drawn = _drawn(true, seen, exact, suit, (t_ns - t_ns[0]) / 1e9, (truth.t_ns - truth.t_ns[0]) / 1e9, vision, worn)
+        blocks += [
+            Heading(
+                path.replace("_", " "),
+                f"{vision.walked_m[-1]:.0f} m in {t_ns[-1] / 1e9:.0f} s, cameras at {rate_hz:.0f} Hz (drift is error over "
+                "distance walked, so their rate does not matter).",
+            ),
+            Plots(drawn),
+            Images(pictures(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380)),
+        ]
+    rows = [
+        [path.replace("_", " "), one["distance_m"], one["vision"]["drift_mm_per_m"], one["suit"]["drift_mm_per_m"],
+         1000 * one["vision"]["end_m"], 1000 * one["suit"]["end_m"]]
+        for path, one in figures["paths"].items()
+    ]  # fmt: skip
+    blocks += [
+        Heading(
+            "Summary", "Horizontal distance of the pelvis from the truth; drift is the slope of that over the distance walked."
+        ),
+        Table(["path", "walked m", "cameras mm/m", "suit mm/m", "cameras: end mm", "suit: end mm"], rows),
+    ]
+    return Outcome(figures, Page("Drift: cameras compared with an inertial suit", blocks))
+
+
+def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit_s: Array, vision: Any, worn: Any) -> list[Plot]:
+    over_time = [
+        Plot(
+            f"{name} over time",
+            [Line("truth", suit_s, exact[:, a]), Line("cameras", t_s, seen[:, a]), Line("suit", suit_s, suit[:, a])],
+            x_label="s",
+            y_label="m",
+        )
+        for a, name in enumerate("xy")
+    ]
+    paths = [Line(name, xyz[:, 0], xyz[:, 1]) for name, xyz in (("truth", true), ("cameras", seen), ("suit", suit))]
+    error = [
+        Line("cameras", vision.walked_m, 1000 * vision.error_m, colour="c1"),
+        Line("suit", worn.walked_m, 1000 * worn.error_m, colour="c2"),
+    ]
+    return [
+        Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
+        *over_time,
+        Plot("Error", error, x_label="distance walked, m", y_label="mm", from_zero=True),
+    ]

@@ -1,0 +1,168 @@
+"""The page: what was recorded, how the person moved, how far each figure can be trusted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse import __version__
+from posefuse.core import InputError, Joints, Recording
+from posefuse.evaluation.gait_cycles import gait_cycles, side_of
+from posefuse.formats.page import (
+    Block,
+    Cards,
+    Details,
+    Facts,
+    Heading,
+    Images,
+    Note,
+    Page,
+    Player,
+    Plots,
+    Side,
+    Table,
+    write_page,
+)
+from posefuse.kinematics.gait import gait_from_poses
+
+from .angles import cycle_plots, range_table, time_plots
+from .parameters import parameter_blocks
+from .quality import QUALITY_COLUMNS, quality_rows, views_picture
+
+TITLE = "Motion report"
+BAND_SIGMAS = 2.0
+_SHORT_ID = 12
+_PAIRS = ("hip", "shoulder")
+
+
+def write_report(
+    recording: Recording, joints: Joints, out: Path, images: Mapping[str, bytes] | None = None, title: str = TITLE
+) -> Path:
+    """Write one HTML page that needs no other file and no network.
+
+    Args:
+        recording: the result to report on.
+        joints: its angles, over the same time steps and people.
+        out: the file to write, e.g. ``report.html``.
+        images: captions to JPEG images shown at the top, e.g. overlays.
+        title: on top of the page.
+
+    Raises:
+        InputError: joints of other time steps or people, or a place that cannot be written to.
+    """
+    return write_page(out, report_page(recording, joints, images, title))
+
+
+def report_page(recording: Recording, joints: Joints, images: Mapping[str, bytes] | None = None, title: str = TITLE) -> Page:
+    """The blocks of the report; see `write_report`."""
+    poses = recording.poses
+    if not (np.array_equal(joints.t_ns, poses.t_ns) and np.array_equal(joints.person_id, poses.person_id)):
+        raise InputError(
+            f"report: expected joints of the {len(poses)} time steps and {len(poses.person_id)} people of the recording, "
+            f"got {len(joints.t_ns)} time steps and {len(joints.person_id)} people"
+        )
+    blocks: list[Block] = [Facts(_origin(recording)), _cards(recording)]
+    if images:
+        blocks.append(Images(images))
+    if len(poses) and np.isfinite(poses.xyz_world).any():
+        blocks += [Heading("The recording in 3D"), _player(recording)]
+    for n in range(len(poses.person_id)):
+        blocks += _person(recording, joints, n)
+    if recording.provenance:
+        made = {key: _text(value) for key, value in recording.provenance.items()}
+        blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(made)])]
+    return Page(title, blocks)
+
+
+def _origin(recording: Recording) -> dict[str, str]:
+    rig = recording.rig
+    return {
+        "session": str(recording.provenance.get("session", "unnamed")),
+        "date of this report": date.today().isoformat(),
+        "rig": f"{len(rig)} cameras ({', '.join(rig.names)}), id {rig.id[:_SHORT_ID]}, world set by {rig.world_set_by}",
+        "version": f"posefuse {__version__}",
+    }
+
+
+def _cards(recording: Recording) -> Cards:
+    poses = recording.poses
+    duration_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9 if len(poses) else 0.0
+    values = {
+        "duration": f"{duration_s:.2f} s",
+        "time steps": str(len(poses)),
+        "cameras": str(len(recording.rig)),
+        "people": str(len(poses.person_id)),
+        f"keypoints, {poses.skeleton.name}": str(len(poses.skeleton)),
+    }
+    if duration_s > 0:
+        values["time steps per second"] = f"{(len(poses) - 1) / duration_s:.1f}"
+    if np.isfinite(recording.rig.residual_px):
+        values["calibration residual"] = f"{recording.rig.residual_px:.2f} px"
+    return Cards(values)
+
+
+def _player(recording: Recording) -> Player:
+    poses = recording.poses
+    names = poses.skeleton.keypoints
+    pairs = [(f"right_{part}", f"left_{part}") for part in _PAIRS]
+    sides: list[Side] = [
+        side_of(names[a]) if side_of(names[a]) == side_of(names[b]) else "mid" for a, b in poses.skeleton.bone_indices
+    ]
+    return Player(
+        (poses.t_ns - poses.t_ns[:1]) * 1e-9,
+        poses.xyz_world,
+        bones=poses.skeleton.bone_indices,
+        sides=sides,
+        people=[f"person {person}" for person in poses.person_id],
+        right_left=[(names.index(a), names.index(b)) for a, b in pairs if a in names and b in names],
+    )
+
+
+def _person(recording: Recording, joints: Joints, n: int) -> list[Block]:
+    poses = recording.poses
+    name = f"Person {poses.person_id[n]}"
+    if not np.isfinite(poses.xyz_world[:, n]).any():
+        return [Heading(name), Note("Not seen in any time step.")]
+    gait = gait_from_poses(poses, n)
+    cycles = gait_cycles(joints, n, gait) if gait is not None else []
+    blocks: list[Block] = [Heading(f"{name}: walking"), *parameter_blocks(gait, cycles)]
+    if gait is not None and cycles:
+        blocks += [
+            Heading(
+                f"{name}: joint angles over the gait cycle",
+                "From one foot strike (0 %) to the next strike of the same foot (100 %). Thick lines: mean; bands: "
+                "± 1 standard deviation; thin lines: single strides; ticks on the axis: foot off. "
+                "The pelvis rotates relative to the walking direction.",
+            ),
+            Plots(cycle_plots(cycles, gait), small=True),
+        ]
+    events = " Ticks on the axis: foot strikes." if gait is not None else ""
+    return [
+        *blocks,
+        Heading(f"{name}: joint angles over time", f"Bands: ± {BAND_SIGMAS:g} standard deviations of the measurement.{events}"),
+        Plots(time_plots(joints, n, gait, BAND_SIGMAS), small=True),
+        Heading("Range of motion over the whole recording", level=3),
+        range_table(joints, n),
+        *_quality(recording, n, name),
+    ]
+
+
+def _quality(recording: Recording, n: int, name: str) -> list[Block]:
+    picture = views_picture(recording, n)
+    rows = Table(QUALITY_COLUMNS, quality_rows(recording, n))
+    blocks: list[Block] = [
+        Heading(f"{name}: quality of the data", "How often each keypoint was measured, by how many cameras, and how precisely.")
+    ]
+    if picture.size:
+        caption = "Cameras used per keypoint (rows, in the order of the table) over time: red none, blue all."
+        blocks.append(Images({caption: picture}, lossless=True, raster=True))
+    return [*blocks, rows]
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)

@@ -1,0 +1,217 @@
+"""Output ``rerun``: a recording for the Rerun viewer (extra `viewer`): cameras, images, skeletons, uncertainty, plots."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from posefuse.core import Camera, DependencyError, Frame, Recording
+from posefuse.core.arrays import Array
+from posefuse.formats.recording import read_recording
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.settings import settings
+
+from .drawing import DETECTION_RGB
+from .facts import provenance, sigma_m
+from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs, write_without_frames
+from .rerun_scene import (
+    TIMELINE,
+    camera_path,
+    check_rerun,
+    has_display,
+    log_cameras,
+    log_detections,
+    log_person,
+    log_projection,
+    session_blueprint,
+)
+
+FILE = "recording.rrd"
+
+
+@settings
+class RerunSink:
+    """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``.
+
+    Attributes:
+        image_px: longer side of the stored images; 0 stores none.
+        jpeg_quality: of the stored images.
+    """
+
+    image_px: Annotated[int, Ge(0), Le(8192)] = 640
+    jpeg_quality: Annotated[int, Ge(1), Le(100)] = 75
+    name: ClassVar[str] = "rerun"
+
+    def build(self) -> FrameSink:
+        """This output, ready; raises DependencyError without the Rerun SDK."""
+        check_rerun()
+        return self
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        """Write ``recording.rrd`` without images; returns the file made."""
+        return write_without_frames(self, recording, folder)
+
+    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
+        """Begin ``recording.rrd``; frames come one set at a time."""
+        check_rerun()
+        return _RerunWriter(recording, folder / FILE, self)
+
+
+def open_in_viewer(path: Path) -> None:
+    """Open an .rrd file in the Rerun viewer and wait until it is closed.
+
+    Raises:
+        DependencyError: the extra `viewer` is not installed, or there is no display to show it on.
+    """
+    check_rerun()
+    if not has_display():
+        raise DependencyError(
+            "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` "
+            f"(--outputs rerun) and open {FILE} on another machine, or in a browser: rerun --web-viewer {FILE}"
+        )
+    ended = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
+    if ended.returncode:
+        raise DependencyError(f"the Rerun viewer ended with status {ended.returncode}; check it with: rerun rrd verify {path}")
+
+
+def view_recording(
+    folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
+) -> Path:
+    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or one made for the occasion.
+
+    Args:
+        folder: a result, see `files.recording`.
+        frame_sets: images for a result that has no ``recording.rrd``.
+        open_viewer: shows an .rrd file.
+
+    Returns:
+        What was shown: the ``recording.rrd``, or the folder of a result without one.
+
+    Raises:
+        DependencyError: no Rerun SDK or no display; names the extra to install.
+        InputError: not a result folder.
+    """
+    check_rerun()
+    folder = Path(folder)
+    recording = read_recording(folder)
+    if (folder / FILE).is_file():
+        open_viewer(folder / FILE)
+        return folder / FILE
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as beside:
+        [path] = write_outputs([RerunSink()], recording, Path(beside), frame_sets)
+        open_viewer(path)
+    return folder
+
+
+class _RerunWriter:
+    """Logs what never changes at once, plots as whole columns, and the rest step by step."""
+
+    def __init__(self, recording: Recording, path: Path, config: RerunSink) -> None:
+        import rerun as rr
+
+        self._recording, self._path, self._config = recording, path, config
+        self._whole = ExitStack()
+        self._cameras = [_shown(camera, config.image_px) for camera in recording.rig]
+        identity = f"{recording.rig.id}-{recording.poses.t_ns[0]}-{len(recording.poses)}"
+        self._stream = rr.RecordingStream("posefuse", recording_id=identity)
+
+    def __enter__(self) -> _RerunWriter:
+        beside = self._whole.enter_context(atomic_file(self._path))
+        self._stream.save(beside, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
+        log_cameras(self._stream, self._cameras)
+        self._log_about()
+        self._log_plots()
+        return self
+
+    def __exit__(self, *problem: Any) -> None:
+        self._stream.disconnect()
+        self._whole.__exit__(*problem)
+
+    @property
+    def files(self) -> list[Path]:
+        return [self._path]
+
+    def add(self, i: int, frames: Frames) -> None:
+        poses = self._recording.poses
+        self._stream.set_time(TIMELINE, duration=float(poses.t_ns[i]) / 1e9)
+        for n, person in enumerate(poses.person_id):
+            log_person(self._stream, f"world/people/{person}", poses.skeleton, poses.xyz_world[i, n], poses.cov_world[i, n])
+        for c, frame in enumerate(frames):
+            self._log_view(i, c, frame)
+
+    def _log_about(self) -> None:
+        import rerun as rr
+
+        about = json.dumps(provenance(self._recording), indent=2, default=str)
+        self._stream.log("about", rr.TextDocument(f"```json\n{about}\n```", media_type="text/markdown"), static=True)
+
+    def _log_plots(self) -> None:
+        import rerun as rr
+
+        poses = self._recording.poses
+        times = rr.TimeColumn(TIMELINE, duration=poses.t_ns / 1e9)
+        for n, person in enumerate(poses.person_id):
+            series = {
+                "reprojection_px": _mean_over_keypoints(poses.reproj_px[:, n]),
+                "views": poses.n_views[:, n].mean(axis=1),
+                "sigma_mm": _mean_over_keypoints(sigma_m(poses)[:, n]) * 1000,
+            }
+            for name, values in series.items():
+                path = f"plots/{name}/person_{person}"
+                self._stream.log(path, rr.SeriesLines(names=f"person {person}"), static=True)
+                self._stream.send_columns(path, [times], rr.Scalars.columns(scalars=values))
+
+    def _log_view(self, i: int, c: int, frame: Frame | None) -> None:
+        import rerun as rr
+
+        recording, camera = self._recording, self._cameras[c]
+        if self._config.image_px:
+            image = None if frame is None else _jpeg(frame.image, camera.size_wh, self._config.jpeg_quality)
+            blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
+            self._stream.log(f"{camera_path(camera.name)}/image", blank)
+        scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
+        seen = recording.score[i, :, c] > 0
+        log_detections(self._stream, camera.name, recording.xy_img[i, :, c][seen], DETECTION_RGB, scale)
+        log_projection(self._stream, camera, recording.poses.skeleton, recording.poses.xyz_world[i])
+
+
+def _below() -> list[Any]:
+    """Plots and texts under the views."""
+    import rerun.blueprint as rrb
+
+    return [
+        rrb.TimeSeriesView(origin="plots/reprojection_px", name="reprojection error, px"),
+        rrb.TimeSeriesView(origin="plots/views", name="views per keypoint"),
+        rrb.TimeSeriesView(origin="plots/sigma_mm", name="standard deviation, mm"),
+        rrb.TextDocumentView(origin="about", name="about"),
+    ]
+
+
+def _shown(camera: Camera, longest_px: int) -> Camera:
+    """The camera for the stored images, never enlarged."""
+    factor = min(1.0, longest_px / max(camera.size_wh)) if longest_px else 1.0
+    return camera.scaled((max(1, round(camera.size_wh[0] * factor)), max(1, round(camera.size_wh[1] * factor))))
+
+
+def _jpeg(image: Array, size_wh: tuple[int, int], quality: int) -> bytes:
+    import cv2
+
+    small = cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA)
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return encoded.tobytes()
+
+
+def _mean_over_keypoints(values: Array) -> Array:
+    """(T,) mean over what is there; NaN where nothing is."""
+    there = np.isfinite(values)
+    count = there.sum(axis=1)
+    return np.where(count > 0, np.where(there, values, 0).sum(axis=1) / np.maximum(count, 1), np.nan)
