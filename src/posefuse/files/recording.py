@@ -1,7 +1,8 @@
 """The lossless result folder: arrays, rig and provenance, each in a file of its own.
 
-``recording.npz`` holds the arrays, ``rig.toml`` the cameras, ``recording.json`` the format version, the skeleton and how the
-result was made. Written inside a folder that exists: put `atomic.atomic_folder` around a whole result.
+``recording.npz`` holds the 3D result, ``observations.npz`` every detection that it was made from, ``rig.toml`` the cameras,
+``recording.json`` the format version, the skeleton and how the result was made. Written inside a folder that exists: put
+`output_folder` around a whole result.
 """
 
 from __future__ import annotations
@@ -14,17 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core import InputError, Observations, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core.observations import OBSERVATION_ARRAYS
 
 from .atomic import atomic_file
 from .rig import read_rig, write_rig
 
 ARRAYS_FILE = "recording.npz"
+OBSERVATIONS_FILE = "observations.npz"
 ABOUT_FILE = "recording.json"
 RIG_FILE = "rig.toml"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 _POSES = tuple(field.name for field in dataclasses.fields(PoseSequence) if field.name != "skeleton")
-_VIEWS = ("xy_img", "score", "sigma_px")
 
 
 def write_recording(folder: Path, recording: Recording) -> list[Path]:
@@ -36,7 +38,8 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     Raises:
         InputError: the folder cannot be written to, or the provenance holds something other than plain JSON values.
     """
-    arrays = {name: getattr(recording.poses, name) for name in _POSES} | {f"views_{n}": getattr(recording, n) for n in _VIEWS}
+    arrays = {name: getattr(recording.poses, name) for name in _POSES}
+    observed = {name: getattr(recording.observations, name) for name in OBSERVATION_ARRAYS}
     about = {
         "format": "posefuse recording",
         "format_version": FORMAT_VERSION,
@@ -48,12 +51,13 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
         text = json.dumps(about, indent=2, ensure_ascii=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{folder / ABOUT_FILE}: provenance: expected plain JSON values ({error})") from None
-    with atomic_file(folder / ARRAYS_FILE) as beside:
-        np.savez_compressed(beside, **arrays)
+    for name, content in ((ARRAYS_FILE, arrays), (OBSERVATIONS_FILE, observed)):
+        with atomic_file(folder / name) as beside:
+            np.savez_compressed(beside, **content)
     write_rig(folder / RIG_FILE, recording.rig)
     with atomic_file(folder / ABOUT_FILE) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
-    return [folder / ARRAYS_FILE, folder / RIG_FILE, folder / ABOUT_FILE]
+    return [folder / ARRAYS_FILE, folder / OBSERVATIONS_FILE, folder / RIG_FILE, folder / ABOUT_FILE]
 
 
 def read_recording(folder: Path | str) -> Recording:
@@ -64,14 +68,16 @@ def read_recording(folder: Path | str) -> Recording:
     """
     folder = Path(folder)
     about = _about(folder)
-    arrays = _arrays(folder / ARRAYS_FILE)
+    arrays, observed = _arrays(folder / ARRAYS_FILE), _arrays(folder / OBSERVATIONS_FILE)
     rig = read_rig(folder / RIG_FILE)
     if rig.id != about["rig_id"]:
         raise InputError(f"{folder}: {RIG_FILE} is rig {rig.id}, the result was made with rig {about['rig_id']}")
     try:
-        poses = PoseSequence(skeleton=_skeleton(about["skeleton"]), **{name: arrays[name] for name in _POSES})
-        views = {name: arrays[f"views_{name}"] for name in _VIEWS}
-        return Recording(rig, poses, provenance=about["provenance"], **views)
+        skeleton = _skeleton(about["skeleton"])
+        poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
+        parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
+        observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
+        return Recording(rig, poses, observations, about["provenance"])
     except (KeyError, TypeError) as error:
         raise InputError(f"{folder}: the result is incomplete: {error} is missing") from None
     except PosefuseError as error:

@@ -16,7 +16,7 @@ from posefuse.files.recording import write_recording
 from posefuse.sinks.frames import write_outputs
 from posefuse.sources import FramesAhead, frame_sets
 
-from .run import build_source
+from .opening import build_source
 
 Progress = Callable[[int, int], None]
 
