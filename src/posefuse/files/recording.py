@@ -1,7 +1,7 @@
 """The lossless result folder: arrays, rig and provenance, each in a file of its own.
 
 ``recording.npz`` holds the arrays, ``rig.toml`` the cameras, ``recording.json`` the format version, the skeleton and how the
-result was made. Written inside a folder that exists: put `atomic.atomic_folder` around a whole result.
+result was made. Written inside a folder that exists: put `output_folder.output_folder` around a whole result.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from .rig import read_rig, write_rig
 ARRAYS_FILE = "recording.npz"
 ABOUT_FILE = "recording.json"
 RIG_FILE = "rig.toml"
+RECORDING_FILES = (ARRAYS_FILE, RIG_FILE, ABOUT_FILE)
 FORMAT_VERSION = 1
 _POSES = tuple(field.name for field in dataclasses.fields(PoseSequence) if field.name != "skeleton")
 _VIEWS = ("xy_img", "score", "sigma_px")
@@ -53,7 +54,7 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     write_rig(folder / RIG_FILE, recording.rig)
     with atomic_file(folder / ABOUT_FILE) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
-    return [folder / ARRAYS_FILE, folder / RIG_FILE, folder / ABOUT_FILE]
+    return [folder / name for name in RECORDING_FILES]
 
 
 def read_recording(folder: Path | str) -> Recording:
