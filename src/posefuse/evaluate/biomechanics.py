@@ -12,7 +12,6 @@ import numpy as np
 from posefuse.core import Joints, PoseSequence, Recording, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.files.angles import write_angles
-from posefuse.files.atomic import atomic_folder
 from posefuse.files.bvh import write_bvh
 from posefuse.files.c3d import C3dData, write_c3d
 from posefuse.files.gltf import write_gltf
@@ -121,7 +120,6 @@ def _c3d_angles(joints: Joints, n: int) -> tuple[tuple[str, ...], Array]:
 
 
 def _opensim_files(poses: PoseSequence, n: int, folder: Path) -> list[Path]:
-    with atomic_folder(folder) as beside:
-        opensim_motion(poses, beside, n)
-        names = sorted(path.name for path in beside.iterdir())
-    return [folder / name for name in names]
+    folder.mkdir(exist_ok=True)
+    opensim_motion(poses, folder, n)
+    return sorted(folder.iterdir())

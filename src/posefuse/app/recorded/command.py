@@ -11,8 +11,9 @@ from typing import Any
 from posefuse.app.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.app.session import Session, find_session
 from posefuse.app.terminal import Terminal
-from posefuse.core import InputError, Recording
+from posefuse.core import Recording
 from posefuse.evaluate.metrics import JointErrors, joint_errors
+from posefuse.files.output_folder import output_folder
 from posefuse.files.truth import read_truth
 
 from .clock import StageClock
@@ -27,19 +28,19 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Track a session and write its result; returns the figures of the tables."""
     clock = StageClock()
     config = settled_config(args)
-    if args.out.exists() and not args.force:
-        raise InputError(f"{args.out}: is there already; choose another folder or add --force to replace it")
     sinks = build_sinks(config.outputs)
     session = find_session(args.session, config)
-    for note in session.notes:
-        terminal.warn(note)
-    terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
-    with terminal.progress("tracking") as advance:
-        tracked = track_session(session, config, clock, advance, terminal.note, terminal.warn)
-    if tracked.interrupted:
-        terminal.warn(f"stopped by Ctrl-C; the first {len(tracked.recording.poses)} instants are finished and kept")
-    with clock.stage("write"), terminal.progress("writing") as advance:
-        written = write_result(tracked.recording, session, config, sinks, args.out, advance)
+    inputs = (args.session, session.rig_path, *(entry.path for entry in session.inputs))
+    with output_folder(args.out, command="track", inputs=inputs, replace=args.force, warn=terminal.warn) as out:
+        for note in session.notes:
+            terminal.warn(note)
+        terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
+        with terminal.progress("tracking") as advance:
+            tracked = track_session(session, config, clock, advance, terminal.note, terminal.warn)
+        if tracked.interrupted:
+            terminal.warn(f"stopped by Ctrl-C; the first {len(tracked.recording.poses)} instants are finished and kept")
+        with clock.stage("write"), terminal.progress("writing") as advance:
+            written = write_result(tracked.recording, session, config, sinks, out, advance)
     errors = _errors(session, tracked.recording)
     figures = _figures(args.out, tracked, clock, written, errors)
     _show(terminal, figures, errors)

@@ -11,7 +11,7 @@ from posefuse.app.config import TrackConfig
 from posefuse.app.plugins import build_plugin
 from posefuse.app.session import Session
 from posefuse.core import Frame, Recording, Sink, SourceError
-from posefuse.files.atomic import atomic_folder
+from posefuse.files.output_folder import OutputFolder
 from posefuse.files.recording import write_recording
 from posefuse.sinks.frames import write_outputs
 from posefuse.sources import FramesAhead, frame_sets
@@ -27,17 +27,16 @@ def build_sinks(names: Sequence[str]) -> list[Sink]:
 
 
 def write_result(
-    recording: Recording, session: Session, config: TrackConfig, sinks: Sequence[Sink], out: Path, progress: Progress
+    recording: Recording, session: Session, config: TrackConfig, sinks: Sequence[Sink], out: OutputFolder, progress: Progress
 ) -> list[Path]:
-    """Write the result folder; returns its files.
+    """Write everything into the folder; returns the files where they lie at the end.
 
     Raises:
-        PosefuseError: an output that cannot be written; nothing is left behind then.
+        PosefuseError: an output that cannot be written.
     """
-    with atomic_folder(out) as folder:
-        written = write_recording(folder, recording)
-        written += write_outputs(sinks, recording, folder, _frames(recording, session, config, progress))
-    return [out / path.relative_to(folder) for path in written]
+    written = write_recording(out.folder, recording)
+    written += write_outputs(sinks, recording, out.folder, _frames(recording, session, config, progress))
+    return [out.final(path) for path in written]
 
 
 def _frames(
