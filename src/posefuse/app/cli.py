@@ -48,9 +48,11 @@ class Command(Protocol):
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of `posefuse`: 0 done, 1 a known error in one line, 2 a bug with its trace, 130 Ctrl-C."""
     args = _parser().parse_args(argv)
+    code = 0
     terminal = Terminal(as_json=args.json)
     try:
         figures = args.command.run(args, terminal)
+        code = int(figures.get("exit_code", 0))
         terminal.figures({"command": args.command_name, "version": __version__, **figures})
     except PosefuseError as error:
         print(f"posefuse {args.command_name}: {error}", file=sys.stderr)
@@ -67,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 2
-    return 0
+    return code
 
 
 class _Parser(argparse.ArgumentParser):

@@ -106,10 +106,19 @@ class ObservationLog:
 
     def _write(self, content: bytes) -> None:
         try:
-            while content:
-                content = content[self._file.write(content) :]
+            _write_all(self._file, content)
         except OSError as error:
             raise _unwritable(self._path, error) from None
+
+
+def is_in_use(path: Path) -> bool:
+    """Whether another process writes to the log (not known on Windows)."""
+    try:
+        with path.open("rb") as file:
+            _lock(file, path)
+    except (InputError, OSError):
+        return True
+    return False
 
 
 def read_log(path: Path) -> StoredDetections:
@@ -183,6 +192,11 @@ def _batch_of(record: bytes, skeleton: Skeleton, names: tuple[str, ...]) -> Dete
         arrays = [np.frombuffer(stream.read(4 * int(np.prod(shape))), "<f4").reshape(shape) for shape in shapes]
         detections.append(Detections2D(names[camera], exposed_ns, skeleton, *arrays))
     return DetectionBatch(step=step, t_ns=t_ns, kind=LookKind(kind), detections=tuple(detections))
+
+
+def _write_all(file: BinaryIO, content: bytes) -> None:
+    while content:
+        content = content[file.write(content) :]
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

@@ -14,7 +14,7 @@ from posefuse import __version__
 from posefuse.app.config import TrackConfig
 from posefuse.app.session import LEAST_CAMERAS, Session
 from posefuse.calibrate.monitor import OUT_OF_STEP, Finding
-from posefuse.core import DetectionBatch, InputError, Observations, Recording, Rig, Skeleton, ViewSequence
+from posefuse.core import DetectionBatch, InputError, Observations, PosefuseError, Recording, Rig, Skeleton, ViewSequence
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.track import JointCentres
@@ -60,6 +60,10 @@ class Store(Protocol):
         """Keep one more answer."""
         ...
 
+    def discard(self) -> None:
+        """Forget everything: no result can be made of it."""
+        ...
+
 
 def track_session(session: Session, config: TrackConfig, clock: StageClock, progress: Progress, note: Say, warn: Say) -> Tracked:
     """Run the whole pipeline on a session and keep nothing on disk; see `track_opened`."""
@@ -87,10 +91,14 @@ def track_opened(
         observations, interrupted = detect(opened, clock, progress, store)
     finally:
         opened.steps.close()
-    _check_people(observations, warn)
-    table = opened.steps.joint_centres
-    settings = SolveSettings.of(config, table)
-    recording = finish(observations, rig, settings, provenance_of(opened, settings), clock)
+    settings = SolveSettings.of(config, opened.steps.joint_centres)
+    try:
+        _check_people(observations, warn)
+        recording = finish(observations, rig, settings, provenance_of(opened, settings), clock)
+    except PosefuseError:
+        if store is not None:
+            store.discard()
+        raise
     with clock.stage("watch"):
         for finding in rig_findings(recording.views, rig):
             warn(finding_line(finding, session.folder))
