@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from .arrays import Array
 from .errors import ShapeError, choices
 from .observations import Observations
 from .rig import Rig
 from .values import PoseSequence
-from .views_over_time import ViewSequence, views_over_time
+from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,6 +50,19 @@ class Recording:
             raise ShapeError(
                 f"Recording: expected the observations' time steps to be the poses' {len(self.poses)}, got {len(seen.step_t_ns)}"
             )
+
+    @staticmethod
+    def from_views(
+        rig: Rig, poses: PoseSequence, xy_img: Array, score: Array, sigma_px: Array, provenance: Mapping[str, Any] | None = None
+    ) -> Recording:
+        """A recording of cameras that were exposed exactly at the poses' times: made-up data, results of other tools.
+
+        Args:
+            rig: C cameras. poses: (T, N, K).
+            xy_img, score, sigma_px: (T, N, C, K, 2), (T, N, C, K), (T, N, C, K) as in `ViewSequence`.
+        """
+        views = ViewSequence(poses.t_ns, poses.skeleton, rig.names, poses.person_id, xy_img, score, sigma_px)
+        return Recording(rig, poses, observations_from_views(views), provenance or {})
 
     def __repr__(self) -> str:
         poses = self.poses
