@@ -60,7 +60,10 @@ def test_the_manifest_lists_every_file(tmp_path: Path) -> None:
     manifest = read_manifest(tmp_path / "result")
     assert manifest is not None and manifest.complete and manifest.command == "track"
     assert {one.path: one.size for one in manifest.files} == {"recording.json": 3, "deep/one": 3}
-    assert manifest.target == str(tmp_path / "result")
+    assert manifest.target == "."
+    make(tmp_path / "another")
+    lists = [(tmp_path / name / MANIFEST_FILE).read_bytes() for name in ("result", "another")]
+    assert lists[0] == lists[1]  # the same work gives the same bytes
     assert contents(tmp_path / "result").foreign == ()
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import Joints, PoseSequence, Recording, ViewSequence
+from posefuse.core import DependencyError, Joints, PoseSequence, Recording, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.files.angles import write_angles
 from posefuse.files.bvh import write_bvh
@@ -121,5 +121,9 @@ def _c3d_angles(joints: Joints, n: int) -> tuple[tuple[str, ...], Array]:
 
 def _opensim_files(poses: PoseSequence, n: int, folder: Path) -> list[Path]:
     folder.mkdir(exist_ok=True)
-    opensim_motion(poses, folder, n)
+    try:
+        opensim_motion(poses, folder, n)
+    except DependencyError:
+        folder.rmdir()
+        raise
     return sorted(folder.iterdir())

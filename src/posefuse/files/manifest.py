@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ class Manifest:
     """What posefuse wrote into a folder.
 
     Attributes:
-        command: the command that wrote it, such as ``track``. target: absolute path the folder is made for.
+        command: the command that wrote it, such as ``track``. target: absolute path an unfinished folder is made for.
         of_parent: made from the result in the folder it lies in, and replaced together with that.
         complete: False while the command works. files: every file but the manifest.
         folders: every folder below, relative with forward slashes.
@@ -99,14 +100,23 @@ def _manifest(about: Any) -> Manifest | None:
 
 def completed(folder: Path, manifest: Manifest) -> Manifest:
     """The manifest with everything that is in `folder` now; raises OSError where a file cannot be read."""
-    files, folders = [], []
-    for entry in _entries(folder):
-        name = entry.relative_to(folder).as_posix()
-        if entry.is_dir():
-            folders.append(name)
-        elif name != MANIFEST_FILE:
-            files.append(written_file(folder, entry))
-    return dataclasses.replace(manifest, complete=True, files=tuple(files), folders=tuple(folders))
+    entries = _entries(folder)
+    folders = [entry.relative_to(folder).as_posix() for entry in entries if entry.is_dir()]
+    found = listed(folder, manifest, [entry for entry in entries if not entry.is_dir()])
+    return dataclasses.replace(found, folders=tuple(folders))
+
+
+def listed(folder: Path, manifest: Manifest, paths: Iterable[Path]) -> Manifest:
+    """The manifest, complete, with these files below `folder` and the folders they are in.
+
+    The target is the folder itself then, so that it can be moved and the same work gives the same bytes everywhere.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    files = [written_file(folder, path) for path in sorted(paths) if path != folder / MANIFEST_FILE]
+    parents = {parent.as_posix() for one in files for parent in Path(one.path).parents if parent.parts}
+    return dataclasses.replace(manifest, target=".", complete=True, files=tuple(files), folders=tuple(sorted(parents)))
 
 
 def written_file(folder: Path, path: Path) -> WrittenFile:
@@ -121,12 +131,12 @@ def contents(folder: Path) -> Contents:
         OSError: a folder that cannot be listed.
     """
     entries = _entries(folder)
-    listed: dict[str, WrittenFile] = {}
+    known: dict[str, WrittenFile] = {}
     own_folders: set[str] = set()
-    _add_listed(folder, Path(), listed, own_folders)
+    _add_listed(folder, Path(), known, own_folders)
     for entry in entries:
         if entry.is_dir() and not entry.is_symlink():
-            _add_listed(entry, entry.relative_to(folder), listed, own_folders)
+            _add_listed(entry, entry.relative_to(folder), known, own_folders)
     written: list[Path] = []
     folders: list[Path] = []
     foreign: list[Path] = []
@@ -137,8 +147,8 @@ def contents(folder: Path) -> Contents:
             foreign.append(relative)
         elif entry.is_dir():
             (folders if name in own_folders else foreign).append(relative)
-        elif name in listed:
-            (written if _is_unchanged(entry, listed[name]) else foreign).append(relative)
+        elif name in known:
+            (written if _is_unchanged(entry, known[name]) else foreign).append(relative)
         else:
             is_list = entry.name == MANIFEST_FILE and relative.parent.as_posix() in own_folders
             (written if is_list else foreign).append(relative)
@@ -173,13 +183,13 @@ def _raise(error: OSError) -> None:
     raise error
 
 
-def _add_listed(folder: Path, relative: Path, listed: dict[str, WrittenFile], folders: set[str]) -> None:
+def _add_listed(folder: Path, relative: Path, known: dict[str, WrittenFile], folders: set[str]) -> None:
     """Add what the complete manifest of `folder` lists, by path relative to the outermost folder."""
     manifest = read_manifest(folder)
     if manifest is None or not manifest.complete or (relative.parts and not manifest.of_parent):
         return
     folders.update((relative / name).as_posix() for name in (".", *manifest.folders))
-    listed.update({(relative / one.path).as_posix(): one for one in manifest.files})
+    known.update({(relative / one.path).as_posix(): one for one in manifest.files})
 
 
 def _is_unchanged(path: Path, written: WrittenFile) -> bool:

@@ -27,14 +27,13 @@ from .run import Tracked, track_opened
 from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
 
 TRUTH_FILE = Path("truth") / "truth.npz"
-_INTERRUPTED = 130
 _START_UP = ("open", "compile")  # stages that last the same however long the recording
 
 
 def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Track a session and write its result; returns the figures of the tables.
 
-    ``exit_code`` among them: 0, 1 when an output could not be written, 130 when Ctrl-C ended it early.
+    ``exit_code`` among them: 1 when an output could not be written.
     """
     clock = StageClock()
     config = settled_config(args)
@@ -88,7 +87,7 @@ def _results(
         tracked = track_opened(opened, clock, advance, terminal.note, terminal.warn, store)
     if tracked.interrupted:
         steps = len(tracked.recording.poses)
-        terminal.warn(f"stopped by Ctrl-C; the first {steps} time steps are finished and kept; --resume goes on from them")
+        terminal.warn(f"stopped early; the first {steps} time steps are finished and kept; --resume goes on from them")
     with clock.stage("write"), terminal.progress("writing") as advance:
         written, failed = write_result(tracked.recording, opened.session, opened.config, sinks, out, advance)
     for name, reason in failed.items():
@@ -179,7 +178,7 @@ def _figures(
         "found": dict(tracked.found),
         "interrupted": tracked.interrupted,
         "failed": dict(failed),
-        "exit_code": _INTERRUPTED if tracked.interrupted else 1 if failed else 0,
+        "exit_code": int(bool(failed)),
         "out": out,
         "files": [path.name for path in written],
     }
