@@ -24,10 +24,9 @@ from posefuse.app.detectors import DetectorChoice
 from posefuse.app.live.clock_finding import ClockFinder
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import track_session
-from posefuse.app.recorded.second_pass import ViewSequence, views_of
 from posefuse.app.session import find_session
 from posefuse.calibrate.keypoints import limb_keypoints
-from posefuse.core import Rig
+from posefuse.core import Rig, ViewSequence
 
 OFFSET_S = 0.05
 RATES_HZ = (30.0, 15.0, 8.0)
@@ -39,7 +38,7 @@ def views_of_session(session: Path, detector: DetectorChoice) -> tuple[Rig, View
     """2D poses of every frame, as the pipeline for recordings has them."""
     config = replace(TrackConfig(), detector=detector, outputs=(), raw=True)
     done = track_session(find_session(session, config), config, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
-    return done.recording.rig, views_of(done.recording)
+    return done.recording.rig, done.recording.views
 
 
 def run(rig: Rig, views: ViewSequence, rate_hz: float, number: int) -> tuple[dict[float, float], float]:

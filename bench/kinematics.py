@@ -67,7 +67,7 @@ def tracked(session: Path, exact: Truth) -> dict:
     bodies = bodies_from_poses(recording.poses)
     fits = {
         "points": fit_poses(recording.poses, bodies=bodies),
-        "rays": fit_views(rays_at_joint_centres(recording), bodies=bodies),
+        "rays": fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=bodies),
     }
     figures = {}
     for name, (joints, poses) in {

@@ -29,7 +29,6 @@ from posefuse.app.live.messages import Centres
 from posefuse.app.live.session import ready_tracker
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import track_session
-from posefuse.app.recorded.second_pass import views_of
 from posefuse.app.session import find_session
 from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Rig
 from posefuse.core.skeleton import PAPER14, pick_keypoints
@@ -63,7 +62,7 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
     config = read_overridden(None, settings, LiveConfig)
     track = replace(TrackConfig(), detector=config.detector, outputs=())
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
-    views = views_of(done.recording)
+    views = done.recording.views
     tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)
     centring.learn(Centres(rig.names, joint_centres_of(build_detector(config.detector, rig))))
     period_ns, late_ns = round(1e9 / config.rate_hz), round(delay_ms * 1e6)

@@ -27,7 +27,7 @@ from posefuse.app.live.config import LiveConfig
 from posefuse.app.live.session import ready_tracker
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import Tracked, track_session
-from posefuse.app.recorded.second_pass import poses_over_time, views_of
+from posefuse.app.recorded.second_pass import poses_over_time
 from posefuse.app.session import find_session
 from posefuse.core import Detections2D, Pose3D, Truth
 from posefuse.core.skeleton import pick_keypoints
@@ -52,13 +52,13 @@ def tracked(session: Path, seconds: float) -> Tracked:
 
 def recorded_lengths(done: Tracked, table: JointCentres) -> np.ndarray:
     """(N, S) metres as the recording has them."""
-    landmarks = poses_over_time(views_of(done.recording), done.recording.rig, TrackConfig().fuse, None)
+    landmarks = poses_over_time(done.recording.views, done.recording.rig, TrackConfig().fuse, None)
     return segment_lengths(at_joint_centres(landmarks, table, table.usual).xyz_world, landmarks.skeleton)
 
 
 def live_poses(done: Tracked) -> Iterator[Pose3D]:
     """Landmarks at every beat, from every frame of the recording at once."""
-    views, rig, config = views_of(done.recording), done.recording.rig, LiveConfig()
+    views, rig, config = done.recording.views, done.recording.rig, LiveConfig()
     tracker = ready_tracker(rig, views.skeleton, config)
     period_ns, due_ns = round(1e9 / config.rate_hz), int(views.t_ns[0])
     for i, t_ns in enumerate(views.t_ns):

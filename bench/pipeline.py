@@ -18,7 +18,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.app.recorded.second_pass import poses_over_time, views_of
+from posefuse.app.recorded.second_pass import poses_over_time
 from posefuse.detect.models import CARDS_FOLDER
 from posefuse.evaluate.metrics import joint_errors
 from posefuse.files.recording import read_recording
@@ -53,7 +53,7 @@ def speed(session: Path, out: Path, repeat: int, *options: str) -> dict:
 def accuracy(session: Path, result: Path) -> dict:
     """MPJPE over the paper's 14 joints per weighting, from the same 2D, raw and smoothed."""
     recording, truth = read_recording(result), read_truth(session / "truth" / "truth.npz")
-    views, rows = views_of(recording), {}
+    views, rows = recording.views, {}
     centres = read_joint_centres(JOINT_CENTRES)
     for weights in WEIGHTS:
         settings = FuseSettings(weights=weights)

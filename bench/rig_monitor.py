@@ -166,10 +166,10 @@ def clip_of_session(name: str, session: Path, cache: Path) -> Clip:
 
 def clip_of(name: str, recording: Recording, truth: Truth | None) -> Clip:
     poses, true14 = recording.poses, None
-    xy = np.where((recording.score[:, 0] >= LEAST_SCORE)[..., None], recording.xy_img[:, 0], np.nan)
+    xy = np.where((recording.views.score[:, 0] >= LEAST_SCORE)[..., None], recording.views.xy_img[:, 0], np.nan)
     if truth is not None:
         true14 = pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, PAPER14.keypoints)
-    views = (xy, recording.score[:, 0], recording.sigma_px[:, 0])
+    views = (xy, recording.views.score[:, 0], recording.views.sigma_px[:, 0])
     return Clip(name, recording.rig, (poses.t_ns - poses.t_ns[0]) / 1e9, *views, poses.xyz_world[:, 0], poses.skeleton, true14)
 
 

@@ -1,8 +1,12 @@
 """The command line: figures as JSON on stdout and nothing else there, one line and exit 1 for a known error, 2 for a bug."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -10,6 +14,7 @@ import pytest
 from posefuse import __version__
 from posefuse.app import cli
 from posefuse.app.commands import plugins as plugins_command
+from posefuse.app.stopping import stop_requests
 from posefuse.core import DependencyError
 
 
@@ -94,6 +99,66 @@ def test_ctrl_c_is_said_and_exits_130(monkeypatch: pytest.MonkeyPatch, capsys) -
 
     monkeypatch.setattr(plugins_command, "run", stopped)
     assert run(capsys, "plugins")[::2] == (130, "posefuse plugins: stopped by Ctrl-C\n")
+
+
+def test_a_request_to_terminate_is_said_and_exits_143(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(plugins_command, "run", lambda args, terminal: signal.raise_signal(signal.SIGTERM))
+    assert run(capsys, "plugins")[::2] == (143, "posefuse plugins: stopped by SIGTERM\n")
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize(("number", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_command_that_was_interrupted_and_kept_what_it_had_says_so_by_its_code(
+    number: int, expected: int, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def keeps(args: object, terminal: object) -> dict[str, bool]:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(number)
+        return {"interrupted": True}
+
+    monkeypatch.setattr(plugins_command, "run", keeps)
+    assert run(capsys, "plugins")[0] == expected
+
+
+def test_outside_the_main_thread_it_runs_without_a_handler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugins_command, "run", lambda args, terminal: {})
+    codes: list[int] = []
+    thread = threading.Thread(target=lambda: codes.append(cli.main(["plugins"])))
+    thread.start()
+    thread.join(60)
+    assert codes == [0]
+
+
+def test_a_forked_child_ends_by_the_signal_as_any_program(capfd) -> None:
+    if not hasattr(os, "fork"):
+        pytest.skip("fork: needs a POSIX system")
+    with stop_requests():
+        child = os.fork()
+        if child == 0:
+            signal.raise_signal(signal.SIGTERM)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGTERM
+    assert capfd.readouterr().err == ""
+
+
+def test_ctrl_c_while_importing_is_one_line() -> None:
+    script = (
+        "import builtins, sys\n"
+        "from posefuse.app import cli\n"
+        "real = builtins.__import__\n"
+        "def stopped(name, *args, **options):\n"
+        "    if name == 'numpy':\n"
+        "        raise KeyboardInterrupt\n"
+        "    return real(name, *args, **options)\n"
+        "assert 'numpy' not in sys.modules\n"
+        "builtins.__import__ = stopped\n"
+        "sys.exit(cli.main(['plugins']))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 130
+    assert len(done.stderr.splitlines()) == 1 and "stopped by Ctrl-C" in done.stderr
 
 
 def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch: pytest.MonkeyPatch, capsys) -> None:

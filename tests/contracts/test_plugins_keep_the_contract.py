@@ -29,7 +29,9 @@ def recording(ring_rig) -> Recording:
         np.full(shape, 3), kind,
     )  # fmt: skip
     xy = np.moveaxis(np.stack([camera.project(xyz) for camera in rig]), 0, 2)
-    return Recording(rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id})
+    return Recording.from_views(
+        rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id}
+    )
 
 
 def test_every_plugin_of_ours_can_be_imported() -> None:

@@ -10,9 +10,11 @@ import yaml
 
 from posefuse.core import InputError, SourceError
 from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.files.manifest import MANIFEST_FILE, contents
 from posefuse.files.rig import read_rig
 from posefuse.files.truth import read_arrays, read_truth
 from posefuse.simulate import Scene, read_scene, simulate, truth_of
+from posefuse.simulate import session as sessions
 from posefuse.simulate.build import live_scene
 from posefuse.simulate.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
 from posefuse.simulate.motion.settings import IdleSettings, TPoseSettings
@@ -87,7 +89,8 @@ def test_the_written_scene_is_the_scene(session):
 
 
 def test_nothing_marks_a_finished_session_as_unfinished(session):
-    assert sorted(path.name for path in session.iterdir()) == ["rig.toml", "scene.yaml", "truth", "videos"]
+    assert sorted(path.name for path in session.iterdir()) == [MANIFEST_FILE, "rig.toml", "scene.yaml", "truth", "videos"]
+    assert contents(session).foreign == ()
 
 
 def test_truth_without_rendering_differs_in_visibility_only(session):
@@ -167,15 +170,16 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_processes_and_aft
 
 def test_a_folder_with_something_else_is_left_alone(session, tmp_path):
     (tmp_path / "mine.txt").write_text("precious")
-    with pytest.raises(InputError, match="is not empty; delete it or choose another folder"):
-        simulate(_SCENE, tmp_path)
-    with pytest.raises(InputError, match="is not empty"):
+    for replace in (False, True):
+        with pytest.raises(InputError, match=r"holds what posefuse did not write .*\(mine.txt\)"):
+            simulate(_SCENE, tmp_path, replace=replace)
+    with pytest.raises(InputError, match="holds results already"):
         simulate(_SCENE, session)
     assert (tmp_path / "mine.txt").read_text() == "precious"
 
 
 def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_path):
-    (tmp_path / "INCOMPLETE").touch()
+    (tmp_path / "INCOMPLETE").write_text(sessions._MARKER_TEXT)
     (tmp_path / "scene.yaml").write_text("duration_s: 3\ncameras: {kind: ring}\n")
     with pytest.raises(InputError, match="unfinished session of another scene"):
         simulate(_SCENE, tmp_path)
@@ -183,7 +187,6 @@ def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_p
 
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
     """Relative files count from the scene file, and the session can be moved."""
-    from posefuse.simulate import session as sessions
     from posefuse.simulate.motion.settings import BvhSettings
 
     (tmp_path / "walk.bvh").write_text("HIERARCHY")

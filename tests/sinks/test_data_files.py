@@ -120,7 +120,7 @@ def test_nobody_at_all(tmp_path: Path, make_recording: Make) -> None:
     full = make_recording()
     poses = {name: getattr(full.poses, name)[:, :0] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     empty = PoseSequence(full.poses.t_ns, full.poses.skeleton, np.zeros(0), **poses)
-    recording = Recording(full.rig, empty, full.xy_img[:, :0], full.score[:, :0], full.sigma_px[:, :0])
+    recording = Recording(full.rig, empty, full.observations)
     assert TrcSink().write(recording, tmp_path) == []
     [path] = CsvSink().write(recording, tmp_path)
     assert len(path.read_text().splitlines()) == 2

@@ -171,7 +171,7 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     score[1, 1, 2] = 0
     xy = rng.uniform(0, 400, (t, n, c, k, 2))
     xy[score == 0] = np.nan
-    recording = Recording(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
+    recording = Recording.from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
     check_sink(McapSink().build(), recording, tmp_path)
     (path,) = McapSink(epoch_offset_ns=50).build().write(recording, tmp_path)
     views = [v for v, _ in bags.read_detections(path)]

@@ -18,8 +18,9 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.evaluate.compare import Comparison, Tracks, compare, middle_of
 from posefuse.evaluate.experiments.page import Line, Page, plot
-from posefuse.files.atomic import atomic_file
 from posefuse.files.c3d import read_c3d
+from posefuse.files.output_folder import check_replaceable, output_folder
+from posefuse.files.places import check_apart
 from posefuse.files.recording import read_recording
 from posefuse.files.trc import read_trc
 
@@ -38,6 +39,9 @@ _ALIGN_FOR_DRIFT_S = 2.0
 
 def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Compare two recordings, write the page, show the figures."""
+    if args.out:
+        check_apart(args.out, (args.a, args.b))
+        check_replaceable(args.out, command="compare", replace=True)
     a, b = read_tracks(args.a, args.person), read_tracks(args.b, args.person)
     found = compare(a, b, time=not args.no_time, space=not args.no_space, scale=args.scale, start_s=args.align_first)
     figures = _figures(found)
@@ -45,11 +49,11 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
     terminal.facts("Alignment of the second onto the first", _facts(found))
     terminal.table("Distances, mm", ["point", "mean", "sd", "median", "p95", "share compared"], rows)
     if args.out:
-        args.out.mkdir(parents=True, exist_ok=True)
-        page = _page(a, b, found, rows).write(args.out / "compare.html")
-        with atomic_file(args.out / "compare.json") as beside:
-            beside.write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
-        terminal.note(f"written: {page}")
+        # its own, unchanged, can be made again at any time: replaced without being asked
+        with output_folder(args.out, command="compare", inputs=(args.a, args.b), replace=True, warn=terminal.warn) as out:
+            _page(a, b, found, rows).write(out.folder / "compare.html")
+            (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
+        terminal.note(f"written: {args.out / 'compare.html'}")
     return figures
 
 

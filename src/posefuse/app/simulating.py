@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from posefuse.app.terminal import Terminal
-from posefuse.core import InputError
+from posefuse.files.places import check_apart
 from posefuse.files.truth import read_truth
-from posefuse.simulate.scene import read_scene
-from posefuse.simulate.session import SessionPaths, simulate
+from posefuse.simulate.scene import motion_files, read_scene
+from posefuse.simulate.session import simulate
 
 
 def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Render a scene file into a session folder; returns the figures of the table."""
     scene = read_scene(args.scene)
-    if args.force:
-        _remove_session(args.out)
+    check_apart(args.out, (args.scene, *motion_files(scene)))
     began_s = time.perf_counter()
     try:
         with terminal.progress("rendering") as advance:
-            paths = simulate(scene, args.out, advance, args.workers)
+            paths = simulate(scene, args.out, advance, args.workers, replace=args.force)
     except KeyboardInterrupt:
         terminal.warn(f"{args.out} is unfinished; the same command goes on where it stopped")
         raise
@@ -55,13 +52,3 @@ def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[st
         },
     )
     return figures
-
-
-def _remove_session(folder: Path) -> None:
-    """Remove an earlier session, and nothing that is not one."""
-    paths = SessionPaths(folder)
-    if not folder.exists():
-        return
-    if not (paths.scene.is_file() or paths.incomplete.is_file() or not any(folder.iterdir())):
-        raise InputError(f"{folder}: --force removes simulated sessions only, and this folder holds something else")
-    shutil.rmtree(folder)

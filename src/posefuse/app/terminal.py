@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 Advance = Callable[[int, int], None]
 """Progress callback: (done, total)."""
@@ -37,18 +38,18 @@ class Terminal:
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         """A table; numbers are right-aligned, floats shown to a sensible digit."""
         numeric = [all(isinstance(row[i], int | float) or row[i] is None for row in rows) for i in range(len(columns))]
-        shown = Table(title=title, title_justify="left", title_style="bold", header_style="")
+        shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="")
         for column, right in zip(columns, numeric, strict=True):
-            shown.add_column(column, justify="right" if right else "left", overflow="fold")
+            shown.add_column(Text(column), justify="right" if right else "left", overflow="fold")
         for row in rows:
-            shown.add_row(*(cell_text(value) for value in row))
+            shown.add_row(*(_cell(value) for value in row))
         self._tables.print(shown)
 
     def facts(self, title: str, facts: Mapping[str, Any]) -> None:
         """A table of two columns without a header."""
-        shown = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+        shown = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
         for name, value in facts.items():
-            shown.add_row(name, cell_text(value))
+            shown.add_row(Text(name), _cell(value))
         self._tables.print(shown)
 
     def figures(self, figures: Mapping[str, Any]) -> None:
@@ -60,7 +61,7 @@ class Terminal:
     def progress(self, label: str) -> Iterator[Advance]:
         """A progress bar on stderr that the callback moves."""
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
@@ -72,6 +73,11 @@ class Terminal:
             if bar.tasks[task].total is None:
                 # there was nothing to count
                 bar.update(task, visible=False)
+
+
+def _cell(value: Any) -> Text:
+    """A cell with its text as it is: square brackets in names of files are no markup."""
+    return Text(cell_text(value))
 
 
 def cell_text(value: Any) -> str:

@@ -12,7 +12,9 @@ from .errors import (
     ShapeError,
     SourceError,
 )
+from .observations import DetectionBatch, LookKind, Observations
 from .protocols import Detector, Sink, Source
+from .recording import Recording
 from .rig import Rig
 from .se3 import SE3
 from .skeleton import SKELETONS, Skeleton
@@ -24,14 +26,15 @@ from .values import (
     Kind,
     Pose3D,
     PoseSequence,
-    Recording,
     Region,
     Truth,
     Views,
 )
+from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [
-    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraTruth", "ConfigError", "DependencyError", "Detections2D",
-    "Detector", "Frame", "InputError", "Joints", "Kind", "MessageError", "ModelError", "Pose3D", "PoseSequence", "PosefuseError",
-    "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "Views",
+    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraTruth", "ConfigError", "DependencyError", "DetectionBatch",
+    "Detections2D", "Detector", "Frame", "InputError", "Joints", "Kind", "LookKind", "MessageError", "ModelError", "Observations",
+    "Pose3D", "PoseSequence", "PosefuseError", "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source",
+    "SourceError", "Truth", "ViewSequence", "Views", "observations_from_views", "views_over_time",
 ]  # fmt: skip

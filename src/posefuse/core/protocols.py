@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from .recording import Recording
 from .skeleton import Skeleton
-from .values import Detections2D, Frame, Recording, Region
+from .values import Detections2D, Frame, Region
 
 
 @runtime_checkable

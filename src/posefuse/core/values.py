@@ -7,7 +7,7 @@ mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (neve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -247,32 +247,6 @@ class PoseSequence:
             raise ShapeError("PoseSequence: expected the same skeleton and people in every pose")
         stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
         return PoseSequence(np.array([p.t_ns for p in poses]), first.skeleton, first.person_id, **stacked)
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """A finished result: what was seen, what came out, and how it was made.
-
-    Attributes:
-        rig: the cameras used.
-        poses: the 3D result.
-        xy_img, score, sigma_px: (T, N, C, K, 2), (T, N, C, K), (T, N, C, K): the 2D it was made from, C as in `rig`.
-        provenance: plain JSON values: version, rig id, config, inputs, stage times.
-    """
-
-    rig: Rig
-    poses: PoseSequence
-    xy_img: Array
-    score: Array
-    sigma_px: Array
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, dict.fromkeys(("xy_img", "score", "sigma_px"), np.float32))
-        sizes = check_fields(self, {"xy_img": "T N C K 2", "score": "T N C K", "sigma_px": "T N C K"})
-        t, n, k = self.poses.kind.shape
-        if (sizes["T"], sizes["N"], sizes["C"], sizes["K"]) != (t, n, len(self.rig), k):
-            raise ShapeError(f"Recording: poses have (T, N, K) = {(t, n, k)} and {len(self.rig)} cameras, 2D has {sizes}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import Joints, PoseSequence, Recording
+from posefuse.core import DependencyError, Joints, PoseSequence, Recording, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.files.angles import write_angles
-from posefuse.files.atomic import atomic_folder
 from posefuse.files.bvh import write_bvh
 from posefuse.files.c3d import C3dData, write_c3d
 from posefuse.files.gltf import write_gltf
@@ -57,15 +56,16 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     if chosen.fit == "points":
         fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
     else:
-        fit = fit_views(rays_at_joint_centres(recording), chosen.body, joint_settings=chosen.joints)
+        views = rays_at_joint_centres(recording)
+        fit = fit_views(recording.poses, recording.rig, views, chosen.body, joint_settings=chosen.joints)
     return fit.poses, fit.joints
 
 
-def rays_at_joint_centres(recording: Recording) -> Recording:
-    """The recording with views that lead where its 3D lies, by the offsets its provenance tells; as it is where it has none."""
+def rays_at_joint_centres(recording: Recording) -> ViewSequence:
+    """The recording's views so that they lead where its 3D lies, by its provenance's offsets; unchanged where it has none."""
     told = recording.provenance.get("joint_centres")
     if not isinstance(told, Mapping):
-        return recording
+        return recording.views
     return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
 
 
@@ -120,7 +120,10 @@ def _c3d_angles(joints: Joints, n: int) -> tuple[tuple[str, ...], Array]:
 
 
 def _opensim_files(poses: PoseSequence, n: int, folder: Path) -> list[Path]:
-    with atomic_folder(folder) as beside:
-        opensim_motion(poses, beside, n)
-        names = sorted(path.name for path in beside.iterdir())
-    return [folder / name for name in names]
+    folder.mkdir(exist_ok=True)
+    try:
+        opensim_motion(poses, folder, n)
+    except DependencyError:
+        folder.rmdir()
+        raise
+    return sorted(folder.iterdir())

@@ -11,6 +11,8 @@ import numpy as np
 from posefuse.core import InputError, Joints, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 
+from .atomic import atomic_file
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -60,7 +62,8 @@ def write_mot(path: Path, motion: Motion) -> None:
         f"inDegrees={'yes' if motion.in_degrees else 'no'}", "endheader", "\t".join(("time", *motion.columns)),
     ]  # fmt: skip
     rows = ("\t".join(f"{number:.10g}" for number in (t, *row)) for t, row in zip(motion.t_s, motion.values, strict=True))
-    path.write_text("\n".join((*header, *rows)) + "\n", encoding="utf-8")
+    with atomic_file(path) as temporary:
+        temporary.write_text("\n".join((*header, *rows)) + "\n", encoding="utf-8")
 
 
 def read_mot(path: Path) -> Motion:

@@ -1,30 +1,34 @@
 """The lossless result folder: arrays, rig and provenance, each in a file of its own.
 
-``recording.npz`` holds the arrays, ``rig.toml`` the cameras, ``recording.json`` the format version, the skeleton and how the
-result was made. Written inside a folder that exists: put `atomic.atomic_folder` around a whole result.
+``recording.npz`` holds the 3D result, ``observations.npz`` every detection that it was made from, ``recording.json`` the format
+version, skeleton and cameras and how the result was made, ``rig.toml`` the cameras for other programs. Written inside a folder
+that exists: put `output_folder.output_folder` around a whole result.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core import SE3, Camera, InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
+from posefuse.core.observations import OBSERVATION_ARRAYS
 
 from .atomic import atomic_file
 from .rig import read_rig, write_rig
 
 ARRAYS_FILE = "recording.npz"
+OBSERVATIONS_FILE = "observations.npz"
 ABOUT_FILE = "recording.json"
 RIG_FILE = "rig.toml"
-FORMAT_VERSION = 1
+RECORDING_FILES = (ARRAYS_FILE, OBSERVATIONS_FILE, RIG_FILE, ABOUT_FILE)
+FORMAT_VERSION = 2
 _POSES = tuple(field.name for field in dataclasses.fields(PoseSequence) if field.name != "skeleton")
-_VIEWS = ("xy_img", "score", "sigma_px")
 
 
 def write_recording(folder: Path, recording: Recording) -> list[Path]:
@@ -36,11 +40,13 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     Raises:
         InputError: the folder cannot be written to, or the provenance holds something other than plain JSON values.
     """
-    arrays = {name: getattr(recording.poses, name) for name in _POSES} | {f"views_{n}": getattr(recording, n) for n in _VIEWS}
+    arrays = {name: getattr(recording.poses, name) for name in _POSES}
+    observed = {name: getattr(recording.observations, name) for name in OBSERVATION_ARRAYS}
     about = {
         "format": "posefuse recording",
         "format_version": FORMAT_VERSION,
         "rig_id": recording.rig.id,
+        "rig": _rig_values(recording.rig),
         "skeleton": dataclasses.asdict(recording.poses.skeleton),
         "provenance": dict(recording.provenance),
     }
@@ -48,12 +54,13 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
         text = json.dumps(about, indent=2, ensure_ascii=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{folder / ABOUT_FILE}: provenance: expected plain JSON values ({error})") from None
-    with atomic_file(folder / ARRAYS_FILE) as beside:
-        np.savez_compressed(beside, **arrays)
+    for name, content in ((ARRAYS_FILE, arrays), (OBSERVATIONS_FILE, observed)):
+        with atomic_file(folder / name) as beside:
+            np.savez_compressed(beside, **content)
     write_rig(folder / RIG_FILE, recording.rig)
     with atomic_file(folder / ABOUT_FILE) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
-    return [folder / ARRAYS_FILE, folder / RIG_FILE, folder / ABOUT_FILE]
+    return [folder / name for name in RECORDING_FILES]
 
 
 def read_recording(folder: Path | str) -> Recording:
@@ -64,14 +71,17 @@ def read_recording(folder: Path | str) -> Recording:
     """
     folder = Path(folder)
     about = _about(folder)
-    arrays = _arrays(folder / ARRAYS_FILE)
-    rig = read_rig(folder / RIG_FILE)
-    if rig.id != about["rig_id"]:
-        raise InputError(f"{folder}: {RIG_FILE} is rig {rig.id}, the result was made with rig {about['rig_id']}")
+    arrays, observed = _arrays(folder / ARRAYS_FILE), _arrays(folder / OBSERVATIONS_FILE)
+    found = read_rig(folder / RIG_FILE).id
+    if found != about["rig_id"]:
+        raise InputError(f"{folder}: {RIG_FILE} is rig {found}, the result was made with rig {about['rig_id']}")
     try:
-        poses = PoseSequence(skeleton=_skeleton(about["skeleton"]), **{name: arrays[name] for name in _POSES})
-        views = {name: arrays[f"views_{name}"] for name in _VIEWS}
-        return Recording(rig, poses, provenance=about["provenance"], **views)
+        rig = _rig(about["rig"])
+        skeleton = _skeleton(about["skeleton"])
+        poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
+        parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
+        observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
+        return Recording(rig, poses, observations, about["provenance"])
     except (KeyError, TypeError) as error:
         raise InputError(f"{folder}: the result is incomplete: {error} is missing") from None
     except PosefuseError as error:
@@ -92,7 +102,7 @@ def _about(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"{path}: format version: expected {FORMAT_VERSION}, got {about.get('format_version')}; a newer posefuse wrote it"
         )
-    missing = [key for key in ("rig_id", "skeleton", "provenance") if key not in about]
+    missing = [key for key in ("rig_id", "rig", "skeleton", "provenance") if key not in about]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing")
     return about
@@ -108,3 +118,33 @@ def _arrays(path: Path) -> dict[str, Any]:
 
 def _skeleton(content: dict[str, Any]) -> Skeleton:
     return Skeleton(content["name"], tuple(content["keypoints"]), tuple((a, b) for a, b in content["bones"]))
+
+
+def _rig_values(rig: Rig) -> dict[str, Any]:
+    """The rig to the last bit, which files for other programs do not keep: solving again must see the same cameras."""
+    cameras = [
+        {
+            "name": camera.name,
+            "size_wh": list(camera.size_wh),
+            "K": camera.K.tolist(),
+            "wxyz": camera.cam_from_world.wxyz.tolist(),
+            "xyz": camera.cam_from_world.xyz.tolist(),
+            "distortion": camera.distortion.tolist(),
+            "model": camera.model,
+            "readout_s": camera.readout_s,
+        }
+        for camera in rig
+    ]
+    residual_px = None if math.isnan(rig.residual_px) else rig.residual_px
+    return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px}
+
+
+def _rig(content: dict[str, Any]) -> Rig:
+    cameras = tuple(
+        Camera(
+            one["name"], tuple(one["size_wh"]), one["K"], SE3(one["wxyz"], one["xyz"]), one["distortion"], one["model"],
+            one["readout_s"],
+        )
+        for one in content["cameras"]
+    )  # fmt: skip
+    return Rig(cameras, content["world_set_by"], math.nan if content["residual_px"] is None else content["residual_px"])

@@ -12,8 +12,8 @@ import numpy as np
 from posefuse.app.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.app.detectors import build_detector
 from posefuse.app.recorded.instants import common_timeline
+from posefuse.app.recorded.opening import build_source
 from posefuse.app.recorded.pose2d import stated_camera
-from posefuse.app.recorded.run import build_source
 from posefuse.app.session import Session, find_session, fitted_camera
 from posefuse.app.terminal import Terminal
 from posefuse.calibrate.person_clocks import clocks_from_person

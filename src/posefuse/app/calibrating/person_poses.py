@@ -14,10 +14,9 @@ import numpy as np
 
 from posefuse.app.config import CameraInput
 from posefuse.app.detectors import DetectorChoice, build_detector
-from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.following import follow
+from posefuse.app.recorded.following import Follower, observations_of
 from posefuse.app.recorded.instants import ImageInstants, Timeline, common_timeline
-from posefuse.app.recorded.second_pass import poses_over_time, views_over_time
+from posefuse.app.recorded.second_pass import long_enough, poses_over_time
 from posefuse.app.session import Input, fitted_camera
 from posefuse.app.terminal import Terminal
 from posefuse.associate import AssociateSettings
@@ -26,7 +25,7 @@ from posefuse.calibrate.person_settle import unplaced_clocks
 from posefuse.calibrate.person_tracks import person_tracks, prominent
 from posefuse.calibrate.person_views import PersonViews, person_views
 from posefuse.calibrate.sync import ClockEstimate
-from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, Source, SourceError
+from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, Source, SourceError, views_over_time
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_keypoints
 from posefuse.fuse import FuseSettings
@@ -141,14 +140,16 @@ def poses_together(
     Raises:
         InputError: nobody could be followed. SourceError: a video breaks off.
     """
-    instants, seen = ImageInstants(rig, sources, detector, timeline, _raise), []
+    instants, followed = ImageInstants(rig, sources, detector, timeline, _raise), []
+    follower = Follower(skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(), fusing=FuseSettings())
     try:
-        for one in follow(instants, detector.skeleton, rig, AssociateSettings(), FuseSettings(), StageClock()):
-            seen.append(one)
-            progress(len(seen), timeline.count)
+        for one in follower.follow(instants.steps()):
+            followed.append(one)
+            progress(len(followed), timeline.count)
     finally:
         instants.close()
-    views = views_over_time(seen)
+    observations = observations_of(followed, detector.skeleton, rig)
+    views = views_over_time(observations, long_enough(observations))
     # a view that takes left for right for a while is wrong in all its limbs at once
     steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())
     named = sides_like(steadied, rig, views.xy_img, views.score, views.sigma_px)

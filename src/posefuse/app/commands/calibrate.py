@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.app.terminal import Terminal
-from posefuse.core import InputError
 
 from .options import add_networks
 
@@ -83,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for step in (one, two, live, person, clocks, check, sheets):
         # before the step it is understood as well
         step.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="figures as JSON on stdout")
+        step.add_argument("--force", action="store_true", help="replace files; the old ones stay beside, as NAME.replaced-TIME")
     for step in (one, two, person, clocks, check):
         step.add_argument("--report", type=Path, metavar="FILE", help="HTML report, written also when the result is refused")
 
@@ -114,10 +114,9 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Do the step; a refused result is an error, after its report is written."""
-    for option in ("out", "report", "view_file"):
-        path: Path | None = getattr(args, option, None)
-        if path is not None and not path.absolute().parent.is_dir():
-            raise InputError(f"--{option.replace('_', '-')} {path}: there is no folder {path.parent}")
+    from posefuse.app.calibrating.results import check_outputs
+
+    check_outputs(args)
     return {"step": args.step, **_STEPS[args.step](args, terminal)}
 
 

@@ -27,14 +27,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Write the files; returns their names."""
     from posefuse.evaluate.biomechanics import BiomechanicsSettings, write_biomechanics
-    from posefuse.files.atomic import atomic_folder
-    from posefuse.files.recording import read_recording
+    from posefuse.files.output_folder import output_folder
+    from posefuse.files.recording import RECORDING_FILES, read_recording
 
     recording = read_recording(args.result)
     out = args.out or args.result / FOLDER
-    with atomic_folder(out) as folder:
-        made = write_biomechanics(recording, folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
-        names = [str(path.relative_to(folder)) for path in made]
+    inputs = [args.result / name for name in RECORDING_FILES]
+    # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
+    with output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place:
+        made = write_biomechanics(recording, place.folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
+        names = [path.relative_to(place.folder).as_posix() for path in made]
     terminal.facts(
         "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
     )

@@ -13,8 +13,10 @@ from typing import Any
 from posefuse.app.plugins import build_plugin
 from posefuse.app.terminal import Terminal, plain
 from posefuse.files.atomic import atomic_file
+from posefuse.files.growing_folder import growing_folder
 
 from .runs import Context, about
+from .summary import FILE as SUMMARY_FILE
 from .summary import write_summary
 
 EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
@@ -23,7 +25,8 @@ EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
 def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Run one experiment or all; returns the files written."""
     wanted = EXPERIMENTS if args.name == "all" else (args.name,)
-    args.out.mkdir(parents=True, exist_ok=True)
+    names = [f"{name}{ending}" for name in wanted for ending in (".html", ".json")] + ([] if args.quick else [SUMMARY_FILE])
+    folder = growing_folder(args.out, command="experiment", names=names)
     options = (" --quick" if args.quick else "") + "".join(f" --set {override}" for override in args.overrides)
     written: list[Path] = []
     for name in wanted:
@@ -32,9 +35,12 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
         context = Context(sessions, args.quick, args.workers, command, terminal, tuple(args.overrides))
         if name != "scaling":
             _check_detector(context)
-        written += _one(name, context, args.out)
+        made = _one(name, context, args.out)
+        folder.add(folder.folder / path.name for path in made)
+        written += made
     if not args.quick:
         written.append(write_summary(args.out))
+        folder.add([folder.folder / written[-1].name])
     terminal.facts("Experiments", {path.name: str(path) for path in written})
     return {"files": written}
 

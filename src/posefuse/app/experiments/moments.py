@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from posefuse.app.recorded.run import build_source
+from posefuse.app.recorded.opening import build_source
 from posefuse.app.session import find_session
 from posefuse.core import Camera, Skeleton
 from posefuse.core.arrays import Array

@@ -14,7 +14,7 @@ from posefuse import __version__
 from posefuse.app.config import TrackConfig, read_config
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.run import track_session
-from posefuse.app.recorded.second_pass import poses_over_time, views_of
+from posefuse.app.recorded.second_pass import poses_over_time
 from posefuse.app.session import UNFINISHED_FILE, find_session
 from posefuse.app.terminal import Terminal
 from posefuse.core import PoseSequence, Recording, Truth
@@ -79,7 +79,7 @@ class Run:
     def poses(self, weights: str = "robust", smoothed: bool = True, centred: bool = True) -> PoseSequence:
         """The same 2D, fused in another way."""
         return poses_over_time(
-            views_of(self.recording),
+            self.recording.views,
             self.recording.rig,
             replace(self.config.fuse, weights=weights),  # type: ignore[arg-type]
             self.config.smooth if smoothed else None,

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.app.recorded.second_pass import views_of
 from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import PAPER14
@@ -74,7 +73,7 @@ def run(context: Context) -> Outcome:
 
 
 def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:
-    views, rig, settings = views_of(done.recording), done.recording.rig, FuseSettings()
+    views, rig, settings = done.recording.views, done.recording.rig, FuseSettings()
     previous: Pose3D | None = None
     seconds = []
     for i in range(len(views.t_ns)):

@@ -10,7 +10,9 @@ from typing import Any
 
 from posefuse.app.config import read_overridden
 from posefuse.app.terminal import Terminal
-from posefuse.core import ConfigError, InputError, Rig
+from posefuse.core import ConfigError, Rig
+from posefuse.files.output_file import check_output_file
+from posefuse.files.output_folder import check_replaceable
 from posefuse.files.rig import read_rig
 
 from .capture import LiveInput
@@ -32,8 +34,8 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
 
         told = args.config or args.overrides or args.tracker or args.people
         return replay(args.replay, rig, config if told else None, terminal)
-    if args.report and args.report.exists() and any(args.report.iterdir()):
-        raise InputError(f"{args.report}: is there already and not empty; choose another folder")
+    if args.report:
+        check_replaceable(args.report, command="live", replace=False)
     inputs = settled_inputs(args, rig)
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     done = run_live(rig, inputs, config, output_plan(args, rig), args.duration, terminal.note)
@@ -76,8 +78,9 @@ def output_plan(args: argparse.Namespace, rig: Rig) -> OutputPlan:
         from posefuse.wire.dds import Network
 
         network = Network(args.domain, args.local_only, args.interface, tuple(args.peer))
-    if args.record is not None and args.record.exists():
-        raise InputError(f"{args.record}: is there already; choose another name or move it away")
+    for option, path in (("--record", args.record), ("--view-file", args.view_file)):
+        if path is not None:
+            check_output_file(path, option=option)
     view = str(args.view_file) if args.view_file else "spawn" if args.view else ""
     return OutputPlan(
         rig,

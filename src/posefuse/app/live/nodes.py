@@ -15,6 +15,7 @@ import numpy as np
 from posefuse.app.terminal import Terminal
 from posefuse.core import Pose3D, Rig, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.files.output_folder import check_replaceable
 from posefuse.files.rig import read_rig
 from posefuse.wire import topics
 from posefuse.wire.dds import Network, RosNode
@@ -135,6 +136,8 @@ def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     """Take the views of all camera nodes, track, publish."""
     config, rig = settled_config(args), read_rig(args.rig)
     args.ros = True
+    if args.report:
+        check_replaceable(args.report, command="live", replace=False)
     plan = replace(output_plan(args, rig), ros_views=False, notes=notes_of(rig, config))
     with stop_requests() as stopped:
         outputs = OutputProcess(plan)

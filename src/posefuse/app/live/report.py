@@ -14,6 +14,7 @@ import numpy as np
 from posefuse import __version__
 from posefuse.app.terminal import Terminal, plain
 from posefuse.core import InputError
+from posefuse.files.output_folder import output_folder
 
 from .latency import STAGES
 from .session import Finished
@@ -115,14 +116,14 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
 
 def write_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
     """latency.json, latency.md and latency.html (the newest views' latencies over time) into `folder`."""
+    content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
-        (folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
-        (folder / TABLE_FILE).write_text(_markdown(figures), encoding="utf-8")
-        (folder / PAGE_FILE).write_text(_page(done, figures), encoding="utf-8")
+        with output_folder(folder, command="live") as out:
+            (out.folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
+            (out.folder / TABLE_FILE).write_text(_markdown(figures), encoding="utf-8")
+            (out.folder / PAGE_FILE).write_text(_page(done, figures), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{folder}: the report cannot be written ({error})") from None
+        raise InputError(f"{folder}: the report cannot be written ({error.strerror})") from None
 
 
 def _markdown(figures: Mapping[str, Any]) -> str:

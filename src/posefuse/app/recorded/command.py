@@ -4,50 +4,125 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 from posefuse.app.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.app.session import Session, find_session
 from posefuse.app.terminal import Terminal
-from posefuse.core import InputError, Recording
+from posefuse.core import InputError, Recording, Sink
 from posefuse.evaluate.metrics import JointErrors, joint_errors
+from posefuse.files.detection_log import LOG_FILE
+from posefuse.files.output_folder import OutputFolder, check_replaceable, output_folder
+from posefuse.files.places import check_apart
 from posefuse.files.truth import read_truth
 
 from .clock import StageClock
-from .outputs import build_sinks, write_result
-from .run import Tracked, track_session
+from .opening import Opened, open_session
+from .outputs import build_sinks, estimated_bytes, write_result
+from .run import Tracked, track_opened
+from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
 
 TRUTH_FILE = Path("truth") / "truth.npz"
 _START_UP = ("open", "compile")  # stages that last the same however long the recording
 
 
 def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Track a session and write its result; returns the figures of the tables."""
+    """Track a session and write its result; returns the figures of the tables.
+
+    ``exit_code`` among them: 1 when an output could not be written.
+    """
     clock = StageClock()
     config = settled_config(args)
-    if args.out.exists() and not args.force:
-        raise InputError(f"{args.out}: is there already; choose another folder or add --force to replace it")
     sinks = build_sinks(config.outputs)
     session = find_session(args.session, config)
+    inputs = (args.session, session.rig_path, *(entry.path for entry in session.inputs))
+    # a result that Ctrl-C cut short has its detections with it
+    replace = args.force or (args.resume and (args.out / LOG_FILE).is_file())
+    check_apart(args.out, inputs)
+    check_replaceable(args.out, command="track", replace=replace)
+    unfinished = _unfinished(args, terminal)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
-    with terminal.progress("tracking") as advance:
-        tracked = track_session(session, config, clock, advance, terminal.note, terminal.warn)
-    if tracked.interrupted:
-        terminal.warn(f"stopped by Ctrl-C; the first {len(tracked.recording.poses)} instants are finished and kept")
-    with clock.stage("write"), terminal.progress("writing") as advance:
-        written = write_result(tracked.recording, session, config, sinks, args.out, advance)
+    with clock.stage("open"):
+        opened = open_session(session, config, terminal.warn)
+    with (
+        closing(opened.steps),
+        _kept(terminal, args.out),
+        output_folder(
+            args.out,
+            command="track",
+            inputs=inputs,
+            replace=replace,
+            estimated_bytes=estimated_bytes(opened),
+            keep_unfinished=True,
+            unfinished=unfinished,
+            warn=terminal.warn,
+        ) as out,
+    ):
+        if args.resume and unfinished is None and replace:
+            shutil.copyfile(args.out / LOG_FILE, out.folder / LOG_FILE)
+        with closing(DetectionStore(out.folder, opened)) as store:
+            tracked, written, failed = _results(opened, store, sinks, out, clock, terminal)
     errors = _errors(session, tracked.recording)
-    figures = _figures(args.out, tracked, clock, written, errors)
+    figures = _figures(args.out, tracked, clock, written, failed, errors)
     _show(terminal, figures, errors)
     if args.view:
         from posefuse.sinks import view_recording
 
         view_recording(args.out)
     return figures
+
+
+def _results(
+    opened: Opened, store: DetectionStore, sinks: Sequence[Sink], out: OutputFolder, clock: StageClock, terminal: Terminal
+) -> tuple[Tracked, list[Path], dict[str, str]]:
+    """The recording, the files written, and why outputs failed, by name."""
+    keep_log_only(out.folder)
+    with terminal.progress("tracking") as advance:
+        tracked = track_opened(opened, clock, advance, terminal.note, terminal.warn, store)
+    if tracked.interrupted:
+        steps = len(tracked.recording.poses)
+        terminal.warn(f"stopped early; the first {steps} time steps are finished and kept; --resume goes on from them")
+    with clock.stage("write"), terminal.progress("writing") as advance:
+        written, failed = write_result(tracked.recording, opened.session, opened.config, sinks, out, advance)
+    for name, reason in failed.items():
+        terminal.warn(f"output {name}: not written ({reason})")
+    if not tracked.interrupted:
+        store.discard()
+    return tracked, written, failed
+
+
+def _unfinished(args: argparse.Namespace, terminal: Terminal) -> Path | None:
+    """The folder to go on in; None: begin anew.
+
+    Raises:
+        InputError: interrupted work is there, and neither --resume nor --force was given.
+    """
+    found = unfinished_work(args.out)
+    if args.force:
+        remove_unfinished(args.out)
+        return None
+    if found is not None and not args.resume:
+        raise InputError(f"{args.out}: an earlier run was interrupted; --resume continues it, --force starts anew")
+    if found is None and args.resume and not (args.out / LOG_FILE).is_file():
+        terminal.note(f"{args.out}: no interrupted work is there; beginning at the start")
+    return found
+
+
+@contextmanager
+def _kept(terminal: Terminal, out: Path) -> Iterator[None]:
+    """Report what is kept when the work ends before its end, however it ends."""
+    try:
+        yield
+    except BaseException:
+        if unfinished_work(out) is not None:
+            terminal.note("the detections made so far are kept; the same command with --resume continues from them")
+        raise
 
 
 def settled_config(args: argparse.Namespace) -> TrackConfig:
@@ -76,7 +151,14 @@ def _errors(session: Session, recording: Recording) -> JointErrors | None:
     return joint_errors(recording.poses, read_truth(path)) if path.is_file() else None
 
 
-def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path], errors: JointErrors | None) -> dict[str, Any]:
+def _figures(
+    out: Path,
+    tracked: Tracked,
+    clock: StageClock,
+    written: list[Path],
+    failed: Mapping[str, str],
+    errors: JointErrors | None,
+) -> dict[str, Any]:
     recording = tracked.recording
     instants = len(recording.poses)
     images = instants * len(recording.rig)
@@ -95,6 +177,8 @@ def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path]
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / images,
         "found": dict(tracked.found),
         "interrupted": tracked.interrupted,
+        "failed": dict(failed),
+        "exit_code": int(bool(failed)),
         "out": out,
         "files": [path.name for path in written],
     }
@@ -110,7 +194,7 @@ def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path]
 def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | None) -> None:
     facts = {
         "cameras": figures["cameras"],
-        "frames": f"{figures['instants']} instants, {figures['instants'] * figures['cameras']} images",
+        "frames": f"{figures['instants']} time steps, {figures['instants'] * figures['cameras']} images",
         "people": figures["people"],
         "seen in": ", ".join(f"{name} {share:.0%}" for name, share in figures["found"].items()),
     }
@@ -119,8 +203,8 @@ def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | 
         worst = max(range(len(errors.joints)), key=lambda i: errors.mean_mm[i])
         facts["worst joint"] = f"{errors.joints[worst]} {errors.mean_mm[worst]:.1f} mm"
     for stage, ms in figures["stage_ms_per_instant"].items():
-        facts[f"{stage}"] = f"{ms:.1f} ms per instant"
-    facts["speed"] = f"{figures['instants_per_s']:.1f} instants/s with everything, after {figures['start_up_s']:.0f} s to start"
+        facts[f"{stage}"] = f"{ms:.1f} ms per time step"
+    facts["speed"] = f"{figures['instants_per_s']:.1f} time steps/s with everything, after {figures['start_up_s']:.0f} s to start"
     facts["result in"] = str(figures["out"])
     facts["files"] = ", ".join(figures["files"])
     terminal.facts("Result", facts)

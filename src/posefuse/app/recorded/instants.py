@@ -1,4 +1,4 @@
-"""What all cameras saw at one instant, looked at when asked for: from images by a 2D estimator, or from files."""
+"""Time steps of videos and image folders: decoded ahead, detected when asked for."""
 
 from __future__ import annotations
 
@@ -7,39 +7,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, Pose3D, Rig, Skeleton, Source, SourceError
+from posefuse.core import Detections2D, Detector, Frame, LookKind, Pose3D, Region, Rig, Skeleton, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_pose
 from posefuse.sources import FramesAhead, frame_sets
 from posefuse.track import JointCentres, joint_centres_of
 
-Look = Callable[[Pose3D | None], list[Detections2D]]
-
-
-@dataclass(frozen=True, eq=False)
-class Instant:
-    """One instant of a recording.
-
-    Attributes:
-        t_ns: session clock.
-        look: (pose of the tracked people, or None: find them) -> one Detections2D per camera of the rig, in its order.
-    """
-
-    t_ns: int
-    look: Look
-
 
 @dataclass(frozen=True)
 class Timeline:
-    """Evenly spaced instants: start_ns + i * period_ns for i < count."""
+    """Evenly spaced time steps: start_ns + i * period_ns for i < count."""
 
     start_ns: int
     period_ns: int
     count: int
 
+    def t_ns(self, i: int) -> int:
+        """Time of step i."""
+        return self.start_ns + i * self.period_ns
+
 
 def common_timeline(times_ns: Mapping[str, Array], rate_hz: float | None, start_s: float | None, end_s: float | None) -> Timeline:
-    """Instants at the fastest camera's rate (or `rate_hz`), in phase with it, over all that any camera recorded.
+    """Time steps at the fastest camera's rate (or `rate_hz`), in phase with it, over all that any camera recorded.
 
     Raises:
         SourceError: nothing recorded between start_s and end_s.
@@ -64,8 +53,32 @@ def common_timeline(times_ns: Mapping[str, Array], rate_hz: float | None, start_
     return Timeline(first_ns, period_ns, int(count))
 
 
+@dataclass(frozen=True, eq=False)
+class ImageStep:
+    """One time step of decoded images; implements `TimeStep`.
+
+    Attributes:
+        t_ns: session clock. frames: axis C; None where a camera has none. rig, detector: what looks at them.
+    """
+
+    t_ns: int
+    frames: Sequence[Frame | None]
+    rig: Rig
+    detector: Detector
+
+    def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
+        """What the detector finds now, in whole images or where people are expected."""
+        present = [(c, frame) for c, frame in enumerate(self.frames) if frame is not None]
+        regions = [None if expected is None else self._regions(c, expected) for c, _ in present]
+        return tuple(self.detector.detect([frame for _, frame in present], regions))
+
+    def _regions(self, c: int, pose: Pose3D) -> list[Region]:
+        made = [region_from_pose(self.rig.cameras[c], xyz, pose.skeleton) for xyz in pose.xyz_world]
+        return [region for region in made if region is not None]
+
+
 class ImageInstants:
-    """Instants of videos or image folders: decodes ahead and runs the 2D estimator on demand."""
+    """Time steps of videos or image folders: decodes ahead and runs the detector on demand."""
 
     def __init__(
         self,
@@ -80,38 +93,24 @@ class ImageInstants:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The 2D estimator's keypoints."""
+        """The detector's keypoints."""
         return self._detector.skeleton
 
     @property
     def joint_centres(self) -> JointCentres | None:
-        """How joint centres lie beside the 2D estimator's keypoints, where it knows."""
+        """Where joint centres lie relative to the detector's keypoints, where that is known."""
         return joint_centres_of(self._detector)
 
-    def __iter__(self) -> Iterator[Instant]:
+    def steps(self, first: int = 0) -> Iterator[ImageStep]:
+        """The time steps from number `first` on; may be called once."""
         line = self._timeline
         sets = frame_sets(
-            self._streams,
-            line.start_ns,
-            line.period_ns,
-            line.start_ns + (line.count - 1) * line.period_ns,
-            on_lost=self._on_lost,
-        )
+            self._streams, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), on_lost=self._on_lost
+        )  # fmt: skip
         for frame_set in sets:
-            yield Instant(frame_set.t_ns, lambda pose, frames=frame_set.frames: self._look(frames, pose))  # type: ignore[misc]
+            yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, self._detector)
 
     def close(self) -> None:
         """Stop decoding."""
         for stream in self._streams.values():
             stream.close()
-
-    def _look(self, frames: Sequence[Frame | None], pose: Pose3D | None) -> list[Detections2D]:
-        present = [(c, frame) for c, frame in enumerate(frames) if frame is not None]
-        regions = [None if pose is None else self._regions(c, pose) for c, _ in present]
-        found = iter(self._detector.detect([frame for _, frame in present], regions))
-        seen = {c: next(found) for c, _ in present}
-        return [seen.get(c) or Detections2D.nobody(name, 0, self._detector.skeleton) for c, name in enumerate(self._rig.names)]
-
-    def _regions(self, c: int, pose: Pose3D) -> list[object] | None:
-        made = [region_from_pose(self._rig.cameras[c], xyz, pose.skeleton) for xyz in pose.xyz_world]
-        return [region for region in made if region is not None]
