@@ -185,6 +185,32 @@ def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_p
         simulate(_SCENE, tmp_path)
 
 
+def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, backend):
+    camera = RingCameras(kind="ring", count=1, radius_m=3.0, image=ImageSettings(size_px=(80, 60)))
+    jpeg = JpegSettings(kind="jpeg")
+    scene = dataclasses.replace(_SCENE, record=jpeg, duration_s=0.1, people=(), props=(), occluders=(), cameras=camera)
+    folder = tmp_path / "session"
+    simulate(scene, folder, processes=1)
+    before = _contents(folder)
+    simulate(scene, folder, processes=1, replace=True)
+    assert _contents(folder) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["session"]
+    # of another scene, unfinished, with a file of the user among its parts: moved aside and kept
+    sessions._begin(sessions.SessionPaths(tmp_path / "half"), dataclasses.replace(scene, duration_s=0.2))
+    (tmp_path / "half" / "parts" / "notes.txt").write_text("the user's")
+    simulate(scene, tmp_path / "half", processes=1, replace=True)
+    [aside] = tmp_path.glob("half.replaced-*")
+    assert (aside / "parts" / "notes.txt").read_text() == "the user's"
+    # of the same scene: finished, and the file stays where it is
+    sessions._begin(sessions.SessionPaths(tmp_path / "more"), scene)
+    (tmp_path / "more" / "parts" / "notes.txt").write_text("the user's")
+    simulate(scene, tmp_path / "more", processes=1)
+    assert (tmp_path / "more" / "parts" / "notes.txt").read_text() == "the user's"
+    assert {path.as_posix() for path in contents(tmp_path / "more").foreign} == {"parts", "parts/notes.txt"}
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        simulate(scene, tmp_path / "more", replace=True)
+
+
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
     """Relative files count from the scene file, and the session can be moved."""
     from posefuse.simulate.motion.settings import BvhSettings
