@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from posefuse.app.recorded.rig_watch import rig_findings
-from posefuse.app.recorded.second_pass import ViewSequence
-from posefuse.core import SKELETONS, Rig
+from posefuse.core import SKELETONS, Rig, ViewSequence
 
 BODY = SKELETONS["coco17"]
 

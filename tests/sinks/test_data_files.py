@@ -60,7 +60,8 @@ def test_c3d_refuses_uneven_times(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording()
     t_ns = recording.poses.t_ns.copy()
     t_ns[3:] += 20_000_000
-    uneven = replace(recording, poses=replace(recording.poses, t_ns=t_ns))
+    poses, observations = replace(recording.poses, t_ns=t_ns), replace(recording.observations, step_t_ns=t_ns)
+    uneven = replace(recording, poses=poses, observations=observations)
     with pytest.raises(InputError, match=r"evenly spaced .* 0\.5 periods off 25 Hz: set rate_hz"):
         C3dSink().write(uneven, tmp_path)
     assert not list(tmp_path.iterdir())
