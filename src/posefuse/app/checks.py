@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from posefuse.detect import default_cards, list_cards, status
+from posefuse.files.platform import usable_cores
 from posefuse.files.user_cache import default_cache_dir
 
 EXTRAS = {
@@ -51,7 +52,7 @@ def _python() -> Check:
 def _processor() -> Check:
     flags = _cpu_flags()
     fast = [name for name in ("avx2", "avx512f", "avx512_bf16", "amx_bf16") if name in flags]
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_cores()
     found = f"{cores} cores; {', '.join(fast) or 'no AVX2'}"
     return Check("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ import yaml
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.files.platform import usable_cores
 from posefuse.files.rig import write_rig
 from posefuse.files.truth import read_arrays, write_arrays, write_truth
 from posefuse.files.video import join_videos
@@ -117,7 +117,7 @@ def simulate(scene: Scene, out: Path, progress: Progress | None = None, processe
         _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
-        _render(live, job, paths, progress, processes or os.cpu_count() or 1)
+        _render(live, job, paths, progress, processes or usable_cores())
         _finish(live, paths)
     except OSError as error:
         raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None

@@ -12,6 +12,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
+from posefuse.files.platform import usable_cores
 from posefuse.files.settings import settings
 from posefuse.files.user_cache import default_cache_dir
 
@@ -58,7 +59,7 @@ class BlazePoseConfig:
         persons, chosen = read_card(self.persons), read_any_card(self.landmarks)
         members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
         files = fetch_all([persons, *members], cache, self.models, progress)
-        streams = self.streams or len(os.sched_getaffinity(0))
+        streams = self.streams or usable_cores()
         return BlazePoseDetector(
             self,
             PersonNetwork.compiled(persons, files[0], self.precision, streams),
