@@ -15,6 +15,7 @@ from posefuse.core import PosefuseError
 from .terminal import Terminal
 
 COMMANDS = (
+    "demo",
     "track",
     "live",
     "node",

@@ -50,6 +50,9 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
         with atomic_file(args.out / "compare.json") as beside:
             beside.write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
         terminal.note(f"written: {page}")
+        terminal.next(f"open {page} in a browser", "every point over time, and the drift")
+    else:
+        terminal.next("the same with --out DIR", "a page with every point over time, and compare.json")
     return figures
 
 

@@ -13,7 +13,7 @@ from typing import NoReturn
 import numpy as np
 
 from posefuse.app.config import CameraInput, DetectorChoice
-from posefuse.app.detectors import build_detector
+from posefuse.app.detectors import build_detector, fetch_networks
 from posefuse.app.recorded.clock import StageClock
 from posefuse.app.recorded.following import follow
 from posefuse.app.recorded.instants import ImageInstants, Timeline, common_timeline
@@ -64,6 +64,7 @@ def person_in_videos(
         for source, path in zip(sources, paths.values(), strict=True)
     )
     timeline = timeline_of(sources, instants)
+    fetch_networks(choice, terminal)
     detector = build_detector(choice, Rig(cameras))
     with terminal.progress("finding the person") as advance:
         apart = person_tracks(poses_apart(sources, detector, timeline, advance))

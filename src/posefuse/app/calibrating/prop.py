@@ -46,6 +46,7 @@ def intrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     for one in found:
         picture = {f"{one.camera.name}: frames per image region": coverage_picture(one.cells, one.camera.size_wh)}
         write_report(numbered(args.report, one.camera.name, len(found)), one.report, picture)
+    terminal.next(f"posefuse calibrate extrinsics --help (with --intrinsics {args.out})", "where the cameras stand")
     return {"rig": str(args.out), "cameras": {one.camera.name: dict(one.report.numbers) for one in found}}
 
 
@@ -75,6 +76,7 @@ def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     }
     write_report(args.report, found.report, pictures, found.rig)
     settings = write_clocks(args.out.with_name(CONFIG_FILE), found.rig.names, clocks_of(found), terminal)
+    terminal.next("posefuse calibrate verify --help", f"check {args.out} with a target it was not made from")
     return {
         "rig": str(args.out),
         "coverage": str(covered),
@@ -125,6 +127,7 @@ def verify_rig(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     }
     write_report(args.report, found.report, pictures, rig)
     found.report.require()
+    terminal.next(f"put {args.rig} beside your videos and run: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)
 
 
@@ -143,4 +146,5 @@ def print_target(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, A
         sheets = [board_sheet(target, args.page)]
     write_pdf(args.out, sheets)
     terminal.note(f"{args.out}: {len(sheets)} pages; print at 100 % and measure the ruler")
+    terminal.next("posefuse calibrate intrinsics --help", "film the target with every camera, and find their intrinsics")
     return {"pdf": str(args.out), "pages": len(sheets)}

@@ -28,14 +28,17 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Write the files; returns their names."""
     from posefuse.evaluate.biomechanics import BiomechanicsSettings, write_biomechanics
     from posefuse.files.atomic import atomic_folder
+    from posefuse.files.compiled import compiling
     from posefuse.files.recording import read_recording
 
     recording = read_recording(args.result)
     out = args.out or args.result / FOLDER
-    with atomic_folder(out) as folder:
+    with atomic_folder(out) as folder, terminal.progress("joint angles") as advance, compiling("joint angles", terminal.note):
         made = write_biomechanics(recording, folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
         names = [str(path.relative_to(folder)) for path in made]
+        advance(1, 1)
     terminal.facts(
         "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
     )
+    terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot beside it hold the numbers")
     return {"out": out, "files": names, "people": len(recording.poses.person_id)}

@@ -15,6 +15,7 @@ import numpy as np
 
 from posefuse.app.made_up import made_up_detections
 from posefuse.core import Pose3D, Rig, Skeleton, SourceError
+from posefuse.files.compiled import compiling
 from posefuse.files.platform import punctual, usable_cores
 from posefuse.kinematics import JointTracker
 from posefuse.track.live import Tracker, build_tracker
@@ -84,8 +85,10 @@ def run_live(
             outputs.wait_ready()
             skeleton = groups.wait_ready()
             say("; ".join([*groups.whereabouts(), *([watch.whereabouts()] if watch else [])]))
-            joints = None if plan.empty else ready_joints(skeleton, config)
-            tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
+            with compiling("live tracking", say):
+                joints = None if plan.empty else ready_joints(skeleton, config)
+                tracker = ready_tracker(rig, skeleton, config)
+            centring = Centring(rig.names, config.joint_centres)
             fusion = Fusion(rig, tracker, board, plan.clock, outputs, centring, watch, joints)
             for told in groups.centres():
                 fusion.take(told)

@@ -16,6 +16,7 @@ from posefuse.calibrate.monitor import OUT_OF_STEP, Finding
 from posefuse.core import InputError, Recording, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.files.compiled import compiling
 from posefuse.track import JointCentres
 
 from .clock import StageClock
@@ -27,7 +28,6 @@ from .warm_up import warm_up
 
 Progress = Callable[[int, int], None]
 Say = Callable[[str], None]
-_WORTH_SAYING_S = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -60,10 +60,8 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
     with clock.stage("open"):
         rig, instants, timeline = _pose2d(session, config) if kinds == {"pose2d"} else _images(session, config, warn)
-    with clock.stage("compile"):
+    with clock.stage("compile"), compiling("tracking", note):
         warm_up(rig, instants.skeleton, config)
-    if clock.seconds["compile"] > _WORTH_SAYING_S:
-        note(f"numeric kernels compiled in {clock.seconds['compile']:.0f} s; later runs find them on disk")
     seen, interrupted = _follow(instants, rig, config, clock, timeline, progress)
     _check_somebody(seen, rig, warn)
     with clock.stage("smooth"):
