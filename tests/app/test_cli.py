@@ -111,7 +111,11 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
 
 
 def test_help_and_version_work_as_a_program() -> None:
-    helped = subprocess.run([sys.executable, "-m", "posefuse.app.cli", "--help"], capture_output=True, text=True, check=True)
+    helped = subprocess.run(
+        [sys.executable, "-m", "posefuse.app.cli", "--help"], capture_output=True, text=True, check=True, timeout=120
+    )
     assert all(command in helped.stdout for command in cli.COMMANDS)
-    version = subprocess.run([sys.executable, "-m", "posefuse.app.cli", "--version"], capture_output=True, text=True, check=True)
+    version = subprocess.run(
+        [sys.executable, "-m", "posefuse.app.cli", "--version"], capture_output=True, text=True, check=True, timeout=120
+    )
     assert version.stdout.strip() == f"posefuse {__version__}"

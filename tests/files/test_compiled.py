@@ -19,7 +19,7 @@ assert np.allclose(np.diag(out), [1.0, 0.5, 0.25])
 
 
 def use(cache: Path) -> None:
-    subprocess.run([sys.executable, "-c", USE], check=True, env={"POSEFUSE_CACHE": str(cache)})
+    subprocess.run([sys.executable, "-c", USE], check=True, env={"POSEFUSE_CACHE": str(cache)}, timeout=120)
 
 
 def test_kernels_stand_only_where_their_changes_are_noticed() -> None:

@@ -46,7 +46,9 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 def compiling(what: str, say: Callable[[str], None]) -> Iterator[None]:
     """Around the first use of the kernels of `what`: says before it that they are compiled, where that was not done yet."""
     folder = _folder()
-    kept_for = f"{numba.__version__}-{binding.get_host_cpu_name()}"
+    # machine code is kept for one numba, one kind of processor, and one place of the source files
+    place = hashlib.sha256(str(_PACKAGE).encode()).hexdigest()[:8]
+    kept_for = f"{numba.__version__}-{binding.get_host_cpu_name()}-{place}"
     done = folder / f"{what.replace(' ', '_')}-{kept_for}.compiled" if folder else None
     if done is None or not done.exists():
         say(f"compiling the numeric kernels for {what}: about a minute" + (", the first time only" if done else ""))
