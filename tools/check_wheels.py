@@ -36,7 +36,7 @@ MARKERS = {
     "macOS 14 arm64": {"sys_platform": "darwin", "platform_system": "Darwin", "os_name": "posix", "platform_machine": "arm64"},
 }
 _AT_ONCE = 4
-_LIMIT_S = 120
+_LIMIT_S = 600
 
 
 def main(argv: Sequence[str] | None = None) -> int:
