@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import tomllib
 from contextlib import suppress
 from pathlib import Path
 
@@ -46,6 +47,43 @@ def test_doctor_names_what_is_needed(capsys) -> None:
     assert checks["Python"]["needed"] and checks["Python"]["ok"]
     assert not checks["display"]["needed"]
     assert all(check["ok"] or check["cure"] for check in checks.values())
+
+
+def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.MonkeyPatch, capsys, models: None) -> None:
+    """It tries what it promises: here a name of the standard library is missing, as on another system."""
+
+    def build(config: object) -> None:
+        raise AttributeError("module 'os' has no attribute 'sched_getaffinity'")
+
+    assert json.loads(run(capsys, "doctor", "--json")[1])["ready"]
+    monkeypatch.setattr("posefuse.detect.BlazePoseConfig.build", build)
+    code, out, err = run(capsys, "doctor", "--json")
+    [tracking] = [check for check in json.loads(out)["checks"] if check["name"] == "tracking"]
+    assert code == 0 and not json.loads(out)["ready"]
+    assert "sched_getaffinity" in tracking["found"] and tracking["cure"]
+    assert "Not ready" in err and "Ready:" not in err
+
+
+def test_demo_takes_the_clip_of_the_package_and_says_what_is_next(monkeypatch, capsys, tmp_path, demo_session) -> None:
+    taken = []
+    monkeypatch.setattr("posefuse.app.commands.track.run", lambda args, terminal: taken.append(args) or {"people": 1})
+    code, out, err = run(capsys, "demo", "--out", str(tmp_path / "d"), "--json")
+    assert code == 0 and json.loads(out)["people"] == 1
+    assert (taken[0].session, taken[0].out, taken[0].force) == (demo_session, tmp_path / "d", False)
+    assert "next: posefuse track SESSION --out RESULT" in err
+    monkeypatch.setattr("posefuse.app.demo._PLACES", (tmp_path / "nowhere",))
+    code, _, err = run(capsys, "demo")
+    assert code == 1 and "reinstall posefuse" in err.splitlines()[-1]
+
+
+def test_the_wheel_brings_the_clip_and_stays_small() -> None:
+    root = Path(__file__).resolve().parents[2]
+    content = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert set(content.values()) == {"posefuse/demo_clip/rig.toml", "posefuse/demo_clip/videos"}
+    brought = [
+        file for source in content for file in ([root / source] if (root / source).is_file() else (root / source).iterdir())
+    ]
+    assert sum(file.stat().st_size for file in brought) < 2_000_000
 
 
 def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
@@ -176,7 +214,11 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
 
 
 def test_help_and_version_work_as_a_program() -> None:
-    helped = subprocess.run([sys.executable, "-m", "posefuse.app.cli", "--help"], capture_output=True, text=True, check=True)
+    helped = subprocess.run(
+        [sys.executable, "-m", "posefuse.app.cli", "--help"], capture_output=True, text=True, check=True, timeout=120
+    )
     assert all(command in helped.stdout for command in cli.COMMANDS)
-    version = subprocess.run([sys.executable, "-m", "posefuse.app.cli", "--version"], capture_output=True, text=True, check=True)
+    version = subprocess.run(
+        [sys.executable, "-m", "posefuse.app.cli", "--version"], capture_output=True, text=True, check=True, timeout=120
+    )
     assert version.stdout.strip() == f"posefuse {__version__}"

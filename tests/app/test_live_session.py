@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import Running
 
 from posefuse.app.live.config import LiveConfig
 from posefuse.app.live.provenance import read_provenance
@@ -46,24 +47,19 @@ class Live:
     """A running session whose notes are read as they come."""
 
     def __init__(self, arguments: list[str]) -> None:
-        self.process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.notes: list[str] = []
+        self._running = Running(arguments)
+        self.process = self._running.process
 
     def wait_for(self, pattern: str) -> re.Match:
-        end = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end:
-            line = self.process.stderr.readline()
-            self.notes.append(line)
-            found = re.search(pattern, line)
-            if found:
-                return found
-            if not line and self.process.poll() is not None:
-                break
-        raise AssertionError(f"nothing like {pattern!r} in: {''.join(self.notes)}")
+        try:
+            return self._running.err.wait_for(pattern, PATIENCE_S)
+        except AssertionError:
+            self.process.kill()
+            raise
 
     def figures(self) -> dict:
-        out, err = self.process.communicate(timeout=PATIENCE_S)
-        assert self.process.returncode == 0, "".join(self.notes) + err
+        out, err = self._running.finished(PATIENCE_S)
+        assert self.process.returncode == 0, err
         return json.loads(out)
 
 
@@ -255,7 +251,9 @@ def test_what_cannot_be_opened_is_one_line(
     demo_session: Path, source: str | None, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     extra = ("--source", f"cam01=video:{demo_session / 'videos' / 'cam01.mp4'}") if source else ()
-    done = subprocess.run(command(demo_session, *extra, *options, source=source), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command(demo_session, *extra, *options, source=source), capture_output=True, text=True, check=False, timeout=120
+    )
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert all(word in done.stderr for word in words)

@@ -3,6 +3,7 @@
 import itertools
 import multiprocessing
 import re
+import socket
 import threading
 import time
 from dataclasses import replace
@@ -244,18 +245,41 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
 # --- between processes
 
 
-def test_a_channel_keeps_messages_whole_and_is_bounded() -> None:
-    one, two = Channel.pair()
+def loopback_pair() -> tuple[socket.socket, socket.socket, bool]:
+    """As Windows makes a socket pair."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        one = socket.create_connection(server.getsockname())
+        return one, server.accept()[0], False
+
+
+PAIRS = {"packets": None, "unix stream": lambda: (*socket.socketpair(), False), "loopback": loopback_pair}
+
+
+@pytest.fixture(params=PAIRS)
+def channels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[Channel, Channel]:
+    if PAIRS[request.param]:
+        monkeypatch.setattr("posefuse.app.live.channel.message_sockets", PAIRS[request.param])
+    return Channel.pair()
+
+
+def received(channel: Channel, other: Channel) -> object:
+    """The next message; what the other end still has to send goes out whenever it is used."""
+    assert other.receive() is None
+    return channel.receive() if channel.wait(0.2) else None
+
+
+def test_a_channel_keeps_messages_whole_and_is_bounded(channels: tuple[Channel, Channel]) -> None:
+    one, two = channels
     assert two.receive() is None
     assert one.send({"x": 1}) and one.send(b"y" * 50_000)
-    assert two.receive() == {"x": 1}
-    assert len(two.receive()) == 50_000
+    assert received(two, one) == {"x": 1}
+    assert len(received(two, one)) == 50_000
     sent = 0
     while one.send(b"z" * 10_000):
         sent += 1
         assert sent < 10_000
     assert not one.send(b"z" * 10_000)
-    while two.receive() is not None:
+    while received(two, one) is not None:
         sent -= 1
     assert sent == 0
     one.close()
@@ -263,6 +287,33 @@ def test_a_channel_keeps_messages_whole_and_is_bounded() -> None:
         two.receive()
     with pytest.raises(ChannelClosed):
         two.send(1)
+
+
+def test_half_a_message_is_never_given_out(channels: tuple[Channel, Channel]) -> None:
+    """A writer that is killed midway: what came whole is received, then the end."""
+    one, two = channels
+    sent = 0
+    while one.send(bytes([sent % 251]) * 30_011):
+        sent += 1
+    one.close_own()
+    whole = []
+    with pytest.raises(ChannelClosed):
+        while two.wait(5.0):
+            whole.append(two.receive())
+    whole = [message for message in whole if message is not None]
+    assert sent - 1 <= len(whole) <= sent
+    assert all(message == bytes([n % 251]) * 30_011 for n, message in enumerate(whole))
+
+
+def test_a_channel_waits_for_room_when_asked_to(channels: tuple[Channel, Channel]) -> None:
+    one, two = channels
+    sent = 0
+    while one.send(b"z" * 10_000):
+        sent += 1
+    reader = threading.Timer(0.1, lambda: [two.receive() for _ in range(sent // 2)])
+    reader.start()
+    assert one.send(b"last", wait_s=10.0)
+    reader.join(10.0)
 
 
 # --- what the user says

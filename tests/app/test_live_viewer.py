@@ -22,7 +22,7 @@ S = 1_000_000_000
 
 def printed(path: Path) -> str:
     command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
 def test_people_pictures_and_ill_cameras_are_logged(tmp_path, ring_rig) -> None:

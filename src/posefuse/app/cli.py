@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .terminal import Terminal
 
 COMMANDS = (
+    "demo",
     "track",
     "live",
     "node",

@@ -53,7 +53,11 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
         with output_folder(args.out, command="compare", inputs=(args.a, args.b), replace=True, warn=terminal.warn) as out:
             _page(a, b, found, rows).write(out.folder / "compare.html")
             (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
-        terminal.note(f"written: {args.out / 'compare.html'}")
+        page = args.out / "compare.html"
+        terminal.note(f"written: {page}")
+        terminal.next(f"open {page} in a browser", "every point over time, and the drift")
+    else:
+        terminal.next("the same with --out DIR", "a page with every point over time, and compare.json")
     return figures
 
 

@@ -48,7 +48,7 @@ def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[st
             "recording": f"{scene.duration_s:g} s, {figures['megabytes']:.1f} MB",
             "rendered in": f"{seconds:.1f} s ({figures['frames_per_s']:.1f} frames/s)",
             "session": str(paths.folder),
-            "next": f"posefuse track {paths.folder} --out {paths.folder.name}-result",
         },
     )
+    terminal.next(f"posefuse track {paths.folder} --out {paths.folder.name}-result", "the 3D skeleton, compared with the truth")
     return figures

@@ -35,6 +35,10 @@ class Terminal:
         """One line about something that is not as it should be, with work going on."""
         self._notes.print(f"warning: {text}", style="yellow", markup=False)
 
+    def next(self, command: str, purpose: str) -> None:
+        """One thing to do after this command; what it is good for."""
+        self.note(f"next: {command}  ({purpose})")
+
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         """A table; numbers are right-aligned, floats shown to a sensible digit."""
         numeric = [all(isinstance(row[i], int | float) or row[i] is None for row in rows) for i in range(len(columns))]

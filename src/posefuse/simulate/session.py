@@ -15,7 +15,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import enum
-import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -30,6 +29,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.files.manifest import Manifest, listed, write_manifest
 from posefuse.files.output_folder import check_replaceable, clear_aside, move_aside
+from posefuse.files.platform import usable_cores
 from posefuse.files.rig import write_rig
 from posefuse.files.truth import read_arrays, write_arrays, write_truth
 from posefuse.files.video import join_videos
@@ -128,7 +128,7 @@ def simulate(
         _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
-        _render(live, job, paths, progress, processes or os.cpu_count() or 1)
+        _render(live, job, paths, progress, processes or usable_cores())
         _finish(live, paths)
         if aside is not None and earlier is _Earlier.REPLACED:
             clear_aside(aside)

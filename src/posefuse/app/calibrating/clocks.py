@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.app.config import CONFIG_FILE, TrackConfig, read_config
-from posefuse.app.detectors import build_detector
+from posefuse.app.detectors import build_detector, fetch_networks
 from posefuse.app.recorded.instants import common_timeline
 from posefuse.app.recorded.opening import build_source
 from posefuse.app.recorded.pose2d import stated_camera
@@ -56,6 +56,9 @@ def clocks(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     show_clocks(rig.names, found.clocks, period_s, terminal)
     write_report(args.report, found.report, {}, rig)
     settings = write_clocks(path, rig.names, found.clocks, terminal)
+    terminal.next(
+        f"posefuse track {args.session} --out RESULT", "uses the clocks found" if settings else "the clocks need no correction"
+    )
     return {"settings": settings and str(settings), **found.report.numbers}
 
 
@@ -71,6 +74,7 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, terminal
     spare_s = max(0.0, (last_s - first_s - seconds) / 2)
     cut = (first_s + spare_s, last_s - spare_s) if spare_s else (None, None)
     timeline = common_timeline(times_ns, min(1 / min(period_s), _MOST_HZ), *cut)
+    fetch_networks(config.detector, terminal)
     detector = build_detector(config.detector, rig)
     with terminal.progress("finding the person") as advance:
         return rig, person_tracks(poses_apart(sources, detector, timeline, advance)), period_s

@@ -136,6 +136,7 @@ def guide_at_cameras(args: argparse.Namespace, terminal: Terminal) -> Mapping[st
     inputs = inputs_from_arguments(args.source, read_rig(args.intrinsics))
     with _guide_view(args, [one.camera for one in inputs]) as show:
         found = guide(inputs, target_from_arguments(args), tell, show, args.duration)
+    terminal.next("posefuse calibrate extrinsics --help", "the rig from what was recorded" if found.enough else found.words)
     covered = {name: float(share) for name, share in zip(found.coverage.cameras, found.coverage.share, strict=True)}
     return {"enough": found.enough, "covered": covered, "next": found.words}
 

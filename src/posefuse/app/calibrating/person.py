@@ -44,6 +44,7 @@ def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     rig = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=placed[camera.name]) for camera in cameras))
     write_rig_file(args.out, rig)
     write_report(args.report, found.report, {}, rig)
+    terminal.next(f"put {args.out} beside your videos and run: posefuse track SESSION --out RESULT", "the 3D skeleton")
     if clocks is None:
         return {"rig": str(args.out), "settings": None, **found.report.numbers}
     show_clocks(rig.names, clocks, _periods_s(args, paths), terminal)

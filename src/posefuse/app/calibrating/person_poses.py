@@ -13,7 +13,7 @@ from typing import NoReturn
 import numpy as np
 
 from posefuse.app.config import CameraInput
-from posefuse.app.detectors import DetectorChoice, build_detector
+from posefuse.app.detectors import DetectorChoice, build_detector, fetch_networks
 from posefuse.app.recorded.following import Follower, observations_of
 from posefuse.app.recorded.instants import ImageInstants, Timeline, common_timeline
 from posefuse.app.recorded.second_pass import long_enough, poses_over_time
@@ -63,6 +63,7 @@ def person_in_videos(
         for source, path in zip(sources, paths.values(), strict=True)
     )
     timeline = timeline_of(sources, instants)
+    fetch_networks(choice, terminal)
     detector = build_detector(choice, Rig(cameras))
     with terminal.progress("finding the person") as advance:
         apart = person_tracks(poses_apart(sources, detector, timeline, advance))

@@ -48,6 +48,7 @@ def intrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     for one in found:
         picture = {f"{one.camera.name}: frames per image region": coverage_picture(one.cells, one.camera.size_wh)}
         write_report(numbered(args.report, one.camera.name, len(found)), one.report, picture)
+    terminal.next(f"posefuse calibrate extrinsics --help (with --intrinsics {args.out})", "where the cameras stand")
     return {"rig": str(args.out), "cameras": {one.camera.name: dict(one.report.numbers) for one in found}}
 
 
@@ -77,6 +78,7 @@ def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     }
     write_report(args.report, found.report, pictures, found.rig)
     settings = write_clocks(args.out.with_name(CONFIG_FILE), found.rig.names, clocks_of(found), terminal)
+    terminal.next("posefuse calibrate verify --help", f"check {args.out} with a target it was not made from")
     return {
         "rig": str(args.out),
         "coverage": str(covered),
@@ -127,6 +129,7 @@ def verify_rig(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     }
     write_report(args.report, found.report, pictures, rig)
     found.report.require()
+    terminal.next(f"put {args.rig} beside your videos and run: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)
 
 
@@ -147,4 +150,5 @@ def print_target(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, A
     with atomic_file(args.out) as temporary:
         write_pdf(temporary, sheets)
     terminal.note(f"{args.out}: {len(sheets)} pages; print at 100 % and measure the ruler")
+    terminal.next("posefuse calibrate intrinsics --help", "film the target with every camera, and find their intrinsics")
     return {"pdf": str(args.out), "pages": len(sheets)}

@@ -19,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, metavar="RIG", help="calibration file of the cameras")
     parser.add_argument(
         "--source", action="append", default=[], metavar="CAMERA=KIND:WHERE",
-        help="one per camera: video:FILE, usb:/dev/video0[@640x480@30], rtsp://..., http://..., ros:/TOPIC, "
-        "realsense:SERIAL, oak:SERIAL; or sim:SCENE|SESSION for all",
+        help="one per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
+        "http://..., ros:/TOPIC, realsense:SERIAL, oak:SERIAL; or sim:SCENE|SESSION for all",
     )  # fmt: skip
     add_timing(parser)
     add_outputs(parser)

@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from posefuse.app.detectors import fetch_networks
 from posefuse.app.plugins import build_plugin
 from posefuse.app.terminal import Terminal, plain
 from posefuse.files.atomic import atomic_file
@@ -42,12 +43,14 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
         written.append(write_summary(args.out))
         folder.add([folder.folder / written[-1].name])
     terminal.facts("Experiments", {path.name: str(path) for path in written})
+    terminal.next(f"open {written[0]} in a browser", "the figures of the first experiment")
     return {"files": written}
 
 
 def _check_detector(context: Context) -> None:
     """Fetch and open what is to look at the pictures, so that what is wrong shows before an hour of rendering."""
     choice = context.config.detector
+    fetch_networks(choice, context.terminal)
     build_plugin("detectors", choice.name, choice.options)
 
 

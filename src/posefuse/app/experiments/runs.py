@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from posefuse.core import PoseSequence, Recording, Truth
 from posefuse.evaluate.experiments.page import Page
 from posefuse.evaluate.experiments.scenes import scene_name
 from posefuse.evaluate.metrics import JointErrors, joint_errors
+from posefuse.files.platform import usable_cores
 from posefuse.files.truth import read_truth
 from posefuse.simulate.scene import Scene
 from posefuse.simulate.session import simulate
@@ -132,7 +132,7 @@ def about(context: Context) -> dict[str, Any]:
     lines = info.read_text().splitlines() if info.is_file() else []
     names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
     return {
-        "machine": f"{names[0] if names else platform.processor()}, {len(os.sched_getaffinity(0))} cores",
+        "machine": f"{names[0] if names else platform.processor()}, {usable_cores()} cores",
         "versions": ", ".join(
             [f"posefuse {__version__}", f"Python {platform.python_version()}", *(f"{p} {version(p)}" for p in _PACKAGES)]
         ),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.app.config import read_overridden
+from posefuse.app.detectors import fetch_networks
 from posefuse.app.terminal import Terminal
 from posefuse.core import ConfigError, Rig
 from posefuse.files.output_file import check_output_file
@@ -38,12 +39,25 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
         check_replaceable(args.report, command="live", replace=False)
     inputs = settled_inputs(args, rig)
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
+    fetch_networks(config.detector, terminal)
     done = run_live(rig, inputs, config, output_plan(args, rig), args.duration, terminal.note)
     figures = figures_of(done)
     show(terminal, figures)
     if args.report:
         write_report(args.report, done, figures)
+    _show_next(args, terminal)
     return figures
+
+
+def _show_next(args: argparse.Namespace, terminal: Terminal) -> None:
+    if args.record:
+        terminal.next(
+            f"posefuse live {args.rig} --replay {args.record}", "the recording once more, with other settings if you like"
+        )
+    else:
+        terminal.next("the same with --record FILE.mcap", "keeps views and poses")
+    if args.report:
+        terminal.next(f"open {args.report / 'report.html'}", "where the time went, per camera and stage")
 
 
 def settled_inputs(args: argparse.Namespace, rig: Rig) -> tuple[LiveInput, ...]:

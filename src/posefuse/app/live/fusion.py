@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import select
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Protocol
@@ -18,7 +17,7 @@ from posefuse.track.live import Tracker
 from .board import Board
 from .budget import expected_gain
 from .centres import Centring
-from .channel import Channel
+from .channel import Channel, wait_any
 from .clock import SessionClock
 from .latency import Latencies, Way
 from .messages import Centres, Preview, Seen, Status
@@ -174,8 +173,7 @@ class Fusion:
     def _listen(self, intake: Intake, due_ns: int) -> None:
         channels = intake.channels()
         wait_s = max(0, due_ns - self.clock.now_ns()) / _S
-        readable, _, _ = select.select(channels, [], [], wait_s)
-        if not readable and channels:
+        if not wait_any(channels, wait_s) and channels:
             return
         for message in intake.messages():
             self.take(message)

@@ -15,6 +15,7 @@ import numpy as np
 
 from posefuse.app.detectors import DetectorChoice
 from posefuse.core import Camera, Detections2D, Detector, Frame, PosefuseError, Region, Rig
+from posefuse.files.platform import lower_priority
 
 from .board import Board, Expected
 from .budget import LEAST_EVERY_S
@@ -59,8 +60,7 @@ class GroupPlan:
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
     """Body of the process; ends when told to, or when nobody listens any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(_NICENESS)
+    lower_priority(_NICENESS)
     with contextlib.suppress(ChannelClosed):
         try:
             group = _opened(plan, channel, board)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import select
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +15,7 @@ from posefuse.app.terminal import Terminal
 from posefuse.core import Pose3D, Rig, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.files.output_folder import check_replaceable
+from posefuse.files.platform import peak_memory_mb, punctual
 from posefuse.files.rig import read_rig
 from posefuse.wire import topics
 from posefuse.wire.dds import Network, RosNode
@@ -26,6 +26,7 @@ from posefuse.wire.ros_output import RosOutput
 from .board import Board
 from .budget import expected_gain
 from .centres import Centring, message_from_centres
+from .channel import wait_any
 from .clock import SessionClock
 from .command import output_plan, settled_config, settled_inputs
 from .config import LiveConfig
@@ -34,11 +35,11 @@ from .messages import Preview, Seen, Status
 from .monitor import Monitor
 from .network_intake import NetworkIntake
 from .outputs import OutputPlan, OutputProcess
-from .processes import Groups, peak_mb
+from .processes import Groups
 from .provenance import notes_of
 from .report import figures_of, show, write_report
 from .rig_watch import RigWatch
-from .session import Finished, News, favoured, group_plans, new_board, ready_joints, ready_tracker, stop_requests
+from .session import Finished, News, group_plans, new_board, ready_joints, ready_tracker, stop_requests
 from .sinks import health_lines, publish_preview
 
 _S = 1_000_000_000
@@ -97,7 +98,7 @@ class CameraNode:
 
     def step(self, groups: Groups) -> None:
         """A moment's work."""
-        select.select(groups.channels(), [], [], _POLL_S)
+        wait_any(groups.channels(), _POLL_S)
         self._hear()
         for message in groups.messages():
             if isinstance(message, Seen):
@@ -206,10 +207,10 @@ def _fuse(
             news.tell(now_ns)
             return until(now_ns)
 
-        with favoured():
+        with punctual():
             fusion.run(intake, config.rate_hz, over)
         done.clock_offset_s = {name: watch.known.offset_s.get(name, float("nan")) for name in rig.names}
-    done.memory_mb = peak_mb([os.getpid()])
+    done.memory_mb = peak_memory_mb([os.getpid()])
     done.seconds = (plan.clock.now_ns() - begun_ns) / _S
     done.stopped_by = stopped[0] if stopped else ""
     return done

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from posefuse.core import InputError, PosefuseError, Rig
+from posefuse.files.platform import lower_priority
 
 from .channel import Channel, ChannelClosed
 from .clock import SessionClock
@@ -130,8 +131,7 @@ class OutputProcess:
 def run_outputs(plan: OutputPlan, channel: Channel) -> None:
     """Body of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(2)
+    lower_priority(2)
     try:
         sinks = _opened(plan)
     except PosefuseError as error:

@@ -10,10 +10,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from posefuse.core import Skeleton, SourceError
+from posefuse.files.platform import peak_memory_mb
 
 from .board import Board
 from .channel import Channel, ChannelClosed
@@ -100,8 +100,8 @@ class Groups:
         return sum(member.restarts for member in self._members)
 
     def memory_mb(self) -> float:
-        """Most memory this process and those of the groups have held, added up, see `peak_mb`."""
-        return peak_mb([os.getpid(), *(member.process.pid for member in self._members)])
+        """Most memory this process and those of the groups have held, added up, see `peak_memory_mb`."""
+        return peak_memory_mb([os.getpid(), *(member.process.pid for member in self._members)])
 
     def wait_ready(self, timeout_s: float = START_S) -> Skeleton:
         """Wait for every group's sources and network.
@@ -222,22 +222,13 @@ class Groups:
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
         if time.monotonic() - member.heard_s > (_HUNG_S if member.ready else START_S):
-            os.kill(member.process.pid, signal.SIGKILL)
+            member.process.kill()
             self._died(member, f"process {member.process.pid} hung and was ended")
 
     def _died(self, member: _Member, why: str) -> None:
         member.trouble = f"{why}; starting again"
         member.again_at_s = time.monotonic() + member.retry_s
         member.retry_s = min(2 * member.retry_s, _LONGEST_RETRY_S)
-
-
-def peak_mb(pids: Sequence[int]) -> float:
-    """Most memory processes have held (resident, what they share counted in each), added up; NaN where nobody tells."""
-    try:
-        told = [Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace") for pid in pids]
-        return sum(int(status.split("VmHWM:")[1].split()[0]) for status in told) / 1024
-    except (OSError, IndexError, ValueError):
-        return float("nan")
 
 
 def _cameras(plan: GroupPlan) -> str:

@@ -15,6 +15,8 @@ import numpy as np
 
 from posefuse.app.made_up import made_up_detections
 from posefuse.core import Pose3D, Rig, Skeleton, SourceError
+from posefuse.files.compiled import compiling
+from posefuse.files.platform import punctual, usable_cores
 from posefuse.kinematics import JointTracker
 from posefuse.track.live import Tracker, build_tracker
 
@@ -83,8 +85,10 @@ def run_live(
             outputs.wait_ready()
             skeleton = groups.wait_ready()
             say("; ".join([*groups.whereabouts(), *([watch.whereabouts()] if watch else [])]))
-            joints = None if plan.empty else ready_joints(skeleton, config)
-            tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
+            with compiling("live tracking", say):
+                joints = None if plan.empty else ready_joints(skeleton, config)
+                tracker = ready_tracker(rig, skeleton, config)
+            centring = Centring(rig.names, config.joint_centres)
             fusion = Fusion(rig, tracker, board, plan.clock, outputs, centring, watch, joints)
             for told in groups.centres():
                 fusion.take(told)
@@ -114,7 +118,7 @@ def _run(fusion: Fusion, groups: Groups, config: LiveConfig, duration_s: float |
         over = end_ns is not None and now_ns >= end_ns
         return over or bool(stopped) or fusion.monitor.all_ended()
 
-    with favoured():
+    with punctual():
         fusion.run(groups, config.rate_hz, until)
     return zero_session_ns
 
@@ -141,24 +145,9 @@ class News:
         self._say(f"{(t_ns - self._zero_ns) / 1e9:6.2f} s  {words}")
 
 
-@contextmanager
-def favoured() -> Iterator[None]:
-    """The beat comes first on a busy machine, where the system allows it; processes started from here do not inherit it."""
-    try:
-        before = os.sched_getscheduler(0), os.sched_getparam(0)
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
-    except (OSError, AttributeError):
-        yield
-        return
-    try:
-        yield
-    finally:
-        os.sched_setscheduler(0, *before)
-
-
 def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
     """Cameras dealt out to groups, see `dealing`."""
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     count = config.groups or max(1, min(cores, len(inputs) // 2))
     count = min(count, len(inputs))
     detector = config.detector

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.app.config import CONFIG_FILE, TrackConfig, read_config
+from posefuse.app.detectors import fetch_networks
 from posefuse.app.session import Session, find_session
 from posefuse.app.terminal import Terminal
 from posefuse.core import InputError, Recording, Sink
@@ -48,6 +49,8 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
+    if session.inputs[0].kind != "pose2d":
+        fetch_networks(config.detector, terminal)
     with clock.stage("open"):
         opened = open_session(session, config, terminal.warn)
     with (
@@ -71,6 +74,8 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     errors = _errors(session, tracked.recording)
     figures = _figures(args.out, tracked, clock, written, failed, errors)
     _show(terminal, figures, errors)
+    terminal.next(f"posefuse report {args.out}", "joint angles, gait, files for OpenSim and Blender, one page")
+    terminal.next(f"posefuse view {args.out}", "the skeleton in the 3D viewer (extra: viewer)")
     if args.view:
         from posefuse.sinks import view_recording
 

@@ -17,6 +17,7 @@ from posefuse.calibrate.monitor import OUT_OF_STEP, Finding
 from posefuse.core import DetectionBatch, InputError, Observations, PosefuseError, Recording, Rig, Skeleton, ViewSequence
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
+from posefuse.files.compiled import compiling
 from posefuse.track import JointCentres
 
 from .clock import StageClock
@@ -29,7 +30,6 @@ from .warm_up import warm_up
 
 Progress = Callable[[int, int], None]
 Say = Callable[[str], None]
-_REPORTED_S = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,10 +84,8 @@ def track_opened(
     """
     rig, config, session = opened.rig, opened.config, opened.session
     try:
-        with clock.stage("compile"):
+        with clock.stage("compile"), compiling("tracking", note):
             warm_up(rig, opened.steps.skeleton, config)
-        if clock.seconds["compile"] > _REPORTED_S:
-            note(f"numeric kernels compiled in {clock.seconds['compile']:.0f} s; later runs find them on disk")
         observations, interrupted = detect(opened, clock, progress, store)
     finally:
         opened.steps.close()

@@ -1,4 +1,4 @@
-"""OpenGL without a screen: which of EGL and OSMesa works here.
+"""OpenGL without a screen: which of the ways to draw of this system works (EGL or OSMesa, WGL, CGL).
 
 A driver that is half installed can abort the whole process, so each is tried in a process of its own.
 """
@@ -15,14 +15,21 @@ from contextlib import contextmanager
 from typing import Any
 
 from posefuse.core import DependencyError
+from posefuse.files.platform import offscreen_backends
 
-BACKENDS = ("egl", "osmesa")
+BACKENDS = offscreen_backends()
+_MODULES = {"wgl": "glfw"}  # MuJoCo draws by WGL through the module of this name
+_PYOPENGL = ("egl", "osmesa")  # what PyOpenGL has to be told
 _PROBE_LIMIT_S = 120
-_DEBIAN = "Debian/Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (EGL) or libosmesa6 (OSMesa)"
+_CURE = {
+    "egl": "Debian/Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (EGL) or libosmesa6 (OSMesa)",
+    "wgl": "Windows: install the graphics driver of the maker; a remote desktop or a service may have no OpenGL",
+    "cgl": "macOS: run it in the session of a user who is logged in",
+}[BACKENDS[0]]
 
 
 def working_backend() -> str:
-    """``egl`` or ``osmesa``, whichever draws first; only the one MUJOCO_GL names, when it names one of them.
+    """The first of `BACKENDS` that draws; only the one MUJOCO_GL names, when it names one of them.
 
     Raises:
         DependencyError: neither works, with the reason of each and the packages to install; or the extra is missing.
@@ -41,13 +48,13 @@ def _first_working(candidates: tuple[str, ...]) -> str:
         reasons.append(f"{backend}: {reason}")
     if "No module named" in reasons[0]:
         raise DependencyError(f"rendering needs the extra sim: pip install 'posefuse[sim]' ({reasons[0]})")
-    raise DependencyError(f"rendering needs OpenGL without a screen, and none works ({'; '.join(reasons)}). {_DEBIAN}")
+    raise DependencyError(f"rendering needs OpenGL without a screen, and none works ({'; '.join(reasons)}). {_CURE}")
 
 
 @contextmanager
 def gl_environment(backend: str) -> Iterator[None]:
     """While it lasts, what is imported and started draws by `backend`, on one core (processes share the machine)."""
-    wanted = {"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend, "LP_NUM_THREADS": "0"}
+    wanted = {"MUJOCO_GL": backend, "LP_NUM_THREADS": "0"} | ({"PYOPENGL_PLATFORM": backend} if backend in _PYOPENGL else {})
     before = {name: os.environ.get(name) for name in wanted}
     os.environ.update(wanted)
     try:
@@ -73,10 +80,10 @@ def gl_context(backend: str, width: int, height: int) -> Any:
     """A current OpenGL context of this process; raises DependencyError when it cannot be made."""
     try:
         with gl_environment(backend):
-            context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
+            context = importlib.import_module(f"mujoco.{_MODULES.get(backend, backend)}").GLContext(width, height)
             context.make_current()
     except (ImportError, RuntimeError, AttributeError, OSError) as error:
-        raise DependencyError(f"OpenGL by {backend} cannot be started here ({error}). {_DEBIAN}") from None
+        raise DependencyError(f"OpenGL by {backend} cannot be started here ({error}). {_CURE}") from None
     return context
 
 
