@@ -44,7 +44,7 @@ def test_a_wrong_setting_names_itself_and_what_is_allowed(overrides: list[str], 
 def test_a_broken_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "posefuse.toml"
     path.write_text("fuse = [")
-    with pytest.raises(ConfigError, match=r"posefuse\.toml: not valid TOML"):
+    with pytest.raises(ConfigError, match=r"posefuse\.toml: cannot be parsed as TOML"):
         read_config(path, [])
     with pytest.raises(ConfigError, match="cannot be read"):
         read_config(tmp_path / "none.toml", [])

@@ -10,8 +10,9 @@ import yaml
 
 from posefuse.core import InputError, SourceError
 from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.files.npz import read_arrays
 from posefuse.files.rig import read_rig
-from posefuse.files.truth import read_arrays, read_truth
+from posefuse.files.truth import read_truth
 from posefuse.simulate import Scene, read_scene, simulate, truth_of
 from posefuse.simulate.build import live_scene
 from posefuse.simulate.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,8 @@ import numpy as np
 from posefuse.core import InputError, PosefuseError, PoseSequence, Recording, Skeleton
 
 from .atomic import atomic_file
+from .npz import DAMAGED, read_arrays
+from .parsing import parse_json, read_text
 from .rig import read_rig, write_rig
 
 ARRAYS_FILE = "recording.npz"
@@ -64,7 +65,7 @@ def read_recording(folder: Path | str) -> Recording:
     """
     folder = Path(folder)
     about = _about(folder)
-    arrays = _arrays(folder / ARRAYS_FILE)
+    arrays = read_arrays(folder / ARRAYS_FILE)
     rig = read_rig(folder / RIG_FILE)
     if rig.id != about["rig_id"]:
         raise InputError(f"{folder}: {RIG_FILE} is rig {rig.id}, the result was made with rig {about['rig_id']}")
@@ -72,20 +73,17 @@ def read_recording(folder: Path | str) -> Recording:
         poses = PoseSequence(skeleton=_skeleton(about["skeleton"]), **{name: arrays[name] for name in _POSES})
         views = {name: arrays[f"views_{name}"] for name in _VIEWS}
         return Recording(rig, poses, provenance=about["provenance"], **views)
-    except (KeyError, TypeError) as error:
+    except KeyError as error:
         raise InputError(f"{folder}: the result is incomplete: {error} is missing") from None
-    except PosefuseError as error:
-        raise InputError(f"{folder}: the result does not fit together: {error}") from None
+    except (PosefuseError, *DAMAGED, IndexError) as error:
+        raise InputError(f"{folder}: the result does not fit together: {' '.join(str(error).split())}") from None
 
 
 def _about(folder: Path) -> dict[str, Any]:
     path = folder / ABOUT_FILE
     if not path.is_file():
         raise InputError(f"{folder}: not a posefuse result: there is no {ABOUT_FILE}")
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+    about = parse_json(str(path), read_text(path))
     if not isinstance(about, dict) or about.get("format") != "posefuse recording":
         raise InputError(f"{path}: not a posefuse result")
     if about.get("format_version") != FORMAT_VERSION:
@@ -96,14 +94,6 @@ def _about(folder: Path) -> dict[str, Any]:
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing")
     return about
-
-
-def _arrays(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
 
 
 def _skeleton(content: dict[str, Any]) -> Skeleton:

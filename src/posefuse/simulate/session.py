@@ -26,8 +26,9 @@ import yaml
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.files.npz import read_arrays
 from posefuse.files.rig import write_rig
-from posefuse.files.truth import read_arrays, write_arrays, write_truth
+from posefuse.files.truth import write_arrays, write_truth
 from posefuse.files.video import join_videos
 
 from .build import LiveScene, live_scene

@@ -12,6 +12,7 @@ import numpy as np
 from posefuse.core import SE3, CalibrationError, Camera, Rig, ShapeError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.files.parsing import short
 
 # what rounding to a few digits does to a rotation is mended; anything more is not a rotation
 ROTATION_TOLERANCE = 1e-3
@@ -27,7 +28,7 @@ def numbers(where: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     """`value` as finite float64; raises CalibrationError otherwise, or when its shape is not `shape`."""
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CalibrationError(f"{where}: expected numbers, got {_short(value)}") from None
     if shape is not None and array.shape != shape:
         raise CalibrationError(f"{where}: expected {'x'.join(map(str, shape))} numbers, got shape {array.shape}")
@@ -160,5 +161,5 @@ def _named_once(where: str, message: str) -> str:
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    text = short(value)
     return text if len(text) <= 60 else text[:57] + "..."
