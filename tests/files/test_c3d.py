@@ -75,7 +75,7 @@ def test_bad_input(tmp_path: Path) -> None:
     (tmp_path / "a.c3d").write_bytes(b"not a c3d file" * 100)
     with pytest.raises(InputError, match=r"a\.c3d: cannot be read as C3D"):
         read_c3d(tmp_path / "a.c3d")
-    with pytest.raises(InputError, match=r"none\.c3d: cannot be read as C3D"):
+    with pytest.raises(InputError, match=r"none\.c3d: cannot be read"):
         read_c3d(tmp_path / "none.c3d")
     with pytest.raises(InputError, match="must be unique"):
         write_c3d(tmp_path / "b.c3d", C3dData(("a", "a"), np.ones((2, 2, 3)), np.ones((2, 2)), 50.0))
