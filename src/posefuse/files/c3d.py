@@ -1,4 +1,4 @@
-"""C3D: points over time as biomechanics tools read them (Mokka, Visual3D, Vicon, OpenSim); written by ezc3d, read by `c3d_blocks`.
+"""C3D: points over time as biomechanics tools read them (Mokka, Visual3D, Vicon, OpenSim); written by ezc3d.
 
 Converted at the door: millimetres and degrees; axes stay ours (Z up, said by ``POINT:Y_SCREEN = +Z``). A missing point has the
 residual -1. The residual of a point is its standard deviation in millimetres.

@@ -58,6 +58,11 @@ class ImagesSource:
             raise SourceError(f"{self._where}: no readable image in the folder; known: {' '.join(IMAGE_SUFFIXES)}")
         self.size_wh = first.size_wh
 
+    @property
+    def stated_frames(self) -> int:
+        """Images in the folder or its table of times."""
+        return len(self._times_s)
+
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames, without reading them."""
         return np.array([self._session_ns(t) for _, t in self._times_s], dtype=np.int64)

@@ -13,9 +13,10 @@ from posefuse import __version__
 from posefuse.app.config import TrackConfig
 from posefuse.app.session import LEAST_CAMERAS, Input, Session, fitted_camera
 from posefuse.calibrate.monitor import OUT_OF_STEP, Finding
-from posefuse.core import InputError, Recording, Rig, Source, SourceError
+from posefuse.core import InputError, Recording, Rig, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.sources import RecordedSource
 from posefuse.track import JointCentres
 
 from .clock import StageClock
@@ -65,6 +66,9 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
     if clock.seconds["compile"] > _WORTH_SAYING_S:
         note(f"numeric kernels compiled in {clock.seconds['compile']:.0f} s; later runs find them on disk")
     seen, interrupted = _follow(instants, rig, config, clock, timeline, progress)
+    incomplete = [] if interrupted else instants.incomplete()
+    for line in incomplete:
+        warn(line)
     _check_somebody(seen, rig, warn)
     with clock.stage("smooth"):
         views = views_over_time(seen)
@@ -82,6 +86,7 @@ def track_session(session: Session, config: TrackConfig, clock: StageClock, prog
         "config": dataclasses.asdict(config),
         "joint_centres": dataclasses.asdict(centres) if centres else None,
         "interrupted": interrupted,
+        "incomplete_cameras": incomplete,
     }
     recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px, provenance)
     return Tracked(recording, clock.seconds, interrupted, _found(views), centres)
@@ -125,7 +130,9 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     if len(sources) < LEAST_CAMERAS:
         raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
-    timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
+    timeline = common_timeline(
+        {s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps
+    )
     detector = build_detector(config.detector, rig)
     lost = lambda name, error: warn(f"{error}; goes on without camera {name} from here")  # noqa: E731
     return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline
@@ -137,7 +144,7 @@ def _pose2d(session: Session, config: TrackConfig) -> tuple[Rig, Any, Timeline]:
     return pose2d_instants(session, config)
 
 
-def build_source(entry: Input, config: TrackConfig) -> Source:
+def build_source(entry: Input, config: TrackConfig) -> RecordedSource:
     """Open one camera's videos or images."""
     from posefuse.sources import ImagesConfig, VideoConfig
 
