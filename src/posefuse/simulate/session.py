@@ -33,7 +33,7 @@ from posefuse.files.video import join_videos
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, seen_points, truth_with
-from .render.backend import working_backend
+from .render.backend import check_framebuffer, working_backend
 from .render.model import RenderModel, render_model
 from .render.optics import optics_of
 from .render.shot import moments_of
@@ -112,11 +112,14 @@ def simulate(scene: Scene, out: Path, progress: Progress | None = None, processe
     paths = SessionPaths(Path(out))
     _check_folder(paths, scene)
     live = live_scene(scene)
+    if processes is not None and processes < 1:
+        raise InputError(f"workers: expected at least 1 process, got {processes}")
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
     try:
         _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
+        check_framebuffer(backend, int(largest.max()))
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
         _render(live, job, paths, progress, processes or os.cpu_count() or 1)
         _finish(live, paths)

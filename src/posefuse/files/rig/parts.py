@@ -157,7 +157,9 @@ def rows(array: Array) -> list[Any]:
 
 
 def _named_once(where: str, message: str) -> str:
-    return message if message.startswith(where) else f"{where}: {message}"
+    """`where` ends in "camera NAME", with which messages of `core.Camera` begin."""
+    camera = "camera " + where.rpartition("camera ")[2]
+    return message if message.startswith(where) else f"{where}: {message.removeprefix(f'{camera}: ')}"
 
 
 def _short(value: Any) -> str:
