@@ -1,6 +1,6 @@
 """The fuzz stage: damaged files for every reader and every command, each variant bounded in time, in a process that may crash.
 
-    python tests/fuzz/drive.py --variants 110 --write docs/reliability.md
+python tests/fuzz/drive.py --variants 110 --write docs/reliability.md
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import lzma
 import struct
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -13,11 +14,14 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
+from .parsing import one_line
+
 # what zipfile, its decompressors and NumPy's header parser raise on damaged bytes (encrypted: RuntimeError;
 # an unknown compression: NotImplementedError; a header that claims more than there is memory: MemoryError)
 DAMAGED = (
     OSError, ValueError, EOFError, KeyError, TypeError, SyntaxError, OverflowError, MemoryError, RuntimeError,
     NotImplementedError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error,
+    tokenize.TokenError,
 )  # fmt: skip
 # a deflated zero costs 1 part in 1032; arrays of a recording never come near this
 _MOST_EXPANSION = 500
@@ -38,8 +42,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
         with np.load(path, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
     except DAMAGED as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: not an .npz file that can be read ({reason})") from None
+        raise InputError(f"{path}: not an .npz file that can be read ({one_line(error)})") from None
 
 
 def _check_expansion(path: Path) -> None:

@@ -17,7 +17,8 @@ from posefuse.core import InputError
 MOST_YAML_VALUES = 1_000_000
 # digits of the largest integer that is kept exactly; longer ones become floating point, as in other JSON readers
 _EXACT_DIGITS = 18
-_MOST_SHOWN = 100  # characters of a value in a message
+# characters in a message of a value, and of what a library says
+_MOST_SHOWN, _MOST_SAID = 100, 400
 _UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -52,7 +53,7 @@ def parse_toml(where: str, text: str, error: type[InputError] = InputError) -> d
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError, OverflowError) as problem:
-        raise error(f"{where}: cannot be parsed as TOML ({_one_line(problem)})") from None
+        raise error(f"{where}: cannot be parsed as TOML ({one_line(problem)})") from None
 
 
 def parse_json(where: str, text: str | bytes, error: type[InputError] = InputError) -> Any:
@@ -60,7 +61,7 @@ def parse_json(where: str, text: str | bytes, error: type[InputError] = InputErr
     try:
         return json.loads(text, parse_int=_json_integer)
     except (ValueError, RecursionError) as problem:
-        raise error(f"{where}: cannot be parsed as JSON ({_one_line(problem)})") from None
+        raise error(f"{where}: cannot be parsed as JSON ({one_line(problem)})") from None
 
 
 def parse_yaml(where: str, text: str, error: type[InputError] = InputError, loader: type = yaml.SafeLoader) -> Any:
@@ -73,7 +74,7 @@ def parse_yaml(where: str, text: str, error: type[InputError] = InputError, load
         value = yaml.load(text, Loader=loader)
         count = _value_count(value, {})
     except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError, OverflowError) as problem:
-        raise error(f"{where}: cannot be parsed as YAML ({_one_line(problem)})") from None
+        raise error(f"{where}: cannot be parsed as YAML ({one_line(problem)})") from None
     if count > MOST_YAML_VALUES:
         raise error(f"{where}: its aliases stand for {count:.3g} values; expected at most {MOST_YAML_VALUES}")
     return value
@@ -97,10 +98,12 @@ def _value_count(value: Any, known: dict[int, int]) -> int:
     return known[id(value)]
 
 
-def _one_line(problem: Exception) -> str:
+def one_line(problem: BaseException | str) -> str:
+    """What an exception says, on one line that is not longer than a person reads."""
     if isinstance(problem, RecursionError):
         return "nested too deeply"
-    return " ".join(str(problem).split())
+    text = " ".join(str(problem).split()) or type(problem).__name__
+    return text if len(text) <= _MOST_SAID else f"{text[:_MOST_SAID]}..."
 
 
 def short(value: Any) -> str:

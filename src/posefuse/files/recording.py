@@ -17,7 +17,7 @@ from posefuse.core import InputError, PosefuseError, PoseSequence, Recording, Sk
 
 from .atomic import atomic_file
 from .npz import DAMAGED, read_arrays
-from .parsing import parse_json, read_text
+from .parsing import one_line, parse_json, read_text
 from .rig import read_rig, write_rig
 
 ARRAYS_FILE = "recording.npz"
@@ -74,9 +74,9 @@ def read_recording(folder: Path | str) -> Recording:
         views = {name: arrays[f"views_{name}"] for name in _VIEWS}
         return Recording(rig, poses, provenance=about["provenance"], **views)
     except KeyError as error:
-        raise InputError(f"{folder}: the result is incomplete: {error} is missing") from None
+        raise InputError(f"{folder}: the result is incomplete: {one_line(error)} is missing") from None
     except (PosefuseError, *DAMAGED, IndexError) as error:
-        raise InputError(f"{folder}: the result does not fit together: {' '.join(str(error).split())}") from None
+        raise InputError(f"{folder}: the result does not fit together: {one_line(error)}") from None
 
 
 def _about(folder: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from posefuse.core import ConfigError
 from posefuse.core.errors import choices
 
-from .parsing import parse_toml, parse_yaml, read_text, short
+from .parsing import one_line, parse_toml, parse_yaml, read_text, short
 
 T = TypeVar("T")
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -51,14 +51,14 @@ def settings_from_mapping(content: Mapping[str, Any], cls: type[T], where: str) 
         raise ConfigError(f"{where}: {_first_problem(error, cls)}") from None
     except (TypeError, ValueError, RecursionError) as error:
         # pydantic itself refuses, e.g., keys that are no text
-        raise ConfigError(f"{where}: expected names as keys ({' '.join(str(error).split())})") from None
+        raise ConfigError(f"{where}: expected names as keys ({one_line(error)})") from None
 
 
 def _first_problem(error: ValidationError, cls: type[Any]) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "unexpected_keyword_argument":
-        return f"unknown key {key!r}; there are: {choices(_sibling_names(cls, first['loc']))}"
+        return f"unknown key {short(key)}; there are: {choices(_sibling_names(cls, first['loc']))}"
     if first["type"] in ("missing_argument", "missing_keyword_only_argument", "missing"):
         return f"{key}: missing"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""

