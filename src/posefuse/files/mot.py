@@ -11,6 +11,8 @@ import numpy as np
 from posefuse.core import InputError, Joints, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 
+from .parsing import one_line, read_text
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -74,8 +76,9 @@ def read_mot(path: Path) -> Motion:
     if end is None or end + 1 >= len(lines):
         raise InputError(f"{path}: expected an OpenSim header that ends in 'endheader' and a line of column names; found none")
     names = lines[end + 1].split()
-    if not names or names[0].lower() != "time":
-        raise InputError(f"{path}: line {end + 2}: expected the first column 'time', got {short(names[:1])}")
+    first = one_line(names[0]) if names else "nothing"
+    if first.lower() != "time":
+        raise InputError(f"{path}: line {end + 2}: expected the first column 'time', got {first}")
     rows = [_row(path, i, lines[i], len(names)) for i in range(end + 2, len(lines)) if lines[i].strip()]
     table = np.array(rows, np.float64).reshape(-1, len(names))
     return Motion(lines[0].strip(), table[:, 0], tuple(names[1:]), table[:, 1:], _in_degrees(lines[:end]))

@@ -21,6 +21,8 @@ VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpe
 # these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
 _ARBITRARY_START = ("mpegts", "avi", "mpeg")
 _MOST_BROKEN_IN_A_ROW = 30
+# FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
+_CONTAINERS = "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc"
 
 
 @dataclass(frozen=True)
@@ -151,13 +153,17 @@ def _opened(config: VideoConfig) -> av.container.InputContainer:
     if not Path(config.path).is_file():
         raise SourceError(f"{where}: no such video file")
     try:
-        container = av.open(str(config.path), metadata_errors="replace")
+        container = av.open(str(config.path), metadata_errors="replace", container_options={"format_whitelist": _CONTAINERS})
     except (av.error.FFmpegError, OSError) as error:
         reason = error.strerror or type(error).__name__
         raise SourceError(f"{where}: not a video that can be opened ({reason}); is the file complete?") from None
     if not container.streams.video:
         container.close()
         raise SourceError(f"{where}: the file holds no video stream")
+    if container.streams.video[0].codec_context is None:
+        # PyAV crashes when it decodes such a stream
+        container.close()
+        raise SourceError(f"{where}: its video is in a format that cannot be decoded; is the file damaged?")
     return container
 
 

@@ -18,6 +18,8 @@ from posefuse.files.parsing import short
 ROTATION_TOLERANCE = 1e-3
 # no recording room is larger, and a camera in millimetres is always farther
 FARTHEST_M = 200.0
+# no pixel, metre or coefficient is larger; squares of damaged numbers overflow
+_LARGEST = 1e12
 # keys beside the cameras in files of some format
 NOT_CAMERAS = (
     "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px",
@@ -34,6 +36,8 @@ def numbers(where: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
         raise CalibrationError(f"{where}: expected {'x'.join(map(str, shape))} numbers, got shape {array.shape}")
     if not np.isfinite(array).all():
         raise CalibrationError(f"{where}: expected finite numbers, got NaN or infinity")
+    if np.abs(array).max(initial=0) > _LARGEST:
+        raise CalibrationError(f"{where}: expected numbers up to {_LARGEST:g}, got {np.abs(array).max():.3g}")
     return array
 
 
