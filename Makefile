@@ -5,12 +5,13 @@ BIN    := $(VENV)/bin
 EXTRAS ?= dev,sim,viewer,ros
 READY  := $(VENV)/.ready-$(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 
-.PHONY: help setup demo test test-slow check bench bench-live paper demo-clip pictures clean
+.PHONY: help setup demo test test-slow fuzz check bench bench-live paper demo-clip pictures clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
 	@echo "make test       set up, then run the tests"
 	@echo "make test-slow  the minutes-long studies"
+	@echo "make fuzz       some 4,000 damaged files for every reader and command; the table of docs/reliability.md"
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
 	@echo "make bench-live the figures of live tracking"
@@ -28,11 +29,14 @@ demo: setup
 	$(BIN)/posefuse track examples/demo --out out/demo --force
 
 test: setup
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime"
-	$(BIN)/python -m pytest -m "realtime and not slow"
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime and not fuzz"
+	$(BIN)/python -m pytest -m "realtime and not slow and not fuzz"
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
+
+fuzz: setup
+	$(BIN)/python tests/fuzz/drive.py --write docs/reliability.md
 
 check: setup
 	$(BIN)/ruff check .

@@ -10,8 +10,10 @@ import contextlib
 import json
 import os
 import shlex
+import signal
 import sys
 import tempfile
+import threading
 import traceback
 import warnings
 from collections.abc import Callable
@@ -20,9 +22,10 @@ from typing import Any
 
 from examples import DEMO, EXAMPLES
 
-from posefuse.core import PosefuseError
+from posefuse.core import InputError, PosefuseError
 
 _LONGEST_LINE = 4000
+_MISBEHAVIOURS = ("trace", "warning", "hang", "crash", "clear", "accepted")
 _ENDED_WELL, _KNOWN_ERROR = 0, 1
 
 
@@ -66,7 +69,22 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
         "npm package": lambda path: _model("blazepose_heavy", path),
         "MCAP": _mcap,
     }
+    readers |= {f"self-test {what}": lambda _, what=what: _misbehave(what) for what in _MISBEHAVIOURS}
     return readers | {kind: read_rig for kind in EXAMPLES if kind.startswith("rig ")}
+
+
+def _misbehave(what: str) -> None:
+    """What the stage must find out, see `test_fuzz`."""
+    if what == "trace":
+        raise KeyError("a bug")
+    if what == "warning":
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+    if what == "hang":
+        threading.Event().wait()
+    if what == "crash":
+        os.kill(os.getpid(), signal.SIGTERM)
+    if what == "clear":
+        raise InputError("a clear line")
 
 
 def _video(path: Path) -> None:
