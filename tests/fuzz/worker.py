@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shlex
 import signal
 import sys
@@ -25,6 +26,8 @@ from examples import DEMO, EXAMPLES
 from posefuse.core import InputError, PosefuseError
 
 _LONGEST_LINE = 4000
+# a UserWarning is posefuse's own line about what it left out; these are a library's about what nobody checked
+_NOISE = re.compile(r"Traceback|(Runtime|Deprecation|Future|Syntax|Resource)Warning:")
 _MISBEHAVIOURS = ("trace", "warning", "hang", "crash", "clear", "accepted")
 _ENDED_WELL, _KNOWN_ERROR = 0, 1
 
@@ -170,7 +173,7 @@ def main() -> None:
                     stream.flush()
             said.seek(0)
             noise = said.read().decode("utf-8", errors="replace")
-            if outcome != "trace" and ("Traceback" in noise or "Warning:" in noise):
+            if outcome != "trace" and _NOISE.search(noise):
                 outcome, detail = "trace", "printed"
             if outcome == "trace":
                 detail = f"{detail}\n{noise[-3000:]}"

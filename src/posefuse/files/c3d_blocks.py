@@ -102,8 +102,10 @@ class _Numbers:
         if kind == "f4" and self.processor == "dec":
             # VAX F floating point: words exchanged, exponent greater by 2
             words = np.frombuffer(raw, "<u2").reshape(-1, 2)[:, ::-1]
-            return np.ascontiguousarray(words).view("<f4").ravel().astype(np.float64) / 4
-        return np.frombuffer(raw, f"{self._order}{kind}").astype(np.float64 if kind == "f4" else np.int64)
+            with np.errstate(invalid="ignore"):
+                return np.ascontiguousarray(words).view("<f4").ravel().astype(np.float64) / 4
+        with np.errstate(invalid="ignore"):  # a signalling NaN in damaged bytes becomes a quiet one
+            return np.frombuffer(raw, f"{self._order}{kind}").astype(np.float64 if kind == "f4" else np.int64)
 
     def one(self, place: int, kind: str, what: str) -> Any:
         return self.array(place, 1, kind, what)[0].item()
@@ -219,8 +221,8 @@ def _points(numbers: _Numbers, header: _Header, frames: int, scale: float) -> tu
             f"{frames} frames of {header.points} points and {header.analog} analog values need {start + size} bytes, "
             f"the file has {len(numbers)}"
         )
-    table = numbers.array(start, frames * words, "f4" if floating else "i2", "points").reshape(frames, words)
-    table = table[:, : _WORDS_PER_POINT * header.points].reshape(frames, header.points, _WORDS_PER_POINT)
+    frame_words = numbers.array(start, frames * words, "f4" if floating else "i2", "points").reshape(frames, words)
+    table = frame_words[:, : _WORDS_PER_POINT * header.points].reshape(frames, header.points, _WORDS_PER_POINT)
     step = abs(scale)
     with np.errstate(all="ignore"):
         xyz = table[..., :3].astype(np.float64) * (1.0 if floating else step)
