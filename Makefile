@@ -7,12 +7,13 @@ SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(E
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
 
-.PHONY: help setup setup-core demo test test-slow check bench bench-live paper demo-clip pictures clean
+.PHONY: help setup setup-core demo test test-slow fuzz check bench bench-live paper demo-clip pictures clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
 	@echo "make test       set up, then run the tests"
 	@echo "make test-slow  the minutes-long studies"
+	@echo "make fuzz       some 4,000 damaged files for every reader and command; the table of docs/reliability.md"
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
 	@echo "make bench-live the figures of live tracking"
@@ -38,12 +39,15 @@ demo: setup-core
 
 test: setup
 	@failed=0; \
-	$(BIN)/python -m pytest -rs -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime" || failed=1; \
-	$(BIN)/python -m pytest -rs -m "realtime and not slow" || failed=1; \
+	$(BIN)/python -m pytest -rs -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime and not fuzz" || failed=1; \
+	$(BIN)/python -m pytest -rs -m "realtime and not slow and not fuzz" || failed=1; \
 	exit $$failed
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
+
+fuzz: setup
+	$(BIN)/python tests/fuzz/drive.py --write docs/reliability.md
 
 check: setup
 	$(BIN)/ruff check .

@@ -20,7 +20,7 @@ CONTENT = b"a network"
 
 @pytest.fixture
 def card():
-    return replace(read_card("blazepose_full"), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return replace(read_card("blazepose_full"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
                 archive.writestr(wanted.source.member, CONTENT)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    cards = [card, replace(read_card("blazepose_persons"), sha256=card.sha256)]
+    cards = [card, replace(read_card("blazepose_persons"), size_bytes=len(CONTENT), sha256=card.sha256)]
     monkeypatch.setattr(archives.subprocess, "run", download)
     said, counted = [], []
     paths = fetch_all(cards, tmp_path / "cache", None, said.append, lambda done, total: counted.append((done, total)))
@@ -142,7 +142,7 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
 
 @pytest.fixture
 def heavy():
-    return replace(read_card("blazepose_heavy"), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return replace(read_card("blazepose_heavy"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
 
 
 def npm_archive(folder, card):

@@ -72,7 +72,7 @@ def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_r
     assert "does not fit together" in problem(about | {"skeleton": about["skeleton"] | {"keypoints": ["a"], "bones": []}})
     assert "incomplete" in problem(about | {"skeleton": {"name": "three"}})
     (tmp_path / "recording.json").write_text("{")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot be parsed as JSON"):
         read_recording(tmp_path)
     (tmp_path / "recording.json").write_text(json.dumps(about))
     assert read_recording(tmp_path).rig.id == recording.rig.id
@@ -81,7 +81,7 @@ def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_r
         read_recording(tmp_path)
     write_rig(tmp_path / "rig.toml", recording.rig)
     (tmp_path / "recording.npz").write_bytes(b"PK broken")
-    with pytest.raises(InputError, match=r"recording\.npz: cannot be read"):
+    with pytest.raises(InputError, match=r"recording\.npz: not an .npz file"):
         read_recording(tmp_path)
 
 

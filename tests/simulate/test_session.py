@@ -11,8 +11,9 @@ import yaml
 from posefuse.core import InputError, SourceError
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.files.manifest import MANIFEST_FILE, contents
+from posefuse.files.npz import read_arrays
 from posefuse.files.rig import read_rig
-from posefuse.files.truth import read_arrays, read_truth
+from posefuse.files.truth import read_truth
 from posefuse.simulate import Scene, read_scene, simulate, truth_of
 from posefuse.simulate import session as sessions
 from posefuse.simulate.build import live_scene

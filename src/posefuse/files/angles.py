@@ -10,6 +10,8 @@ import numpy as np
 from posefuse.core import InputError, Joints
 from posefuse.core.arrays import Array
 
+from .parsing import one_line
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -45,16 +47,21 @@ def read_angles(path: Path) -> dict[str, Array]:
     _check_ending(path)
     try:
         table = pyarrow.csv.read_csv(path) if path.suffix == ".csv" else pyarrow.parquet.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read as a table ({' '.join(str(error).split())})") from None
-    if tuple(table.column_names[:2]) != _FIRST:
-        raise InputError(f"{path}: expected the first columns {', '.join(_FIRST)}, got {', '.join(table.column_names[:2])}")
-    out: dict[str, Array] = {}
-    for name in table.column_names:
-        kind = np.int64 if name in _FIRST else np.float64
-        cells: Any = table[name].to_pylist()
-        out[name] = np.array([np.nan if cell is None else cell for cell in cells], kind)
-    return out
+        names = table.column_names
+    except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
+        raise InputError(f"{path}: cannot be read as a table ({one_line(error)})") from None
+    if tuple(names[:2]) != _FIRST:
+        raise InputError(f"{path}: expected the first columns {', '.join(_FIRST)}, got {one_line(', '.join(names[:2]))}")
+    return {name: _column(path, name, table[name]) for name in names}
+
+
+def _column(path: Path, name: str, values: pa.ChunkedArray) -> Array:
+    kind = np.int64 if name in _FIRST else np.float64
+    try:
+        cells: Any = values.to_pylist()
+        return np.array([np.nan if cell is None else cell for cell in cells], kind)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(f"{path}: column {one_line(name)}: expected numbers ({one_line(error)})") from None
 
 
 def table_from_joints(joints: Joints) -> pa.Table:

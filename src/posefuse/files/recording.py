@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,8 @@ from posefuse.core import SE3, Camera, InputError, Observations, PosefuseError, 
 from posefuse.core.observations import OBSERVATION_ARRAYS
 
 from .atomic import atomic_file
+from .npz import DAMAGED, read_arrays
+from .parsing import one_line, parse_json, read_text
 from .rig import read_rig, write_rig
 
 ARRAYS_FILE = "recording.npz"
@@ -71,7 +72,7 @@ def read_recording(folder: Path | str) -> Recording:
     """
     folder = Path(folder)
     about = _about(folder)
-    arrays, observed = _arrays(folder / ARRAYS_FILE), _arrays(folder / OBSERVATIONS_FILE)
+    arrays, observed = read_arrays(folder / ARRAYS_FILE), read_arrays(folder / OBSERVATIONS_FILE)
     found = read_rig(folder / RIG_FILE).id
     if found != about["rig_id"]:
         raise InputError(f"{folder}: {RIG_FILE} is rig {found}, the result was made with rig {about['rig_id']}")
@@ -82,20 +83,17 @@ def read_recording(folder: Path | str) -> Recording:
         parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
         observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
         return Recording(rig, poses, observations, about["provenance"])
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{folder}: the result is incomplete: {error} is missing") from None
-    except PosefuseError as error:
-        raise InputError(f"{folder}: the result does not fit together: {error}") from None
+    except KeyError as error:
+        raise InputError(f"{folder}: the result is incomplete: {one_line(error)} is missing") from None
+    except (PosefuseError, *DAMAGED, IndexError) as error:
+        raise InputError(f"{folder}: the result does not fit together: {one_line(error)}") from None
 
 
 def _about(folder: Path) -> dict[str, Any]:
     path = folder / ABOUT_FILE
     if not path.is_file():
         raise InputError(f"{folder}: not a posefuse result: there is no {ABOUT_FILE}")
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+    about = parse_json(str(path), read_text(path))
     if not isinstance(about, dict) or about.get("format") != "posefuse recording":
         raise InputError(f"{path}: not a posefuse result")
     if about.get("format_version") != FORMAT_VERSION:
@@ -106,14 +104,6 @@ def _about(folder: Path) -> dict[str, Any]:
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing")
     return about
-
-
-def _arrays(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
 
 
 def _skeleton(content: dict[str, Any]) -> Skeleton:

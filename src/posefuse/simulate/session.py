@@ -28,15 +28,16 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.files.manifest import Manifest, listed, write_manifest
+from posefuse.files.npz import read_arrays
 from posefuse.files.output_folder import check_replaceable, clear_aside, move_aside
 from posefuse.files.platform import usable_cores
 from posefuse.files.rig import write_rig
-from posefuse.files.truth import read_arrays, write_arrays, write_truth
+from posefuse.files.truth import write_arrays, write_truth
 from posefuse.files.video import join_videos
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, seen_points, truth_with
-from .render.backend import working_backend
+from .render.backend import check_framebuffer, working_backend
 from .render.model import RenderModel, render_model
 from .render.optics import optics_of
 from .render.shot import moments_of
@@ -121,12 +122,15 @@ def simulate(
     paths = SessionPaths(Path(out))
     earlier = _earlier(paths, scene, replace)
     live = live_scene(scene)
+    if processes is not None and processes < 1:
+        raise InputError(f"processes: expected at least 1, got {processes}")
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
     try:
         aside = move_aside(paths.folder) if earlier is not _Earlier.RESUMED else None
         _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
+        check_framebuffer(backend, int(largest.max()))
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
         _render(live, job, paths, progress, processes or usable_cores())
         _finish(live, paths)

@@ -32,9 +32,6 @@ _Seen = tuple[Rig, tuple[PersonTrack, ...], list[float]]
 
 def clocks(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Offset of every camera of a session, written as settings that `posefuse track` of it reads."""
-    for option, value in (("--most-s", args.most_s), ("--seconds", args.seconds), ("--rate-hz", args.rate_hz)):
-        if value is not None and not value > 0:
-            raise InputError(f"{option}: expected > 0, got {value:g}")
     path = args.session / CONFIG_FILE
     config = read_config(path if path.is_file() else None, args.overrides)
     if args.rig is not None:

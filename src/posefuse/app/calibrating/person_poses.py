@@ -29,7 +29,7 @@ from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, So
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_keypoints
 from posefuse.fuse import FuseSettings
-from posefuse.sources import FramesAhead, VideoConfig, VideoSource, frame_sets
+from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, VideoSource, frame_sets
 from posefuse.track import SmoothSettings, sides_like
 
 # frames between two searches of whole images for somebody who is lost
@@ -134,7 +134,7 @@ class _Followed:
 
 
 def poses_together(
-    sources: Sequence[Source], detector: Detector, timeline: Timeline, rig: Rig, progress: Progress
+    sources: Sequence[RecordedSource], detector: Detector, timeline: Timeline, rig: Rig, progress: Progress
 ) -> PersonViews:
     """The same person in every camera, each view told by the others where to look; `rig` is in metres, and may be rough.
 

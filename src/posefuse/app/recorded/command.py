@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -133,22 +132,19 @@ def _kept(terminal: Terminal, out: Path) -> Iterator[None]:
 def settled_config(args: argparse.Namespace) -> TrackConfig:
     """The config file with the command line's options on top."""
     path = args.config or (args.session / CONFIG_FILE if (args.session / CONFIG_FILE).is_file() else None)
-    config = read_config(path, args.overrides)
-    changes: dict[str, Any] = {}
-    for option, key in (("rig", "rig"), ("input", "input"), ("start", "start_s"), ("end", "end_s")):
-        if getattr(args, option) is not None:
-            changes[key] = (
-                str(Path(args.rig).absolute()) if option == "rig" and Path(args.rig).exists() else getattr(args, option)
-            )
-    if args.raw:
-        changes["raw"] = True
-    if args.weights:
-        changes["fuse"] = dataclasses.replace(config.fuse, weights=args.weights)
-    if args.person:
-        changes["associate"] = dataclasses.replace(config.associate, near_xy_m=args.person)
-    if args.outputs is not None:
-        changes["outputs"] = tuple(name for name in args.outputs.split(",") if name)
-    return dataclasses.replace(config, **changes)
+    rig = str(Path(args.rig).absolute()) if args.rig is not None and Path(args.rig).exists() else args.rig
+    outputs = None if args.outputs is None else tuple(name for name in args.outputs.split(",") if name)
+    options = {
+        "--rig": ("rig", rig),
+        "--input": ("input", args.input),
+        "--start": ("start_s", args.start),
+        "--end": ("end_s", args.end),
+        "--raw": ("raw", args.raw or None),
+        "--weights": ("fuse.weights", args.weights),
+        "--person": ("associate.near_xy_m", args.person),
+        "--outputs": ("outputs", outputs),
+    }
+    return read_config(path, args.overrides, options)
 
 
 def _errors(session: Session, recording: Recording) -> JointErrors | None:

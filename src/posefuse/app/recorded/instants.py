@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, LookKind, Pose3D, Region, Rig, Skeleton, Source, SourceError
+from posefuse.app.config import TrackConfig
+from posefuse.core import Detections2D, Detector, Frame, LookKind, Pose3D, Region, Rig, Skeleton, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detect import region_from_pose
-from posefuse.sources import FramesAhead, frame_sets
+from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
 from posefuse.track import JointCentres, joint_centres_of
 
 
@@ -27,11 +28,18 @@ class Timeline:
         return self.start_ns + i * self.period_ns
 
 
-def common_timeline(times_ns: Mapping[str, Array], rate_hz: float | None, start_s: float | None, end_s: float | None) -> Timeline:
+def common_timeline(
+    times_ns: Mapping[str, Array],
+    rate_hz: float | None,
+    start_s: float | None,
+    end_s: float | None,
+    *,
+    max_time_steps: int = TrackConfig().max_time_steps,
+) -> Timeline:
     """Time steps at the fastest camera's rate (or `rate_hz`), in phase with it, over all that any camera recorded.
 
     Raises:
-        SourceError: nothing recorded between start_s and end_s.
+        SourceError: nothing recorded between start_s and end_s, or more than max_time_steps.
     """
     starts, ends = [t[0] for t in times_ns.values()], [t[-1] for t in times_ns.values()]
     periods = {name: float(np.median(np.diff(t))) for name, t in times_ns.items() if len(t) > 1}
@@ -50,7 +58,17 @@ def common_timeline(times_ns: Mapping[str, Array], rate_hz: float | None, start_
             f"nothing recorded from {start_s} to {end_s} s; the recording runs from {min(starts) / 1e9:.3f} to "
             f"{max(ends) / 1e9:.3f} s"
         )
+    check_time_steps(int(count), 1e9 / period_ns, "the recording", max_time_steps)
     return Timeline(first_ns, period_ns, int(count))
+
+
+def check_time_steps(count: int, rate_hz: float, what: str, max_time_steps: int) -> None:
+    """Raise SourceError for more time steps than a recording can have, as a damaged time or a wrong rate makes them."""
+    if count > max_time_steps:
+        raise SourceError(
+            f"{what}: {count:.4g} time steps ({count / rate_hz:.4g} s at {rate_hz:.4g} Hz); expected at most {max_time_steps}: "
+            "check rate_hz and the times of the cameras, choose a part with --start and --end, or set max_time_steps"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +101,14 @@ class ImageInstants:
     def __init__(
         self,
         rig: Rig,
-        sources: Sequence[Source],
+        sources: Sequence[RecordedSource],
         detector: Detector,
         timeline: Timeline,
         on_lost: Callable[[str, SourceError], None],
     ) -> None:
         self._rig, self._detector, self._timeline, self._on_lost = rig, detector, timeline, on_lost
-        self._streams = {source.camera: FramesAhead(source) for source in sources}
+        self._sources = [CountedSource(source) for source in sources]
+        self._streams = {source.camera: FramesAhead(source) for source in self._sources}
 
     @property
     def skeleton(self) -> Skeleton:
@@ -114,3 +133,9 @@ class ImageInstants:
         """Stop decoding."""
         for stream in self._streams.values():
             stream.close()
+
+    def incomplete(self) -> list[str]:
+        """One line for each camera of which part cannot be read, or that ends before the others."""
+        line = self._timeline
+        end_ns = line.start_ns + (line.count - 1) * line.period_ns
+        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._sources])

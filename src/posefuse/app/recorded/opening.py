@@ -10,9 +10,10 @@ import numpy as np
 
 from posefuse.app.config import TrackConfig
 from posefuse.app.session import LEAST_CAMERAS, Input, Session, fitted_camera
-from posefuse.core import InputError, Rig, Skeleton, Source, SourceError
+from posefuse.core import InputError, Rig, Skeleton, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.sources import RecordedSource
 from posefuse.track import JointCentres
 
 from .instants import ImageInstants, Timeline, common_timeline
@@ -36,6 +37,10 @@ class TimeSteps(Protocol):
 
     def steps(self, first: int = 0) -> Iterator[TimeStep]:
         """The time steps from number `first` on; may be called once."""
+        ...
+
+    def incomplete(self) -> list[str]:
+        """One line for each camera of which part cannot be read, or that ends before the others; after all steps."""
         ...
 
     def close(self) -> None:
@@ -93,13 +98,15 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     if len(sources) < LEAST_CAMERAS:
         raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
-    timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
+    timeline = common_timeline(
+        {s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps
+    )
     detector = build_detector(config.detector, rig)
     lost = lambda name, error: warn(f"{error}; goes on without camera {name} from here")  # noqa: E731
     return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline
 
 
-def build_source(entry: Input, config: TrackConfig) -> Source:
+def build_source(entry: Input, config: TrackConfig) -> RecordedSource:
     """Open one camera's videos or images."""
     from posefuse.sources import ImagesConfig, VideoConfig
 

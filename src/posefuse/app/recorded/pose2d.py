@@ -11,8 +11,9 @@ from posefuse.app.session import Input, Session
 from posefuse.core import Camera, Detections2D, InputError, LookKind, Pose3D, Rig, Skeleton
 from posefuse.core.errors import choices
 from posefuse.detect.openpose import OpenPoseFolder, read_openpose_folder
+from posefuse.sources import Coverage, incomplete_cameras
 
-from .instants import Timeline
+from .instants import Timeline, check_time_steps
 
 DEFAULT_RATE_HZ = 30.0
 
@@ -66,6 +67,20 @@ class Pose2DInstants:
     def close(self) -> None:
         """Nothing stays open."""
 
+    def incomplete(self) -> list[str]:
+        """One line for each camera whose files have gaps in their numbers, or end before the others'."""
+        line = self._timeline
+        first = round((line.start_ns + self._zero_ns) / line.period_ns)
+        wanted = range(first, first + line.count)
+        return incomplete_cameras([self._coverage(folder, wanted) for folder in self._folders])
+
+    def _coverage(self, folder: OpenPoseFolder, wanted: range) -> Coverage:
+        there = [number for number in folder.numbers if number in wanted]
+        expected = min(folder.numbers[-1], wanted[-1]) - max(folder.numbers[0], wanted[0]) + 1
+        period_ns = self._timeline.period_ns
+        end_ns = there[-1] * period_ns - self._zero_ns if there else None
+        return Coverage(folder.camera, max(0, expected), len(there), end_ns, period_ns)
+
     def _file(self, folder: OpenPoseFolder, offset_ns: int, period_ns: float, t_ns: int) -> tuple[OpenPoseFolder, int, int]:
         number = round((t_ns + self._zero_ns - offset_ns) / period_ns)
         return folder, number, round(number * period_ns) + offset_ns - self._zero_ns
@@ -92,6 +107,8 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
             f"{session.folder}: no 2D pose from {config.start_s} to {config.end_s} s; "
             f"there are {last - first + 1} at {rate_hz:g} Hz"
         )
+    numbered = f"{session.folder}: 2D poses with frame numbers {first} to {last}"
+    check_time_steps(count - skip, rate_hz, numbered, config.max_time_steps)
     timeline = Timeline(skip * period_ns, period_ns, count - skip)
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = dataclasses.replace(session.rig, cameras=cameras)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -87,12 +87,15 @@ def track_opened(
         with clock.stage("compile"), compiling("tracking", note):
             warm_up(rig, opened.steps.skeleton, config)
         observations, interrupted = detect(opened, clock, progress, store)
+        incomplete = [] if interrupted else opened.steps.incomplete()
     finally:
         opened.steps.close()
+    for line in incomplete:
+        warn(line)
     settings = SolveSettings.of(config, opened.steps.joint_centres)
     try:
         _check_people(observations, warn)
-        recording = finish(observations, rig, settings, provenance_of(opened, settings), clock)
+        recording = finish(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
     except PosefuseError:
         if store is not None:
             store.discard()
@@ -133,7 +136,7 @@ def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store |
     return observations_of(followed, skeleton, rig), interrupted
 
 
-def provenance_of(opened: Opened, settings: SolveSettings) -> dict[str, Any]:
+def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[str]) -> dict[str, Any]:
     """How a result is made, in plain values; nothing that differs between two runs of the same command."""
     session = opened.session
     return {
@@ -144,6 +147,7 @@ def provenance_of(opened: Opened, settings: SolveSettings) -> dict[str, Any]:
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
         "config": dataclasses.asdict(opened.config),
         "joint_centres": dataclasses.asdict(settings.centres) if settings.centres else None,
+        "incomplete_cameras": list(incomplete),
     }
 
 

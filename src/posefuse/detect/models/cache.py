@@ -106,7 +106,13 @@ def _read_from(origin: Path, card: ModelCard) -> bytes:
         return _read_from(found[0], card)
     if not origin.is_file():
         raise ModelError(f"{origin}: no such archive, model file or folder (needed for {card.file_name})")
-    return member_of(origin, card.source) if origin.suffix in _ARCHIVES else origin.read_bytes()
+    if origin.suffix in _ARCHIVES:
+        return member_of(origin, card.source, card.size_bytes)
+    try:
+        with origin.open("rb") as file:
+            return file.read(card.size_bytes + 1)
+    except OSError as error:
+        raise ModelError(f"{origin}: cannot be read ({error.strerror})") from None
 
 
 def _keep(card: ModelCard, content: bytes, cache_dir: Path, origin: str) -> None:

@@ -67,7 +67,9 @@ def _head(recording: Recording) -> str:
         "calibration": _number(recording.rig.residual_px, "px", 2),
     }
     cards = "".join(f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>" for name, value in facts.items())
-    return f'<header><h1>Recording</h1><div class="cards">{cards}</div></header>'
+    incomplete = recording.provenance.get("incomplete_cameras") or []
+    lines = "".join(f'<p class="warning">{escape(str(line))}</p>' for line in incomplete)
+    return f'<header><h1>Recording</h1><div class="cards">{cards}</div>{lines}</header>'
 
 
 def _pictures(pictures: Mapping[str, bytes]) -> str:

@@ -14,13 +14,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from posefuse.core import DependencyError
+from posefuse.core import DependencyError, InputError
 from posefuse.files.platform import offscreen_backends
 
 BACKENDS = offscreen_backends()
 _MODULES = {"wgl": "glfw"}  # MuJoCo draws by WGL through the module of this name
 _PYOPENGL = ("egl", "osmesa")  # what PyOpenGL has to be told
 _PROBE_LIMIT_S = 120
+# what OpenGL 4.1 demands of a driver; for one that does not say what it can do
+_SIDE_OF_EVERY_DRIVER_PX = 16_384
 _CURE = {
     "egl": "Debian/Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (EGL) or libosmesa6 (OSMesa)",
     "wgl": "Windows: install the graphics driver of the maker; a remote desktop or a service may have no OpenGL",
@@ -49,6 +51,23 @@ def _first_working(candidates: tuple[str, ...]) -> str:
     if "No module named" in reasons[0]:
         raise DependencyError(f"rendering needs the extra sim: pip install 'posefuse[sim]' ({reasons[0]})")
     raise DependencyError(f"rendering needs OpenGL without a screen, and none works ({'; '.join(reasons)}). {_CURE}")
+
+
+def check_framebuffer(backend: str, side_px: int) -> None:
+    """Raise InputError when the driver cannot draw images with a side of `side_px`."""
+    most_px = _largest_side_px(backend)
+    if side_px > most_px:
+        raise InputError(
+            f"cameras: an image with a side of {side_px} px (the lens's margin included) is more than OpenGL by {backend} "
+            f"draws here: expected at most {most_px} px"
+        )
+
+
+@functools.cache
+def _largest_side_px(backend: str) -> int:
+    """GL_MAX_RENDERBUFFER_SIZE, asked in a process of its own, as a context would settle what this one draws with."""
+    done = _in_process(f"from posefuse.simulate.render.backend import _print_largest; _print_largest({backend!r})")
+    return int(done.stdout.split()[-1]) if done is not None and done.returncode == 0 else _SIDE_OF_EVERY_DRIVER_PX
 
 
 @contextmanager
@@ -89,15 +108,29 @@ def gl_context(backend: str, width: int, height: int) -> Any:
 
 def _why_not(backend: str) -> str | None:
     """None when a process with this backend can draw, else the last line of what it said."""
-    command = [sys.executable, "-c", f"from posefuse.simulate.render.backend import _draw_once; _draw_once({backend!r})"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False)
-    except subprocess.TimeoutExpired:
+    done = _in_process(f"from posefuse.simulate.render.backend import _draw_once; _draw_once({backend!r})")
+    if done is None:
         return f"no picture within {_PROBE_LIMIT_S} s"
     if done.returncode == 0:
         return None
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     return lines[-1] if lines else f"the process ended with code {done.returncode}"
+
+
+def _in_process(code: str) -> subprocess.CompletedProcess[str] | None:
+    """A process that ran Python code; None when it took too long."""
+    try:
+        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False)
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def _print_largest(backend: str) -> None:
+    mujoco_with(backend)
+    context = gl_context(backend, 16, 16)
+    gl = importlib.import_module("OpenGL.GL")
+    print(int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE)))
+    context.free()
 
 
 def _draw_once(backend: str) -> None:
