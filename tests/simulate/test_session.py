@@ -191,25 +191,27 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     jpeg = JpegSettings(kind="jpeg")
     scene = dataclasses.replace(_SCENE, record=jpeg, duration_s=0.1, people=(), props=(), occluders=(), cameras=camera)
     folder = tmp_path / "session"
-    simulate(scene, folder, processes=1)
+    # of another scene, unfinished: moved aside and kept
+    sessions._begin(sessions.SessionPaths(folder), dataclasses.replace(scene, duration_s=0.2))
+    (folder / "parts" / "notes.txt").write_text("the user's")
+    simulate(scene, folder, processes=1, replace=True)
+    [aside] = tmp_path.glob("session.replaced-*")
+    assert (aside / "parts" / "notes.txt").read_text() == "the user's"
+    # finished and unchanged: replaced, and nothing of it stays
     before = _contents(folder)
     simulate(scene, folder, processes=1, replace=True)
     assert _contents(folder) == before
-    assert [path.name for path in tmp_path.iterdir()] == ["session"]
-    # of another scene, unfinished, with a file of the user among its parts: moved aside and kept
-    sessions._begin(sessions.SessionPaths(tmp_path / "half"), dataclasses.replace(scene, duration_s=0.2))
-    (tmp_path / "half" / "parts" / "notes.txt").write_text("the user's")
-    simulate(scene, tmp_path / "half", processes=1, replace=True)
-    [aside] = tmp_path.glob("half.replaced-*")
-    assert (aside / "parts" / "notes.txt").read_text() == "the user's"
-    # of the same scene: finished, and the file stays where it is
-    sessions._begin(sessions.SessionPaths(tmp_path / "more"), scene)
-    (tmp_path / "more" / "parts" / "notes.txt").write_text("the user's")
-    simulate(scene, tmp_path / "more", processes=1)
-    assert (tmp_path / "more" / "parts" / "notes.txt").read_text() == "the user's"
-    assert {path.as_posix() for path in contents(tmp_path / "more").foreign} == {"parts", "parts/notes.txt"}
-    with pytest.raises(InputError, match=r"notes\.txt"):
-        simulate(scene, tmp_path / "more", replace=True)
+    assert set(tmp_path.iterdir()) == {folder, aside}
+
+
+def test_a_file_of_the_user_among_the_parts_stays(tmp_path):
+    paths = sessions.SessionPaths(tmp_path)
+    paths.parts.mkdir()
+    run = sessions._Run(0, slice(0, 1), paths.parts / "cam00-00000.mp4", paths.parts / "cam00-00000.npz")
+    for path in (run.film, run.done, paths.parts / "notes.txt"):
+        path.touch()
+    sessions._remove_parts([run], paths)
+    assert [path.name for path in paths.parts.iterdir()] == ["notes.txt"]
 
 
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):

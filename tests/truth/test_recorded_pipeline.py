@@ -15,6 +15,7 @@ import pytest
 from posefuse.app.cli import main
 from posefuse.core import Kind
 from posefuse.evaluate.metrics import joint_errors
+from posefuse.files.manifest import MANIFEST_FILE
 from posefuse.files.recording import read_recording
 from posefuse.files.truth import read_truth
 
@@ -32,7 +33,7 @@ def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: 
     assert (got["cameras"], got["instants"], got["people"]) == (4, 61, 1)
     assert min(got["found"].values()) > 0.98
     assert got["mpjpe_mm"] < 25
-    assert sorted(path.name for path in out.iterdir()) == sorted(got["files"])
+    assert sorted(path.name for path in out.iterdir()) == sorted([*got["files"], MANIFEST_FILE])
     assert {"pose.trc", "pose.c3d", "pose.csv", "pose.parquet", "pose.json", "overlay.mp4", "overview.png"} <= set(got["files"])
     recording = read_recording(out)
     assert recording.provenance["rig_id"] == recording.rig.id
@@ -134,7 +135,7 @@ def test_ctrl_c_keeps_what_was_finished(demo_session: Path, tmp_path: Path) -> N
         assert "stopped early" in problems
         assert 2 <= len(read_recording(out).poses) < 301
     else:  # the machine was quicker than the signal, or slower than the first two instants: whole or nothing
-        assert not list(tmp_path.glob("*.partial"))
+        assert not list(tmp_path.glob(".*"))
 
 
 def is_tracking(pid: int) -> bool:
