@@ -12,7 +12,18 @@ from .errors import (
     ShapeError,
     SourceError,
 )
-from .protocols import Detector, Sink, Source
+from .live_messages import (
+    CameraHealth,
+    LiveDetections,
+    LiveHealth,
+    LiveJointCentres,
+    LiveMessage,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    OutputHealth,
+)
+from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
 from .rig import Rig
 from .se3 import SE3
 from .skeleton import SKELETONS, Skeleton
@@ -31,7 +42,9 @@ from .values import (
 )
 
 __all__ = [
-    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraTruth", "ConfigError", "DependencyError", "Detections2D",
-    "Detector", "Frame", "InputError", "Joints", "Kind", "MessageError", "ModelError", "Pose3D", "PoseSequence", "PosefuseError",
-    "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "Views",
+    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraHealth", "CameraTruth", "ConfigError", "DependencyError",
+    "Detections2D", "Detector", "Frame", "InputError", "Joints", "Kind", "LiveDetections", "LiveHealth",
+    "LiveJointCentres", "LiveMessage", "LiveOutput", "LiveOutputConfig", "LivePose", "LivePreview", "LiveStart",
+    "MessageError", "ModelError", "OutputHealth", "Pose3D", "PoseSequence", "PosefuseError", "Recording", "Region", "Rig",
+    "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "Views",
 ]  # fmt: skip
