@@ -52,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         figures = args.command.run(args, terminal)
         terminal.figures({"command": args.command_name, "version": __version__, **figures})
+        return 1 if figures.get("failed") else 0
     except PosefuseError as error:
         print(f"posefuse {args.command_name}: {error}", file=sys.stderr)
         return 1

@@ -88,8 +88,11 @@ def read_config(path: Path | None, overrides: Sequence[str]) -> TrackConfig:
     return read_overridden(path, overrides, TrackConfig)
 
 
-def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T]) -> T:
-    """The config file (if any) as settings of class `cls`, with ``key.sub=value`` overrides from the command line put on top.
+def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T], options: Mapping[str, Any] | None = None) -> T:
+    """The config file (if any) as settings of class `cls`, with the command line put on top.
+
+    Args:
+        overrides: ``key.sub=value``. options: values by ``key.sub``, of options that have names of their own.
 
     Raises:
         ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
@@ -100,6 +103,8 @@ def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T]) -
         if not equals or not key:
             raise ConfigError(f"--set {override}: expected KEY=VALUE, e.g. --set fuse.weights=score")
         _put(content, key.split("."), _value(text))
+    for key, value in (options or {}).items():
+        _put(content, key.split("."), value)
     return settings_from_mapping(content, cls, where=str(path) if path else "settings")
 
 

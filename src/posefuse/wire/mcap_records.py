@@ -56,7 +56,9 @@ def mcap_records(path: Path, most_bytes: int, warn: Callable[[str], None]) -> It
                 record = next(records, None)
             except _CutOff:
                 if not any_record:
-                    raise SourceError(f"{path}: cannot be read as MCAP: it ends after {size} bytes, before its header does") from None
+                    raise SourceError(
+                        f"{path}: cannot be read as MCAP: it ends after {size} bytes, before its header does"
+                    ) from None
                 warn(_cut_line(path, size, whole_bytes, None if first_ns is None else (last_ns - first_ns) / _S))
                 return
             except _damage() as error:
@@ -71,10 +73,10 @@ def mcap_records(path: Path, most_bytes: int, warn: Callable[[str], None]) -> It
 
 
 def _cut_line(path: Path, size: int, whole_bytes: int, seconds: float | None) -> str:
-    kept = "no message could be read" if seconds is None else f"read up to its last whole part, {seconds:.2f} s after its first message"
+    kept = "no message is left" if seconds is None else f"{seconds:.2f} s from the first message on were read"
+    cut, whole = (size - whole_bytes) / _MB, size / _MB
     return (
-        f"{path}: the recording was cut off; {kept}; the last {(size - whole_bytes) / _MB:.3f} of {size / _MB:.3f} MB are unfinished, "
-        "and what was recorded after them is missing"
+        f"{path}: the recording was cut off; {kept}; the last {cut:.3f} of {whole:.3f} MB are unfinished, later messages missing"
     )
 
 

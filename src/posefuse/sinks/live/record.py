@@ -95,5 +95,5 @@ def _check_room(path: Path) -> None:
         free = shutil.disk_usage(path.parent).free
         if free < _LEAST_FREE_BYTES:
             raise InputError(
-                f"{path}: the disk is full: {free / 2**20:.1f} MB free, expected {_LEAST_FREE_BYTES / 2**20:g} MB or more to go on"
+                f"{path}: the disk is full: {free / 2**20:.1f} MB free, expected {_LEAST_FREE_BYTES / 2**20:g} MB to go on"
             )
