@@ -37,8 +37,8 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     if args.report and args.report.exists() and any(args.report.iterdir()):
         raise InputError(f"{args.report}: is there already and not empty; choose another folder")
     inputs = settled_inputs(args, rig)
-    terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(args, config))
+    terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     done = run_live(rig, inputs, config, plan, run_options(args).duration_s, terminal.note)
     figures = figures_of(done)
     show(terminal, figures)
