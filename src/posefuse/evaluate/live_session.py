@@ -78,7 +78,7 @@ def _pose(t_ns: int, people: int) -> Pose3D:
 
 def _detections(camera: Camera, pose: Pose3D) -> Detections2D:
     xy, n = camera.project(pose.xyz_world), len(pose.person_id)
-    score = np.isfinite(xy).all(axis=-1).astype(np.float32)
+    score = np.where(np.isfinite(xy).all(axis=-1), 1.0, 0.0)
     return Detections2D(camera.name, pose.t_ns, BLAZEPOSE33, xy, score, np.where(score > 0, 2.0, np.nan), np.zeros((n, 4)))
 
 

@@ -113,7 +113,10 @@ class OutputProcess:
         self._before = dict.fromkeys(plan.configs, OutputHealth())
         self._kept = KeptMessages()
         self._deaths, self._retry_s, self._again_s = 0, _FIRST_RETRY_S, 0.0
-        self._finished = False
+        self._finished = self._ready = False
+        self._heard_s = 0.0
+        # None while a process that died waits to be started again
+        self._process: Any = None
         self._begin()
 
     @property
@@ -193,7 +196,7 @@ class OutputProcess:
     def _begin(self) -> None:
         self._channel, theirs = Channel.pair()
         first = replace(self._first, part=1 + max((health.failures for health in self.health.values()), default=0))
-        self._process: Any = spawned(run_outputs, dict(self._plan.configs), first, theirs, name="posefuse outputs")
+        self._process = spawned(run_outputs, dict(self._plan.configs), first, theirs, name="posefuse outputs")
         theirs.close_own()
         self._ready, self._heard_s = False, time.monotonic()
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from posefuse.core import Skeleton, SourceError
 
@@ -84,7 +84,7 @@ class Groups:
         self._go: Go | None = None
         self._members = [_Member(plan, *self._start(plan)) for plan in plans]
 
-    def __enter__(self) -> Groups:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *problem: object) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import time
 from collections.abc import Sequence
@@ -136,7 +137,8 @@ def angle_sample(joints: Joints, person: int | None) -> Array:
 
 def lsl_clock_offset_ns() -> int:
     """LSL's local clock minus `time.monotonic_ns()`, from the reading that was the least interrupted."""
-    lsl, readings = _pylsl(), []
+    lsl = _pylsl()
+    readings: list[tuple[int, int]] = []
     for _ in range(_CLOCK_READINGS):
         before, theirs, after = time.monotonic_ns(), lsl.local_clock(), time.monotonic_ns()
         readings.append((after - before, round(theirs * _S) - (before + after) // 2))
@@ -145,8 +147,7 @@ def lsl_clock_offset_ns() -> int:
 
 def _pylsl() -> Any:
     try:
-        import pylsl
+        return importlib.import_module("pylsl")
     except (ImportError, RuntimeError, OSError) as error:
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DependencyError(f"pylsl: not usable ({why}); install it with: pip install 'posefuse[lsl]'") from None
-    return pylsl
