@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from posefuse.app.live.clock import SessionClock
+from posefuse.app.live.output_plan import OutputPlan
 from posefuse.app.live.output_process import HANGS, Worker
-from posefuse.app.live.outputs import OutputPlan, OutputProcess
+from posefuse.app.live.outputs import OutputProcess
 from posefuse.core import InputError, LiveHealth, LiveJointCentres, LivePose, LiveStart
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.evaluate.live_session import made_up_messages, made_up_rig, made_up_start

@@ -21,7 +21,7 @@ from posefuse.app.live.latency import Histogram, Latencies, Way
 from posefuse.app.live.messages import CameraState, Seen
 from posefuse.app.live.monitor import Monitor, Verdict
 from posefuse.app.live.news import News
-from posefuse.app.live.outputs import NoOutputs
+from posefuse.app.live.output_plan import NoOutputs
 from posefuse.app.live.processes import Groups, _Member, ended
 from posefuse.app.live.report import write_report
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError

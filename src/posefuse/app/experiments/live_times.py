@@ -17,7 +17,7 @@ from posefuse.app.live.clock import SessionClock
 from posefuse.app.live.config import LiveConfig
 from posefuse.app.live.inputs import inputs_from_arguments
 from posefuse.app.live.latency import Way
-from posefuse.app.live.outputs import OutputPlan
+from posefuse.app.live.output_plan import OutputPlan
 from posefuse.app.live.session import run_live
 from posefuse.core import SourceError
 from posefuse.core.arrays import Array

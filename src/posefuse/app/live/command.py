@@ -20,7 +20,7 @@ from .clock import SessionClock
 from .config import LiveConfig, RunOptions
 from .faults import faults_from_arguments
 from .inputs import inputs_from_arguments
-from .outputs import OutputPlan
+from .output_plan import OutputPlan
 from .report import figures_of, show, write_report
 from .session import run_live
 

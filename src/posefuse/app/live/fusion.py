@@ -23,7 +23,7 @@ from .clock import SessionClock
 from .latency import Latencies, Way
 from .messages import Centres, Seen, Status
 from .monitor import Monitor, Verdict
-from .outputs import Outlets
+from .output_plan import Outlets
 from .rig_watch import RigWatch
 
 _S = 1_000_000_000

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from .fusion import Fusion
-from .outputs import PROCESS
+from .output_plan import PROCESS
 
 Say = Callable[[str], None]
 T = TypeVar("T")

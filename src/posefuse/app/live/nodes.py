@@ -34,11 +34,12 @@ from .messages import Centres, Seen, Status
 from .monitor import Monitor
 from .network_intake import NetworkIntake
 from .news import Say
-from .outputs import OutputPlan
+from .output_plan import OutputPlan
 from .processes import Groups, peak_mb
 from .provenance import notes_of
 from .report import figures_of, show, write_report
-from .session import SessionPlan, group_plans, new_board, ready_tracker, run_session, stop_requests
+from .session import group_plans, new_board, ready_tracker, run_session, stop_requests
+from .session_plan import SessionPlan
 
 _S = 1_000_000_000
 _POLL_S = 0.01

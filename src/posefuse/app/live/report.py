@@ -16,7 +16,7 @@ from posefuse.app.terminal import Terminal, plain
 from posefuse.core import InputError
 
 from .latency import STAGES
-from .session import Finished
+from .session_plan import Finished
 
 _TOP_OF_P95 = 2.0
 JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
