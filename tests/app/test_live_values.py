@@ -21,9 +21,10 @@ from posefuse.app.live.inputs import inputs_from_arguments
 from posefuse.app.live.latency import Histogram, Latencies, Way
 from posefuse.app.live.messages import CameraState, Seen
 from posefuse.app.live.monitor import Monitor, Verdict
+from posefuse.app.live.news import News
+from posefuse.app.live.output_plan import NoOutputs
 from posefuse.app.live.processes import Groups, _Member, ended
 from posefuse.app.live.report import write_report
-from posefuse.app.live.session import News
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
 from posefuse.sources.live.stream import StampClock
 
@@ -182,7 +183,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
 
 def test_all_that_changes_is_told_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None), 0, said.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, said.append)
     for second in range(1200):
         monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
         news.tell(second * S)
@@ -233,7 +234,7 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
         for name in ("a", "b"):
             latencies.view_out(Way(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
     fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b"), id="r"))
-    figures = {"latency": latencies.figures(), "events": []}
+    figures = {"latency": latencies.figures(), "events": [], "output_events": []}
     write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
     page = (tmp_path / "latency.html").read_text()
     blue, red = re.findall(r'stroke="#36c" d="([^"]*)"', page), re.findall(r'stroke="#c33" d="([^"]*)"', page)

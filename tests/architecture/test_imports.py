@@ -16,7 +16,7 @@ LINES = (
     ("app",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
-OPTIONAL = ("torch", "anny", "mujoco", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy")
+OPTIONAL = ("torch", "anny", "mujoco", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl")
 SLOW = ("cv2", "numba", "openvino", "scipy", "pyarrow", "ezc3d")
 
 

@@ -20,6 +20,7 @@ EXTRAS = {
     "viewer": "Rerun viewer and recordings",
     "biomech": "OpenSim",
     "ros": "ROS 2 messages, MCAP",
+    "lsl": "Lab Streaming Layer",
 }
 
 

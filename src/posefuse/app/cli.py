@@ -91,7 +91,7 @@ def _command(args: argparse.Namespace) -> tuple[bool, int]:
     terminal = Terminal(as_json=args.json)
     figures = args.command.run(args, terminal)
     terminal.figures({"command": args.command_name, "version": __version__, **figures})
-    return bool(figures.get("interrupted")), int(figures.get("exit_code", 0))
+    return bool(figures.get("interrupted")), int(figures.get("exit_code", 1 if figures.get("failed") else 0))
 
 
 def _stopped(name: str, requests: StopRequests) -> int:

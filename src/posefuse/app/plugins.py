@@ -1,4 +1,4 @@
-"""Plug-ins by Python entry points: cameras, 2D estimators and outputs, ours through the same door as others'."""
+"""Plug-ins by Python entry points: cameras, 2D estimators, outputs recorded and live; ours are found like others'."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ from posefuse.core import ConfigError, DependencyError
 from posefuse.core.errors import choices
 from posefuse.files.settings import settings_from_mapping
 
-GROUPS = {"sources": "posefuse.sources", "detectors": "posefuse.detectors", "sinks": "posefuse.sinks"}
+GROUPS = {
+    "sources": "posefuse.sources",
+    "detectors": "posefuse.detectors",
+    "sinks": "posefuse.sinks",
+    "live_outputs": "posefuse.live_outputs",
+}
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,19 @@ from .errors import (
     ShapeError,
     SourceError,
 )
+from .live_messages import (
+    CameraHealth,
+    LiveDetections,
+    LiveHealth,
+    LiveJointCentres,
+    LiveMessage,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    OutputHealth,
+)
 from .observations import DetectionBatch, LookKind, Observations
-from .protocols import Detector, Sink, Source
+from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
 from .recording import Recording
 from .rig import Rig
 from .se3 import SE3
@@ -33,8 +44,10 @@ from .values import (
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [
-    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraTruth", "ConfigError", "DependencyError", "DetectionBatch",
-    "Detections2D", "Detector", "Frame", "InputError", "Joints", "Kind", "LookKind", "MessageError", "ModelError", "Observations",
-    "Pose3D", "PoseSequence", "PosefuseError", "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source",
-    "SourceError", "Truth", "ViewSequence", "Views", "observations_from_views", "views_over_time",
+    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraHealth", "CameraTruth", "ConfigError", "DependencyError",
+    "DetectionBatch", "Detections2D", "Detector", "Frame", "InputError", "Joints", "Kind", "LiveDetections", "LiveHealth",
+    "LiveJointCentres", "LiveMessage", "LiveOutput", "LiveOutputConfig", "LivePose", "LivePreview", "LiveStart", "LookKind",
+    "MessageError", "ModelError", "Observations", "OutputHealth", "Pose3D", "PoseSequence", "PosefuseError", "Recording",
+    "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "ViewSequence", "Views",
+    "observations_from_views", "views_over_time",
 ]  # fmt: skip

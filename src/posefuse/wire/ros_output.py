@@ -200,6 +200,13 @@ class RosOutput:
         self.outlet.publish(topics.body(one, "roi"), _roi(xy[inside], camera), pose.t_ns)
 
 
+def publish_pose(outlet: Outlet, pose: Pose3D, joints: Joints | None, stages: Stages) -> None:
+    """The topics a replay needs and nothing else: the pose, and everybody's joint angles."""
+    outlet.publish(topics.POSE, message_from_pose(pose, stages, "world"), pose.t_ns)
+    for msg in messages_from_joints(joints, "world", pose.t_ns) if joints is not None else ():
+        outlet.publish(topics.body(body_id(msg.person_id), "joint_angles"), msg, pose.t_ns)
+
+
 def transform(t_ns: int, parent: str, child: str, parent_from_child: SE3) -> Any:
     """`geometry_msgs/TransformStamped`: where `child` is in `parent`."""
     return _transform(t_ns, parent, child, parent_from_child.wxyz.tolist(), parent_from_child.xyz.tolist())

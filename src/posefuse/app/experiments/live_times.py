@@ -17,11 +17,12 @@ from posefuse.app.live.clock import SessionClock
 from posefuse.app.live.config import LiveConfig
 from posefuse.app.live.inputs import inputs_from_arguments
 from posefuse.app.live.latency import Way
-from posefuse.app.live.outputs import OutputPlan
+from posefuse.app.live.output_plan import OutputPlan
 from posefuse.app.live.session import run_live
 from posefuse.core import SourceError
 from posefuse.core.arrays import Array
 from posefuse.files.rig import read_rig
+from posefuse.sinks.live import JsonConfig
 
 from .runs import Context
 
@@ -111,7 +112,7 @@ def live_times(folder: Path, context: Context, duration_s: float) -> LiveTimes:
     rig, config = read_rig(folder / "rig.toml"), context.config
     settings = LiveConfig(detector=config.detector, associate=config.associate, fuse=config.fuse)
     with Listener() as listener:
-        plan = OutputPlan(rig, SessionClock.begin(), json_udp=(listener.address,))
+        plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs={"json": JsonConfig(to=(listener.address,))})
         done = run_live(rig, inputs_from_arguments([f"sim:{folder}"], rig), settings, plan, duration_s, context.terminal.note)
     offset_ns = plan.clock.offset_ns
     arrivals = {t_ns: came_ns + offset_ns for t_ns, came_ns in listener.arrivals_ns().items()}

@@ -93,17 +93,3 @@ class Status:
     group: int
     t_ns: int
     cameras: tuple[CameraState, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Preview:
-    """A small picture of a frame, for viewers.
-
-    Attributes:
-        camera: its name. t_ns: mid-exposure. jpeg: the file. size_wh: of the small picture, px.
-    """
-
-    camera: str
-    t_ns: int
-    jpeg: bytes
-    size_wh: tuple[int, int]

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 from posefuse.core import Skeleton, SourceError
 from posefuse.files.platform import peak_memory_mb
@@ -84,7 +84,7 @@ class Groups:
         self._go: Go | None = None
         self._members = [_Member(plan, *self._start(plan)) for plan in plans]
 
-    def __enter__(self) -> Groups:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *problem: object) -> None:
@@ -103,15 +103,18 @@ class Groups:
         """Most memory this process and those of the groups have held, added up, see `peak_memory_mb`."""
         return peak_memory_mb([os.getpid(), *(member.process.pid for member in self._members)])
 
-    def wait_ready(self, timeout_s: float = START_S) -> Skeleton:
+    def wait_ready(self, stopped: Sequence[str] = (), timeout_s: float = START_S) -> Skeleton:
         """Wait for every group's sources and network.
 
         Raises:
             SourceError: a group that cannot begin, in its own words, or one that takes longer.
+            KeyboardInterrupt: `stopped` has an entry.
         """
         end_s = time.monotonic() + timeout_s
         for member in self._members:
             while member.marks is None:
+                if stopped:
+                    raise KeyboardInterrupt
                 if time.monotonic() > end_s:
                     raise SourceError(f"cameras {_cameras(member.plan)}: not ready within {timeout_s:g} s")
                 self._hear_ready(member)
@@ -194,7 +197,7 @@ class Groups:
         try:
             message = member.channel.receive()
         except ChannelClosed:
-            raise SourceError(f"cameras {_cameras(member.plan)}: {_death(member.process)} while starting") from None
+            raise SourceError(f"cameras {_cameras(member.plan)}: {death_of(member.process)} while starting") from None
         if isinstance(message, Failed):
             raise SourceError(message.reason)
         if isinstance(message, Ready):
@@ -205,7 +208,7 @@ class Groups:
             try:
                 message = member.channel.receive()
             except ChannelClosed:
-                self._died(member, _death(member.process))
+                self._died(member, death_of(member.process))
                 return
             if message is None:
                 break
@@ -235,7 +238,8 @@ def _cameras(plan: GroupPlan) -> str:
     return " ".join(entry.camera for entry in plan.inputs)
 
 
-def _death(process: Any) -> str:
+def death_of(process: Any) -> str:
+    """How a process ended, in words."""
     process.join(0.2)
     code = process.exitcode
     how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with status {code}"

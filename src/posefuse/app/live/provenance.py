@@ -10,10 +10,10 @@ from pathlib import Path
 from posefuse import __version__
 from posefuse.core import InputError, Rig
 from posefuse.files.settings import settings_from_mapping
+from posefuse.sinks.live.record import NOTES
 from posefuse.wire.bags import read_notes
 
 from .config import LiveConfig
-from .outputs import NOTES
 
 
 @dataclass(frozen=True)

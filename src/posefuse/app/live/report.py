@@ -17,7 +17,7 @@ from posefuse.core import InputError
 from posefuse.files.output_folder import output_folder
 
 from .latency import STAGES
-from .session import Finished
+from .session_plan import Finished
 
 _TOP_OF_P95 = 2.0
 JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
@@ -60,7 +60,11 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "restarts": done.restarts,
         "outputs": done.outputs,
         "outputs_lost": done.lost,
-        "outputs_trouble": done.trouble,
+        "output_events": [
+            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "output": event.output, "state": event.state, "text": event.text}
+            for event in done.output_events
+        ],
+        "failed": [name for name, output in done.outputs.items() if output["failures"]],
         "rig_watch_trouble": fusion.watch.trouble if fusion.watch is not None else "",
         "cameras": cameras,
         "events": [
@@ -104,11 +108,11 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         facts["frames used"] = f"{figures['used_share']:.0%}"
     if figures["restarts"]:
         facts["restarts"] = str(figures["restarts"])
-    for name, sink in figures["outputs"].items():
-        fault = f"; {sink['fault']}" if sink["fault"] else ""
-        facts[f"output {name}"] = f"{sink['taken']} taken, {sink['dropped']} dropped{fault}"
-    if figures["outputs_lost"] or figures["outputs_trouble"]:
-        facts["outputs"] = f"{figures['outputs_lost']} lost; {figures['outputs_trouble'] or 'they did not keep up'}"
+    for name, output in figures["outputs"].items():
+        fault = f"; failed {output['failures']} times, the last: {output['fault']}" if output["failures"] else ""
+        facts[f"output {name}"] = f"{output['taken']} taken, {output['dropped']} dropped{fault}"
+    if figures["outputs_lost"]:
+        facts["outputs"] = f"{figures['outputs_lost']} messages lost before they reached an output"
     if figures["rig_watch_trouble"]:
         facts["rig watch"] = figures["rig_watch_trouble"]
     terminal.facts("Session", facts)
@@ -136,6 +140,9 @@ def _markdown(figures: Mapping[str, Any]) -> str:
             lines.append(f"| {name} | {stage} | {row['n']} | {numbers} |")
     lines += ["", "# What happened", "", "| s | camera | state | |", "|---|---|---|---|"]
     lines += [f"| {event['t_s']:.2f} | {event['camera']} | {event['state']} | {event['text']} |" for event in figures["events"]]
+    if figures["output_events"]:
+        lines += ["", "| s | output | state | |", "|---|---|---|---|"]
+        lines += [f"| {one['t_s']:.2f} | {one['output']} | {one['state']} | {one['text']} |" for one in figures["output_events"]]
     return "\n".join(lines) + "\n"
 
 

@@ -96,6 +96,8 @@ class StreamSource:
             decoded = next(self._decoded)
         except StopIteration:
             raise SourceError(f"{self._where}: the stream has ended") from None
+        except av.error.ExitError:
+            raise SourceError(f"{self._where}: no image for {self._config.read_s:g} s") from None
         except (av.error.FFmpegError, OSError) as error:
             raise SourceError(f"{self._where}: no image any more ({getattr(error, 'strerror', None) or error})") from None
         now_ns = time.monotonic_ns() + self._epoch_ns
@@ -142,6 +144,7 @@ def _connected(config: StreamConfig) -> Any:
     if config.where.startswith("rtsp"):
         options["rtsp_transport"] = "tcp"
     options |= ({"video_size": size} if size else {}) | ({"framerate": rate} if rate else {})
+    begun_s = time.monotonic()
     try:
         container: Any = av.open(
             usb_camera_address(config.where) if device else config.where,
@@ -152,6 +155,10 @@ def _connected(config: StreamConfig) -> Any:
     except PermissionError:
         raise SourceError(f"{where}: no permission to read it; add yourself to its group ({_group(config.where)})") from None
     except (av.error.FFmpegError, OSError) as error:
+        # the library ends at its time limit with errors that name all sorts of causes
+        if isinstance(error, av.error.ExitError) or time.monotonic() - begun_s >= config.open_s:
+            advice = "is it switched on, and do address, port and path name a stream?"
+            raise SourceError(f"{where}: no answer within {config.open_s:g} s; {advice}") from None
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         advice = _advice(getattr(error, "errno", None) or 0) if device else "is it switched on, and the address right?"
         raise SourceError(f"{where}: cannot be opened ({reason}); {advice}") from None
