@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from posefuse.app.cli import main
+from posefuse.app.recorded.solve import solve_again
 from posefuse.core import Kind
 from posefuse.evaluate.metrics import joint_errors
 from posefuse.files.manifest import MANIFEST_FILE
@@ -39,6 +40,10 @@ def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: 
     assert recording.provenance["rig_id"] == recording.rig.id
     assert recording.provenance["config"]["fuse"]["weights"] == "robust"
     assert (recording.poses.kind == Kind.SMOOTHED).mean() > 0.95
+    again = solve_again(recording)
+    np.testing.assert_array_equal(again.poses.xyz_world, recording.poses.xyz_world)
+    np.testing.assert_array_equal(again.poses.cov_world, recording.poses.cov_world)
+    np.testing.assert_array_equal(again.observations.person_id, recording.observations.person_id)
     errors = joint_errors(recording.poses, read_truth(demo_session / "truth" / "truth.npz"))
     assert errors.mpjpe_mm == pytest.approx(got["mpjpe_mm"])
 

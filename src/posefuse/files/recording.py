@@ -96,10 +96,11 @@ def _about(folder: Path) -> dict[str, Any]:
     about = parse_json(str(path), read_text(path))
     if not isinstance(about, dict) or about.get("format") != "posefuse recording":
         raise InputError(f"{path}: not a posefuse result")
-    if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(
-            f"{path}: format version: expected {FORMAT_VERSION}, got {about.get('format_version')}; a newer posefuse wrote it"
-        )
+    version = about.get("format_version")
+    if version != FORMAT_VERSION:
+        older = isinstance(version, int) and version < FORMAT_VERSION
+        whose = "an older posefuse wrote it: track the session again" if older else "a newer posefuse wrote it"
+        raise InputError(f"{path}: format version: expected {FORMAT_VERSION}, got {version}; {whose}")
     missing = [key for key in ("rig_id", "rig", "skeleton", "provenance") if key not in about]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing")
