@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from llvmlite import binding
+from llvmlite import binding  # type: ignore[import-untyped]
 from numba import config, njit
 
 from .user_cache import default_cache_dir
