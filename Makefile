@@ -61,7 +61,7 @@ bench-live: setup
 	$(BIN)/python bench/run.py live live_tracking live_faults
 
 paper: setup
-	$(BIN)/posefuse experiment all --out out/paper
+	$(BIN)/python -m paper all --out out/paper
 	cp out/paper/accuracy.md docs/accuracy.md
 
 demo-clip: setup

@@ -19,14 +19,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.app.config import TrackConfig
-from posefuse.app.detectors import DetectorChoice
-from posefuse.app.live.clock_finding import ClockFinder
-from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.run import track_session
-from posefuse.app.session import find_session
-from posefuse.calibrate.keypoints import limb_keypoints
+from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Rig, ViewSequence
+from posefuse.detection.build import DetectorChoice
+from posefuse.health.clock_finding import ClockFinder
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.session import find_session
 
 OFFSET_S = 0.05
 RATES_HZ = (30.0, 15.0, 8.0)

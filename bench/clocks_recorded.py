@@ -4,7 +4,7 @@ Run: python bench/clocks_recorded.py                rendered walks, the real 2D 
      python bench/clocks_recorded.py --real [DATA]  pose2sim_single as it is, and with one camera shifted by whole frames
 
 Two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one moment. Constants were
-chosen on the walks of `posefuse experiment drift`; the coarse search was tried on oracle detections of these walks as well.
+chosen on the walks of `python -m paper drift`; the coarse search was tried on oracle detections of these walks as well.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from pathlib import Path
 import numpy as np
 from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_of, rendered_walk
 
-from posefuse.app.calibrating.person_poses import poses_apart, timeline_of
-from posefuse.app.detectors import DetectorChoice, build_detector
-from posefuse.calibrate.person import KnownLength, calibrate_from_person
-from posefuse.calibrate.person_clocks import clocks_from_person
-from posefuse.calibrate.person_settle import calibrate_out_of_step, unplaced_clocks
-from posefuse.calibrate.person_tracks import PersonTrack, person_tracks
-from posefuse.calibrate.person_views import person_views
-from posefuse.calibrate.sync import ClockEstimate
+from posefuse.calibration.clocks.person import clocks_from_person
+from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
+from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
+from posefuse.calibration.person.views import person_views
+from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 from posefuse.core import CalibrationError, Rig
-from posefuse.detect.openpose import read_openpose_folder
-from posefuse.files.rig import read_rig
+from posefuse.detection.build import DetectorChoice, build_detector
+from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.rig import read_rig
 from posefuse.sources import VideoConfig
 
 # by seed: seconds, and how many of them have to do when the rig is not known; all at 30 Hz

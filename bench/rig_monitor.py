@@ -3,7 +3,7 @@
     python bench/rig_monitor.py [--fit] [--trials 6] [--data ../shared/data/pose2sim_single] [--cache out/rig_monitor]
 
 Rendered walks and people who stand are looked at ten times a second by the network (kept in the cache; scenes are rendered
-where `posefuse experiment` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
+where `python -m paper` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
 cables are exchanged: every keypoint is displaced by what that does to its point in space, and keeps the network's error. `--fit`
 does it for other bodies in other rooms, from which the constants are; it also prints the most that nothing wrong explains.
 Seconds are of the data. Table on stderr, one JSON object on stdout.
@@ -20,24 +20,24 @@ from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import CubicSpline
 
-from posefuse.app.config import TrackConfig
-from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.run import track_session
-from posefuse.app.session import find_session
-from posefuse.app.terminal import plain
-from posefuse.calibrate import monitor
-from posefuse.calibrate.keypoints import limb_keypoints
+from paper.scenes.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
+from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Camera, Recording, Rig, Skeleton, Truth, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluate.experiments.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
-from posefuse.evaluate.metrics import true_xyz_at
-from posefuse.files.atomic import atomic_folder
-from posefuse.files.recording import read_recording, write_recording
-from posefuse.files.settings import settings_from_mapping
-from posefuse.files.truth import read_truth
-from posefuse.fuse import FuseSettings, fuse
-from posefuse.simulate.scene import Scene
-from posefuse.simulate.session import SessionPaths, simulate
+from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.recording import read_recording, write_recording
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.atomic import atomic_folder
+from posefuse.foundation.plain_values import plain
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.fusion import FuseSettings, fuse
+from posefuse.health import rig_monitor as monitor
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.session import find_session
+from posefuse.simulation.scene import Scene
+from posefuse.simulation.session import SessionPaths, simulate
 
 SESSIONS = Path("out/paper/sessions")
 RATE_HZ = 10.0

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.app.plugins import GROUPS, build_plugin, list_plugins, plugin_config
 from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, PoseSequence, Recording, SourceError
 from posefuse.core.skeleton import COCO17
-from posefuse.evaluate.contracts import ContractError, check_detector, check_live_output, check_sink, check_source
-from posefuse.files.truth import read_truth
+from posefuse.evaluation.contracts import ContractError, check_detector, check_live_output, check_sink, check_source
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.plugins import GROUPS, build_plugin, list_plugins, plugin_config
 
 T, N, K = 6, 2, len(COCO17)
 LIVE_OUTPUTS = [plugin.name for plugin in list_plugins("live_outputs")]

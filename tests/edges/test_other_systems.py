@@ -67,7 +67,7 @@ def test_a_module_that_needs_linux_is_caught(disguise: Path) -> None:
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_recording_is_tracked(disguise: Path, demo_session: Path, tmp_path: Path, system: str) -> None:
     options = ["--end", "0.4", "--outputs", "trc,csv", "--json", *oracle(demo_session)]
-    command = ["-m", "posefuse.app.cli", "track", str(demo_session), "--out", str(tmp_path / "result"), *options]
+    command = ["-m", "posefuse.cli.main", "track", str(demo_session), "--out", str(tmp_path / "result"), *options]
     got = figures(run(disguise, system, *command))
     assert got["instants"] == 13 and got["people"] == 1
 
@@ -75,7 +75,7 @@ def test_a_recording_is_tracked(disguise: Path, demo_session: Path, tmp_path: Pa
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_images_are_searched(disguise: Path, demo_session: Path, tmp_path: Path, system: str, models: None) -> None:
     options = ["--end", "0.2", "--outputs", "", "--json"]
-    command = ["-m", "posefuse.app.cli", "track", str(demo_session), "--out", str(tmp_path / "result"), *options]
+    command = ["-m", "posefuse.cli.main", "track", str(demo_session), "--out", str(tmp_path / "result"), *options]
     assert min(figures(run(disguise, system, *command))["found"].values()) == 1.0
 
 
@@ -84,7 +84,7 @@ def test_images_are_searched(disguise: Path, demo_session: Path, tmp_path: Path,
 def test_a_live_session_from_files(disguise: Path, demo_session: Path, system: str) -> None:
     sources = [f"--source=cam0{i}=video:{demo_session / 'videos' / f'cam0{i}.mp4'}" for i in range(4)]
     options = ["--duration", "4", "--loop", "10", "--json-udp", "127.0.0.1:9", "--groups", "2", "--json", *oracle(demo_session)]
-    command = ["-m", "posefuse.app.cli", "live", str(demo_session / "rig.toml"), *sources, *options]
+    command = ["-m", "posefuse.cli.main", "live", str(demo_session / "rig.toml"), *sources, *options]
     got = figures(run(disguise, system, *command))
     assert got["poses"] > 100 and got["restarts"] == 0
     assert all(camera["used"] > 0 for camera in got["cameras"].values())

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from damage import damaged
-from examples import EXAMPLES, ROOT, Example, openpose_session
 from options import OPTIONS
+
+from examples import EXAMPLES, ROOT, Example, openpose_session
 
 LIMIT_S = 20.0
 # a fresh process imports everything, and compiles numeric kernels where none are kept yet

@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 
 from posefuse.core import SKELETONS, Camera, Kind, PoseSequence, Recording, Rig
-from posefuse.files.bvh import BvhData, write_bvh
-from posefuse.files.c3d import C3dData, write_c3d
-from posefuse.files.mot import Motion, write_mot
-from posefuse.files.recording import write_recording
-from posefuse.files.rig import read_rig, write_rig
-from posefuse.files.trc import TrcData, write_trc
-from posefuse.files.video import VideoWriter
+from posefuse.formats.bvh import BvhData, write_bvh
+from posefuse.formats.c3d import C3dData, write_c3d
+from posefuse.formats.mot import Motion, write_mot
+from posefuse.formats.recording import write_recording
+from posefuse.formats.rig import read_rig, write_rig
+from posefuse.formats.trc import TrcData, write_trc
+from posefuse.formats.video import VideoWriter
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden" / "files"
@@ -174,12 +174,12 @@ def _floor(folder: Path) -> None:
 
 
 def _mcap(folder: Path) -> None:
-    from posefuse.sinks.mcap import McapSink
+    from posefuse.outputs.mcap import McapSink
 
     inside = folder / "result"
     inside.mkdir()
     _recording(inside)
-    from posefuse.files.recording import read_recording
+    from posefuse.formats.recording import read_recording
 
     [path] = McapSink().build().write(read_recording(inside), folder)
     path.rename(folder / "a.mcap")

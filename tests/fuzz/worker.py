@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 from examples import DEMO, EXAMPLES
-
 from posefuse.core import InputError, PosefuseError
 
 _LONGEST_LINE = 4000
@@ -33,20 +32,20 @@ _ENDED_WELL, _KNOWN_ERROR = 0, 1
 
 
 def _readers() -> dict[str, Callable[[Path], Any]]:
-    from posefuse.app.calibrating.floor_points import read_floor_points
-    from posefuse.app.comparing import read_tracks
-    from posefuse.app.config import read_config
-    from posefuse.detect.models import read_card
-    from posefuse.detect.openpose import read_openpose_folder
-    from posefuse.files.angles import read_angles
-    from posefuse.files.bvh import read_bvh
-    from posefuse.files.c3d import read_c3d
-    from posefuse.files.mot import read_mot
-    from posefuse.files.recording import read_recording
-    from posefuse.files.rig import read_rig
-    from posefuse.files.trc import read_trc
-    from posefuse.files.truth import read_truth
-    from posefuse.simulate.scene import read_scene
+    from posefuse.cli.calibrating.floor_points import read_floor_points
+    from posefuse.cli.comparing import read_tracks
+    from posefuse.detection.models import read_card
+    from posefuse.formats.angles import read_angles
+    from posefuse.formats.bvh import read_bvh
+    from posefuse.formats.c3d import read_c3d
+    from posefuse.formats.mot import read_mot
+    from posefuse.formats.openpose import read_openpose_folder
+    from posefuse.formats.recording import read_recording
+    from posefuse.formats.rig import read_rig
+    from posefuse.formats.trc import read_trc
+    from posefuse.formats.truth import read_truth
+    from posefuse.pipeline.config import read_config
+    from posefuse.simulation.scene import read_scene
 
     readers: dict[str, Callable[[Path], Any]] = {
         "scene YAML": read_scene,
@@ -107,13 +106,13 @@ def _images(folder: Path) -> None:
 
 
 def _model(card: str, archive: Path) -> None:
-    from posefuse.detect.models import fetch, read_card
+    from posefuse.detection.models import fetch, read_card
 
     fetch(read_card(card), archive.parent / "cache", archive)
 
 
 def _mcap(path: Path) -> None:
-    from posefuse.wire import bags
+    from posefuse.messages import bags
 
     bags.read_rig(path)
     list(bags.read_mcap(path))
@@ -142,7 +141,7 @@ def _outcome(kind: str, path: Path, folder: Path, readers: dict[str, Callable[[P
         except Exception:  # noqa: BLE001 - whatever it is, it is what is looked for
             return "trace", traceback.format_exc()
         return "accepted", ""
-    from posefuse.app.cli import main
+    from posefuse.cli.main import main
 
     try:
         code = main(_command(kind, path, folder))

@@ -6,7 +6,7 @@ import av
 import numpy as np
 import pytest
 
-from posefuse.files.video import VideoWriter
+from posefuse.formats.video import VideoWriter
 from posefuse.sources import CountedSource, Coverage, VideoConfig, incomplete_cameras
 
 PERIOD_NS = 40_000_000

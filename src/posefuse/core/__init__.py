@@ -29,18 +29,7 @@ from .recording import Recording
 from .rig import Rig
 from .se3 import SE3
 from .skeleton import SKELETONS, Skeleton
-from .values import (
-    CameraTruth,
-    Detections2D,
-    Frame,
-    Joints,
-    Kind,
-    Pose3D,
-    PoseSequence,
-    Region,
-    Truth,
-    Views,
-)
+from .values import CameraTruth, Detections2D, Frame, Joints, Kind, Pose3D, PoseSequence, Region, Truth, Views
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [

@@ -13,7 +13,7 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.files.parsing import one_line
+from posefuse.foundation.parsing import one_line
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 TIMES_FILE = "timestamps.csv"

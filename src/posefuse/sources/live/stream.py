@@ -20,7 +20,7 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
-from posefuse.files.platform import usb_camera_address, usb_camera_format, usb_cameras
+from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
 
 _FOLLOW_NS = 10_000_000_000
 _OPEN_S, _READ_S = 8.0, 5.0

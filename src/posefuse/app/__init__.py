@@ -1,1 +1,0 @@
-"""Config, plug-in lookup, pipelines and the command line."""

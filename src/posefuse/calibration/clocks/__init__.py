@@ -1,0 +1,1 @@
+"""Clock offsets and drifts of unsynchronised cameras."""

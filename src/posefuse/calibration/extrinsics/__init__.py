@@ -1,0 +1,1 @@
+"""Extrinsics from a moving target: start values, bundle adjustment, the world frame, self-checks."""

@@ -1,0 +1,1 @@
+"""Extrinsics from a person who walks through the volume."""

@@ -1,0 +1,1 @@
+"""Numerics that several calibrations share: bundle adjustment, projection with derivatives, rotations."""

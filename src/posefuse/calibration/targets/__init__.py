@@ -1,0 +1,1 @@
+"""Markers and boards: what they are, printing them, finding their corners in images, coverage while they are moved."""

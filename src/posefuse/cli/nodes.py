@@ -1,0 +1,227 @@
+"""One session on several machines: camera nodes beside the cameras, the fusion node anywhere."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
+from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.formats.rig import read_rig
+from posefuse.foundation.output_folder import check_replaceable
+from posefuse.foundation.platform import peak_memory_mb
+from posefuse.health.cameras import Monitor
+from posefuse.messages import topics
+from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.intake import Intake
+from posefuse.messages.messages import POSE_TYPE, message_from_detections, pose_from_message
+from posefuse.messages.ros_output import RosOutput
+from posefuse.outputs.live.ros import Ros2Config, health_lines, publish_preview
+from posefuse.realtime.board import Board
+from posefuse.realtime.channel import Channel, wait_any
+from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.fusion import velocity_between
+from posefuse.realtime.joint_centres import message_from_centres
+from posefuse.realtime.messages import Centres, Seen, Status
+from posefuse.realtime.network_intake import NetworkIntake
+from posefuse.realtime.news import Say
+from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.processes import Groups
+from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.scheduling import expected_gain
+from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
+from posefuse.realtime.session_plan import SessionPlan
+
+from .live import output_configs, run_options, settled_config, settled_inputs
+from .live_report import figures_of, show, write_report
+from .terminal import Terminal
+
+_S = 1_000_000_000
+_POLL_S = 0.01
+_JUDGE_NS = _S // 4
+_SIGMA_PX = 4.0
+_MAX_BYTES = 2**20
+_FIRST_VIEW_S = 0.5
+
+
+def network_of(args: argparse.Namespace) -> Network:
+    """Where the nodes of a session meet."""
+    return Network(args.domain, args.local_only, args.interface, tuple(args.peer))
+
+
+def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Capture and look on this machine, send 2D poses; the fused pose tells where to look."""
+    config, rig, run = settled_config(args), read_rig(args.rig), run_options(args)
+    inputs = settled_inputs(args, rig)
+    if not inputs:
+        raise SourceError("expected a source for at least 1 camera, got none; see --source")
+    clock = SessionClock.begin()
+    # the whole rig stands on the board, so that gains and regions have one order on all machines
+    board = new_board(rig)
+    plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
+    with (
+        RosNode(f"posefuse_cameras_{topics.ros_name(args.name)}", network_of(args)) as node,
+        Groups(group_plans(rig, inputs, config, plan), board) as groups,
+    ):
+        groups.wait_ready()
+        terminal.note("; ".join(groups.whereabouts()))
+        groups.begin(time.monotonic_ns() if run.zero_s is None else round(run.zero_s * _S) - clock.offset_ns)
+        worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock)
+        for told in groups.centres():
+            node.publish(topics.JOINT_CENTRES, message_from_centres(told, clock.now_ns()), clock.now_ns())
+        end_ns = None if run.duration_s is None else clock.now_ns() + round(run.duration_s * _S)
+        with stop_requests() as stopped:
+            while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
+                worker.step(groups)
+    return {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
+
+
+class CameraNode:
+    """Sends what its groups see, and hands predictions from the network to them."""
+
+    def __init__(self, rig: Rig, cameras: Sequence[str], node: RosNode, board: Board, clock: SessionClock) -> None:
+        self.cameras, self.monitor, self.sent = tuple(cameras), Monitor(cameras), dict.fromkeys(cameras, 0)
+        self._rig, self._node, self._board, self._clock = rig, node, board, clock
+        self._poses = node.reader(topics.POSE)
+        self._intake = Intake(POSE_TYPE, pose_from_message, _MAX_BYTES)
+        self._told: Pose3D | None = None
+        self._judged_ns = 0
+        self._output = RosOutput(node, None)
+        # announced now: a fusion node that waits for it need not wait for the first person
+        node.writer(topics.DETECTIONS)
+
+    def step(self, groups: Groups) -> None:
+        """A moment's work."""
+        wait_any(groups.channels(), _POLL_S)
+        self._hear()
+        for message in groups.messages():
+            if isinstance(message, Seen):
+                self._send(message)
+            elif isinstance(message, Status):
+                for state in message.cameras:
+                    self.monitor.told(state, message.t_ns)
+            elif isinstance(message, LivePreview):
+                publish_preview(self._node, message)
+        now_ns = self._clock.now_ns()
+        if now_ns - self._judged_ns > _JUDGE_NS:
+            self._judged_ns = now_ns
+            verdicts = self.monitor.judge(now_ns, groups.troubles())
+            cameras = {name: CameraHealth(state=v.state, text=v.text) for name, v in verdicts.items()}
+            self._output.diagnose(now_ns, health_lines(LiveHealth(t_ns=now_ns, cameras=cameras)))
+
+    def _send(self, seen: Seen) -> None:
+        view = self.monitor.admit(seen, self._clock.now_ns())
+        if view is not None:
+            stages = {"received": seen.received_ns, "started": seen.started_ns, "detected": seen.detected_ns}
+            self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
+            self.sent[view.camera] += 1
+
+    def _hear(self) -> None:
+        samples = self._poses.take()
+        taken = self._intake.take(samples[-1].raw) if samples else None
+        if taken is None:
+            return
+        pose, _ = taken
+        sigma = np.full(len(self._rig), _SIGMA_PX)
+        self._board.write(pose, velocity_between(self._told, pose), expected_gain(pose, self._rig, sigma))
+        if self._told is None or pose.t_ns - self._told.t_ns > 25_000_000:
+            self._told = pose
+
+
+def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Take the views of all camera nodes, track, publish."""
+    config, rig, network = settled_config(args), read_rig(args.rig), network_of(args)
+    duration_s = run_options(args).duration_s
+    if args.report:
+        check_replaceable(args.report, command="live", replace=False)
+    # views that came from ROS are not sent back there
+    configs = output_configs(args, config, {"ros2": {"detections": False}})
+    clock = SessionClock.begin()
+    plan = OutputPlan(rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config))
+    views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, terminal.note)
+    whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
+    terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {args.domain}")
+    done = run_session(whole, lambda board: views, terminal.note)
+    counts = views.intake.intake.counts
+    figures = {
+        **figures_of(done),
+        "messages": {"accepted": counts.accepted, "refused": counts.refused},
+        "last_refusal": counts.last_refusal,
+        "strangers": views.intake.strangers,
+        "clock_offset_ms": {name: 1000 * offset for name, offset in done.clock_offset_s.items()},
+    }
+    show(terminal, figures)
+    terminal.facts("Clocks, ms after the mean", {name: f"{ms:+.1f}" for name, ms in figures["clock_offset_ms"].items()})
+    if args.report:
+        write_report(args.report, done, figures)
+    return figures
+
+
+class NetworkViews:
+    """Views of other machines, as `session.SessionViews`. Use as a context manager: leaving it closes them."""
+
+    restarts = 0
+
+    def __init__(self, intake: NetworkIntake, config: LiveConfig, duration_s: float | None, say: Say) -> None:
+        self.intake = intake
+        self._config, self._duration_s, self._say = config, duration_s, say
+        self._begun_ns = intake.clock.now_ns()
+
+    def __enter__(self) -> NetworkViews:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.intake.close()
+
+    def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
+        """The skeleton of the first view."""
+        # compiled for any skeleton, before a view is there to be waited for
+        ready_tracker(self.intake.rig, BLAZEPOSE33, self._config)
+        while (skeleton := self.intake.first_skeleton(_FIRST_VIEW_S)) is None:
+            if stopped or (self._duration_s is not None and self._waited_s() >= self._duration_s):
+                raise SourceError(self._nothing_came())
+        self._say(f"first view after {self._waited_s():.1f} s")
+        return skeleton
+
+    def whereabouts(self) -> list[str]:
+        """In no process of this machine."""
+        return []
+
+    def centres(self) -> list[Centres]:
+        """What was told before the first view."""
+        return self.intake.centres
+
+    def start(self, clock: SessionClock) -> int:
+        """They come already; the session counts from when it began to wait for them."""
+        return self._begun_ns
+
+    def channels(self) -> list[Channel]:
+        """For `select`."""
+        return self.intake.channels()
+
+    def messages(self) -> Iterator[Seen | Centres]:
+        """What has come; never waits."""
+        return self.intake.messages()
+
+    def troubles(self) -> Mapping[str, str]:
+        """See `NetworkIntake`."""
+        return self.intake.troubles()
+
+    def memory_mb(self) -> float:
+        """Most memory this process has held."""
+        return peak_memory_mb([os.getpid()])
+
+    def _waited_s(self) -> float:
+        return (self.intake.clock.now_ns() - self._begun_ns) / _S
+
+    def _nothing_came(self) -> str:
+        counts, strangers = self.intake.intake.counts, self.intake.strangers
+        why = f"; {counts.refused} messages were refused, the last because: {counts.last_refusal}" if counts.refused else ""
+        others = f"; there are views of {', '.join(sorted(strangers))}, not in the rig" if strangers else ""
+        return f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?"

@@ -1,0 +1,55 @@
+"""What `posefuse simulate` does around the simulator: progress and the table at the end."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.places import check_apart
+from posefuse.simulation.scene import motion_files, read_scene
+from posefuse.simulation.session import simulate
+
+from .terminal import Terminal
+
+
+def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Render a scene file into a session folder; returns the figures of the table."""
+    scene = read_scene(args.scene)
+    check_apart(args.out, (args.scene, *motion_files(scene)))
+    began_s = time.perf_counter()
+    try:
+        with terminal.progress("rendering") as advance:
+            paths = simulate(scene, args.out, advance, args.workers, replace=args.force)
+    except KeyboardInterrupt:
+        terminal.warn(f"{args.out} is unfinished; the same command goes on where it stopped")
+        raise
+    seconds = time.perf_counter() - began_s
+    truth = read_truth(paths.truth)
+    frames = sum(len(view.t_ns) for view in truth.views)
+    videos = [path for path in paths.videos.rglob("*") if path.is_file()]
+    figures = {
+        "cameras": list(truth.rig.names),
+        "people": len(truth.person_id),
+        "frames": frames,
+        "duration_s": scene.duration_s,
+        "seconds": seconds,
+        "frames_per_s": frames / seconds,
+        "megabytes": sum(path.stat().st_size for path in videos) / 1e6,
+        "out": paths.folder,
+    }
+    terminal.facts(
+        "Simulated",
+        {
+            "cameras": ", ".join(truth.rig.names),
+            "people": figures["people"],
+            "frames": frames,
+            "recording": f"{scene.duration_s:g} s, {figures['megabytes']:.1f} MB",
+            "rendered in": f"{seconds:.1f} s ({figures['frames_per_s']:.1f} frames/s)",
+            "session": str(paths.folder),
+        },
+    )
+    terminal.next(f"posefuse track {paths.folder} --out {paths.folder.name}-result", "the 3D skeleton, compared with the truth")
+    return figures

@@ -1,0 +1,98 @@
+"""What a person reads and what a script reads: the same figures, as tables or as one JSON object."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from posefuse.foundation.plain_values import plain
+
+Advance = Callable[[int, int], None]
+"""Progress callback: (done, total)."""
+
+
+class Terminal:
+    """Tables go to stdout; notes, warnings and progress to stderr. With `as_json` only the figures go to stdout."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+        self._notes = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._tables = self._notes if as_json else Console(highlight=False)
+
+    def note(self, text: str) -> None:
+        """One line of news."""
+        self._notes.print(text, markup=False)
+
+    def warn(self, text: str) -> None:
+        """One line about something that is not as it should be, with work going on."""
+        self._notes.print(f"warning: {text}", style="yellow", markup=False)
+
+    def next(self, command: str, purpose: str) -> None:
+        """One thing to do after this command; what it is good for."""
+        self.note(f"next: {command}  ({purpose})")
+
+    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+        """A table; numbers are right-aligned, floats shown to a sensible digit."""
+        numeric = [all(isinstance(row[i], int | float) or row[i] is None for row in rows) for i in range(len(columns))]
+        shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="")
+        for column, right in zip(columns, numeric, strict=True):
+            shown.add_column(Text(column), justify="right" if right else "left", overflow="fold")
+        for row in rows:
+            shown.add_row(*(_cell(value) for value in row))
+        self._tables.print(shown)
+
+    def facts(self, title: str, facts: Mapping[str, Any]) -> None:
+        """A table of two columns without a header."""
+        shown = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
+        for name, value in facts.items():
+            shown.add_row(Text(name), _cell(value))
+        self._tables.print(shown)
+
+    def figures(self, figures: Mapping[str, Any]) -> None:
+        """With --json: the one object on stdout."""
+        if self._as_json:
+            print(json.dumps(plain(figures), indent=2), flush=True)
+
+    @contextmanager
+    def progress(self, label: str) -> Iterator[Advance]:
+        """A progress bar on stderr that the callback moves."""
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=self._notes, refresh_per_second=4) as bar:
+            task = bar.add_task(label, total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+            if bar.tasks[task].total is None:
+                # there was nothing to count
+                bar.update(task, visible=False)
+
+
+def _cell(value: Any) -> Text:
+    """A cell with its text as it is: square brackets in names of files are no markup."""
+    return Text(cell_text(value))
+
+
+def cell_text(value: Any) -> str:
+    """A value as a table shows it."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        return "-" if math.isnan(value) else f"{value:.3g}" if abs(value) < 10 else f"{value:,.1f}"
+    if isinstance(value, int | np.integer):
+        return f"{int(value):,}"
+    return str(value)

@@ -1,0 +1,211 @@
+"""What `posefuse track` does around the pipeline: settings, progress, files, the table at the end."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from posefuse.cli.networks import fetch_networks
+from posefuse.core import InputError, Recording, Sink
+from posefuse.evaluation.metrics import JointErrors, joint_errors
+from posefuse.formats.detection_log import LOG_FILE
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
+from posefuse.foundation.places import check_apart
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
+from posefuse.pipeline.opening import Opened, open_session
+from posefuse.pipeline.run import Tracked, track_opened
+from posefuse.pipeline.session import Session, find_session
+from posefuse.pipeline.store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
+from posefuse.pipeline.writing import build_sinks, estimated_bytes, write_result
+
+from .terminal import Terminal
+
+TRUTH_FILE = Path("truth") / "truth.npz"
+_START_UP = ("open", "compile")  # stages that last the same however long the recording
+
+
+def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Track a session and write its result; returns the figures of the tables.
+
+    ``exit_code`` among them: 1 when an output could not be written.
+    """
+    clock = StageClock()
+    config = settled_config(args)
+    sinks = build_sinks(config.outputs)
+    session = find_session(args.session, config)
+    inputs = (args.session, session.rig_path, *(entry.path for entry in session.inputs))
+    # a result that Ctrl-C cut short has its detections with it
+    replace = args.force or (args.resume and (args.out / LOG_FILE).is_file())
+    check_apart(args.out, inputs)
+    check_replaceable(args.out, command="track", replace=replace)
+    unfinished = _unfinished(args, terminal)
+    for note in session.notes:
+        terminal.warn(note)
+    terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
+    if session.inputs[0].kind != "pose2d":
+        fetch_networks(config.detector, terminal)
+    with clock.stage("open"):
+        opened = open_session(session, config, terminal.warn)
+    with (
+        closing(opened.steps),
+        _kept(terminal, args.out),
+        output_folder(
+            args.out,
+            command="track",
+            inputs=inputs,
+            replace=replace,
+            estimated_bytes=estimated_bytes(opened),
+            keep_unfinished=True,
+            unfinished=unfinished,
+            warn=terminal.warn,
+        ) as out,
+    ):
+        if args.resume and unfinished is None and replace:
+            shutil.copyfile(args.out / LOG_FILE, out.folder / LOG_FILE)
+        with closing(DetectionStore(out.folder, opened)) as store:
+            tracked, written, failed = _results(opened, store, sinks, out, clock, terminal)
+    errors = _errors(session, tracked.recording)
+    figures = _figures(args.out, tracked, clock, written, failed, errors)
+    _show(terminal, figures, errors)
+    terminal.next(f"posefuse report {args.out}", "joint angles, gait, files for OpenSim and Blender, one page")
+    terminal.next(f"posefuse view {args.out}", "the skeleton in the 3D viewer (extra: viewer)")
+    if args.view:
+        from posefuse.outputs import view_recording
+
+        view_recording(args.out)
+    return figures
+
+
+def _results(
+    opened: Opened, store: DetectionStore, sinks: Sequence[Sink], out: OutputFolder, clock: StageClock, terminal: Terminal
+) -> tuple[Tracked, list[Path], dict[str, str]]:
+    """The recording, the files written, and why outputs failed, by name."""
+    keep_log_only(out.folder)
+    with terminal.progress("tracking") as advance:
+        tracked = track_opened(opened, clock, advance, terminal.note, terminal.warn, store)
+    if tracked.interrupted:
+        steps = len(tracked.recording.poses)
+        terminal.warn(f"stopped early; the first {steps} time steps are finished and kept; --resume goes on from them")
+    with clock.stage("write"), terminal.progress("writing") as advance:
+        written, failed = write_result(tracked.recording, opened.session, opened.config, sinks, out, advance)
+    for name, reason in failed.items():
+        terminal.warn(f"output {name}: not written ({reason})")
+    if not tracked.interrupted:
+        store.discard()
+    return tracked, written, failed
+
+
+def _unfinished(args: argparse.Namespace, terminal: Terminal) -> Path | None:
+    """The folder to go on in; None: begin anew.
+
+    Raises:
+        InputError: interrupted work is there, and neither --resume nor --force was given.
+    """
+    found = unfinished_work(args.out)
+    if args.force:
+        remove_unfinished(args.out)
+        return None
+    if found is not None and not args.resume:
+        raise InputError(f"{args.out}: an earlier run was interrupted; --resume continues it, --force starts anew")
+    if found is None and args.resume and not (args.out / LOG_FILE).is_file():
+        terminal.note(f"{args.out}: no interrupted work is there; beginning at the start")
+    return found
+
+
+@contextmanager
+def _kept(terminal: Terminal, out: Path) -> Iterator[None]:
+    """Report what is kept when the work ends before its end, however it ends."""
+    try:
+        yield
+    except BaseException:
+        if unfinished_work(out) is not None:
+            terminal.note("the detections made so far are kept; the same command with --resume continues from them")
+        raise
+
+
+def settled_config(args: argparse.Namespace) -> TrackConfig:
+    """The config file with the command line's options on top."""
+    path = args.config or (args.session / CONFIG_FILE if (args.session / CONFIG_FILE).is_file() else None)
+    rig = str(Path(args.rig).absolute()) if args.rig is not None and Path(args.rig).exists() else args.rig
+    outputs = None if args.outputs is None else tuple(name for name in args.outputs.split(",") if name)
+    options = {
+        "--rig": ("rig", rig),
+        "--input": ("input", args.input),
+        "--start": ("start_s", args.start),
+        "--end": ("end_s", args.end),
+        "--raw": ("raw", args.raw or None),
+        "--weights": ("fuse.weights", args.weights),
+        "--person": ("associate.near_xy_m", args.person),
+        "--outputs": ("outputs", outputs),
+    }
+    return read_config(path, args.overrides, options)
+
+
+def _errors(session: Session, recording: Recording) -> JointErrors | None:
+    path = session.folder / TRUTH_FILE
+    return joint_errors(recording.poses, read_truth(path)) if path.is_file() else None
+
+
+def _figures(
+    out: Path,
+    tracked: Tracked,
+    clock: StageClock,
+    written: list[Path],
+    failed: Mapping[str, str],
+    errors: JointErrors | None,
+) -> dict[str, Any]:
+    recording = tracked.recording
+    instants = len(recording.poses)
+    images = instants * len(recording.rig)
+    start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
+    figures: dict[str, Any] = {
+        "cameras": len(recording.rig),
+        "instants": instants,
+        "people": len(recording.poses.person_id),
+        "seconds": clock.total_s,
+        "start_up_s": start_up_s,
+        "instants_per_s": instants / (clock.total_s - start_up_s),
+        "stage_ms_per_instant": {
+            name: 1000 * seconds / instants for name, seconds in clock.seconds.items() if name not in _START_UP
+        },
+        "stage_share": {name: seconds / clock.total_s for name, seconds in clock.seconds.items()},
+        "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / images,
+        "found": dict(tracked.found),
+        "interrupted": tracked.interrupted,
+        "failed": dict(failed),
+        "exit_code": int(bool(failed)),
+        "out": out,
+        "files": [path.name for path in written],
+    }
+    if errors:
+        figures["mpjpe_mm"] = errors.mpjpe_mm
+        figures["joint_mm"] = {
+            joint: {"mean": errors.mean_mm[i], "sd": errors.sd_mm[i], "p95": errors.p95_mm[i], "found": errors.found[i]}
+            for i, joint in enumerate(errors.joints)
+        }
+    return figures
+
+
+def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | None) -> None:
+    facts = {
+        "cameras": figures["cameras"],
+        "frames": f"{figures['instants']} time steps, {figures['instants'] * figures['cameras']} images",
+        "people": figures["people"],
+        "seen in": ", ".join(f"{name} {share:.0%}" for name, share in figures["found"].items()),
+    }
+    if errors:
+        facts["MPJPE against the truth"] = f"{errors.mpjpe_mm:.1f} mm (14 joints)"
+        worst = max(range(len(errors.joints)), key=lambda i: errors.mean_mm[i])
+        facts["worst joint"] = f"{errors.joints[worst]} {errors.mean_mm[worst]:.1f} mm"
+    for stage, ms in figures["stage_ms_per_instant"].items():
+        facts[f"{stage}"] = f"{ms:.1f} ms per time step"
+    facts["speed"] = f"{figures['instants_per_s']:.1f} time steps/s with everything, after {figures['start_up_s']:.0f} s to start"
+    facts["result in"] = str(figures["out"])
+    facts["files"] = ", ".join(figures["files"])
+    terminal.facts("Result", facts)

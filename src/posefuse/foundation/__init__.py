@@ -1,0 +1,1 @@
+"""What does not know cameras or people: safe writing, settings, compiled kernels, plug-ins, the platform."""

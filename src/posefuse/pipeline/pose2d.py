@@ -1,0 +1,128 @@
+"""Time steps of folders with 2D poses that another tool has written: nothing to decode, all people are in the files."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from posefuse.core import Camera, Detections2D, InputError, LookKind, Pose3D, Rig, Skeleton
+from posefuse.core.errors import choices
+from posefuse.formats.openpose import OpenPoseFolder, read_openpose_folder
+from posefuse.sources import Coverage, incomplete_cameras
+
+from .config import CameraInput, TrackConfig
+from .images import Timeline, check_time_steps
+from .session import Input, Session
+
+DEFAULT_RATE_HZ = 30.0
+
+
+@dataclass(frozen=True)
+class Pose2DStep:
+    """One time step of 2D pose files; implements `TimeStep`.
+
+    Attributes:
+        t_ns: session clock. files: per camera its folder, the frame number there, and the time of that frame.
+    """
+
+    t_ns: int
+    files: tuple[tuple[OpenPoseFolder, int, int], ...]
+
+    def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
+        """All people in the files, whoever is expected."""
+        return tuple(folder.frame(number, t_ns) for folder, number, t_ns in self.files)
+
+
+class Pose2DInstants:
+    """Time steps of frame numbers first, first + 1, ... at an even rate; each camera gives its frame nearest to a time step.
+
+    Args:
+        folders: one per camera. timeline: the time steps. first_number: of the first. settings: one per camera.
+    """
+
+    def __init__(
+        self, folders: list[OpenPoseFolder], timeline: Timeline, first_number: int, settings: Sequence[CameraInput]
+    ) -> None:
+        self._folders, self._timeline = folders, timeline
+        self._zero_ns = first_number * timeline.period_ns - timeline.start_ns
+        self._clocks = [(round(one.offset_s * 1e9), timeline.period_ns * (1 + 1e-6 * one.drift_ppm)) for one in settings]
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The files' keypoints."""
+        return self._folders[0].skeleton
+
+    @property
+    def joint_centres(self) -> None:
+        """Files do not say where joint centres lie relative to their keypoints."""
+
+    def steps(self, first: int = 0) -> Iterator[Pose2DStep]:
+        """The time steps from number `first` on."""
+        for i in range(first, self._timeline.count):
+            t_ns = self._timeline.t_ns(i)
+            clocks = zip(self._folders, self._clocks, strict=True)
+            yield Pose2DStep(t_ns, tuple(self._file(folder, *clock, t_ns) for folder, clock in clocks))
+
+    def close(self) -> None:
+        """Nothing stays open."""
+
+    def incomplete(self) -> list[str]:
+        """One line for each camera whose files have gaps in their numbers, or end before the others'."""
+        line = self._timeline
+        first = round((line.start_ns + self._zero_ns) / line.period_ns)
+        wanted = range(first, first + line.count)
+        return incomplete_cameras([self._coverage(folder, wanted) for folder in self._folders])
+
+    def _coverage(self, folder: OpenPoseFolder, wanted: range) -> Coverage:
+        there = [number for number in folder.numbers if number in wanted]
+        expected = min(folder.numbers[-1], wanted[-1]) - max(folder.numbers[0], wanted[0]) + 1
+        period_ns = self._timeline.period_ns
+        end_ns = there[-1] * period_ns - self._zero_ns if there else None
+        return Coverage(folder.camera, max(0, expected), len(there), end_ns, period_ns)
+
+    def _file(self, folder: OpenPoseFolder, offset_ns: int, period_ns: float, t_ns: int) -> tuple[OpenPoseFolder, int, int]:
+        number = round((t_ns + self._zero_ns - offset_ns) / period_ns)
+        return folder, number, round(number * period_ns) + offset_ns - self._zero_ns
+
+
+def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DInstants, Timeline]:
+    """Time steps of a session's 2D pose folders; frames of one number belong together.
+
+    The rate is `config.rate_hz`, else the usual 30 Hz.
+
+    Raises:
+        InputError: folders of different skeletons, or no frame between start_s and end_s.
+    """
+    folders = [read_openpose_folder(entry.path, entry.camera) for entry in session.inputs]
+    _check_one_skeleton(folders)
+    rate_hz = config.rate_hz or DEFAULT_RATE_HZ
+    period_ns = round(1e9 / rate_hz)
+    first = min(folder.numbers[0] for folder in folders)
+    last = max(folder.numbers[-1] for folder in folders)
+    skip = 0 if config.start_s is None else max(0, -(-round(config.start_s * 1e9) // period_ns))
+    count = last - first + 1 if config.end_s is None else min(last - first, round(config.end_s * rate_hz)) + 1
+    if count - skip < 1:
+        raise InputError(
+            f"{session.folder}: no 2D pose from {config.start_s} to {config.end_s} s; "
+            f"there are {last - first + 1} at {rate_hz:g} Hz"
+        )
+    numbered = f"{session.folder}: 2D poses with frame numbers {first} to {last}"
+    check_time_steps(count - skip, rate_hz, numbered, config.max_time_steps)
+    timeline = Timeline(skip * period_ns, period_ns, count - skip)
+    cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
+    rig = dataclasses.replace(session.rig, cameras=cameras)
+    return rig, Pose2DInstants(folders, timeline, first + skip, [entry.settings for entry in session.inputs]), timeline
+
+
+def _check_one_skeleton(folders: list[OpenPoseFolder]) -> None:
+    kinds: dict[Skeleton, str] = {folder.skeleton: folder.camera for folder in folders}
+    if len(kinds) > 1:
+        named = [f"{skeleton.name} (camera {camera})" for skeleton, camera in kinds.items()]
+        raise InputError(f"2D pose folders: expected one skeleton for all cameras, got {choices(named)}")
+
+
+def stated_camera(camera: Camera, entry: Input) -> Camera:
+    """A stated crop moves the image; the size of the images is not in these files."""
+    crop = entry.settings.crop
+    return camera.cropped(*crop, camera.size_wh) if crop else camera

@@ -1,0 +1,61 @@
+"""Second pass: every time step fused anew from all views, gaps and noise treated over time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from posefuse.core import InputError, Observations, Pose3D, PoseSequence, Rig, ViewSequence
+from posefuse.core.views_over_time import people_in
+from posefuse.fusion import FuseSettings, fuse
+from posefuse.tracking import JointCentres, SmoothSettings, sides_like, smooth, steady_sides, to_joint_centres
+
+# rounds of naming sides; a second one mends what the first one's reference still had wrong
+_NAMING_ROUNDS = 2
+# a person followed in fewer time steps than this is not one
+_LEAST_STEPS = 5
+
+
+def long_enough(observations: Observations) -> list[int]:
+    """The people who were followed long enough to be in the result.
+
+    Raises:
+        InputError: no person was followed in at least a few time steps.
+    """
+    ids, counts = people_in(observations)
+    kept = ids[counts >= min(_LEAST_STEPS, len(observations.step_t_ns))]
+    if len(kept) == 0:
+        raise InputError("no person could be followed in at least two cameras at once")
+    people: list[int] = kept.tolist()
+    return people
+
+
+def poses_over_time(
+    views: ViewSequence,
+    rig: Rig,
+    fusing: FuseSettings,
+    smoothing: SmoothSettings | None,
+    centres: JointCentres | None = None,
+) -> PoseSequence:
+    """Fuse every time step, move keypoints to joint centres (with `centres`), then (with `smoothing`) treat gaps and noise over
+    the whole recording.
+
+    Where left/right swaps may be corrected, the recording is first steadied over time and then every view's limbs are named
+    left and right as the steadied recording has them: when legs pass each other, several views confuse them at once and no
+    single time step can tell.
+    """
+    fused = _fused(views, rig, fusing)
+    if fusing.weights == "robust" and fusing.untangle_sides:
+        named = replace(fusing, untangle_sides=False)
+        for _ in range(_NAMING_ROUNDS):
+            reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
+            xy, score, sigma = sides_like(reference, rig, views.xy_img, views.score, views.sigma_px)
+            fused = _fused(replace(views, xy_img=xy, score=score, sigma_px=sigma), rig, named)
+    fused = to_joint_centres(fused, centres) if centres else fused
+    return smooth(fused, smoothing) if smoothing else fused
+
+
+def _fused(views: ViewSequence, rig: Rig, fusing: FuseSettings) -> PoseSequence:
+    poses: list[Pose3D] = []
+    for i in range(len(views.t_ns)):
+        poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
+    return PoseSequence.from_poses(poses)

@@ -1,0 +1,183 @@
+"""One thread per camera that takes frames as they come and keeps the newest only."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
+from posefuse.health.cameras import CameraState
+
+from .faults import Fault, Wrong, disturbed
+
+_RETRY_S = 1.0
+# every so many pixels in both directions are compared to tell a frozen camera
+_SAMPLE_STEP = 12
+
+
+@dataclass(frozen=True)
+class LiveInput:
+    """One camera's source.
+
+    Attributes:
+        camera: name in the rig. kind: how the user called it, e.g. ``rtsp``.
+        config: source config with `build()`; one with a field `zero_ns` counts time from there (monotonic clock).
+        reopen: a source that ends or fails is opened again until the session ends.
+        faults: what is to go wrong, for trials.
+        loop_s: a film or simulated session begins again every so many seconds after the session's zero; None plays it once.
+    """
+
+    camera: str
+    kind: str
+    config: Any
+    reopen: bool
+    faults: tuple[Fault, ...] = ()
+    loop_s: float | None = None
+
+    @property
+    def from_zero(self) -> bool:
+        """Its times count from a zero that the session sets."""
+        return any(field.name == "zero_ns" for field in dataclasses.fields(self.config))
+
+    def open(self, camera: Camera, zero_ns: int | None = None) -> Source:
+        """Build the source; raises SourceError when it cannot be opened or its frames are not of the calibrated size."""
+        config = dataclasses.replace(self.config, zero_ns=zero_ns) if self.from_zero and zero_ns is not None else self.config
+        source: Source = config.build()
+        if source.size_wh != camera.size_wh:
+            source.close()
+            got, want = source.size_wh, camera.size_wh
+            raise SourceError(
+                f"camera {self.camera}: frames are {got[0]}x{got[1]} px, it was calibrated at {want[0]}x{want[1]}; "
+                "set the camera to that size"
+            )
+        return source
+
+
+@dataclass(frozen=True, eq=False)
+class Caught:
+    """A frame in the source's own time.
+
+    Attributes:
+        still: for how many frames in a row the image has not changed.
+        later_ns: when this showing of the source began, after the session's zero.
+        wrong: what is wrong with it on purpose.
+    """
+
+    frame: Frame
+    still: int
+    later_ns: int = 0
+    wrong: Wrong = field(default_factory=Wrong)
+
+
+class Capture:
+    """Frames of one camera from a thread of its own. `news` is notified of each new frame."""
+
+    def __init__(self, entry: LiveInput, camera: Camera, news: threading.Condition) -> None:
+        self.entry, self.camera = entry, camera
+        self._news = news
+        self._newest: Caught | None = None
+        self._source: Source | None = None
+        self._stop = threading.Event()
+        self._state, self._text = "opening", ""
+        self._captured = self._used = self._replaced = self._missing = 0
+        self._thread: threading.Thread | None = None
+        self._began_s = 0.0
+
+    def open(self) -> None:
+        """Open the source now, so that what is wrong shows at the start; raises SourceError."""
+        self._source = self.entry.open(self.camera)
+
+    def begin(self, zero_ns: int) -> None:
+        """Let frames come."""
+        self._thread = threading.Thread(target=self._run, args=(zero_ns,), name=f"capture {self.entry.camera}", daemon=True)
+        self._thread.start()
+
+    def waiting(self) -> Caught | None:
+        """The newest frame nobody has taken yet; call with `news` held."""
+        return self._newest
+
+    def take(self) -> Caught | None:
+        """Take it; call with `news` held."""
+        caught, self._newest = self._newest, None
+        self._used += caught is not None
+        return caught
+
+    def state(self) -> CameraState:
+        """How it fares."""
+        return CameraState(self.entry.camera, self._state, self._text, self._captured, self._used, self._replaced, self._missing)
+
+    def close(self) -> None:
+        """Stop without waiting for a source that hangs."""
+        self._stop.set()
+        if self._source is not None:
+            self._source.close()
+
+    def _run(self, zero_ns: int) -> None:
+        turn = -1
+        while not self._stop.is_set():
+            turn = self._next_turn(turn, zero_ns)
+            try:
+                self._deliver(zero_ns, turn * self._loop_ns)
+                if self._loop_ns:
+                    continue
+                self._state, self._text = "ended", "the source has ended"
+            except (PosefuseError, OSError, RuntimeError, ValueError) as error:
+                self._state, self._text = "lost", str(error)
+            if not self.entry.reopen:
+                return
+            self._stop.wait(_RETRY_S)
+
+    @property
+    def _loop_ns(self) -> int:
+        return round((self.entry.loop_s or 0.0) * 1e9) if self.entry.from_zero else 0
+
+    def _next_turn(self, turn: int, zero_ns: int) -> int:
+        """Number of the next showing; ones that are over already are left out, so that all cameras show the same."""
+        return max(turn + 1, (time.monotonic_ns() - zero_ns) // self._loop_ns, 0) if self._loop_ns else 0
+
+    def _deliver(self, zero_ns: int, later_ns: int) -> None:
+        """Frames of one showing of the source, which begins `later_ns` after zero."""
+        if self._source is None or self.entry.from_zero:
+            self._source = self.entry.open(self.camera, zero_ns + later_ns)
+        still, before, seq = 0, None, None
+        try:
+            frames = self._source.frames()
+            self._began_s = self._began_s or (zero_ns / 1e9 if self.entry.from_zero else time.monotonic())
+            for frame, wrong in disturbed(frames, self.entry.faults, self._began_s):
+                if self._stop.is_set() or (self._loop_ns and frame.t_ns >= self._loop_ns):
+                    return
+                sample = frame.image[::_SAMPLE_STEP, ::_SAMPLE_STEP].copy()
+                still = still + 1 if before is not None and np.array_equal(sample, before) else 0
+                before = sample
+                self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
+                seq = frame.seq
+                self._state, self._text = "running", ""
+                self.put(Caught(frame, still, later_ns, wrong))
+        finally:
+            self._source.close()
+            self._source = None
+
+    def put(self, caught: Caught) -> None:
+        """A new frame; one that still waits gives way to it."""
+        with self._news:
+            self._captured += 1
+            self._replaced += self._newest is not None
+            self._newest = caught
+            self._news.notify()
+
+
+def pick(captures: list[Capture], worth: Callable[[Capture], float]) -> tuple[Capture, Caught] | None:
+    """Take the waiting frame that is worth most; None when none waits. Call with `news` held."""
+    waiting = [capture for capture in captures if capture.waiting() is not None]
+    if not waiting:
+        return None
+    best = max(waiting, key=worth)
+    caught = best.take()
+    assert caught is not None
+    return best, caught

@@ -1,0 +1,246 @@
+"""Camera groups as processes: started, heard, missed, started again, and never left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+from posefuse.core import Skeleton, SourceError
+from posefuse.foundation.platform import peak_memory_mb
+
+from .board import Board
+from .channel import Channel, ChannelClosed
+from .group import GroupPlan, run_group
+from .messages import Centres, Failed, Go, Ready, Status, Stop
+
+START_S = 120.0
+# no word for so long: something is wrong; then: it hangs and is ended
+SILENT_S = 1.5
+_HUNG_S = 5.0
+_FIRST_RETRY_S = 0.2
+_LONGEST_RETRY_S = 10.0
+_AT_ONCE = 32
+_LEAVE_S = 0.8
+_KILLED_S = 1.0
+
+
+def spawned(target: Callable[..., None], *args: Any, name: str) -> Any:
+    """A started process that Ctrl-C in the terminal does not reach; its parent tells it when to end."""
+    context = multiprocessing.get_context("spawn")
+    process = context.Process(target=target, args=args, name=name, daemon=True)
+    if threading.current_thread() is not threading.main_thread():
+        process.start()
+        return process
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        process.start()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    return process
+
+
+def ended(process: Any, wait_s: float) -> None:
+    """Wait for a process that was told to leave; end it when it does not."""
+    process.join(wait_s)
+    if process.is_alive():
+        process.kill()
+        process.join(_KILLED_S)
+    # on a machine with no time to spare a killed process may be there a while
+    if not process.is_alive():
+        process.close()
+
+
+@dataclass
+class _Member:
+    """One group's process, as its parent sees it."""
+
+    plan: GroupPlan
+    channel: Channel
+    process: Any
+    marks: Ready | None = None
+    ready: bool = False
+    heard_s: float = field(default_factory=time.monotonic)
+    retry_s: float = _FIRST_RETRY_S
+    again_at_s: float | None = None
+    trouble: str = ""
+    restarts: int = 0
+
+
+class Groups:
+    """The processes of all camera groups.
+
+    Use as a context manager: leaving it ends them all.
+    """
+
+    def __init__(self, plans: Sequence[GroupPlan], board: Board) -> None:
+        self._board = board
+        self._go: Go | None = None
+        self._members = [_Member(plan, *self._start(plan)) for plan in plans]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.stop()
+
+    def whereabouts(self) -> list[str]:
+        """Which cameras are in which process, in words."""
+        return [f"cameras {_cameras(member.plan)} in process {member.process.pid}" for member in self._members]
+
+    @property
+    def restarts(self) -> int:
+        """How often a process had to be started again."""
+        return sum(member.restarts for member in self._members)
+
+    def memory_mb(self) -> float:
+        """Most memory this process and those of the groups have held, added up, see `peak_memory_mb`."""
+        return peak_memory_mb([os.getpid(), *(member.process.pid for member in self._members)])
+
+    def wait_ready(self, stopped: Sequence[str] = (), timeout_s: float = START_S) -> Skeleton:
+        """Wait for every group's sources and network.
+
+        Raises:
+            SourceError: a group that cannot begin, in its own words, or one that takes longer.
+            KeyboardInterrupt: `stopped` has an entry.
+        """
+        end_s = time.monotonic() + timeout_s
+        for member in self._members:
+            while member.marks is None:
+                if stopped:
+                    raise KeyboardInterrupt
+                if time.monotonic() > end_s:
+                    raise SourceError(f"cameras {_cameras(member.plan)}: not ready within {timeout_s:g} s")
+                self._hear_ready(member)
+        skeletons = {member.marks.skeleton for member in self._members if member.marks is not None}
+        if len(skeletons) > 1:
+            raise SourceError("camera groups: expected one skeleton from all 2D estimators, got several")
+        return skeletons.pop()
+
+    def centres(self) -> list[Centres]:
+        """How joint centres lie beside what the 2D estimator of each group marks, once they are ready."""
+        return [
+            Centres(tuple(entry.camera for entry in member.plan.inputs), member.marks.joint_centres)
+            for member in self._members
+            if member.marks is not None
+        ]
+
+    def begin(self, zero_ns: int) -> None:
+        """Let frames come; recorded sources show their time 0 at monotonic time `zero_ns`."""
+        self._go = Go(zero_ns)
+        for member in self._members:
+            member.heard_s = time.monotonic()
+            member.channel.send(self._go, 1.0)
+
+    def channels(self) -> list[Channel]:
+        """For `select`."""
+        return [member.channel for member in self._members if member.again_at_s is None]
+
+    def messages(self) -> Iterator[Any]:
+        """What has come, a bounded number per group and call; notices and mends what has died."""
+        for member in self._members:
+            if member.again_at_s is not None:
+                if time.monotonic() >= member.again_at_s:
+                    self._restart(member)
+                continue
+            yield from self._from(member)
+
+    def troubles(self) -> dict[str, str]:
+        """What is wrong with the process a camera belongs to, by camera; only those with trouble."""
+        now = time.monotonic()
+        found = {}
+        for member in self._members:
+            trouble = member.trouble
+            if not trouble and now - member.heard_s > SILENT_S:
+                trouble = f"process {member.process.pid} has said nothing for {now - member.heard_s:.1f} s"
+            if trouble:
+                found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
+        return found
+
+    def stop(self) -> None:
+        """End them all; safe to call twice."""
+        for member in self._members:
+            with contextlib.suppress(ChannelClosed):
+                member.channel.send(Stop(), 0.1)
+        end_s = time.monotonic() + _LEAVE_S
+        for member in self._members:
+            ended(member.process, max(0.0, end_s - time.monotonic()))
+            member.channel.close()
+        self._members = []
+
+    def _start(self, plan: GroupPlan) -> tuple[Channel, Any]:
+        ours, theirs = Channel.pair()
+        process = spawned(run_group, plan, theirs, self._board, name=f"posefuse cameras {_cameras(plan)}")
+        theirs.close_own()
+        return ours, process
+
+    def _restart(self, member: _Member) -> None:
+        if member.process.is_alive():
+            # waiting here would stop the beat
+            member.process.kill()
+            member.again_at_s = time.monotonic() + member.retry_s
+            return
+        member.channel.close()
+        member.process.close()
+        member.channel, member.process = self._start(member.plan)
+        member.again_at_s, member.heard_s, member.ready = None, time.monotonic(), False
+        member.restarts += 1
+
+    def _hear_ready(self, member: _Member) -> None:
+        member.channel.wait(0.1)
+        try:
+            message = member.channel.receive()
+        except ChannelClosed:
+            raise SourceError(f"cameras {_cameras(member.plan)}: {death_of(member.process)} while starting") from None
+        if isinstance(message, Failed):
+            raise SourceError(message.reason)
+        if isinstance(message, Ready):
+            member.marks, member.ready = message, True
+
+    def _from(self, member: _Member) -> Iterator[Any]:
+        for _ in range(_AT_ONCE):
+            try:
+                message = member.channel.receive()
+            except ChannelClosed:
+                self._died(member, death_of(member.process))
+                return
+            if message is None:
+                break
+            member.heard_s = time.monotonic()
+            if isinstance(message, Ready) and self._go is not None:
+                member.ready = True
+                member.channel.send(self._go, 0.1)
+            elif isinstance(message, Failed):
+                self._died(member, message.reason)
+                return
+            else:
+                if isinstance(message, Status) and all(state.state != "opening" for state in message.cameras):
+                    member.trouble, member.retry_s = "", _FIRST_RETRY_S
+                yield message
+        # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
+        if time.monotonic() - member.heard_s > (_HUNG_S if member.ready else START_S):
+            member.process.kill()
+            self._died(member, f"process {member.process.pid} hung and was ended")
+
+    def _died(self, member: _Member, why: str) -> None:
+        member.trouble = f"{why}; starting again"
+        member.again_at_s = time.monotonic() + member.retry_s
+        member.retry_s = min(2 * member.retry_s, _LONGEST_RETRY_S)
+
+
+def _cameras(plan: GroupPlan) -> str:
+    return " ".join(entry.camera for entry in plan.inputs)
+
+
+def death_of(process: Any) -> str:
+    """How a process ended, in words."""
+    process.join(0.2)
+    code = process.exitcode
+    how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with status {code}"
+    return f"process {process.pid} ended {how}"

@@ -1,0 +1,197 @@
+"""A live session from views to outputs: processes started, the output rate kept, everything ended again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
+from posefuse.foundation.compiled import compiling
+from posefuse.foundation.platform import punctual, usable_cores
+from posefuse.kinematics import JointTracker
+from posefuse.tracking.online import Tracker, build_tracker
+from posefuse.tracking.stand_in import made_up_detections
+
+from .assignment import dealt
+from .board import Board
+from .capture import LiveInput
+from .clock import SessionClock
+from .config import LiveConfig
+from .fusion import Fusion, build_solve
+from .group import GroupPlan
+from .joint_centres import Centring
+from .news import News, Say
+from .output_plan import NoOutputs, OutputPlan
+from .outputs import OutputProcess
+from .processes import Groups
+from .provenance import notes_of
+from .rig_watch import watching
+from .session_plan import Finished, SessionPlan, SessionViews
+
+LEAST_CAMERAS = 2
+_LEAD_NS = 300_000_000
+_WARM_UP_INSTANTS = 15
+
+
+def run_live(
+    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, duration_s: float | None, say: Say
+) -> Finished:
+    """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
+
+    Raises:
+        SourceError: fewer than two cameras, or one that cannot be opened.
+        InputError: an output that cannot be opened.
+    """
+    if len(inputs) < LEAST_CAMERAS:
+        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
+    rig = rig.only(entry.camera for entry in inputs)
+    plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
+    whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
+    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan), board), say)
+
+
+def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextManager[SessionViews]], say: Say) -> Finished:
+    """Outputs, tracker, joint centres, rig watch and fusion around the views that `views_on(board)` brings.
+
+    Raises:
+        SourceError: views that cannot come.
+        InputError: an output that cannot be opened.
+    """
+    rig, clock, config = plan.outputs.rig, plan.outputs.clock, plan.config
+    board = new_board(rig)
+    outputs = OutputProcess(plan.outputs) if plan.outputs.configs else NoOutputs()
+    try:
+        with stop_requests() as stopped, views_on(board) as views, watching(rig, clocks=plan.remote) as watch:
+            outputs.wait_ready()
+            skeleton = views.wait_ready(stopped)
+            say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
+            with compiling("live tracking", say):
+                joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
+                tracker = ready_tracker(rig, skeleton, config)
+            centring = Centring(rig.names, config.joint_centres)
+            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch, joints)
+            for told in views.centres():
+                fusion.take(told)
+            zero_ns = views.start(clock)
+            news = News(fusion, zero_ns, say)
+            with punctual():
+                fusion.run(views, config.rate_hz, _until(plan.duration_s, zero_ns, fusion, news, stopped))
+            restarts, memory_mb = views.restarts, views.memory_mb()
+            known_s = watch.known.offset_s if watch is not None and plan.remote else {}
+    finally:
+        outputs.close()
+    news.tell(clock.now_ns())
+    times = os.times()
+    return Finished(
+        fusion=fusion,
+        skeleton=skeleton,
+        zero_ns=zero_ns,
+        seconds=(clock.now_ns() - zero_ns) / 1e9,
+        stopped_by=stopped[0] if stopped else "",
+        outputs=outputs.figures(),
+        output_events=tuple(outputs.events),
+        outputs_failed=outputs.failed,
+        lost=outputs.lost,
+        restarts=restarts,
+        cpu_s=(times.user + times.system, times.children_user + times.children_system),
+        memory_mb=memory_mb,
+        clock_offset_s={name: known_s.get(name, float("nan")) for name in rig.names} if plan.remote else {},
+    )
+
+
+def _until(duration_s: float | None, zero_ns: int, fusion: Fusion, news: News, stopped: Sequence[str]) -> Callable[[int], bool]:
+    end_ns = None if duration_s is None else zero_ns + round(duration_s * 1e9)
+
+    def until(now_ns: int) -> bool:
+        news.tell(now_ns)
+        over = end_ns is not None and now_ns >= end_ns
+        return over or bool(stopped) or fusion.monitor.all_ended()
+
+    return until
+
+
+class GroupViews(Groups):
+    """Camera groups as the views of a session."""
+
+    def start(self, clock: SessionClock) -> int:
+        """Recorded sources show their time 0 a moment from now, when all groups know it."""
+        zero_ns = time.monotonic_ns() + _LEAD_NS
+        self.begin(zero_ns)
+        return zero_ns + clock.offset_ns
+
+
+def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
+    """Cameras dealt out to groups, see `dealing`."""
+    cores = usable_cores()
+    count = config.groups or max(1, min(cores, len(inputs) // 2))
+    count = min(count, len(inputs))
+    detector = config.detector
+    if detector.name == "blazepose":
+        streams = max(1, cores // count)
+        detector = replace(detector, options={"streams": streams, **detector.options})
+    by_name = {entry.camera: entry for entry in inputs}
+    return [
+        GroupPlan(
+            group, rig, tuple(by_name[name] for name in cameras), detector, plan.clock, config.track.max_people,
+            config.search_every_s, config.preview_hz if plan.wants(LivePreview) else 0.0,
+        )
+        for group, cameras in enumerate(dealt(rig, list(by_name), count))
+    ]  # fmt: skip
+
+
+def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
+    """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
+    solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
+    warm_tracker(build_tracker(rig, skeleton, config.track, solve), rig, skeleton)
+    return build_tracker(rig, skeleton, config.track, solve)
+
+
+def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
+    """Joint angles for outputs, their kernels compiled; None where none are wanted."""
+    if not config.angles:
+        return None
+    k = len(skeleton)
+    xyz, cov = np.random.default_rng(0).normal(size=(1, k, 3)), np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
+    made_up = Pose3D(10**15, skeleton, np.zeros(1), xyz, cov, np.ones((1, k)), np.full((1, k), 3), np.ones((1, k)))
+    JointTracker(skeleton, config.joints).step(made_up)
+    return JointTracker(skeleton, config.joints)
+
+
+def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
+    """Show it a made-up person in front of the cameras for a moment."""
+    for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
+        for view in detections:
+            tracker.add(view)
+            tracker.at(view.t_ns + 20_000_000)
+
+
+def new_board(rig: Rig) -> Board:
+    """An empty board for all cameras of the rig."""
+    import multiprocessing
+
+    return Board(multiprocessing.get_context("spawn"), len(rig))
+
+
+@contextmanager
+def stop_requests() -> Iterator[list[str]]:
+    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual."""
+    stopped: list[str] = []
+
+    def note(number: int, frame: Any) -> None:
+        if stopped:
+            raise KeyboardInterrupt
+        stopped.append(signal.Signals(number).name)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
