@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Joints, PoseSequence, Truth
+from posefuse.core import JointAngles, PoseSequence, Truth
 from posefuse.evaluation.angles import AngleError, angle_errors
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.lab import joints_from_lab, poses_from_lab
@@ -127,7 +127,7 @@ def noisy(sequence: PoseSequence, sigma_m: float) -> PoseSequence:
     )  # fmt: skip
 
 
-def with_joints(exact: Truth) -> Joints:
+def with_joints(exact: Truth) -> JointAngles:
     if exact.joints is None:
         raise SystemExit("this truth has no joint angles")
     return exact.joints

@@ -27,7 +27,7 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.atomic import atomic_folder
+from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings, fuse
@@ -158,7 +158,8 @@ def clip_of_session(name: str, session: Path, cache: Path) -> Clip:
         config = replace(TrackConfig(), rate_hz=RATE_HZ, joint_centres=False, outputs=())
         done = track_session(find_session(session, config), config, StageClock(), *3 * [lambda *_: None])
         cache.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_folder(cache) as folder:
+        with output_folder(cache, command="bench rig_monitor") as made:
+            folder = made.folder
             write_recording(folder, done.recording)
     truth = session / "truth" / "truth.npz"
     return clip_of(name, read_recording(cache), read_truth(truth) if truth.is_file() else None)

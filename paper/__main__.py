@@ -15,9 +15,7 @@ from posefuse.core import PosefuseError
 def main() -> int:
     """Render, detect, fuse, compare with the truth, write a page and its figures."""
     parser = argparse.ArgumentParser(prog="python -m paper", description=main.__doc__)
-    parser.add_argument(
-        "name", choices=(*EXPERIMENTS, "all"), help="which experiment; all: every one, and a summary"
-    )
+    parser.add_argument("name", choices=(*EXPERIMENTS, "all"), help="which experiment; all: every one, and a summary")
     parser.add_argument("--out", type=Path, default=Path("out/paper"), metavar="DIR", help="pages and figures; default out/paper")
     parser.add_argument("--sessions", type=Path, metavar="DIR", help="where rendered sessions are kept; default DIR/sessions")
     parser.add_argument("--quick", action="store_true", help="seconds of everything: to see that it works, not for figures")

@@ -12,6 +12,7 @@ from .errors import (
     ShapeError,
     SourceError,
 )
+from .joint_angles import AngleSeries, JointAngles
 from .live_messages import (
     CameraHealth,
     LiveDetections,
@@ -29,12 +30,12 @@ from .recording import Recording
 from .rig import Rig
 from .se3 import SE3
 from .skeleton import SKELETONS, Skeleton
-from .values import CameraTruth, Detections2D, Frame, Joints, Kind, Pose3D, PoseSequence, Region, Truth, Views
+from .values import CameraTruth, Detections2D, Frame, Kind, Pose3D, PoseSequence, Region, Truth, Views
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [
-    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraHealth", "CameraTruth", "ConfigError", "DependencyError",
-    "DetectionBatch", "Detections2D", "Detector", "Frame", "InputError", "Joints", "Kind", "LiveDetections", "LiveHealth",
+    "SE3", "SKELETONS", "AngleSeries", "CalibrationError", "Camera", "CameraHealth", "CameraTruth", "ConfigError", "DependencyError",
+    "DetectionBatch", "Detections2D", "Detector", "Frame", "InputError", "JointAngles", "Kind", "LiveDetections", "LiveHealth",
     "LiveJointCentres", "LiveMessage", "LiveOutput", "LiveOutputConfig", "LivePose", "LivePreview", "LiveStart", "LookKind",
     "MessageError", "ModelError", "Observations", "OutputHealth", "Pose3D", "PoseSequence", "PosefuseError", "Recording",
     "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "ViewSequence", "Views",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .rig import Rig
-from .values import Detections2D, Joints, Pose3D
+from .values import Detections2D, JointAngles, Pose3D
 
 OK, FAILED = "ok", "failed"
 
@@ -67,7 +67,7 @@ class LivePose:
     """
 
     pose: Pose3D
-    joints: Joints | None = None
+    joints: JointAngles | None = None
     stages_ns: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from .arrays import Array, check_fields, freeze_fields
 from .errors import ShapeError
+from .joint_angles import JointAngles
 from .rig import Rig
-from .se3 import SE3
 from .skeleton import Skeleton
 
 
@@ -250,35 +250,6 @@ class PoseSequence:
 
 
 @dataclass(frozen=True, eq=False)
-class Joints:
-    """Segment poses and joint angles over time.
-
-    Attributes:
-        t_ns: (T,). person_id: (N,).
-        segments: S names. world_from_segment: SE3 of batch (T, N, S); NaN where undefined.
-        joints: J names, each with three angles `angle_names[j]` in its declared sequence.
-        angle_rad, sigma_rad: (T, N, J, 3); NaN where undefined.
-    """
-
-    t_ns: Array
-    person_id: Array
-    segments: tuple[str, ...]
-    world_from_segment: SE3
-    joints: tuple[str, ...]
-    angle_names: tuple[tuple[str, str, str], ...]
-    angle_rad: Array
-    sigma_rad: Array
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "angle_rad": np.float64, "sigma_rad": np.float64})
-        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
-        if self.world_from_segment.batch != (sizes["T"], sizes["N"], len(self.segments)):
-            raise ShapeError(f"Joints.world_from_segment: expected batch (T, N, S), got {self.world_from_segment.batch}")
-        if not sizes["J"] == len(self.joints) == len(self.angle_names):
-            raise ShapeError(f"Joints: {sizes['J']} angles for {len(self.joints)} joints and {len(self.angle_names)} angle names")
-
-
-@dataclass(frozen=True, eq=False)
 class CameraTruth:
     """What one camera would have seen exactly, at its own frame times.
 
@@ -317,7 +288,7 @@ class Truth:
     person_id: Array
     xyz_world: Array
     views: tuple[CameraTruth, ...]
-    joints: Joints | None = None
+    joints: JointAngles | None = None
 
     def __post_init__(self) -> None:
         freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "xyz_world": np.float64})

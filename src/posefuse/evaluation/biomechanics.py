@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import DependencyError, Joints, PoseSequence, Recording, ViewSequence
+from posefuse.core import DependencyError, JointAngles, PoseSequence, Recording, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
@@ -45,7 +45,7 @@ class BiomechanicsSettings:
     body: BodySettings = field(default_factory=BodySettings)
 
 
-def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseSequence, Joints]:
+def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseSequence, JointAngles]:
     """Keypoints and joints of a recording, by the chosen fit.
 
     Raises:
@@ -94,7 +94,7 @@ def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsS
     return made
 
 
-def _person_files(poses: PoseSequence, joints: Joints, n: int, folder: Path, ending: str) -> list[Path]:
+def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> list[Path]:
     made = [folder / f"angles{ending}.mot", folder / f"points_angles{ending}.c3d"]
     write_mot(made[0], motion_from_joints(joints, n))
     sigma_m = np.sqrt(np.trace(poses.cov_world[:, n], axis1=-2, axis2=-1) / 3)
@@ -108,7 +108,7 @@ def _person_files(poses: PoseSequence, joints: Joints, n: int, folder: Path, end
     return made
 
 
-def _c3d_angles(joints: Joints, n: int) -> tuple[tuple[str, ...], Array]:
+def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
     """Labels and angles (T, A, 3) as C3D wants them: three at a time, all there or all missing.
 
     An angle that joint centres never determine is zero by construction (see `undefined_angles`) and written so.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posefuse.core import InputError, Joints
+from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import one_line
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _FIRST = ("t_ns", "person_id")
 
 
-def write_angles(path: Path, joints: Joints) -> None:
+def write_angles(path: Path, joints: JointAngles) -> None:
     """Write ``.csv`` or ``.parquet``: t_ns, person_id, then ``joint.angle_deg`` and ``joint.angle_sigma_deg`` per angle.
 
     What is unknown is an empty cell. Raises InputError for another ending.
@@ -63,7 +63,7 @@ def _column(path: Path, name: str, values: pa.ChunkedArray) -> Array:
         raise InputError(f"{path}: column {one_line(name)}: expected numbers ({one_line(error)})") from None
 
 
-def table_from_joints(joints: Joints) -> pa.Table:
+def table_from_joints(joints: JointAngles) -> pa.Table:
     """The table `write_angles` writes, as Arrow."""
     import pyarrow as pa
 

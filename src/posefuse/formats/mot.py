@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import InputError, Joints, ShapeError
+from posefuse.core import InputError, JointAngles, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.parsing import one_line, read_text
@@ -46,7 +46,7 @@ class Motion:
         return np.asarray(self.values[:, self.columns.index(name)])
 
 
-def motion_from_joints(joints: Joints, person: int = 0, name: str = "posefuse") -> Motion:
+def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> Motion:
     """One person's angles as columns ``joint_angle`` in degrees, time from the first instant; all-NaN columns are left out."""
     columns = [f"{joint}_{angle}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for angle in names]
     values = np.degrees(joints.angle_rad[:, person].reshape(len(joints.t_ns), -1))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, Joints, PosefuseError, Rig, Truth
+from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.parsing import one_line, parse_json
@@ -100,8 +100,8 @@ def _camera(one: dict[str, Any]) -> Camera:
     return Camera(one["name"], size, np.array(one["K"]), pose, np.array(one["distortion"]), one["model"], one["readout_s"])
 
 
-def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> Joints:
-    return Joints(
+def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> JointAngles:
+    return JointAngles(
         arrays["joints_t_ns"], arrays["person_id"], tuple(names["segments"]), SE3(arrays["joints_wxyz"], arrays["joints_xyz"]),
         tuple(names["joints"]), tuple(tuple(three) for three in names["angle_names"]),
         arrays["joints_angle_rad"], arrays["joints_sigma_rad"],

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Joints, Kind, PoseSequence, Rig, ViewSequence
+from posefuse.core import JointAngles, Kind, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.kinematics.joints import Workspace, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
@@ -31,7 +31,7 @@ class BodyFit:
     """
 
     poses: PoseSequence
-    joints: Joints
+    joints: JointAngles
     bodies: Mapping[int, Body]
 
 

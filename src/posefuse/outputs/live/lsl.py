@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from posefuse.core import DependencyError, Joints, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core import DependencyError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import settings
 
@@ -68,7 +68,7 @@ class LslOutput:
         """Withdraw the streams."""
         self._keypoints = self._angles = None
 
-    def _push(self, pose: Pose3D, joints: Joints | None) -> None:
+    def _push(self, pose: Pose3D, joints: JointAngles | None) -> None:
         t_s = (pose.t_ns + self._lsl_from_session_ns) / _S
         self._person = chosen_person(pose.person_id.tolist(), self._person, self._config.person)
         if self._keypoints is None:
@@ -109,7 +109,7 @@ def keypoint_channels(keypoints: Sequence[str]) -> tuple[list[str], list[str]]:
     return [*labels, "person_id"], [*["meters"] * len(labels), "none"]
 
 
-def angle_channels(joints: Joints) -> tuple[list[str], list[str]]:
+def angle_channels(joints: JointAngles) -> tuple[list[str], list[str]]:
     """(labels, units) of the stream of joint angles: each angle, then its standard deviation."""
     names = [f"{joint}/{angle}" for joint, angles in zip(joints.joints, joints.angle_names, strict=True) for angle in angles]
     labels = [label for name in names for label in (name, f"{name}_sigma")]
@@ -126,7 +126,7 @@ def keypoint_sample(pose: Pose3D, person: int | None) -> Array:
     return sample
 
 
-def angle_sample(joints: Joints, person: int | None) -> Array:
+def angle_sample(joints: JointAngles, person: int | None) -> Array:
     """(6 J + 1,): every angle and its standard deviation in rad, and the person's id."""
     sample = np.full(6 * len(joints.joints) + 1, np.nan)
     for n in np.flatnonzero(joints.person_id == person) if person is not None else ():

@@ -7,12 +7,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import MinLen
 
-from posefuse.core import Joints, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core import JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.foundation.settings import settings
 from posefuse.messages.osc import json_from_pose, osc_from_pose
 
 Axes = Literal["z_up", "y_up", "y_up_left_handed"]
-Packets = Callable[[Pose3D, Joints | None, str], list[bytes]]
+Packets = Callable[[Pose3D, JointAngles | None, str], list[bytes]]
 
 
 @settings
