@@ -20,13 +20,12 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.calibration.keypoints import limb_keypoints
-from posefuse.core import Rig
+from posefuse.core import Rig, ViewSequence
 from posefuse.detection.build import DetectorChoice
 from posefuse.health.clock_finding import ClockFinder
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import track_session
-from posefuse.pipeline.second_pass import ViewSequence, views_of
 from posefuse.pipeline.session import find_session
 
 OFFSET_S = 0.05
@@ -39,7 +38,7 @@ def views_of_session(session: Path, detector: DetectorChoice) -> tuple[Rig, View
     """2D poses of every frame, as the pipeline for recordings has them."""
     config = replace(TrackConfig(), detector=detector, outputs=(), raw=True)
     done = track_session(find_session(session, config), config, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
-    return done.recording.rig, views_of(done.recording)
+    return done.recording.rig, done.recording.views
 
 
 def run(rig: Rig, views: ViewSequence, rate_hz: float, number: int) -> tuple[dict[float, float], float]:

@@ -4,7 +4,7 @@ Run: python bench/clocks_recorded.py                rendered walks, the real 2D 
      python bench/clocks_recorded.py --real [DATA]  pose2sim_single as it is, and with one camera shifted by whole frames
 
 Two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one moment. Constants were
-chosen on the walks of `posefuse experiment drift`; the coarse search was tried on oracle detections of these walks as well.
+chosen on the walks of `python -m paper drift`; the coarse search was tried on oracle detections of these walks as well.
 """
 
 from __future__ import annotations

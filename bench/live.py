@@ -31,7 +31,6 @@ from posefuse.messages.bags import read_poses
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig, read_overridden
 from posefuse.pipeline.run import track_session
-from posefuse.pipeline.second_pass import views_of
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.joint_centres import Centring
@@ -63,7 +62,7 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
     config = read_overridden(None, settings, LiveConfig)
     track = replace(TrackConfig(), detector=config.detector, outputs=())
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
-    views = views_of(done.recording)
+    views = done.recording.views
     tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)
     centring.learn(Centres(rig.names, joint_centres_of(build_detector(config.detector, rig))))
     period_ns, late_ns = round(1e9 / config.rate_hz), round(delay_ms * 1e6)

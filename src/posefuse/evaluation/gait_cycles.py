@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import Joints
+from posefuse.core import JointAngles
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Side
 from posefuse.foundation.atomic import atomic_file
@@ -29,7 +29,7 @@ class CycleAngles:
     """One angle over the cycles of one foot.
 
     Attributes:
-        joint, angle: names as in `Joints`. side: of the foot whose strikes bound the cycles.
+        joint, angle: names as in `JointAngles`. side: of the foot whose strikes bound the cycles.
         begin_s, end_s: (M,) seconds from the first time step. angle_rad: (M, 101), every percent of each cycle.
     """
 
@@ -61,7 +61,7 @@ def side_of(joint: str) -> Side:
     return "left" if joint.startswith("left_") else "right" if joint.startswith("right_") else "mid"
 
 
-def gait_cycles(joints: Joints, person: int, gait: Gait) -> list[CycleAngles]:
+def gait_cycles(joints: JointAngles, person: int, gait: Gait) -> list[CycleAngles]:
     """Every angle that at least one whole cycle has, in the order of `joints`.
 
     Joints of a side are cut at the strikes of that foot, joints of the trunk at those of the left foot. Left out are cycles much

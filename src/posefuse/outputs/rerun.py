@@ -179,8 +179,9 @@ class _RerunWriter:
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
-        seen = recording.score[i, :, c] > 0
-        log_detections(self._stream, camera.name, recording.xy_img[i, :, c][seen], DETECTION_RGB, scale)
+        views = recording.views
+        seen = views.score[i, :, c] > 0
+        log_detections(self._stream, camera.name, views.xy_img[i, :, c][seen], DETECTION_RGB, scale)
         log_projection(self._stream, camera, recording.poses.skeleton, recording.poses.xyz_world[i])
 
 

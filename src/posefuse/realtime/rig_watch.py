@@ -18,6 +18,7 @@ from posefuse.calibration.clocks.paths import APART_S
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.foundation.platform import lower_priority
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
@@ -141,8 +142,7 @@ def _one_thread() -> Iterator[None]:
 def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
     """Body of the process: collects views, tells what it finds."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(_NICENESS)
+    lower_priority(_NICENESS)
     watcher, told = Watcher(rig, clocks), Watched()
     with contextlib.suppress(ChannelClosed):
         while True:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posefuse.core import Joints
+from posefuse.core import JointAngles
 from posefuse.evaluation.gait_cycles import PERCENT, CycleAngles, side_of
 from posefuse.formats.page import Band, Cell, Line, Plot, Series, Table, Ticks
 from posefuse.kinematics.gait import Gait
@@ -20,7 +20,7 @@ def title_of(joint: str, angle: str) -> str:
     return f"{part} {angle}".replace("_", " ").capitalize()
 
 
-def time_plots(joints: Joints, person: int, gait: Gait | None, band_sigmas: float) -> list[Plot]:
+def time_plots(joints: JointAngles, person: int, gait: Gait | None, band_sigmas: float) -> list[Plot]:
     """One plot per angle, left and right together, with bands of the stated uncertainty."""
     t_s = (joints.t_ns - joints.t_ns[:1]) * 1e-9
     strikes = [Ticks(f"{side} foot strike", times, colour=side) for side, times in (gait.strike_s if gait else {}).items()]
@@ -50,7 +50,7 @@ def cycle_plots(cycles: list[CycleAngles], gait: Gait) -> list[Plot]:
     ]  # fmt: skip
 
 
-def range_table(joints: Joints, person: int) -> Table:
+def range_table(joints: JointAngles, person: int) -> Table:
     """Least, most, range and mean of every angle over the whole recording."""
     rows = []
     for title, members in _grouped(joints).items():
@@ -94,7 +94,7 @@ def _window(members: list[CycleAngles]) -> tuple[float, float, float, float]:
     return 0.0, 100.0, low - room, high + room
 
 
-def _grouped(joints: Joints) -> dict[str, list[tuple[int, int]]]:
+def _grouped(joints: JointAngles) -> dict[str, list[tuple[int, int]]]:
     """Places (joint, angle) by title, left and right of one angle together."""
     groups: dict[str, list[tuple[int, int]]] = {}
     for q, joint in enumerate(joints.joints):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import InputError, Joints, Recording
+from posefuse.core import InputError, JointAngles, Recording
 from posefuse.evaluation.gait_cycles import gait_cycles, side_of
 from posefuse.formats.page import (
     Block,
@@ -41,7 +41,7 @@ _PAIRS = ("hip", "shoulder")
 
 
 def write_report(
-    recording: Recording, joints: Joints, out: Path, images: Mapping[str, bytes] | None = None, title: str = TITLE
+    recording: Recording, joints: JointAngles, out: Path, images: Mapping[str, bytes] | None = None, title: str = TITLE
 ) -> Path:
     """Write one HTML page that needs no other file and no network.
 
@@ -58,7 +58,7 @@ def write_report(
     return write_page(out, report_page(recording, joints, images, title))
 
 
-def report_page(recording: Recording, joints: Joints, images: Mapping[str, bytes] | None = None, title: str = TITLE) -> Page:
+def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, bytes] | None = None, title: str = TITLE) -> Page:
     """The blocks of the report; see `write_report`."""
     poses = recording.poses
     if not (np.array_equal(joints.t_ns, poses.t_ns) and np.array_equal(joints.person_id, poses.person_id)):
@@ -67,6 +67,7 @@ def report_page(recording: Recording, joints: Joints, images: Mapping[str, bytes
             f"got {len(joints.t_ns)} time steps and {len(joints.person_id)} people"
         )
     blocks: list[Block] = [Facts(_origin(recording)), _cards(recording)]
+    blocks += [Note(str(line), warning=True) for line in recording.provenance.get("incomplete_cameras") or ()]
     if images:
         blocks.append(Images(images))
     if len(poses) and np.isfinite(poses.xyz_world).any():
@@ -123,7 +124,7 @@ def _player(recording: Recording) -> Player:
     )
 
 
-def _person(recording: Recording, joints: Joints, n: int) -> list[Block]:
+def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
     poses = recording.poses
     name = f"Person {poses.person_id[n]}"
     if not np.isfinite(poses.xyz_world[:, n]).any():

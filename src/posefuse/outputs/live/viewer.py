@@ -1,0 +1,196 @@
+"""Live output ``rerun``: camera images with their detections, the skeleton in 3D, and the state of every camera."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from posefuse.core import (
+    CameraHealth,
+    Detections2D,
+    LiveDetections,
+    LiveHealth,
+    LiveMessage,
+    LiveOutput,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    Pose3D,
+)
+from posefuse.foundation.settings import settings
+from posefuse.outputs.rerun_scene import (
+    SPAWN,
+    TIMELINE,
+    camera_path,
+    check_rerun,
+    log_cameras,
+    log_detections,
+    log_person,
+    log_projection,
+    opened_stream,
+    pinhole,
+    session_blueprint,
+)
+
+from .parts import part_path
+
+_POSE_EVERY_NS = 30_000_000
+_VIEW_EVERY_NS = 60_000_000
+_DETECTION_RGB = (255, 220, 60)
+_GOOD_RGB, _BAD_RGB = (90, 200, 120), (235, 70, 60)
+_PLOTS = {"latency_p95_ms": "latency_p95_ms", "residual_sigmas": "innovation_sigmas"}
+# cameras in plots: the golden angle keeps neighbours apart, however many there are
+_HUE_STEP, _SATURATION, _VALUE = 0.381966, 0.6, 0.95
+
+
+@settings
+class RerunLiveConfig:
+    """The Rerun viewer (extra `viewer`), or a file it opens later.
+
+    Attributes:
+        file: .rrd file to write; None opens the viewer.
+    """
+
+    file: Path | None = None
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose, LiveDetections, LivePreview, LiveHealth)
+    keeps_all: ClassVar[bool] = False
+
+    def build(self) -> LiveOutput:
+        """Not yet opened; raises DependencyError without the Rerun SDK."""
+        check_rerun()
+        return RerunLiveOutput(self)
+
+
+class RerunLiveOutput:
+    """Logs at a pace an eye can follow; faulty cameras turn red."""
+
+    name = "rerun"
+
+    def __init__(self, config: RerunLiveConfig) -> None:
+        self._config = config
+        self.where = str(config.file or "viewer")
+        self._stream: Any = None
+        self._rig: Any = ()
+        self._zero_ns = 0
+        self._shown_ns: dict[str, int] = {}
+        self._captured: dict[str, tuple[int, float]] = {}
+        self._people: set[int] = set()
+
+    def take(self, message: LiveMessage) -> None:
+        """See `LiveOutput`."""
+        match message:
+            case LiveStart():
+                self._open(message)
+            case LivePose(pose=pose) if self._due("pose", pose.t_ns, _POSE_EVERY_NS):
+                self._pose(pose)
+            case LiveDetections(detections=view) if self._due(f"view {view.camera}", view.t_ns, _VIEW_EVERY_NS):
+                self._view(view)
+            case LivePreview():
+                self._preview(message)
+            case LiveHealth():
+                self._health(message.t_ns, message.cameras)
+
+    def close(self) -> None:
+        """Finish the stream."""
+        if self._stream is not None:
+            self._stream.disconnect()
+
+    def _open(self, start: LiveStart) -> None:
+        if self._config.file is not None:
+            self.where = str(part_path(self._config.file, start.part))
+        place = SPAWN if self._config.file is None else self.where
+        self._rig, self._zero_ns = start.rig, start.t_ns
+        self._stream = opened_stream("posefuse live", place, session_blueprint(start.rig.names, _below()))
+        log_cameras(self._stream, start.rig.cameras, _GOOD_RGB)
+        self._name_plots()
+
+    def _due(self, what: str, t_ns: int, every_ns: int) -> bool:
+        if t_ns - self._shown_ns.get(what, 0) < every_ns:
+            return False
+        self._shown_ns[what] = t_ns
+        self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
+        return True
+
+    def _name_plots(self) -> None:
+        import rerun as rr
+
+        for number, camera in enumerate(self._rig):
+            line = rr.SeriesLines(colors=plot_rgb(number), names=camera.name)
+            for plot in _PLOTS:
+                self._stream.log(f"plots/{plot}/{camera.name}", line, static=True)
+
+    def _pose(self, pose: Pose3D) -> None:
+        import rerun as rr
+
+        for person, xyz in zip(pose.person_id.tolist(), pose.xyz_world, strict=True):
+            log_person(self._stream, f"world/people/{person}", pose.skeleton, xyz)
+        for gone in self._people - set(pose.person_id.tolist()):
+            self._stream.log(f"world/people/{gone}", rr.Clear(recursive=True))
+        self._people = set(pose.person_id.tolist())
+        for camera in self._rig:
+            log_projection(self._stream, camera, pose.skeleton, pose.xyz_world, _GOOD_RGB)
+
+    def _view(self, view: Detections2D) -> None:
+        log_detections(self._stream, view.camera, view.xy_img[view.score > 0], _DETECTION_RGB)
+
+    def _preview(self, preview: LivePreview) -> None:
+        import cv2
+        import rerun as rr
+
+        if not self._due(f"preview {preview.camera}", preview.t_ns, 1):
+            return
+        # one pixel grid for images, points and lines: the camera's own
+        size = self._rig[preview.camera].size_wh
+        small = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+        shown = cv2.resize(np.asarray(small), size, interpolation=cv2.INTER_LINEAR)
+        self._stream.log(f"{camera_path(preview.camera)}/image", rr.Image(shown).compress(jpeg_quality=70))
+
+    def _health(self, t_ns: int, cameras: Mapping[str, CameraHealth]) -> None:
+        import rerun as rr
+
+        self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
+        for name, camera in cameras.items():
+            self._stream.log(camera_path(name), pinhole(self._rig[name], _GOOD_RGB if camera.state == "ok" else _BAD_RGB))
+            for plot, key in _PLOTS.items():
+                self._stream.log(f"plots/{plot}/{name}", rr.Scalars(camera.figures[key]))
+        came_hz = {name: self._rate_hz(name, t_ns, camera.figures["captured"]) for name, camera in cameras.items()}
+        self._stream.log("health", rr.TextDocument(health_table(cameras, came_hz), media_type="text/markdown"))
+
+    def _rate_hz(self, name: str, t_ns: int, captured: float) -> float:
+        """Frames that came per second since the last message."""
+        before_ns, before = self._captured.get(name, (t_ns, captured))
+        self._captured[name] = t_ns, captured
+        return (captured - before) * 1e9 / (t_ns - before_ns) if t_ns > before_ns else 0.0
+
+
+def health_table(cameras: Mapping[str, CameraHealth], came_hz: Mapping[str, float]) -> str:
+    """Markdown, one row per camera; a faulty one in bold."""
+    rows = ["| camera | state | frames/s | age ms | dropped | p95 ms | residual |", "|---" * 7 + "|"]
+    for name, camera in cameras.items():
+        figures, words = camera.figures, camera.state if camera.state == "ok" else f"**{camera.state}** {camera.text}"
+        rows.append(
+            f"| {name} | {words} | {came_hz[name]:.0f} | {figures['age_ms']:.0f} | {figures['replaced']:.0f} "
+            f"| {figures['latency_p95_ms']:.0f} | {figures['innovation_sigmas']:.2f} |"
+        )
+    return "\n".join(rows)
+
+
+def plot_rgb(number: int) -> tuple[int, int, int]:
+    """Colour of camera `number` in plots."""
+    r, g, b = colorsys.hsv_to_rgb(number * _HUE_STEP % 1.0, _SATURATION, _VALUE)
+    return round(255 * r), round(255 * g), round(255 * b)
+
+
+def _below() -> list[Any]:
+    """Plots and texts under the views."""
+    import rerun.blueprint as rrb
+
+    return [
+        rrb.TimeSeriesView(origin="plots/latency_p95_ms", name="latency p95, ms"),
+        rrb.TimeSeriesView(origin="plots/residual_sigmas", name="residual, sigmas"),
+        rrb.TextDocumentView(origin="health", name="cameras"),
+    ]
