@@ -86,11 +86,11 @@ def open_in_viewer(path: Path) -> None:
 def view_recording(
     folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
 ) -> Path:
-    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or one made for the occasion.
+    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
 
     Args:
-        folder: a result, see `files.recording`.
-        frame_sets: images for a result that has no ``recording.rrd``.
+        folder: a result, see `formats.recording`.
+        frame_sets: images to show with it, in a temporary ``recording.rrd``.
         open_viewer: shows an .rrd file.
 
     Returns:
@@ -103,7 +103,7 @@ def view_recording(
     check_rerun()
     folder = Path(folder)
     recording = read_recording(folder)
-    if (folder / FILE).is_file():
+    if frame_sets is None and (folder / FILE).is_file():
         open_viewer(folder / FILE)
         return folder / FILE
     with tempfile.TemporaryDirectory(prefix="posefuse-") as beside:
