@@ -85,8 +85,13 @@ def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
 
 
 def test_stages_are_told_as_they_begin(recording, tmp_path):
-    told = []
-    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", stage=told.append)
-    assert told == ["fitting the skeleton to the points of 24 time steps", "tables and files for other programs",
-                    "gait cycles and the page"]  # fmt: skip
+    reported = []
+    tell = lambda *report: reported.append(report)  # noqa: E731
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=tell)
+    assert reported == [
+        ("report", 0, 3, "fitting the skeleton to the points of 24 time steps"),
+        ("report", 1, 3, "tables and files for other programs"),
+        ("report", 2, 3, "gait cycles and the page"),
+        ("report", 3, 3),
+    ]
     assert "<h1>Trial 7</h1>" in (tmp_path / "report.html").read_text()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Literal
@@ -28,6 +28,7 @@ from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
 from .report import TITLE, write_report
 
 _CENTIMETRES = 0.01
+_STAGES = 3
 
 
 @settings
@@ -77,7 +78,7 @@ def write_biomechanics(
     chosen: BiomechanicsSettings | None = None,
     *,
     title: str = TITLE,
-    stage: Callable[[str], None] = lambda _: None,
+    progress: Progress = silent,
 ) -> list[Path]:
     """Write into an existing folder; returns the files made.
 
@@ -88,19 +89,16 @@ def write_biomechanics(
 
     Args:
         recording: the result. folder: where to write. chosen: what is made of it. title: of the page.
-        stage: told what begins, in words, e.g. to show it.
+        progress: called as each of three stages begins, with a message that names it, and at the end.
 
     Raises:
         InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.
     """
     chosen = chosen or BiomechanicsSettings()
-    stage(
-        "joint angles"
-        if chosen.fit == "none"
-        else f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
-    )
+    fitting = f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
+    progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
     poses, joints = joints_of(recording, chosen)
-    stage("tables and files for other programs")
+    progress("report", 1, _STAGES, "tables and files for other programs")
     made = [folder / "angles.csv", folder / "angles.parquet"]
     for path in made:
         write_angles(path, joints)
@@ -109,13 +107,13 @@ def write_biomechanics(
         if np.isfinite(joints.angle_rad[:, n]).any():
             made += _person_files(poses, joints, n, folder, ending)
             if chosen.opensim:
-                stage("OpenSim inverse kinematics")
                 made += _opensim_files(poses, n, folder / f"opensim{ending}")
-    stage("gait cycles and the page")
+    progress("report", 2, _STAGES, "gait cycles and the page")
     cycles = _cycles(poses, joints)
     if cycles:
         made.append(write_gait_cycles(folder / "gait_cycles.csv", cycles))
     made.append(write_report(recording, joints, folder / "report.html", title=title))
+    progress("report", _STAGES, _STAGES)
     return made
 
 

@@ -83,6 +83,18 @@ def open_in_viewer(path: Path) -> None:
         raise DependencyError(f"the Rerun viewer ended with status {ended.returncode}; check it with: rerun rrd verify {path}")
 
 
+def show_recording(recording: Recording, open_viewer: Callable[[Path], None] = open_in_viewer) -> None:
+    """Show a recording without images in the Rerun viewer until it is closed.
+
+    Raises:
+        DependencyError: no Rerun SDK or no display; names the extra to install.
+    """
+    check_rerun()
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
+        [path] = write_outputs([RerunSink()], recording, Path(folder))
+        open_viewer(path)
+
+
 def view_recording(
     folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
 ) -> Path:

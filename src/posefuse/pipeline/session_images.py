@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import Frame, InputError, PosefuseError, Recording, SourceError
-from posefuse.foundation.settings import settings_from_mapping
 from posefuse.sources import FramesAhead, frame_sets
 
 from .config import TrackConfig
 from .opening import build_source
 from .session import Session, find_session
+from .solve import config_of
 
 Progress = Callable[[int, int], None]
 # how many folders above a result are looked into for its session
@@ -27,7 +27,7 @@ def session_of(recording: Recording, folder: Path) -> Session:
         InputError: the files of its cameras have other names than those of the recording. PosefuseError: no session there.
     """
     made_from = dict(recording.provenance.get("inputs") or {})
-    session = find_session(folder, _config(recording))
+    session = find_session(folder, config_of(recording))
     found = {entry.camera: entry.path.name for entry in session.inputs}
     other = sorted(camera for camera in recording.rig.names if made_from.get(camera) != found.get(camera))
     if other:
@@ -59,7 +59,7 @@ def session_frames(
         recording: a result. session: it was made from. config: it was made with; None: the one of its provenance.
         progress: called with time steps done and in all.
     """
-    config = config or _config(recording)
+    config = config or config_of(recording)
     inputs = [entry for entry in session.inputs if entry.camera in recording.rig.names and entry.kind != "pose2d"]
     if not inputs:
         return
@@ -74,10 +74,6 @@ def session_frames(
     finally:
         for stream in streams.values():
             stream.close()
-
-
-def _config(recording: Recording) -> TrackConfig:
-    return settings_from_mapping(dict(recording.provenance.get("config") or {}), TrackConfig, where="provenance: config")
 
 
 def _reported_already(camera: str, error: SourceError) -> None:

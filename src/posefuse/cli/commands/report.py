@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.terminal import Terminal
+from posefuse.core import Progress
 
 SUMMARY = "joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets"
 FOLDER = "biomechanics"
@@ -42,10 +43,18 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
         output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
         compiling("joint angles", terminal.note),
     ):
-        made = write_biomechanics(recording, place.folder, chosen, title=args.title or TITLE, stage=terminal.note)
+        made = write_biomechanics(recording, place.folder, chosen, title=args.title or TITLE, progress=_shown(terminal))
         names = [path.relative_to(place.folder).as_posix() for path in made]
     terminal.facts(
         "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
     )
     terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot beside it hold the numbers")
     return {"out": out, "files": names, "people": len(recording.poses.person_id)}
+
+
+def _shown(terminal: Terminal) -> Progress:
+    def show(stage: str, done: int, total: int | None, message: str = "") -> None:
+        if message:
+            terminal.note(f"{stage} {done + 1} of {total}: {message}")
+
+    return show
