@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import DependencyError, JointAngles, PoseSequence, Recording, ViewSequence
+from posefuse.core import DependencyError, JointAngles, PoseSequence, Progress, Recording, ViewSequence, silent
 from posefuse.core.arrays import Array
 from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
