@@ -79,6 +79,7 @@
         columns.push([plot.y || "row", one.rows], ...one.parts.map((part, p) => [part, one.values.map(row => row[p])]));
         continue;
       }
+      if (one.type === "ticks") { columns.push([`${one.name}, ${plot.x}`, arrays[one.x]]); continue; }
       if (one.x !== drawnOver) columns.push([plot.x, arrays[one.x]]);
       drawnOver = one.x;
       for (const part of ["y", "low", "high"])
