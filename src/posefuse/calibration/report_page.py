@@ -46,7 +46,7 @@ def plan(rig: Rig) -> Plot:
         Line("x, 1 m", np.array([0.0, 1]), np.zeros(2), colour="bad"),
         Line("y, 1 m", np.zeros(2), np.array([0.0, 1]), colour="mid"),
     ]
-    return Plot("Plan of the cameras", series, x_label="x, m", y_label="y, m", equal=True, wide=True)
+    return Plot("Plan of the cameras", series, x_label="x, m", y_label="y, m", equal=True)
 
 
 def heat_picture(values: Array, size_wh: tuple[int, int], full: float) -> Array:

@@ -85,7 +85,7 @@ def _origin(recording: Recording) -> dict[str, str]:
     return {
         "session": str(recording.provenance.get("session", "unnamed")),
         "date of this report": date.today().isoformat(),
-        "rig": f"{len(rig)} cameras ({', '.join(rig.names)}), id {rig.id[:_SHORT_ID]}, world set by {rig.world_set_by}",
+        "rig": f"{len(rig)} cameras ({', '.join(rig.names)}), id {rig.id[:_SHORT_ID]}, world frame: {rig.world_set_by}",
         "version": f"posefuse {__version__}",
     }
 

@@ -53,15 +53,16 @@
 
   const layout = (plot, paper) => {
     const ink = colour("ink"), soft = colour("soft"), grid = colour("line"), bars = plot.series.find(one => one.type === "bars");
+    const named = plot.legend || bars ? 22 : 0;
     const axis = (title, range) => ({
       title: { text: plain(title), font: { size: 11, color: soft }, standoff: 6 }, gridcolor: grid, zerolinecolor: grid, linecolor: grid,
-      tickfont: { size: 11, color: soft }, automargin: true, ...(range && { range }),
+      tickfont: { size: 11, color: soft }, automargin: true, exponentformat: "power", ...(range && { range }),
     });
     return {
-      height: bars ? 90 + 26 * bars.rows.length : plot.equal ? 380 : paper ? 200 : 260,
-      margin: { l: 46, r: 14, t: paper && !plot.legend && !bars ? 8 : 34, b: 40 },
+      height: named + (bars ? 76 + 26 * bars.rows.length : plot.equal ? 380 : paper ? 200 : 260),
+      margin: { l: 46, r: 14, t: (paper ? 8 : 30) + named, b: 40 },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 11, family: "system-ui, sans-serif" },
-      showlegend: plot.legend || Boolean(bars), legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", font: { size: 11 }, traceorder: "normal" },
+      showlegend: named > 0, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", font: { size: 11 }, traceorder: "normal" },
       hovermode: plot.equal || bars ? "closest" : "x unified", hoverlabel: { bgcolor: colour("paper"), font: { size: 11, color: ink } },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: soft, activecolor: ink },
       dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", barmode: "stack",
