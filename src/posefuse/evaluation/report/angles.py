@@ -12,12 +12,19 @@ from posefuse.kinematics.gait import Gait
 _SHARE_DRAWN = 0.02
 _MOST_CYCLES = 20
 _SIDES = ("left", "right")
+_FIRST = ("pelvis", "hip", "knee", "ankle")
 
 
 def title_of(joint: str, angle: str) -> str:
     """The same for left and right: ``Knee flexion``."""
     part = joint.removeprefix("left_").removeprefix("right_")
     return f"{part} {angle}".replace("_", " ").capitalize()
+
+
+def rank_of(joint: str) -> int:
+    """The place of a joint in the report: pelvis and legs come first."""
+    part = joint.removeprefix("left_").removeprefix("right_")
+    return _FIRST.index(part) if part in _FIRST else len(_FIRST)
 
 
 def time_plots(joints: JointAngles, person: int, gait: Gait | None, band_sigmas: float) -> list[Plot]:
@@ -41,7 +48,7 @@ def time_plots(joints: JointAngles, person: int, gait: Gait | None, band_sigmas:
 def cycle_plots(cycles: list[CycleAngles], gait: Gait) -> list[Plot]:
     """One plot per angle over 0 to 100 % of the gait cycle: mean, standard deviation and single strides, left and right."""
     groups: dict[str, list[CycleAngles]] = {}
-    for one in cycles:
+    for one in sorted(cycles, key=lambda one: rank_of(one.joint)):
         groups.setdefault(title_of(one.joint, one.angle), []).append(one)
     return [
         Plot(title, [*_foot_off(gait), *(part for one in members for part in _cycle_series(one))], x_label="% of the gait cycle",
@@ -95,9 +102,9 @@ def _window(members: list[CycleAngles]) -> tuple[float, float, float, float]:
 
 
 def _grouped(joints: JointAngles) -> dict[str, list[tuple[int, int]]]:
-    """Places (joint, angle) by title, left and right of one angle together."""
+    """Places (joint, angle) by title, left and right of one angle together, legs first."""
     groups: dict[str, list[tuple[int, int]]] = {}
-    for q, joint in enumerate(joints.joints):
+    for q, joint in sorted(enumerate(joints.joints), key=lambda one: rank_of(one[1])):
         for a, angle in enumerate(joints.angle_names[q]):
             groups.setdefault(title_of(joint, angle), []).append((q, a))
     return groups

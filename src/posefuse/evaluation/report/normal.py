@@ -7,7 +7,7 @@ from dataclasses import dataclass
 SOURCES = {
     "Bohannon 1997": (
         "R. W. Bohannon, Comfortable and maximum walking speed of adults aged 20-79 years: reference values and determinants, "
-        "Age and Ageing 26 (1997) 15-19"
+        "Age and Ageing 26 (1997) 15-19; comfortable speed, means of men and women of each decade of age"
     ),
     "Perry & Burnfield 2010": "J. Perry, J. M. Burnfield, Gait Analysis: Normal and Pathological Function, 2nd ed., SLACK, 2010",
 }
@@ -27,7 +27,7 @@ class Normal:
 
 
 NONE = Normal()
-SPEED = Normal("1.27 to 1.46 m/s (means of men and women by decade, ages 20 to 79)", "Bohannon 1997")
+SPEED = Normal("1.27 to 1.46 m/s, by age and sex", "Bohannon 1997")
 CADENCE = Normal("113 steps/min", "Perry & Burnfield 2010")
 STRIDE_LENGTH = Normal("1.41 m", "Perry & Burnfield 2010")
 STANCE = Normal("62 %", "Perry & Burnfield 2010")

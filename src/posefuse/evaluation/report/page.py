@@ -37,6 +37,7 @@ from .quality import QUALITY_COLUMNS, quality_rows, views_picture
 TITLE = "Motion report"
 BAND_SIGMAS = 2.0
 _SHORT_ID = 12
+_COLOURS = "Blue: left; orange: right; green: trunk."
 _PAIRS = ("hip", "shoulder")
 
 
@@ -138,14 +139,17 @@ def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
                 f"{name}: joint angles over the gait cycle",
                 "From one foot strike (0 %) to the next strike of the same foot (100 %). Thick lines: mean; bands: "
                 "± 1 standard deviation; thin lines: single strides; ticks on the axis: foot off. "
-                "The pelvis rotates relative to the walking direction.",
+                f"{_COLOURS} The pelvis rotates relative to the walking direction.",
             ),
             Plots(cycle_plots(cycles, gait), small=True),
         ]
     events = " Ticks on the axis: foot strikes." if gait is not None else ""
     return [
         *blocks,
-        Heading(f"{name}: joint angles over time", f"Bands: ± {BAND_SIGMAS:g} standard deviations of the measurement.{events}"),
+        Heading(
+            f"{name}: joint angles over time",
+            f"Bands: ± {BAND_SIGMAS:g} standard deviations of the measurement.{events} {_COLOURS}",
+        ),
         Plots(time_plots(joints, n, gait, BAND_SIGMAS), small=True),
         Heading("Range of motion over the whole recording", level=3),
         range_table(joints, n),
