@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip("anny")
 
+from paper.__main__ import main
 from paper.experiments import latency, runs, scaling
 from paper.experiments import live_times as module
 from paper.experiments.live_page import live_blocks, live_figures, view_spikes
@@ -25,7 +26,6 @@ from paper.experiments.tables import joint_rows
 from paper.scenes import paper
 from paper.scenes.scaling import STUDIES, Errors, Study
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
-from posefuse.cli.main import main
 from posefuse.cli.terminal import Terminal
 from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
@@ -110,7 +110,7 @@ def check_page(out: Path, name: str, read_page: Callable) -> Any:
 @pytest.mark.parametrize("name", list(HEADINGS))
 def test_a_page_holds_every_part(name: str, on_the_clip: Path, tmp_path: Path, read_page: Callable) -> None:
     options = [part for override in overrides(on_the_clip) for part in ("--set", override)]
-    assert main(["experiment", name, "--quick", "--out", str(tmp_path), *options]) == 0
+    assert main([name, "--quick", "--out", str(tmp_path), *options]) == 0
     page = check_page(tmp_path, name, read_page)
     assert "--set detector.name=oracle" in page.text and "detector.options.noise.sigma_px=1.0, end_s=0.5" in page.text
     content = json.loads((tmp_path / f"{name}.json").read_text())
@@ -133,7 +133,7 @@ def test_settings_that_cannot_be_are_refused_before_anything_is_rendered(
     for override, complaint in (("detector.name=openpos", "openpos"), ("detector.options.landmark=x", "landmark"),
                                 ("detector.options.landmarks=huge", "huge"),
                                 ("fuse.weight=all", "weight")):  # fmt: skip
-        assert main(["experiment", "walking", "--quick", "--out", str(tmp_path), "--set", override]) == 1
+        assert main(["walking", "--quick", "--out", str(tmp_path), "--set", override]) == 1
         assert complaint in capsys.readouterr().err
 
 
@@ -283,5 +283,5 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.gl
 @pytest.mark.parametrize("name", list(HEADINGS))
 def test_an_experiment_runs_end_to_end(name: str, sessions: Path, models: None, tmp_path: Path, read_page: Callable) -> None:
-    assert main(["experiment", name, "--quick", "--out", str(tmp_path), "--sessions", str(sessions)]) == 0
+    assert main([name, "--quick", "--out", str(tmp_path), "--sessions", str(sessions)]) == 0
     check_page(tmp_path, name, read_page)
