@@ -90,15 +90,14 @@ def test_the_script_runs_without_errors_and_the_player_plays(seen):
 def test_what_is_drawn_is_what_was_given(seen):
     line, band, dots, spikes, ticks = seen["drawn"][0]
     for one in (line, dots):
-        np.testing.assert_allclose(values(one["x"]), X, atol=1e-4)
-        np.testing.assert_allclose(values(one["y"]), GAP, atol=1e-4)
+        np.testing.assert_allclose(values(one["x"]), X, atol=2e-3)
+        np.testing.assert_allclose(values(one["y"]), GAP, atol=2e-3)
     known = GAP[np.isfinite(GAP)]
     assert sum(value is None for value in band["x"]) == 1
-    assert (min(values(band["y"])[np.isfinite(values(band["y"]))]), np.nanmax(values(band["y"]))) == (
-        known.min() - 1,
-        known.max() + 1,
+    assert (min(values(band["y"])[np.isfinite(values(band["y"]))]), np.nanmax(values(band["y"]))) == pytest.approx(
+        (known.min() - 1, known.max() + 1), abs=2e-3
     )
-    np.testing.assert_allclose(values(spikes["y"])[1::3], GAP, atol=1e-4)
+    np.testing.assert_allclose(values(spikes["y"])[1::3], GAP, atol=2e-3)
     np.testing.assert_allclose(values(ticks["x"]), X[:2])
     assert [trace["x"] for trace in seen["drawn"][1]] == [[1, 0], [3, 2]]
 
@@ -112,4 +111,4 @@ def test_the_data_of_a_plot_can_be_saved(seen):
     assert head == ["s", NAME, "band low", "band high", "dots", "spikes low", "spikes high", "ticks, s"]
     table = np.array([[float(cell or "nan") for cell in row] for row in rows])
     expected = [X, GAP, GAP - 1, GAP + 1, GAP, GAP * 0, GAP, np.pad(X[:2], (0, 5), constant_values=np.nan)]
-    np.testing.assert_allclose(table.T, expected, atol=1e-4)
+    np.testing.assert_allclose(table.T, expected, atol=2e-3)

@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .packing import PackedArrays
+from .packing import COARSE, FINE, PackedArrays
 
 COLOURS = ("c0", "c1", "c2", "c3", "c4", "c5", "left", "right", "mid", "ink", "soft", "bad")
 _CYCLE = 6
@@ -190,7 +190,9 @@ def _series_content(one: Series, colour: str, step: int, arrays: PackedArrays) -
         rows = {name: [float(value) for value in values] for name, values in one.rows.items()}
         return {"type": one.type, "parts": list(one.parts), "rows": list(rows), "values": list(rows.values())}
     content: dict[str, Any] = {"type": one.type, "name": one.name, "colour": colour}
-    content |= {name: arrays.add(np.asarray(getattr(one, name), float)[::step]) for name in one.of}
+    for name in one.of:
+        parts = COARSE if isinstance(one, Band) and name != "x" else FINE
+        content[name] = arrays.add(np.asarray(getattr(one, name), float)[::step], parts)
     if isinstance(one, Line):
         content |= {name: True for name in ("dashed", "faint") if getattr(one, name)}
     if isinstance(one, Dots) and one.labels:

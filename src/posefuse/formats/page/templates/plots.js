@@ -1,6 +1,6 @@
 (async () => {
   const data = await pageData;
-  const arrays = data.arrays.map(one => summed(one.d, one.n));
+  const arrays = data.arrays.map(one => summed(one.d, one.m, one.n));
   const code = document.createElement("script");
   code.textContent = await inflated("page-plotly");
   document.head.append(code);
