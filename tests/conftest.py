@@ -150,5 +150,7 @@ def _unpacked(data: dict[str, Any]) -> dict[str, Any]:
     arrays = [unpacked(one) for one in data["arrays"]]
     for plot in data["plots"]:
         for series in plot["series"]:
-            series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high") if key in series}
+            series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high", "width") if key in series}
+            if "width" in series:
+                series["high"] = series["low"] + series.pop("width")
     return data

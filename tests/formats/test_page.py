@@ -165,7 +165,8 @@ def test_bands_widen_the_axes_but_do_not_flatten_the_line(read_page, tmp_path):
 
 def test_long_series_are_thinned_and_it_is_said(read_page, tmp_path):
     x = np.arange(20_000.0)
-    plot = shown(read_page, tmp_path, Plots([axes(Line("l", x, x))])).plot("p")
+    plot = shown(read_page, tmp_path, Plots([axes(Line("l", x, x), Band("b", x, x - 1, x + 1))])).plot("p")
+    assert len(plot["series"][1]["x"]) <= 900 and plot["series"][1]["x"][-1] > 19_900
     step = int(plot["series"][0]["x"][1])
     assert 1000 < len(plot["series"][0]["x"]) <= 3600 and f"every {step}th point" in plot["x"]
 
