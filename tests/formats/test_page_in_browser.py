@@ -55,13 +55,13 @@ def seen(tmp_path_factory):
         Spikes("spikes", X, GAP * 0, GAP),
         Ticks("ticks", X[:2]),
     ]
-    xyz = np.random.default_rng(0).normal(size=(90, 1, 4, 3))
+    xyz = np.random.default_rng(0).normal(size=(900, 1, 4, 3))
     plots = [
         Plot("all", series, x_label="s", y_label="mm"),
         Plot("bars", [Bars(("first", NAME), {"one": [1.0, 3.0], NAME: [0.0, 2.0]})], x_label="ms", y_label=""),
         Plot("nothing", [Line("none", X, X * np.nan)], x_label="s", y_label="mm", equal=True),
     ]
-    player = Player(np.arange(90) / 30, xyz, bones=np.array([[0, 1]]), sides=("left",), people=("a",), right_left=[(0, 1)])
+    player = Player(np.arange(900) / 10, xyz, bones=np.array([[0, 1]]), sides=("left",), people=("a",), right_left=[(0, 1)])
     path = write_page(tmp_path_factory.mktemp("page") / "page.html", Page("title", [Plots(plots), player]))
     path.write_text(path.read_text(encoding="utf-8").replace("<head>", f"<head>{PROBE}"), encoding="utf-8")
     flags = (
@@ -84,7 +84,7 @@ def values(column):
 
 def test_the_script_runs_without_errors_and_the_player_plays(seen):
     assert seen["errors"] == []
-    assert 0 < seen["played"] < 90
+    assert 0 < seen["played"] < 900
 
 
 def test_what_is_drawn_is_what_was_given(seen):
