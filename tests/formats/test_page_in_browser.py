@@ -25,6 +25,8 @@ const errors = [], saved = [];
 addEventListener("error", event => errors.push(event.message));
 addEventListener("unhandledrejection", event => errors.push(String(event.reason)));
 URL.createObjectURL = blob => { saved.push(blob.text()); return "data:,"; };
+// frames come by the browser's own clock, which is not that of the machine
+requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 16);
 const wait = ms => new Promise(done => setTimeout(done, ms));
 const until = async met => { for (let i = 0; i < 150 && !met(); i++) await wait(50); };
 addEventListener("load", async () => {
