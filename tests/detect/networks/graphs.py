@@ -144,3 +144,20 @@ def write_card(path: Path, kind: str, network: Path, size_wh: tuple[int, int], t
     ]  # fmt: skip
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def bright_person(path: Path, size_wh: tuple[int, int], threshold: float) -> Path:
+    """Person detector of layout detections: the box about all that is brighter than a threshold."""
+    graph = Graph(size_wh)
+    brightest = graph.add("ReduceMax", "input", axes=[1], keepdims=0)
+    marked = graph.add("Cast", graph.add("Greater", brightest, graph.floats(threshold)), to=TensorProto.FLOAT)
+    first, last = [], []
+    for axis, count in ((1, size_wh[0]), (2, size_wh[1])):
+        line = graph.add("ReduceMax", marked, axes=[axis], keepdims=0)
+        ends = (line, graph.add("Mul", line, graph.floats(np.arange(1, count + 1))))
+        for kept, values in zip((first, last), ends, strict=True):
+            index = graph.add("ArgMax", values, axis=1, keepdims=1)
+            kept.append(graph.add("Cast", index, to=TensorProto.FLOAT))
+    score = graph.add("ReduceMax", graph.add("ReduceMax", marked, axes=[1], keepdims=0), axes=[1], keepdims=1)
+    graph.add("Unsqueeze", graph.add("Concat", *first, *last, score, axis=1), graph.integers(1), name="dets")
+    return graph.save(path, ["dets"])

@@ -20,7 +20,7 @@ def add_networks(parser: argparse.ArgumentParser) -> None:
         dest="overrides",
         action=_Networks,
         metavar="NAME|CARD.toml",
-        help="2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, or the model card of your own "
+        help="2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, or your own model card "
         "(see docs/networks.md)",
     )
 

@@ -15,9 +15,7 @@ from posefuse.core import SKELETONS, ConfigError, ModelError, Skeleton
 from posefuse.core.errors import choices
 from posefuse.files.settings import read_mapping, settings, settings_from_mapping
 
-KeypointLayout = Literal["simcc", "heatmap", "rtmo", "yolo_pose"]
-PersonLayout = Literal["yolox", "detections"]
-Layout = KeypointLayout | PersonLayout
+Layout = Literal["simcc", "heatmap", "rtmo", "yolo_pose", "yolox", "detections"]
 TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap")
 ONE_STAGE: tuple[Layout, ...] = ("rtmo", "yolo_pose")
 PERSONS: tuple[Layout, ...] = ("yolox", "detections")
