@@ -19,8 +19,8 @@ from posefuse.calibrate.report import RefusedCalibration
 from posefuse.calibrate.rotations import Poses, stacked
 from posefuse.calibrate.world import beside_others
 from posefuse.core import Camera, Rig
-from posefuse.detect.openpose import read_openpose_folder
 from posefuse.evaluate.experiments.scenes import scene_name, walking_scene
+from posefuse.files.pose2d import read_openpose_folder
 from posefuse.files.rig import read_rig
 from posefuse.simulate.session import SessionPaths, simulate
 

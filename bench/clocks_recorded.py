@@ -29,7 +29,7 @@ from posefuse.calibrate.person_tracks import PersonTrack, person_tracks
 from posefuse.calibrate.person_views import person_views
 from posefuse.calibrate.sync import ClockEstimate
 from posefuse.core import CalibrationError, Rig
-from posefuse.detect.openpose import read_openpose_folder
+from posefuse.files.pose2d import read_openpose_folder
 from posefuse.files.rig import read_rig
 from posefuse.sources import VideoConfig
 

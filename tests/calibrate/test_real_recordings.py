@@ -25,7 +25,7 @@ from posefuse.calibrate.targets import Charuco, Markers
 from posefuse.calibrate.verify import verify
 from posefuse.calibrate.world import beside_others
 from posefuse.core import Rig
-from posefuse.detect.openpose import read_openpose_folder
+from posefuse.files.pose2d import read_openpose_folder
 from posefuse.files.rig import read_rig
 from posefuse.sources import ImagesConfig, VideoConfig
 

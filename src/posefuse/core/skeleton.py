@@ -172,6 +172,15 @@ COCO_WHOLEBODY_133 = Skeleton(
     + _both([("index1", "middle1"), ("middle1", "ring1"), ("ring1", "pinky1")]),
 )  # fmt: skip
 
+HALPE_136 = Skeleton(
+    "halpe_136",
+    (
+        *HALPE_26.keypoints, *_FACE,
+        *(f"{side}_{point}" for side in ("left", "right") for point in ("hand_root", *_FINGER_POINTS)),
+    ),
+    HALPE_26.bones + tuple(bone for bone in COCO_WHOLEBODY_133.bones if bone not in ANATOMICAL23.bones),
+)  # fmt: skip
+
 # the 14 joints of the paper's tables; neck and mid_hip are midpoints
 PAPER14 = Skeleton(
     "paper14",
@@ -183,8 +192,7 @@ PAPER14 = Skeleton(
 )  # fmt: skip
 
 SKELETONS = {
-    s.name: s
-    for s in (BLAZEPOSE33, COCO17, ANATOMICAL23, BODY_25, BODY_25B, HALPE_26, COCO_WHOLEBODY_133, PAPER14)
+    s.name: s for s in (BLAZEPOSE33, COCO17, ANATOMICAL23, BODY_25, BODY_25B, HALPE_26, COCO_WHOLEBODY_133, HALPE_136, PAPER14)
 }
 
 _MIDPOINTS = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}

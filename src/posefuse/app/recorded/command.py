@@ -55,7 +55,7 @@ def settled_config(args: argparse.Namespace) -> TrackConfig:
     path = args.config or (args.session / CONFIG_FILE if (args.session / CONFIG_FILE).is_file() else None)
     config = read_config(path, args.overrides)
     changes: dict[str, Any] = {}
-    for option, key in (("rig", "rig"), ("input", "input"), ("start", "start_s"), ("end", "end_s")):
+    for option, key in (("rig", "rig"), ("input", "input"), ("start", "start_s"), ("end", "end_s"), ("rate", "rate_hz")):
         if getattr(args, option) is not None:
             changes[key] = (
                 str(Path(args.rig).absolute()) if option == "rig" and Path(args.rig).exists() else getattr(args, option)

@@ -6,14 +6,13 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 from posefuse.app.config import CameraInput, TrackConfig
+from posefuse.app.frame_rate import pose2d_rate_hz
 from posefuse.app.session import Input, Session
 from posefuse.core import Camera, Detections2D, InputError, Rig, Skeleton
 from posefuse.core.errors import choices
-from posefuse.detect.openpose import OpenPoseFolder, read_openpose_folder
+from posefuse.files.pose2d import Pose2DFrames, read_pose2d
 
 from .instants import Instant, Timeline
-
-DEFAULT_RATE_HZ = 30.0
 
 
 class Pose2DInstants:
@@ -24,7 +23,7 @@ class Pose2DInstants:
     """
 
     def __init__(
-        self, folders: list[OpenPoseFolder], timeline: Timeline, first_number: int, settings: Sequence[CameraInput]
+        self, folders: list[Pose2DFrames], timeline: Timeline, first_number: int, settings: Sequence[CameraInput]
     ) -> None:
         self._folders, self._timeline = folders, timeline
         self._zero_ns = first_number * timeline.period_ns - timeline.start_ns
@@ -58,14 +57,14 @@ class Pose2DInstants:
 def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DInstants, Timeline]:
     """Instants of a session's 2D pose folders; frames of one number belong together.
 
-    The rate is `config.rate_hz`, else the usual 30 Hz.
+    The rate is `app.frame_rate.pose2d_rate_hz`.
 
     Raises:
-        InputError: folders of different skeletons, or no frame between start_s and end_s.
+        InputError: folders of different skeletons, no frame between start_s and end_s, or a frame rate nobody states.
     """
-    folders = [read_openpose_folder(entry.path, entry.camera) for entry in session.inputs]
+    folders = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
     _check_one_skeleton(folders)
-    rate_hz = config.rate_hz or DEFAULT_RATE_HZ
+    rate_hz = pose2d_rate_hz(session, folders, config)
     period_ns = round(1e9 / rate_hz)
     first = min(folder.numbers[0] for folder in folders)
     last = max(folder.numbers[-1] for folder in folders)
@@ -82,7 +81,7 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     return rig, Pose2DInstants(folders, timeline, first + skip, [entry.settings for entry in session.inputs]), timeline
 
 
-def _check_one_skeleton(folders: list[OpenPoseFolder]) -> None:
+def _check_one_skeleton(folders: list[Pose2DFrames]) -> None:
     kinds: dict[Skeleton, str] = {folder.skeleton: folder.camera for folder in folders}
     if len(kinds) > 1:
         named = [f"{skeleton.name} (camera {camera})" for skeleton, camera in kinds.items()]
