@@ -20,6 +20,7 @@ HEIGHTS_M = {
     "head": 1.8,
     "ankle": 0.1,
     "heel": 0.05,
+    "small_toe": 0.02,
     "toe": 0.03,
     "knee": 0.5,
     "hip": 0.95,
@@ -27,7 +28,7 @@ HEIGHTS_M = {
     "elbow": 1.2,
     "shoulder": 1.45,
 }
-ACROSS_M = {"wrist": 0.35, "elbow": 0.3, "shoulder": 0.2}
+ACROSS_M = {"small_toe": 0.17, "wrist": 0.35, "elbow": 0.3, "shoulder": 0.2}
 
 
 def person() -> np.ndarray:
