@@ -64,7 +64,7 @@ class TrackConfig:
         rate_hz: output rate; the cameras' own when left out. Also the frame rate of image folders and 2D poses that do not
             state theirs.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
-        joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
+        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
         outputs: names of sinks, see `posefuse plugins`.
     """

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from posefuse.app.config import DetectorChoice
 from posefuse.app.plugins import build_plugin
-from posefuse.core import Detector, Rig
-from posefuse.track import JointCentres, read_joint_centres
+from posefuse.core import Detector, Rig, Skeleton
+from posefuse.track import JointCentres, proportional_joint_centres, read_joint_centres
 
 
 def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
@@ -18,5 +18,21 @@ def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
 
 
 def joint_centres_of(detector: Detector) -> JointCentres | None:
-    """How joint centres lie beside its keypoints, where it knows; raises ConfigError for a table that is not right."""
-    return read_joint_centres(detector.joint_centres_file) if detector.joint_centres_file else None
+    """Where joint centres lie beside its keypoints: as fitted to it, else as people's proportions say.
+
+    Raises:
+        ConfigError: a table that is not right.
+    """
+    if detector.joint_centres_file:
+        return read_joint_centres(detector.joint_centres_file)
+    return proportional_joint_centres(detector.skeleton)
+
+
+def joint_centres_of_files(skeleton: Skeleton) -> JointCentres | None:
+    """The same for 2D poses of other tools: MediaPipe's are of the networks that come with us."""
+    from posefuse.detect import default_cards
+
+    if skeleton.name == "blazepose33":
+        file = default_cards()[-1].joint_centres_file
+        return read_joint_centres(file) if file else None
+    return proportional_joint_centres(skeleton)

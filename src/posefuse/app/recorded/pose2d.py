@@ -6,11 +6,13 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 from posefuse.app.config import CameraInput, TrackConfig
+from posefuse.app.detectors import joint_centres_of_files
 from posefuse.app.frame_rate import pose2d_rate_hz
 from posefuse.app.session import Input, Session
 from posefuse.core import Camera, Detections2D, InputError, Rig, Skeleton
 from posefuse.core.errors import choices
 from posefuse.files.pose2d import Pose2DFrames, read_pose2d
+from posefuse.track import JointCentres
 
 from .instants import Instant, Timeline
 
@@ -35,8 +37,9 @@ class Pose2DInstants:
         return self._folders[0].skeleton
 
     @property
-    def joint_centres(self) -> None:
-        """Files do not say how joint centres lie beside their keypoints."""
+    def joint_centres(self) -> JointCentres | None:
+        """How joint centres lie beside the keypoints of their set, where that is known."""
+        return joint_centres_of_files(self.skeleton)
 
     def __iter__(self) -> Iterator[Instant]:
         for i in range(self._timeline.count):
