@@ -49,15 +49,20 @@ def project(ring_rig: Callable[..., Rig], tmp_path: Path) -> Path:
     folder = tmp_path / "project"
     (folder / "calibration").mkdir(parents=True)
     write_rig(folder / "calibration" / "Calib_scene.toml", rig)
-    for camera in rig:
-        place = folder / "pose" / f"{camera.name}_json"
-        place.mkdir(parents=True)
-        for i, xy in enumerate(camera.project(person())):
-            points = np.concatenate([xy, np.full((len(HALPE), 1), 0.9)], axis=-1)
-            people = [{"person_id": [-1], "pose_keypoints_2d": points.ravel().tolist()}]
-            (place / f"{camera.name}_{i:06d}.json").write_text(json.dumps({"version": 1.3, "people": people}))
+    write_poses(folder, rig, person())
     (folder / "Config.toml").write_text('[project]\nframe_rate = 50\n[pose]\npose_model = "Body_with_feet"\n')
     return folder
+
+
+def write_poses(folder: Path, rig: Rig, xyz: np.ndarray) -> None:
+    """OpenPose's form of 3D points (T, K, 3) as each camera sees them."""
+    for camera in rig:
+        place = folder / "pose" / f"{camera.name}_json"
+        place.mkdir(parents=True, exist_ok=True)
+        for i, xy in enumerate(camera.project(xyz)):
+            points = np.concatenate([xy, np.full((xyz.shape[1], 1), 0.9)], axis=-1)
+            people = [{"person_id": [-1], "pose_keypoints_2d": points.ravel().tolist()}]
+            (place / f"{camera.name}_{i:06d}.json").write_text(json.dumps({"version": 1.3, "people": people}))
 
 
 def track(folder: Path, out: Path, *more: str) -> int:
@@ -118,3 +123,29 @@ def test_a_table_per_camera_is_data_as_well(project: Path, tmp_path: Path, ring_
     poses = read_recording(tmp_path / "out").poses
     assert poses.skeleton.name == "blazepose33"
     assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - body, axis=-1)) < 1e-3
+
+
+def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    whole = SKELETONS["coco_wholebody_133"]
+    body = {name: person()[0, k] for k, name in enumerate(HALPE.keypoints)}
+    rng = np.random.default_rng(0)
+    rest = []
+    for name in whole.keypoints:
+        # what the body lacks lies about its wrist, or in front of its nose
+        hand = any(part in name for part in ("hand", "thumb", "index", "middle", "ring", "pinky"))
+        about = body[f"{name.partition('_')[0]}_wrist"] if hand else body["nose"]
+        rest.append(body.get(name, about + rng.uniform(-0.06, 0.06, 3)))
+    xyz = np.array(rest) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
+    write_poses(project, ring_rig(3), xyz)
+    out = tmp_path / "out"
+    assert track(project, out, "--outputs", "trc,c3d,csv,parquet,json") == 0
+    poses = read_recording(out).poses
+    assert poses.skeleton == whole
+    assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - xyz, axis=-1)) < 0.002
+    assert np.isfinite(poses.xyz_world).all()
+    written = (out / "pose.trc").read_text()
+    assert "left_pinky4" in written and "chin" in written
+    from posefuse.sinks.drawing import LEFT_RGB, RIGHT_RGB, bone_colours
+
+    colours = dict(zip(whole.bones, bone_colours(whole), strict=True))
+    assert colours["left_hand_root", "left_index1"] == LEFT_RGB and colours["right_ring2", "right_ring3"] == RIGHT_RGB

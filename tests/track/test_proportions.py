@@ -74,7 +74,9 @@ def test_of_people_and_detectors_as_assumed_the_offsets_are_right_on_average_and
     stature = known.stature_m + known.stature_sigma_m * rng.standard_normal(n)
     # of one stature people differ by the average's spread
     lengths = stature[:, None] * share + share * known.stature_m * spread * rng.standard_normal((n, len(SEGMENTS)))
-    offsets = np.array([known.offset_m[joint] for joint, _ in _LENGTHENS]) * rng.standard_normal((n, len(_LENGTHENS)))
+    offsets = np.array([known.offset_m[joint][direction] for joint, direction in _LENGTHENS]) * rng.standard_normal(
+        (n, len(_LENGTHENS))
+    )
     added = np.array([[effect.get(s, 0.0) for s in SEGMENTS] for effect in _LENGTHENS.values()])
     gain, covariance = conditional_offsets(known)
     left = offsets - (lengths - offsets @ added - share * known.stature_m) @ gain.T
@@ -99,7 +101,7 @@ def test_who_has_usual_proportions_and_a_good_detector_stays(table):
     assert np.nanmax(np.abs(moved - usual)) < 1e-6
     tall = person({segment: 1.1 * length for segment, length in table.lengths.items()})
     off = np.linalg.norm(to_joint_centres(sequence(tall), table).xyz_world[:, 0] - tall, axis=-1)
-    assert np.nanmax(off) < 0.008
+    assert np.nanmax(off) < 0.01
 
 
 def test_unusual_people_are_not_moved_by_more_than_is_told(table):

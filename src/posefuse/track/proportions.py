@@ -24,10 +24,13 @@ from .segments import SEGMENTS
 Positive = Annotated[float, Gt(0)]
 # keypoint sets of detectors trained on marks of annotators; others are joint centres, or have a table fitted to their network
 MARKED_SETS = ("coco17", "body_25", "body_25b", "halpe_26", "coco_wholebody_133", "halpe_136")
-# metres longer of segments per metre that a joint is moved along a direction; elbows flexed by 40 degrees, knees by 20
-_ELBOW, _KNEE = float(np.cos(np.deg2rad(40.0))), float(np.cos(np.deg2rad(20.0)))
+# metres longer of segments per metre that a joint is moved along a direction; upper arms 40 degrees from the spine, elbows flexed
+# by 40 degrees, knees by 20
+_SHOULDER = _ELBOW = float(np.cos(np.deg2rad(40.0)))
+_KNEE = float(np.cos(np.deg2rad(20.0)))
 _LENGTHENS: dict[tuple[str, str], dict[str, float]] = {
     ("shoulder", "outward"): {"shoulders": 2.0},
+    ("shoulder", "up"): {"trunk": 1.0, "upper_arm": _SHOULDER},
     ("elbow", "upper_arm"): {"upper_arm": 1.0, "forearm": -_ELBOW},
     ("wrist", "forearm"): {"forearm": 1.0},
     ("hip", "outward"): {"hips": 2.0},
@@ -45,14 +48,19 @@ def _shares() -> dict[str, float]:
 
 def _spreads() -> dict[str, float]:
     return {
-        "upper_arm": 0.035, "forearm": 0.035, "thigh": 0.040, "shank": 0.040, "shoulders": 0.060, "hips": 0.080, "trunk": 0.040,
+        "upper_arm": 0.04, "forearm": 0.04, "thigh": 0.05, "shank": 0.05, "shoulders": 0.06, "hips": 0.08, "trunk": 0.08,
     }  # fmt: skip
 
 
-def _offsets() -> dict[str, float]:
+def _offsets() -> dict[str, dict[str, float]]:
     return {
-        "shoulder": 0.015, "elbow": 0.035, "wrist": 0.045, "hip": 0.030, "knee": 0.030, "ankle": 0.015,
-    }  # fmt: skip
+        "shoulder": {"outward": 0.015, "up": 0.02},
+        "elbow": {"upper_arm": 0.035},
+        "wrist": {"forearm": 0.045},
+        "hip": {"outward": 0.025, "up": 0.02},
+        "knee": {"thigh": 0.02},
+        "ankle": {"shank": 0.01},
+    }
 
 
 @settings
@@ -64,16 +72,17 @@ class Proportions:
         share: segment (see `SEGMENTS`), between joint centres, as a share of stature. Means of de Leva 1996 (joint centres; J.
             Biomech. 29:1223) and Drillis and Contini 1966 (as in Winter, Biomechanics and Motor Control of Human Movement),
             rounded; shoulders and hips, which those give between landmarks of the bones, as in the simulator's bodies.
-        spread: standard deviation of a segment among people of the same stature, as a share of its length.
-        offset_m: joint -> standard deviation of how far a detector's mark lies from the joint centre, along each direction.
-            Needham et al. 2021 (Sci. Rep. 11:20673) report 30 to 50 mm for hips and knees and 1 to 15 mm for ankles.
+        spread: standard deviation of a segment among people of the same stature, as a share of its length; what the sources
+            disagree by included. The trunk ends at the shoulders, which rise by several centimetres with the arms.
+        offset_m: joint -> direction -> standard deviation of how far a detector's mark lies from the joint centre. Needham et al.
+            2021 (Sci. Rep. 11:20673) report 30 to 50 mm in all directions together for hips and knees, 1 to 15 mm for ankles.
     """
 
     stature_m: Positive = 1.70
     stature_sigma_m: Positive = 0.10
     share: dict[str, float] = field(default_factory=_shares)
     spread: dict[str, float] = field(default_factory=_spreads)
-    offset_m: dict[str, float] = field(default_factory=_offsets)
+    offset_m: dict[str, dict[str, float]] = field(default_factory=_offsets)
 
 
 def proportional_joint_centres(skeleton: Skeleton, known: Proportions | None = None) -> JointCentres | None:
@@ -105,7 +114,7 @@ def conditional_offsets(known: Proportions) -> tuple[Array, Array]:
     share, spread = (np.array([values[segment] for segment in SEGMENTS]) for values in (known.share, known.spread))
     people = np.outer(share, share) * known.stature_sigma_m**2 + np.diag((spread * share * known.stature_m) ** 2)
     lengthens = np.array([[added.get(segment, 0.0) for segment in SEGMENTS] for added in _LENGTHENS.values()]).T
-    prior = np.diag([known.offset_m[joint] ** 2 for joint, _ in _LENGTHENS])
+    prior = np.diag([known.offset_m[joint][direction] ** 2 for joint, direction in _LENGTHENS])
     measured = people + lengthens @ prior @ lengthens.T
     gain = -prior @ lengthens.T @ np.linalg.inv(measured)
     return gain, prior + gain @ lengthens @ prior
