@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.cli.pose2sim_project import PROJECT_FILE
 from posefuse.core import CalibrationError, Camera, InputError, Rig, Source
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
@@ -20,6 +19,7 @@ from posefuse.formats.rig import fit_camera_to_video, read_rig
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
 from .config import CameraInput, TrackConfig
+from .pose2sim_project import PROJECT_FILE
 
 RIG_PATTERNS = (
     "rig.toml",

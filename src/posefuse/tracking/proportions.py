@@ -14,11 +14,11 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt
 
-from posefuse.core import Skeleton
+from posefuse.core import Detector, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import settings
 
-from .joint_centres import JointCentres
+from .joint_centres import JointCentres, read_joint_centres
 from .segments import SEGMENTS
 
 Positive = Annotated[float, Gt(0)]
@@ -104,6 +104,17 @@ def proportional_joint_centres(skeleton: Skeleton, known: Proportions | None = N
         slopes.setdefault(joint, {})[direction] = dict(zip(SEGMENTS, row.tolist(), strict=True))
     made_by = f"proportions of people and the segments of this recording, for {skeleton.name} (see tracking/proportions.py)"
     return JointCentres(made_by=made_by, offsets=offsets, lengths=usual, by_length=slopes)
+
+
+def joint_centres_of(detector: Detector) -> JointCentres | None:
+    """Where joint centres lie beside a detector's keypoints: as fitted to it, else as people's proportions say.
+
+    Raises:
+        ConfigError: a table that is not right.
+    """
+    if detector.joint_centres_file:
+        return read_joint_centres(detector.joint_centres_file)
+    return proportional_joint_centres(detector.skeleton)
 
 
 def conditional_offsets(known: Proportions) -> tuple[Array, Array]:

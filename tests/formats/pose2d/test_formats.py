@@ -253,7 +253,7 @@ def test_what_is_no_known_format_lists_what_was_looked_for(tmp_path: Path) -> No
     with pytest.raises(InputError, match="no such file"):
         read_pose2d(tmp_path / "absent.json", "cam")
     (tmp_path / "half.json").write_text("[{")
-    with pytest.raises(InputError, match="not readable JSON"):
+    with pytest.raises(InputError, match="cannot be parsed as JSON"):
         read_pose2d(tmp_path / "half.json", "cam")
 
 

@@ -1,14 +1,14 @@
-"""Options that several commands have."""
+"""Options that several commands have, and what their values may be."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-BUNDLED = ("blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best")
 # kinds of cards that the default detector reads; all others are networks of the user
 _BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
 
@@ -49,9 +49,39 @@ class _Networks(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
-        text: str | Sequence[Any] = values
         try:
-            added = networks_settings(str(text))
+            added = networks_settings(str(values))
         except ValueError as error:
             raise argparse.ArgumentError(self, str(error)) from None
         setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or []), *added])
+
+
+def positive(most: float) -> Callable[[str], float]:
+    """For ``type=`` of an option: a number above 0 and at most `most`; NaN and infinity are refused."""
+
+    def number(text: str) -> float:
+        value = _number(text)
+        if not 0 < value <= most:
+            raise argparse.ArgumentTypeError(f"expected a number > 0 and <= {most:g}, got {text!r}")
+        return value
+
+    return number
+
+
+def count(most: int) -> Callable[[str], int]:
+    """For ``type=`` of an option: a whole number from 1 to `most`."""
+
+    def whole(text: str) -> int:
+        value = _number(text)
+        if not (1 <= value <= most and value == int(value)):
+            raise argparse.ArgumentTypeError(f"expected a whole number from 1 to {most}, got {text!r}")
+        return int(value)
+
+    return whole
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

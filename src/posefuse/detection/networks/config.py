@@ -13,11 +13,12 @@ from annotated_types import Ge, Gt, Le
 from posefuse.core import ConfigError
 from posefuse.detection.blazepose.network import Precision
 from posefuse.detection.blazepose.persons import PersonNetwork
-from posefuse.detection.models import fetch, read_card
+from posefuse.detection.models import fetch_all, read_card
+from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir
 
-from .card import ONE_STAGE, PERSONS, NetworkCard, read_network_card
+from .card import ONE_STAGE, PERSONS, TOP_DOWN, NetworkCard, read_network_card
 from .detector import OneStageDetector, TopDownDetector
 from .people import BoxFinder, PersonFinder, SquareFinder
 from .runtime import DEFAULT_PROVIDERS, Engine, OnnxNetwork
@@ -50,7 +51,16 @@ class OnnxConfig:
     cache: Path | None = None
     up_rad: dict[str, float] = field(default_factory=dict)
 
-    def build(self, progress: Callable[[str], None] | None = None) -> TopDownDetector | OneStageDetector:
+    def fetch(
+        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
+    ) -> list[Path]:
+        """The default person detector's file where the card needs it; see `fetch_all`. Networks of cards are never fetched."""
+        card = read_network_card(self.card)
+        if card.kind not in TOP_DOWN or card.persons_card is not None:
+            return []
+        return fetch_all([read_card(card.persons)], self.cache or default_cache_dir(os.environ), None, progress, advance)
+
+    def build(self) -> TopDownDetector | OneStageDetector:
         """Read the card, check and compile its files.
 
         Raises:
@@ -63,17 +73,18 @@ class OnnxConfig:
         network = self._network(card)
         if card.kind in ONE_STAGE:
             return OneStageDetector(network, self.most_people, self.up_rad)
-        return TopDownDetector(network, self._finder(card, progress), self.most_people, self.up_rad)
+        return TopDownDetector(network, self._finder(card), self.most_people, self.up_rad)
 
     def _network(self, card: NetworkCard) -> OnnxNetwork:
         return OnnxNetwork(card, self.engine, self.precision, self.providers, self._threads)
 
-    def _finder(self, card: NetworkCard, progress: Callable[[str], None] | None) -> PersonFinder:
+    def _finder(self, card: NetworkCard) -> PersonFinder:
         path = card.persons_card
         if path is None:
             persons = read_card(card.persons)
-            file = fetch(persons, self.cache or default_cache_dir(os.environ), progress=progress)
-            return SquareFinder(PersonNetwork.compiled(persons, file, self.precision, self._threads), self.least_person)
+            return SquareFinder(
+                PersonNetwork.compiled(persons, self.fetch()[0], self.precision, self._threads), self.least_person
+            )
         finder = read_network_card(path)
         if finder.kind not in PERSONS:
             kinds = " or ".join(PERSONS)
@@ -82,4 +93,4 @@ class OnnxConfig:
 
     @property
     def _threads(self) -> int:
-        return self.streams or len(os.sched_getaffinity(0))
+        return self.streams or usable_cores()

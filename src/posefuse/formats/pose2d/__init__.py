@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Protocol
 
 from posefuse.core import InputError, Skeleton
+from posefuse.foundation.parsing import short
 
 from . import alphapose, coco, deeplabcut, mediapipe, mmpose, openpose, sleap
 from .frames import UNTRACKED, People2D, Pose2DFrames
 from .openpose import read_openpose_folder
 
+# what reading values of the wrong type or shape may raise
+_MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 POSE2D_SUFFIXES = (".json", ".csv", ".h5", ".hdf5")
 
 
@@ -62,10 +65,20 @@ def read_pose2d(
     if not path.exists():
         raise InputError(f"{path}: camera {camera}: no such file or folder of 2D poses")
     for format in FORMATS:
-        if format.reader.fits(path):
-            return format.reader.read(path, camera, skeleton, size_wh)
+        if _fits(format, path):
+            try:
+                return format.reader.read(path, camera, skeleton, size_wh)
+            except _MALFORMED as error:
+                raise InputError(f"{path}: camera {camera}: damaged {format.name} data ({short(error)})") from None
     looked = "; ".join(f"{format.name}: {format.looks_for}" for format in FORMATS)
     raise InputError(f"{path}: camera {camera}: no format of 2D poses recognised; looked for {looked}")
+
+
+def _fits(format: Pose2DFormat, path: Path) -> bool:
+    try:
+        return format.reader.fits(path)
+    except _MALFORMED:
+        return False
 
 
 __all__ = [

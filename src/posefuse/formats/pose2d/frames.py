@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,10 +13,13 @@ import numpy as np
 
 from posefuse.core import Detections2D, InputError, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import parse_json, read_text
 
 # a keypoint's noise grows with the person's size in the image: this part of the box diagonal at score 1, as 1 / score below
 _SIGMA_OF_DIAGONAL = 0.006
 _LEAST_SIGMA_PX = 0.5
+# no image has so many pixels across; larger numbers are damage, and their squares overflow
+_FARTHEST_PX = 1e6
 UNTRACKED = -1
 
 
@@ -75,7 +77,12 @@ class Pose2DFrames:
         place = self._place.get(number)
         if place is None:
             return Detections2D.nobody(self.camera, t_ns, self.skeleton)
-        return _detections(self.camera, t_ns, self.skeleton, self.people(place).points)
+        points = self.people(place).points
+        far = points[..., :2][np.abs(np.nan_to_num(points[..., :2], posinf=np.inf)) > _FARTHEST_PX]
+        if len(far):
+            where = f"camera {self.camera}: 2D poses of frame {number}"
+            raise InputError(f"{where}: expected keypoints within {_FARTHEST_PX:g} px of the image, got {far[0]:.3g}")
+        return _detections(self.camera, t_ns, self.skeleton, points)
 
     def track_ids(self, number: int) -> Array:
         """(P,) ids of the people of `frame`, in its order: hints for who is the same person in other frames of this camera."""
@@ -101,10 +108,7 @@ def frames_from_mapping(
 
 def read_json(path: Path) -> Any:
     """A JSON file's content; raises InputError in one line for one that cannot be read."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: not readable JSON ({error})") from None
+    return parse_json(str(path), read_text(path))
 
 
 def frame_number(name: str, where: str) -> int:

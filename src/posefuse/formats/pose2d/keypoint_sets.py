@@ -45,9 +45,7 @@ def skeleton_of_count(count: int, where: str) -> Skeleton:
     """The keypoint set of so many points; raises InputError for a number no set has."""
     if count not in COUNTS:
         known = ", ".join(str(number) for number in COUNTS)
-        raise InputError(
-            f"{where}: expected people of {known} keypoints, got {count}; give skeleton= (one of {choices(SKELETONS)})"
-        )
+        raise InputError(f"{where}: expected people of {known} keypoints, got {count}")
     return SKELETONS[COUNTS[count]]
 
 

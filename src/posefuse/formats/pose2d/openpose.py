@@ -10,6 +10,7 @@ import numpy as np
 
 from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import short
 
 from .frames import People2D, Pose2DFrames, frame_number, read_json
 from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
@@ -72,7 +73,7 @@ def _told_skeleton(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skelet
             break
     if not offsets:
         raise InputError(
-            f"{folder}: camera {camera}: no person with hips in any of {len(paths)} files; give skeleton= to read it all the same"
+            f"{folder}: camera {camera}: no person with hips in any of {len(paths)} files: the order of keypoints is unknown"
         )
     return SKELETONS["body_25b" if np.median(offsets) > 1 else "body_25"]
 
@@ -99,9 +100,9 @@ def people_of(content: Any, where: str) -> list[Array]:
     try:
         lists = [person["pose_keypoints_2d"] for person in content["people"]]
         return [np.array(points, np.float64).reshape(-1, 3) for points in lists if len(points)]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{where}: not OpenPose JSON: expected people[].pose_keypoints_2d of x, y, score triples ({error!r})"
+            f"{where}: not OpenPose JSON: expected people[].pose_keypoints_2d of x, y, score triples ({short(error)})"
         ) from None
 
 
