@@ -4,96 +4,36 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from posefuse.cli.main import main
-from posefuse.core import SKELETONS, Rig
+from posefuse.core import Rig
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
 
-graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
-SKELETON = SKELETONS["coco17"]
-# the bright faces of the colour cube: a disc's rim, where it blends with the black background, is no other disc's colour
-_VALUES = (0, 127, 255)
-COLOURS = np.array([(r, g, b) for r in _VALUES for g in _VALUES for b in _VALUES if max(r, g, b) == 255][:17], float)
-# of a network with its own range per channel; one width for all, so that colours keep their distances
-MEAN, STD = np.array([30.0, 40.0, 50.0]), 50.0
-REACH = 30.0 / STD
-RATE_HZ, FRAMES, DISC_PX = 25.0, 16, 3.0
-BODY = {
-    "nose": (0.10, 0, 1.62), "left_eye": (0.06, 0.08, 1.70), "right_eye": (0.06, -0.08, 1.70), "left_ear": (-0.04, 0.12, 1.64),
-    "right_ear": (-0.04, -0.12, 1.64), "left_shoulder": (0, 0.20, 1.42), "right_shoulder": (0, -0.20, 1.42),
-    "left_elbow": (0.08, 0.45, 1.30), "right_elbow": (0.08, -0.45, 1.30), "left_wrist": (0.2, 0.62, 1.12),
-    "right_wrist": (0.2, -0.62, 1.12), "left_hip": (0, 0.14, 0.92), "right_hip": (0, -0.14, 0.92), "left_knee": (0.06, 0.17, 0.5),
-    "right_knee": (0.06, -0.17, 0.5), "left_ankle": (-0.04, 0.2, 0.09), "right_ankle": (-0.04, -0.2, 0.09),
-}  # fmt: skip
-
-
-def true_xyz() -> np.ndarray:
-    """(T, K, 3): somebody who glides and turns."""
-    rest = np.array([BODY[name] for name in SKELETON.keypoints])
-    t = np.arange(FRAMES) / RATE_HZ
-    turn = 0.6 * t
-    c, s = np.cos(turn), np.sin(turn)
-    rotation = np.stack([np.stack([c, -s, 0 * c], -1), np.stack([s, c, 0 * c], -1), np.stack([0 * c, 0 * c, 1 + 0 * c], -1)], -2)
-    return np.einsum("tij,kj->tki", rotation, rest) + np.stack([0.5 * t - 0.2, 0.1 * t, 0 * t], -1)[:, None]
-
-
-def draw(rig: Rig, xyz: np.ndarray, folder: Path) -> None:
-    """Images of the discs, near ones over far ones."""
-    for camera in rig:
-        place = folder / "images" / camera.name
-        place.mkdir(parents=True)
-        depth = (camera.cam_from_world @ xyz)[..., 2]
-        for i, xy in enumerate(camera.project(xyz)):
-            image = np.zeros((camera.size_wh[1], camera.size_wh[0], 3), np.uint8)
-            for k in np.argsort(-depth[i]):
-                at = tuple(np.rint(xy[k] * 64).astype(int).tolist())
-                cv2.circle(image, at, round(DISC_PX * 64), COLOURS[k][::-1].tolist(), -1, cv2.LINE_AA, 6)
-            cv2.imwrite(str(place / f"{i:06d}.png"), image)
-
-
-def card_of(kind: str, folder: Path) -> Path:
-    """A network that finds the discs, with its card and, where it needs one, that of a person detector."""
-    normalised = (COLOURS - MEAN) / STD
-    rest = f"mean = {MEAN.tolist()}\nstd = [{STD}, {STD}, {STD}]\nfill = 0\n"
-    top = 'keypoints = "coco17"\npersons = "persons.toml"'
-    persons = graphs.bright_person(folder / "persons.onnx", (320, 256), 60.0)
-    graphs.write_card(folder / "persons.toml", "detections", persons, (320, 256), rest="fill = 0\n")
-    path = folder / f"{kind}.onnx"
-    if kind in ("simcc", "heatmap"):
-        size = (192, 256)
-        build = graphs.colour_simcc if kind == "simcc" else graphs.colour_heatmaps
-        network = build(path, size, normalised, REACH)
-    else:
-        size = (640, 480)
-        network = graphs.colour_one_stage(path, size, normalised, REACH, kind)
-        if kind == "yolo_pose":
-            rest += 'letterbox = "centre"\n'
-    return graphs.write_card(folder / f"{kind}.toml", kind, network, size, top, rest)
+discs = pytest.importorskip("discs", reason="the package onnx is not installed")
 
 
 @pytest.fixture(scope="module")
 def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("discs")
     rig = ring_rig(4, size_wh=(720, 560))
-    draw(rig, true_xyz(), folder)
+    discs.draw(rig, discs.true_xyz(), folder / "images")
     write_rig(folder / "rig.toml", rig)
-    (folder / "posefuse.toml").write_text(f"rate_hz = {RATE_HZ}\njoint_centres = false\n")
+    (folder / "posefuse.toml").write_text(f"rate_hz = {discs.RATE_HZ}\njoint_centres = false\n")
     return folder
 
 
 @pytest.mark.parametrize("kind", ["simcc", "heatmap", "rtmo", "yolo_pose"])
 def test_the_person_is_where_the_discs_are(kind: str, session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    options = ["--networks", str(card_of(kind, tmp_path)), "--outputs", "parquet,trc", "--raw", "--json"]
+    options = ["--networks", str(discs.card_of(kind, tmp_path)), "--outputs", "parquet,trc", "--raw", "--json"]
     assert main(["track", str(session), "--out", str(out), *options]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert min(figures["found"].values()) == 1.0
     recording = read_recording(out)
-    assert recording.poses.skeleton == SKELETON and recording.poses.xyz_world.shape == (FRAMES, 1, 17, 3)
-    off_mm = 1000 * np.linalg.norm(recording.poses.xyz_world[:, 0] - true_xyz(), axis=-1)
+    assert recording.poses.skeleton == discs.SKELETON and recording.poses.xyz_world.shape == (discs.FRAMES, 1, 17, 3)
+    off_mm = 1000 * np.linalg.norm(recording.poses.xyz_world[:, 0] - discs.true_xyz(), axis=-1)
     assert np.nanmedian(off_mm) < 2.0 and np.nanpercentile(off_mm, 95) < 8.0
     assert np.isfinite(off_mm).mean() > 0.97

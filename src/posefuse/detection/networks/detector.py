@@ -34,6 +34,20 @@ class _Person:
     sigma_px: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """One person as the network gives them, before any noise model.
+
+    Attributes:
+        keypoints: of one person, px of the network's input. input_from_img: (2, 3) affine map from raw px.
+        height_px: of the crop that just holds the person, px of the input.
+    """
+
+    keypoints: Keypoints
+    input_from_img: Array
+    height_px: float
+
+
 class _Networked:
     """What both kinds have in common; implements `core.Detector` but for `_found` and `_given`."""
 
@@ -67,20 +81,19 @@ class _Networked:
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
         raise NotImplementedError
 
-    def _person(self, seen: Keypoints, row: int, input_from_img: Array, height_px: float) -> _Person:
-        """One row of decoded keypoints in raw px; nobody where they score too little on average.
+    def observed(self, frame: Frame, region: Region) -> Observed | None:
+        """The person in a region, with all that the network says of them; None for nobody. What noise models are fitted to."""
+        raise NotImplementedError
 
-        Args:
-            height_px: of the crop that just holds the person, px of the input.
-        """
-        score, names = seen.score[row], self.skeleton.keypoints
+    def _person(self, seen: Observed) -> _Person:
+        """A person in raw px; nobody where the keypoints score too little on average."""
+        score = seen.keypoints.score[0]
         if score.mean() < self._network.card.least_keypoint_score:
             return self._nobody()
-        one = Keypoints(*(values[row : row + 1] for values in (seen.xy, seen.score, seen.spread_px, seen.rival)))
-        both = self._noise.sigma(one, names, height_px)[0]
+        both = self._noise.sigma(seen.keypoints, self.skeleton.keypoints, seen.height_px)[0]
         # one number for both axes of the image: the crop may be turned
-        sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(input_from_img[:, :2])))
-        return _Person(img_from_input(input_from_img, seen.xy[row]), score, np.where(score > 0, sigma, np.nan))
+        sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
+        return _Person(img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan))
 
     def _nobody(self) -> _Person:
         k = len(self.skeleton)
@@ -128,13 +141,20 @@ class TopDownDetector(_Networked):
         looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
         return [[next(looked) for _ in regions] for _, regions in asked]
 
+    def observed(self, frame: Frame, region: Region) -> Observed | None:
+        """See `_Networked`."""
+        return self._observe([(frame, region)])[0]
+
     def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[_Person]:
+        return [self._person(seen) for seen in self._observe(crops)]
+
+    def _observe(self, crops: Sequence[tuple[Frame, Region]]) -> list[Observed]:
         card = self._network.card
         affines = [crop_from_img(region, card.input.size_wh, card.decoding.udp) for _, region in crops]
         inputs = [cut(frame.image, affine, card.input) for (frame, _), affine in zip(crops, affines, strict=True)]
         height = float(card.input.size_wh[1])
         return [
-            self._person(keypoints_of(card, outputs), 0, affine, height)
+            Observed(keypoints_of(card, outputs), affine, height)
             for outputs, affine in zip(self._network(inputs), affines, strict=True)
         ]
 
@@ -164,21 +184,40 @@ class OneStageDetector(_Networked):
                 found[i] = people
         return found
 
+    def observed(self, frame: Frame, region: Region) -> Observed | None:
+        """See `_Networked`; the whole image is looked at, as in use."""
+        people = self._observe([(frame, 0.0)])[0]
+        middles = [img_from_input(seen.input_from_img, np.nanmean(seen.keypoints.xy[0], axis=0)) for seen in people]
+        away = [float(np.linalg.norm(middle - region.centre_img)) / region.side_px for middle in middles]
+        return people[int(np.argmin(away))] if away and min(away) < _IN_REGION else None
+
     def _look(self, images: Sequence[tuple[Frame, float]]) -> list[list[_Person]]:
+        made = [[self._person(seen) for seen in people] for people in self._observe(images)]
+        return [[person for person in people if person.score.any()] for people in made]
+
+    def _observe(self, images: Sequence[tuple[Frame, float]]) -> list[list[Observed]]:
         card = self._network.card
         affines = [letterbox_from_img(frame.size_wh, card.input, angle) for frame, angle in images]
         inputs = [
             cut(frame.image, affine, card.input, card.input.fill) for (frame, _), affine in zip(images, affines, strict=True)
         ]
-        return [self._people(people_of(card, outs), affine) for outs, affine in zip(self._network(inputs), affines, strict=True)]
+        return [
+            self._split(people_of(card, outputs), affine) for outputs, affine in zip(self._network(inputs), affines, strict=True)
+        ]
 
-    def _people(self, people: People, input_from_img: Array) -> list[_Person]:
-        if people.keypoints is None:
+    def _split(self, people: People, input_from_img: Array) -> list[Observed]:
+        seen = people.keypoints
+        if seen is None:
             return []
         # sigma is told in shares of the crop that holds the person
         heights = self._network.card.input.padding * np.maximum(people.box[:, 3] - people.box[:, 1], 1.0)
-        made = [self._person(people.keypoints, i, input_from_img, float(height)) for i, height in enumerate(heights)]
-        return [person for person in made if person.score.any()]
+        return [
+            Observed(
+                Keypoints(*(values[i : i + 1] for values in (seen.xy, seen.score, seen.spread_px, seen.rival))), input_from_img, h
+            )
+            for i, h in enumerate(heights.tolist())
+            if np.isfinite(seen.xy[i]).any()
+        ]
 
     def _chosen(self, people: Sequence[_Person], regions: Sequence[Region]) -> list[_Person]:
         """For each region the person whose middle is nearest to its centre, nobody where that is too far."""
