@@ -1,4 +1,4 @@
-"""Fits to people known exactly: laws are recovered, keypoint sets get what they can tell, and the command writes what it fitted."""
+"""Fits to people known exactly: laws are recovered, sets get what they can tell, and the command writes what it fitted."""
 
 import json
 import sys
