@@ -271,7 +271,7 @@ CASES = (
     _case("image of one turned by 180 deg", r"cam01.*turned by 180|upside down: cam01", _turned((1,))),
     _case("images of all turned by 180 deg", r"turned by 180|upside down", _turned((0, 1, 2, 3)), why=(
         "a room seen upside down is a room; with a marker on the floor it is found (cameras are above the floor)")),
-    _case("image of one mirrored", r"cam01.*mirrored|mirrored.*cam01", _flipped),
+    _case("image of one mirrored", r"cam01.*mirrored|mirrored.*cam01", _images(_flipped)),
     _case("names of two cameras swapped", r"cam01.*cam02.*swapped", _permuted((0, 2, 1, 3))),
     _case("names of three cameras in a circle", r"cam01.*cam02.*cam03.*(swapped|order)", _permuted((0, 2, 3, 1))),
     _case("one video given twice", r"cam00 and cam01.*(same video|nearest, 0 mm)", _twice(0.0)),
