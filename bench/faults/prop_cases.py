@@ -283,7 +283,7 @@ CASES = (
     _case("one clock runs 3000 ppm fast", r"cam02.*(drift|ppm|fast)", _images(lambda s, seed: s.watch(drift=(0, 0, 3e-3, 0)))),
     _case("one camera loses a frame: clock jumps by 67 ms", r"clock of cam02 jumps", _clock_step(0.067)),
     _case("one clock jumps by 250 ms", r"clock of cam02 jumps", _clock_step(0.25)),
-    _case("every third frame of one camera stamped late", r"(stamps|clock) of cam02", _uneven_stamps),
+    _case("every third frame of one camera stamped late", r"(stamps|clock) of cam02", _images(_uneven_stamps)),
     _case("a camera moved by 1 deg and 30 mm", _MOVED, _moved(0.03, 1.0)),
     _case("a camera moved by 0.3 deg", _MOVED, _moved(0.0, 0.3)),
     _case("a camera moved by 30 mm", _MOVED, _moved(0.03, 0.0)),

@@ -11,6 +11,7 @@ from posefuse.core.arrays import Array
 
 from .bootstrap import PropShape, PropViews, camera_edges, prop_shape, prop_track, prop_views, strong_camera_edges
 from .clocks import rough_offsets
+from .limits import LIMITS, Limits
 from .observations import Observations
 from .planar import planar_views
 from .projection import LENS_PARAMETERS, Lenses
@@ -37,13 +38,15 @@ class Options:
         clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock),
             ``auto`` (taken as synchronised, and estimated when they turn out not to be).
         most_offset_s: largest clock offset searched for.
-        lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the lenses by; None keeps them.
+        lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the intrinsics by; None keeps them.
+        limits: what refuses the result.
     """
 
     instants: int = 400
     clocks: str = "auto"
     most_offset_s: float = 0.3
     lens_sigma: tuple[float, ...] | None = None
+    limits: Limits = LIMITS
 
     def __post_init__(self) -> None:
         if self.clocks not in CLOCK_MODES:

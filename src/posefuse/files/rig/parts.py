@@ -19,7 +19,7 @@ ROTATION_TOLERANCE = 1e-3
 FARTHEST_M = 200.0
 # keys beside the cameras in files of some format
 NOT_CAMERAS = (
-    "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px",
+    "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px", "refused",
 )  # fmt: skip
 
 
@@ -123,7 +123,7 @@ def rig(path: Path, cameras: list[Camera], about: Mapping[str, Any]) -> Rig:
     residual = about.get("residual_px")
     residual_px = math.nan if residual is None else float(numbers(f"{path}: residual_px", residual, ()))
     try:
-        return Rig(tuple(cameras), world_set_by=str(about.get("world_set_by", "unknown")), residual_px=residual_px)
+        return Rig(tuple(cameras), str(about.get("world_set_by", "unknown")), residual_px, str(about.get("refused", "")))
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from None
 
@@ -133,7 +133,7 @@ def about_rig(rig: Rig) -> dict[str, Any]:
     about: dict[str, Any] = {"world_set_by": rig.world_set_by}
     if math.isfinite(rig.residual_px):
         about["residual_px"] = rig.residual_px
-    return about
+    return about | ({"refused": rig.refused} if rig.refused else {})
 
 
 def plain_keys(rig: Rig) -> list[str]:
