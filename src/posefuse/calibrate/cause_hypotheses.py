@@ -149,8 +149,8 @@ def _clock_story(cameras: tuple[Camera, ...], solved: Solved) -> str:
     return ", ".join(parts)
 
 
-def target_described_wrongly(trouble: Trouble) -> Iterator[Trial]:
-    """A board with columns and rows swapped, stretched in print, or bent."""
+def board_swapped(trouble: Trouble) -> Iterator[Trial]:
+    """A board whose columns and rows are swapped."""
     target = trouble.target
     if isinstance(target, Charuco | ArucoBoard) and target.columns != target.rows:
         try:
@@ -164,12 +164,13 @@ def target_described_wrongly(trouble: Trouble) -> Iterator[Trial]:
                 f"the board has {other.columns} columns and {other.rows} rows, not {target.columns} and {target.rows}",
                 f"--columns {other.columns} --rows {other.rows}", solved, lost, 0,
             )  # fmt: skip
-    if trouble.solved is not None and isinstance(target, Charuco | ArucoBoard):
-        yield from _deformed(trouble, trouble.solved)
 
 
-def _deformed(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
+def board_deformed(trouble: Trouble) -> Iterator[Trial]:
     """The board's corners moved along one way of being deformed at a time, as far as fits best (a parabola through three solves)."""
+    solved = trouble.solved
+    if solved is None or not isinstance(trouble.target, Charuco | ArucoBoard):
+        return
     corners = solved.corners
     middle, half = (corners.max(axis=(0, 1)) + corners.min(axis=(0, 1))) / 2, np.ptp(corners, axis=(0, 1)).max() / 2
     off = (corners - middle) / half
@@ -196,10 +197,11 @@ def _deformed(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
 
 
 HYPOTHESES = (
-    Hypothesis("images turned", "nothing: one image is turned back", image_turned),
-    Hypothesis("images mirrored", "nothing: one image is flipped back", image_mirrored),
-    Hypothesis("intrinsics", "intrinsics of one, two or all cameras; or their order", intrinsics_wrong),
-    Hypothesis("clocks", "offset, or offset and drift, of each clock", clocks_off),
-    Hypothesis("camera moved, or clock jumped", "pose and clock of one camera from a time step on", moved_or_jumped),
-    Hypothesis("target", "nothing: the board is described otherwise; or one deformation", target_described_wrongly),
+    Hypothesis("images turned", "nothing: one image is turned back", image_turned, near=True),
+    Hypothesis("intrinsics", "intrinsics of one, two or all cameras; or their order", intrinsics_wrong, near=True),
+    Hypothesis("moved, jumped, uneven or blurred", "one camera from a time step on; its stamps; its noise", moved_or_jumped, near=True),
+    Hypothesis("board deformed", "one deformation of the board", board_deformed, near=True),
+    Hypothesis("images mirrored", "nothing: one image is flipped back", image_mirrored, near=False),
+    Hypothesis("clocks", "offset, or offset and drift, of each clock", clocks_off, near=False),
+    Hypothesis("board described wrongly", "nothing: columns and rows are swapped", board_swapped, near=False),
 )

@@ -17,7 +17,7 @@ from .prop_solve import Freedom, PropSolution
 from .rotations import Poses, angle_between
 from .snapshots import Snapshots, middle_ns, snapshots
 
-_CANDIDATES = 2
+_CANDIDATES, _STILL_LARGER = 2, 1.5
 _LEAST_STEPS = 6
 _LEAST_JUMP_S, _SIGMA = 0.005, 5.0
 _LONGEST_JUMP_S = 0.6
@@ -85,21 +85,22 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[Tria
     cameras = (*trouble.cameras, replace(trouble.cameras[c], name=f"{trouble.cameras[c].name} later"))
     t_s = float(solved.seen.t_s[step])
     start_s = middle_ns(trouble.observations) / 1e9 - trouble.observations.t_ns.min() / 1e9
-    jump_s = _rough_jump_s(trouble, c, t_s)
-    best: tuple[PropSolution, Solved] | None = None
-    for guess_s in {0.0, jump_s}:
-        apart, solution = _solve_split(trouble, solved, cameras, c, t_s, guess_s)
-        if best is None or _size(solution) < _size(best[0]):
-            best = (solution, apart)
-    assert best is not None
-    solution, apart = best
+    apart, solution = _solve_split(trouble, solved, cameras, c, t_s, 0.0)
+    mine = np.isin(apart.seen.camera, (c, len(trouble.cameras)))
+    if _size(solution, mine) > _STILL_LARGER * _size(solution, ~mine):
+        # a jump of the clock beyond what the motion of the corners extrapolates to
+        apart, solution = min(
+            ((apart, solution), _solve_split(trouble, solved, cameras, c, t_s, _rough_jump_s(trouble, c, t_s))),
+            key=lambda one: _size(one[1]),
+        )
     words, remedy, frees = _split_story(trouble, solution, c, t_s + start_s, apart)
     camera = np.where(apart.seen.camera == len(trouble.cameras), c, apart.seen.camera)
     yield Trial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees)
 
 
-def _size(solution: PropSolution) -> float:
-    return float(np.nanmean(np.log1p((solution.residual_px**2).sum(axis=1))))
+def _size(solution: PropSolution, rows: Array | slice = slice(None)) -> float:
+    """Usual residual, large ones counting little."""
+    return float(np.nanmean(np.log1p((solution.residual_px[rows] ** 2).sum(axis=1))))
 
 
 def _rough_jump_s(trouble: Trouble, c: int, t_s: float) -> float:

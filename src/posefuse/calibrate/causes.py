@@ -25,6 +25,8 @@ _ROBUST = 3.0
 _LOST, _NOISE = 3.0, 0.095
 _LEAST_SIGMA_PX = 0.1
 _LEAST_EXPLAINED, _ABOUT_AS_MUCH, _INSEPARABLE = 0.5, 0.1, 0.02
+# what explains so much leaves nothing to look for from the beginning
+_ENOUGH = 0.85
 # time steps that are enough to tell explanations apart
 TIME_STEPS = 100
 
@@ -64,11 +66,17 @@ class Trial:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An explanation: its name, what it undoes or frees, and its solves."""
+    """An explanation.
+
+    Attributes:
+        name: in words. frees: what it undoes or frees. trials: its solves.
+        near: whether they start from the solution at hand, and so take little time.
+    """
 
     name: str
     frees: str
     trials: Callable[[Trouble], Iterable[Trial]]
+    near: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +90,14 @@ class Cause:
 
 def likely_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[Cause, ...]:
     """The best explanation, or the two best when they cannot be told apart; none where nothing explains enough."""
-    trials = [trial for hypothesis in hypotheses for trial in hypothesis.trials(trouble)]
+    trials = [trial for hypothesis in hypotheses if hypothesis.near for trial in hypothesis.trials(trouble)]
+    found = _best(trouble, trials)
+    if found and found[0].explained >= _ENOUGH:
+        return found
+    return _best(trouble, trials + [trial for hypothesis in hypotheses if not hypothesis.near for trial in hypothesis.trials(trouble)])
+
+
+def _best(trouble: Trouble, trials: Sequence[Trial]) -> tuple[Cause, ...]:
     if not trials:
         return ()
     base = _base(trouble)
