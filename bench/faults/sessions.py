@@ -19,7 +19,7 @@ from posefuse.core.arrays import Array
 
 from .verdict import Answer
 
-INSTANTS = 200
+INSTANTS = 120
 _ROWS = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
 
 

@@ -55,6 +55,7 @@ class Freedom:
         patch: patch that is held on the prop; None holds all patches.
         offset, drift: clocks of the other cameras. lens_sigma: (6,) standard errors of the given intrinsics, None holds them.
         lens_of: cameras whose intrinsics move, None for all.
+        moving: cameras whose poses and clocks move, instead of all but the reference.
     """
 
     reference: int | None
@@ -63,6 +64,7 @@ class Freedom:
     drift: bool = False
     lens_sigma: Array | None = None
     lens_of: tuple[int, ...] | None = None
+    moving: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +195,10 @@ def _time_block(t_s: Array) -> Array:
 def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
     cameras, clocks = np.zeros((len(state.cam_from_world), 6), bool), np.zeros((len(state.cam_from_world), 2), bool)
     patches = np.zeros((len(state.prop_from_patch), 6), bool)
-    if freedom.reference is not None:
+    if freedom.moving is not None or freedom.reference is not None:
         others = np.arange(len(cameras)) != freedom.reference
+        if freedom.moving is not None:
+            others = np.isin(np.arange(len(cameras)), freedom.moving)
         cameras[others], clocks[others] = True, (freedom.offset, freedom.drift)
     if freedom.patch is not None:
         patches[np.arange(len(patches)) != freedom.patch] = True
