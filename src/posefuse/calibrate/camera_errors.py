@@ -18,7 +18,7 @@ from .rotations import Poses, angle_between
 from .snapshots import Snapshots
 from .targets import Target, patch_corners
 
-_MOST_VIEWS = 120
+_MOST_VIEWS, _ONE_OTHER = 120, 4.0
 # intrinsics besides the focal length are taken as given (px, and distortion coefficients)
 _HELD_PX, _HELD_BEND, _FREE_FOCAL = 0.01, 1e-6, 0.2
 
@@ -46,11 +46,12 @@ class CameraError:
     """One camera against the others, with standard errors; NaN where it shares too few views.
 
     Attributes:
-        name, views: shared with other cameras. turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
+        name, views: shared with other cameras. others: cameras it is measured against. turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
     """
 
     name: str
     views: int
+    others: int = 0
     turn_rad: float = np.nan
     turn_sigma: float = np.nan
     shift_m: float = np.nan
@@ -66,7 +67,9 @@ class CameraError:
             (self.turn_rad, self.turn_sigma, limits.turn_rad), (self.shift_m, self.shift_sigma, limits.shift_m),
             (self.focal, self.focal_sigma, limits.focal_share), (self.late_s, self.late_sigma, limits.late_s),
         )  # fmt: skip
-        return max(abs(value) / max(least, limits.sigma * sigma) for value, sigma, least in pairs)
+        # one camera alone knows the target's distance badly, and in ways that standard errors do not show
+        alone = _ONE_OTHER if self.others == 1 else 1.0
+        return max(abs(value) / (alone * max(least, limits.sigma * sigma)) for value, sigma, least in pairs)
 
     @property
     def words(self) -> str:
@@ -122,7 +125,7 @@ def _against(
     if count < limits.views or not trusted:
         return CameraError(rig.names[c], count)
     solution = _freed(rig, seen, target, c)
-    return CameraError(rig.names[c], count) if solution is None else _error(rig, solution, c, count)
+    return CameraError(rig.names[c], count) if solution is None else _error(rig, solution, c, count, len(trusted))
 
 
 def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> PropSolution | None:
@@ -143,7 +146,7 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> PropSolution | 
     return solve_prop(seen, corners, cameras, state, Freedom(None, None, True, False, sigma, (c,), (c,)))
 
 
-def _error(rig: Rig, solution: PropSolution, c: int, count: int) -> CameraError:
+def _error(rig: Rig, solution: PropSolution, c: int, count: int, others: int) -> CameraError:
     before, after = rig.cameras[c].cam_from_world, solution.state.cam_from_world
     covariance = solution.camera_covariance[c]
     turn = float(angle_between(after.R[c][None], before.matrix()[None])[0])
@@ -153,7 +156,7 @@ def _error(rig: Rig, solution: PropSolution, c: int, count: int) -> CameraError:
     slope = -after.R[c].T @ np.hstack([cross, np.eye(3)])
     mean = np.array([0.5, 0.5, 0, 0, 0, 0]) / rig.cameras[c].K[0, 0]
     return CameraError(
-        rig.names[c], count, turn, float(np.sqrt(np.trace(covariance[:3, :3]))),
+        rig.names[c], count, others, turn, float(np.sqrt(np.trace(covariance[:3, :3]))),
         shift, float(np.sqrt(np.trace(slope @ covariance @ slope.T))),
         float(mean @ solution.state.lens_delta[c]), float(np.sqrt(mean @ solution.lens_covariance[c] @ mean)),
         float(solution.state.delay_s[c, 0]), float(solution.delay_sigma_s[c, 0]),

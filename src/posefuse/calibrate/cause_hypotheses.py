@@ -17,7 +17,7 @@ from .causes import Hypothesis, Trial, Trouble
 from .clocks import rough_offsets
 from .lens_check import lens_change, lens_words
 from .pipeline import Solved
-from .prop_solve import PropSolution
+from .prop_solve import Freedom, PropSolution
 from .rotations import Poses
 from .solution_checks import let_lenses_free
 from .targets import ArucoBoard, Charuco
@@ -118,6 +118,19 @@ def _bad_cameras(trouble: Trouble) -> list[int]:
     return [c for c in range(len(trouble.cameras)) if (camera == c).any() and solved.inlier[camera == c].mean() < _BAD_SHARE]
 
 
+def clocks_near(trouble: Trouble) -> Iterator[Trial]:
+    """Each camera has a clock of its own, within what the motion of the corners extrapolates to."""
+    solved = trouble.solved
+    if solved is None:
+        return
+    freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+    free = near_solve(solved, trouble.cameras, solved.solution.state, freedom)
+    words = _clock_story(trouble.cameras, replace(solved, solution=free))
+    if words:
+        remedy = "the cameras are not synchronised: calibrate with --clocks offset"
+        yield trial(words, remedy, solved, free, len(trouble.cameras) - 1)
+
+
 def clocks_off(trouble: Trouble) -> Iterator[Trial]:
     """Each camera has a clock of its own, farther apart than a calibration looks by itself; or running at its own rate."""
     cameras = trouble.cameras
@@ -201,6 +214,7 @@ HYPOTHESES = (
     Hypothesis("intrinsics", "intrinsics of one, two or all cameras; or their order", intrinsics_wrong, near=True),
     Hypothesis("moved, jumped, uneven or blurred", "one camera from a time step on; its stamps; its noise", moved_or_jumped, near=True),
     Hypothesis("board deformed", "one deformation of the board", board_deformed, near=True),
+    Hypothesis("clocks, near", "offset of each clock", clocks_near, near=True),
     Hypothesis("images mirrored", "nothing: one image is flipped back", image_mirrored, near=False),
     Hypothesis("clocks", "offset, or offset and drift, of each clock", clocks_off, near=False),
     Hypothesis("board described wrongly", "nothing: columns and rows are swapped", board_swapped, near=False),

@@ -23,7 +23,7 @@ from posefuse.calibrate.targets import Chessboard, Markers, Target
 from posefuse.calibrate.verify import verify
 from posefuse.calibrate.world import FloorTile, ThreePoints, WorldRule
 from posefuse.core import Camera, InputError, Rig
-from posefuse.files.rig import read_rig, write_rig
+from posefuse.files.rig import read_placed_rig, read_rig, write_rig
 
 from .floor_points import read_floor_points
 from .inputs import late_s, seen_or_why_not, sources_from_arguments, target_from_arguments
@@ -116,7 +116,7 @@ def _lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float
 
 def verify_rig(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Millimetres and pixels of a rig, from a target that it was not made from."""
-    target, rig = target_from_arguments(args), read_rig(args.rig)
+    target, rig = target_from_arguments(args), read_placed_rig(args.rig)
     found = verify(rig, observe_all(sources_from_arguments(args.inputs), target, args.every), target, late_s(args.offset_ms, rig))
     show(found.report, terminal)
     pictures = {

@@ -11,7 +11,7 @@ from typing import Any
 from posefuse.app.config import read_overridden
 from posefuse.app.terminal import Terminal
 from posefuse.core import ConfigError, InputError, Rig
-from posefuse.files.rig import read_rig
+from posefuse.files.rig import read_placed_rig
 
 from .capture import LiveInput
 from .clock import SessionClock
@@ -26,7 +26,7 @@ from .session import run_live
 def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Run a session, or replay one; returns the figures of the tables."""
     config = settled_config(args)
-    rig = read_rig(args.rig)
+    rig = read_placed_rig(args.rig)
     if args.replay:
         from .replay import replay
 

@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.app.terminal import Terminal
 from posefuse.core import Pose3D, Rig, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.files.rig import read_rig
+from posefuse.files.rig import read_placed_rig
 from posefuse.wire import topics
 from posefuse.wire.dds import Network, RosNode
 from posefuse.wire.intake import Intake
@@ -55,7 +55,7 @@ def network_of(args: argparse.Namespace) -> Network:
 
 def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Capture and look on this machine, send 2D poses; the fused pose tells where to look."""
-    config, rig = settled_config(args), read_rig(args.rig)
+    config, rig = settled_config(args), read_placed_rig(args.rig)
     inputs = settled_inputs(args, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
@@ -133,7 +133,7 @@ class CameraNode:
 
 def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig = settled_config(args), read_rig(args.rig)
+    config, rig = settled_config(args), read_placed_rig(args.rig)
     args.ros = True
     plan = replace(output_plan(args, rig), ros_views=False, notes=notes_of(rig, config))
     with stop_requests() as stopped:

@@ -13,6 +13,8 @@ from posefuse.core import SE3, CalibrationError, Camera, Rig, ShapeError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
+from .plausible import require_plausible
+
 # what rounding to a few digits does to a rotation is mended; anything more is not a rotation
 ROTATION_TOLERANCE = 1e-3
 # no recording room is larger, and a camera in millimetres is always farther
@@ -60,6 +62,11 @@ def rotation_matrix(where: str, value: Any) -> Array:
     """
     given = numbers(f"{where}: rotation", value)
     if given.shape in ((3,), (3, 1), (1, 3)):
+        turn = float(np.linalg.norm(given))
+        if turn > 2 * np.pi + ROTATION_TOLERANCE:
+            raise CalibrationError(
+                f"{where}: rotation: expected a rotation vector in radians, at most 2 pi long, got {turn:.1f}; is it in degrees?"
+            )
         return np.asarray(SE3.from_rotvec(given.reshape(3), np.zeros(3)).matrix())
     if given.shape != (3, 3):
         raise CalibrationError(f"{where}: rotation: expected a 3x3 matrix or 3 numbers (Rodrigues), got shape {given.shape}")
@@ -101,7 +108,7 @@ def camera(
     if not isinstance(fisheye, bool | int) or fisheye not in (0, 1):
         raise CalibrationError(f"{where}: fisheye: expected true or false, got {_short(fisheye)}")
     try:
-        return Camera(
+        made = Camera(
             name=str(name),
             size_wh=image_size(where, size),
             K=numbers(f"{where}: matrix", matrix, (3, 3)),
@@ -110,6 +117,7 @@ def camera(
             model="fisheye" if fisheye else "pinhole",
             readout_s=float(numbers(f"{where}: readout_s", readout_s, ())),
         )
+        return require_plausible(where, made)
     except ShapeError as error:
         raise CalibrationError(f"{where}: {error}") from None
     except CalibrationError as error:
