@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import PoseSequence, Recording, Truth
-from posefuse.evaluate.biomechanics import rays_at_joint_centres
-from posefuse.evaluate.metrics import joint_errors
-from posefuse.files.recording import read_recording
-from posefuse.files.truth import read_truth
+from posefuse.evaluation.biomechanics import rays_at_joint_centres
+from posefuse.evaluation.metrics import joint_errors
+from posefuse.formats.recording import read_recording
+from posefuse.formats.truth import read_truth
 from posefuse.kinematics.body import Body, bodies_from_poses, fit_poses, fit_views
-from posefuse.track.segments import SEGMENTS, segment_lengths
+from posefuse.tracking.segments import SEGMENTS, segment_lengths
 
 # the last word of a node's offset -> the segment it is as long as; half of those that lie across the body
 ALONG = {"elbow": "upper_arm", "wrist": "forearm", "knee": "thigh", "ankle": "shank", "neck": "trunk"}
@@ -30,7 +30,7 @@ ACROSS = {"shoulder": "shoulders", "hip": "hips"}
 
 def tracked(session: Path, folder: Path) -> Recording:
     """What `posefuse track` gives."""
-    command = [sys.executable, "-m", "posefuse.app.cli", "track", str(session), "--out", str(folder / "result"), "--outputs", ""]
+    command = [sys.executable, "-m", "posefuse.cli.main", "track", str(session), "--out", str(folder / "result"), "--outputs", ""]
     subprocess.run(command, check=True, capture_output=True)
     return read_recording(folder / "result")
 

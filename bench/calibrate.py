@@ -17,19 +17,19 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.calibrate.checks import camera_differences
-from posefuse.calibrate.detection import observe_all
-from posefuse.calibrate.extrinsics import Calibration, calibrate_extrinsics
-from posefuse.calibrate.pipeline import Options
-from posefuse.calibrate.rotations import Poses, stacked
-from posefuse.calibrate.synthetic import Faults, Waving, cube, observe_prop
-from posefuse.calibrate.targets import Markers
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.self_checks import camera_differences
+from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.targets.detection import observe_all
+from posefuse.calibration.targets.kinds import Markers
+from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
 from posefuse.core import SE3, Camera, Rig
-from posefuse.files.rig import read_rig
-from posefuse.simulate.build import live_scene
-from posefuse.simulate.props import ArucoCube
-from posefuse.simulate.scene import read_scene
-from posefuse.simulate.session import SessionPaths, simulate
+from posefuse.formats.rig import read_rig
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.props import ArucoCube
+from posefuse.simulation.scene import read_scene
+from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources import VideoConfig
 
 REAL = Path("../shared/data/pose2sim_single")

@@ -7,22 +7,22 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from paper.scenes.scenes import scene_name, walking_scene
 
-from posefuse.app.calibrating.person_poses import person_in_videos
-from posefuse.app.config import DetectorChoice
-from posefuse.app.terminal import Terminal
-from posefuse.calibrate.checks import camera_differences, scale_of
-from posefuse.calibrate.person import KnownLength, PersonCalibration, calibrate_from_person
-from posefuse.calibrate.person_tracks import person_tracks
-from posefuse.calibrate.person_views import PersonViews, person_views
-from posefuse.calibrate.report import RefusedCalibration
-from posefuse.calibrate.rotations import Poses, stacked
-from posefuse.calibrate.world import beside_others
+from posefuse.calibration.clocks.person_tracks import person_tracks
+from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
+from posefuse.calibration.extrinsics.world import beside_others
+from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person
+from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.cli.calibrating.person_poses import person_in_videos
+from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, Rig
-from posefuse.detect.openpose import read_openpose_folder
-from posefuse.evaluate.experiments.scenes import scene_name, walking_scene
-from posefuse.files.rig import read_rig
-from posefuse.simulate.session import SessionPaths, simulate
+from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.rig import read_rig
+from posefuse.pipeline.config import DetectorChoice
+from posefuse.simulation.session import SessionPaths, simulate
 
 # where `posefuse experiment` keeps its own: the first walk is the one it reports
 SESSIONS = Path("out/paper/sessions")

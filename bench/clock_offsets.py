@@ -19,14 +19,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.app.config import DetectorChoice, TrackConfig
-from posefuse.app.live.clock_finding import ClockFinder
-from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.run import track_session
-from posefuse.app.recorded.second_pass import ViewSequence, views_of
-from posefuse.app.session import find_session
-from posefuse.calibrate.monitor import telling_points
 from posefuse.core import Rig
+from posefuse.health.clock_finding import ClockFinder
+from posefuse.health.rig_monitor import telling_points
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import DetectorChoice, TrackConfig
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.second_pass import ViewSequence, views_of
+from posefuse.pipeline.session import find_session
 
 OFFSET_S = 0.05
 RATES_HZ = (30.0, 15.0, 8.0)

@@ -19,18 +19,18 @@ from pathlib import Path
 import numpy as np
 from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_of, rendered_walk
 
-from posefuse.app.calibrating.person_poses import poses_apart, timeline_of
-from posefuse.app.config import DetectorChoice
-from posefuse.app.detectors import build_detector
-from posefuse.calibrate.person import KnownLength, calibrate_from_person
-from posefuse.calibrate.person_clocks import clocks_from_person
-from posefuse.calibrate.person_settle import calibrate_out_of_step, unplaced_clocks
-from posefuse.calibrate.person_tracks import PersonTrack, person_tracks
-from posefuse.calibrate.person_views import person_views
-from posefuse.calibrate.sync import ClockEstimate
+from posefuse.calibration.clocks.person import clocks_from_person
+from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
+from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
+from posefuse.calibration.person.views import person_views
+from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 from posefuse.core import CalibrationError, Rig
-from posefuse.detect.openpose import read_openpose_folder
-from posefuse.files.rig import read_rig
+from posefuse.detection.build import build_detector
+from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.rig import read_rig
+from posefuse.pipeline.config import DetectorChoice
 from posefuse.sources import VideoConfig
 
 # by seed: seconds, and how many of them have to do when the rig is not known; all at 30 Hz

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Frame, Region
-from posefuse.detect import BlazePoseConfig
+from posefuse.detection import BlazePoseConfig
 
 VIEWS = 4
 SIZES_WH = ((640, 480), (1920, 1080))

@@ -20,13 +20,13 @@ from scipy.optimize import minimize
 
 from posefuse.core import SKELETONS, Region
 from posefuse.core.skeleton import mirror_name
-from posefuse.detect import fetch, read_card, region_from_keypoints
-from posefuse.detect.blazepose.landmarks import landmarks_from_outputs
-from posefuse.detect.blazepose.network import Network
-from posefuse.detect.blazepose.noise import features
-from posefuse.detect.regions import crop_from_img, cut
-from posefuse.files.truth import read_truth
-from posefuse.files.user_cache import default_cache_dir
+from posefuse.detection import fetch, read_card, region_from_keypoints
+from posefuse.detection.blazepose.landmarks import landmarks_from_outputs
+from posefuse.detection.blazepose.network import Network
+from posefuse.detection.blazepose.noise import features
+from posefuse.detection.regions import crop_from_img, cut
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.user_cache import default_cache_dir
 
 MOTIONS = [
     {"kind": "squat", "period_s": 5.3},
@@ -89,9 +89,9 @@ def scene_settings(i: int) -> dict:
 
 
 def render(out: Path, scenes: int) -> None:
-    from posefuse.files.settings import settings_from_mapping
-    from posefuse.simulate.scene import Scene
-    from posefuse.simulate.session import simulate
+    from posefuse.foundation.settings import settings_from_mapping
+    from posefuse.simulation.scene import Scene
+    from posefuse.simulation.session import simulate
 
     for i in range(scenes):
         folder = out / f"scene{i:02d}"

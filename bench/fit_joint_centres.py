@@ -20,13 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.detect.models import read_any_card
-from posefuse.evaluate.metrics import true_xyz_at
-from posefuse.files.trc import TrcData, write_trc
-from posefuse.files.truth import read_truth
-from posefuse.track import to_joint_centres
-from posefuse.track.joint_centres import JOINTS, MOST_LONGER_M, SIDES, JointCentres, directions
-from posefuse.track.segments import SEGMENTS, segment_lengths
+from posefuse.detection.models import read_any_card
+from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.trc import TrcData, write_trc
+from posefuse.formats.truth import read_truth
+from posefuse.tracking import to_joint_centres
+from posefuse.tracking.joint_centres import JOINTS, MOST_LONGER_M, SIDES, JointCentres, directions
+from posefuse.tracking.segments import SEGMENTS, segment_lengths
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
 # the mesh says 12 mm down, real footage (bench/real_footage.py) says up; "sinking" is nothing when standing, and grows as the
@@ -120,9 +120,9 @@ def scene_settings(i: int, motion_file: Path) -> dict:
 
 
 def render(out: Path) -> None:
-    from posefuse.files.settings import settings_from_mapping
-    from posefuse.simulate.scene import Scene
-    from posefuse.simulate.session import simulate
+    from posefuse.foundation.settings import settings_from_mapping
+    from posefuse.simulation.scene import Scene
+    from posefuse.simulation.session import simulate
 
     out.mkdir(parents=True, exist_ok=True)
     for i in range(SCENES_EACH * len(MOVES)):
@@ -137,10 +137,10 @@ def render(out: Path) -> None:
 
 def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
     """What the pipeline makes of a scene, instant by instant and uncorrected, and the truth."""
-    from posefuse.app.config import CameraInput, DetectorChoice, TrackConfig
-    from posefuse.app.recorded.clock import StageClock
-    from posefuse.app.recorded.run import track_session
-    from posefuse.app.session import find_session
+    from posefuse.pipeline.clock import StageClock
+    from posefuse.pipeline.config import CameraInput, DetectorChoice, TrackConfig
+    from posefuse.pipeline.run import track_session
+    from posefuse.pipeline.session import find_session
 
     truth = read_truth(folder / "truth" / "truth.npz")
     inputs = {name: CameraInput(images=f"videos/{name}") for name in truth.rig.names}
@@ -262,7 +262,7 @@ def fit(folders: list[Path], card_name: str) -> None:
 def write_card(card_name: str, table: JointCentres, scenes: int, instants: int) -> None:
     card = read_any_card(card_name)
     lines = [
-        "# metres from the fused landmark to the joint centre along directions of the body itself, see track/joint_centres.py",
+        "# metres from the fused landmark to the joint centre along directions of the body itself, see tracking/joint_centres.py",
         f'made_by = "bench/fit_joint_centres.py: {scenes} rendered scenes of as many bodies, {instants} instants"',
         *section("lengths", table.lengths, 3),
     ]

@@ -17,9 +17,9 @@ from fit_blazepose_noise import scene_settings
 from scipy.optimize import least_squares
 
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.evaluate.metrics import true_xyz_at
-from posefuse.files.recording import read_recording
-from posefuse.files.truth import read_truth
+from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.recording import read_recording
+from posefuse.formats.truth import read_truth
 
 DURATION_S, RATE_HZ = 4.0, 30.0
 JOINTS = tuple(f"{s}_{j}" for s in ("left", "right") for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
@@ -30,9 +30,9 @@ MOST_SIGMAS = 5.0
 
 def render(out: Path, scenes: int) -> None:
     """Every other scene of the noise fit, which take its motions by turns."""
-    from posefuse.files.settings import settings_from_mapping
-    from posefuse.simulate.scene import Scene
-    from posefuse.simulate.session import simulate
+    from posefuse.foundation.settings import settings_from_mapping
+    from posefuse.simulation.scene import Scene
+    from posefuse.simulation.session import simulate
 
     for i in range(scenes):
         folder = out / f"scene{i:02d}"
@@ -46,7 +46,7 @@ def render(out: Path, scenes: int) -> None:
 def whitened_errors(session: Path) -> np.ndarray:
     """(T, J, 3) errors of the fused joints, instant by instant, in units of their stated covariance."""
     out = session / "fused"
-    command = [sys.executable, "-m", "posefuse.app.cli", "track", str(session), "--out", str(out), "--force", "--raw"]
+    command = [sys.executable, "-m", "posefuse.cli.main", "track", str(session), "--out", str(out), "--force", "--raw"]
     subprocess.run([*command, "--outputs", ""], check=True, capture_output=True)
     poses, truth = read_recording(out).poses, read_truth(session / "truth" / "truth.npz")
     at = poses.skeleton.indices(JOINTS)

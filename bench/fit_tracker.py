@@ -6,7 +6,7 @@ Each constant in turn is made smaller and larger; what scores better stays. The 
 output time, plus `HONESTY` times the mean square of how far the logarithm of NEES is from that of 3, over all motions, each with
 views as late as in bench/live_tracking.py and with views that come at once: what is uncertain about late ones is the motion
 since, about the others the noise. Cameras and noise are those of that bench, with seeds of their own. Prints every step, and what
-stands in `track/live/settings.py` when it is adopted.
+stands in `tracking/online/settings.py` when it is adopted.
 """
 
 import argparse
@@ -18,8 +18,8 @@ import numpy as np
 from live_motions import Place, crouching, jumping, swinging
 
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.track.live import LiveSettings
-from posefuse.track.live.settings import MotionModelSettings
+from posefuse.tracking.online import LiveSettings
+from posefuse.tracking.online.settings import MotionModelSettings
 
 SEED = 40
 HONESTY = 0.5

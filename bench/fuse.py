@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import SE3, SKELETONS, Camera, Rig, Views
-from posefuse.fuse import FuseSettings, fuse, triangulate
+from posefuse.fusion import FuseSettings, fuse, triangulate
 
 KEYPOINTS = 33
 SIGMA_PX = 2.0

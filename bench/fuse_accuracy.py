@@ -14,12 +14,12 @@ import time
 from itertools import combinations
 
 import numpy as np
+from fuse import ring
 from rich.console import Console
 from rich.table import Table
 
-from fuse import ring
 from posefuse.core import SKELETONS, Rig
-from posefuse.fuse import FuseSettings, triangulate
+from posefuse.fusion import FuseSettings, triangulate
 
 POINTS = 26
 EXCLUDE_ABOVE_PX = 15.0

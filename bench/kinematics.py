@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import Joints, PoseSequence, Truth
-from posefuse.evaluate.angles import AngleError, angle_errors
-from posefuse.evaluate.biomechanics import rays_at_joint_centres
-from posefuse.evaluate.lab import joints_from_lab, poses_from_lab
-from posefuse.evaluate.metrics import joint_errors
-from posefuse.files.recording import read_recording
-from posefuse.files.truth import read_truth
+from posefuse.evaluation.angles import AngleError, angle_errors
+from posefuse.evaluation.biomechanics import rays_at_joint_centres
+from posefuse.evaluation.lab import joints_from_lab, poses_from_lab
+from posefuse.evaluation.metrics import joint_errors
+from posefuse.formats.recording import read_recording
+from posefuse.formats.truth import read_truth
 from posefuse.kinematics import JointSettings, JointTracker, joints_from_poses
 from posefuse.kinematics.body import BodyTracker, bodies_from_poses, fit_poses, fit_views
 
@@ -62,7 +62,7 @@ def truth(exact: Truth) -> dict:
 def tracked(session: Path, exact: Truth) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         command = ["track", str(session), "--out", f"{folder}/result", "--outputs", "", "--json"]
-        subprocess.run([sys.executable, "-m", "posefuse.app.cli", *command], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-m", "posefuse.cli.main", *command], check=True, capture_output=True)
         recording = read_recording(Path(folder) / "result")
     bodies = bodies_from_poses(recording.poses)
     fits = {

@@ -21,22 +21,22 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.app.config import TrackConfig, read_overridden
-from posefuse.app.detectors import build_detector, joint_centres_of
-from posefuse.app.live.centres import Centring
-from posefuse.app.live.config import LiveConfig
-from posefuse.app.live.messages import Centres
-from posefuse.app.live.session import ready_tracker
-from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.run import track_session
-from posefuse.app.recorded.second_pass import views_of
-from posefuse.app.session import find_session
 from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Rig
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluate.metrics import true_xyz_at, typical_nees
-from posefuse.files.rig import read_rig, write_rig
-from posefuse.files.truth import read_truth
-from posefuse.wire.bags import read_poses
+from posefuse.detection.build import build_detector, joint_centres_of
+from posefuse.evaluation.metrics import true_xyz_at, typical_nees
+from posefuse.formats.rig import read_rig, write_rig
+from posefuse.formats.truth import read_truth
+from posefuse.messages.bags import read_poses
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import TrackConfig, read_overridden
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.second_pass import views_of
+from posefuse.pipeline.session import find_session
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.joint_centres import Centring
+from posefuse.realtime.messages import Centres
+from posefuse.realtime.session import ready_tracker
 
 # the tracker needs a moment to know speeds and bones
 _SETTLED_S = 1.5
@@ -47,7 +47,7 @@ TWIN = "_twin"
 
 def live(rig: Path, sources: list[str], seconds: float, *options: str) -> dict:
     """Figures of one `posefuse live`."""
-    command = [sys.executable, "-m", "posefuse.app.cli", "live", str(rig), "--json", "--duration", str(seconds), *options]
+    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(rig), "--json", "--duration", str(seconds), *options]
     command += [part for source in sources for part in ("--source", source)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 

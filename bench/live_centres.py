@@ -8,7 +8,7 @@ and by those that the recording found over all its time: *apart* is the mean dis
 table, by seconds since the person was found, with nothing learnt (*usual*) and as it is (*learnt*). Errors are those of the same
 joints against the truth. A table on stderr, one JSON object on stdout.
 
-`--usual-s` tries other values of how long somebody new counts as usual (`track/learnt_lengths.py`). It was chosen on the scenes
+`--usual-s` tries other values of how long somebody new counts as usual (`tracking/learnt_lengths.py`). It was chosen on the scenes
 of `bench/fit_lasting_errors.py render`, whose people appear in no reported measurement.
 """
 
@@ -22,22 +22,22 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.app.config import TrackConfig
-from posefuse.app.live.config import LiveConfig
-from posefuse.app.live.session import ready_tracker
-from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.run import Tracked, track_session
-from posefuse.app.recorded.second_pass import poses_over_time, views_of
-from posefuse.app.session import find_session
 from posefuse.core import Detections2D, Pose3D, Truth
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.evaluate.metrics import true_xyz_at
-from posefuse.files.truth import read_truth
-from posefuse.track import JointCentres, LearntLengths, at_joint_centres
-from posefuse.track.body_directions import SIDES
-from posefuse.track.joint_centres import JOINTS
-from posefuse.track.learnt_lengths import USUAL_S
-from posefuse.track.segments import segment_lengths
+from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.truth import read_truth
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.run import Tracked, track_session
+from posefuse.pipeline.second_pass import poses_over_time, views_of
+from posefuse.pipeline.session import find_session
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.session import ready_tracker
+from posefuse.tracking import JointCentres, LearntLengths, at_joint_centres
+from posefuse.tracking.body_directions import SIDES
+from posefuse.tracking.joint_centres import JOINTS
+from posefuse.tracking.learnt_lengths import USUAL_S
+from posefuse.tracking.segments import segment_lengths
 
 NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS)
 # seconds since somebody was found

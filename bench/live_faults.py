@@ -26,12 +26,12 @@ from rich.console import Console
 from rich.table import Table
 from two_machines import TwoMachines, why_not
 
-from posefuse.app.terminal import plain
+from posefuse.cli.terminal import plain
 from posefuse.core import Kind
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluate.metrics import true_xyz_at
-from posefuse.files.truth import read_truth
-from posefuse.wire.bags import read_detections, read_poses
+from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.truth import read_truth
+from posefuse.messages.bags import read_detections, read_poses
 
 _START_S, _END_S = 180.0, 40.0
 _BEFORE_S, _LEAST_S = 2.0, 3.0
@@ -87,7 +87,7 @@ class Program:
     """A `posefuse` whose notes are kept as they come."""
 
     def __init__(self, launch: Callable[..., subprocess.Popen], arguments: Sequence[str]) -> None:
-        self.process = launch(sys.executable, "-m", "posefuse.app.cli", *arguments, "--json", stderr=subprocess.PIPE)
+        self.process = launch(sys.executable, "-m", "posefuse.cli.main", *arguments, "--json", stderr=subprocess.PIPE)
         self.notes: list[str] = []
         self._news = threading.Condition()
         self._listening = threading.Thread(target=self._listen, daemon=True)

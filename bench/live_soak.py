@@ -25,9 +25,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.files.rig import read_rig
-from posefuse.files.truth import read_truth
-from posefuse.wire.bags import read_poses
+from posefuse.formats.rig import read_rig
+from posefuse.formats.truth import read_truth
+from posefuse.messages.bags import read_poses
 
 _START_S = 180.0
 _END_S = 30.0
@@ -108,7 +108,7 @@ def soak(args: argparse.Namespace, recording: Path) -> tuple[Processes, dict, di
     truth = read_truth(args.session / "truth" / "truth.npz")
     loop_s = round((truth.t_ns[-1] - truth.t_ns[0]) / 1e9 + 1 / 30, 3)
     names = read_rig(args.session / "rig.toml").names[: args.cameras]
-    command = [sys.executable, "-m", "posefuse.app.cli", "live", str(args.session / "rig.toml"), "--json"]
+    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(args.session / "rig.toml"), "--json"]
     command += [part for name in names for part in ("--source", f"{name}=sim:{args.session}")]
     command += ["--loop", str(loop_s), "--record", str(recording), *(["--groups", str(args.groups)] if args.groups else [])]
     command += ["--networks", args.networks]

@@ -22,14 +22,14 @@ from live_motions import Place, jumping, swinging
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.associate import AssociateSettings, associate
+from posefuse.association import AssociateSettings, associate
 from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.files.settings import settings_from_mapping
-from posefuse.fuse import FuseSettings, fuse
-from posefuse.simulate.build import live_scene
-from posefuse.simulate.scene import Scene
-from posefuse.track.live import TRACKERS, LiveSettings, build_tracker
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.fusion import FuseSettings, fuse
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.scene import Scene
+from posefuse.tracking.online import TRACKERS, LiveSettings, build_tracker
 
 RATE_HZ, OUTPUT_HZ = 30.0, 100.0
 LATENCY_S, LOST = (0.025, 0.125), 0.05

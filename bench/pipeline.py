@@ -18,20 +18,20 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.app.recorded.second_pass import poses_over_time, views_of
-from posefuse.detect.models import CARDS_FOLDER
-from posefuse.evaluate.metrics import joint_errors
-from posefuse.files.recording import read_recording
-from posefuse.files.truth import read_truth
-from posefuse.fuse import WEIGHTS, FuseSettings
-from posefuse.track import SmoothSettings, read_joint_centres
+from posefuse.detection.models import CARDS_FOLDER
+from posefuse.evaluation.metrics import joint_errors
+from posefuse.formats.recording import read_recording
+from posefuse.formats.truth import read_truth
+from posefuse.fusion import WEIGHTS, FuseSettings
+from posefuse.pipeline.second_pass import poses_over_time, views_of
+from posefuse.tracking import SmoothSettings, read_joint_centres
 
 JOINT_CENTRES = CARDS_FOLDER / "blazepose_full.joint_centres.toml"
 
 
 def tracked(session: Path, out: Path, *options: str) -> dict:
     """The figures of one `posefuse track`."""
-    command = [sys.executable, "-m", "posefuse.app.cli", "track", str(session), "--out", str(out), "--force", "--json", *options]
+    command = [sys.executable, "-m", "posefuse.cli.main", "track", str(session), "--out", str(out), "--force", "--json", *options]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 

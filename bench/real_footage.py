@@ -19,9 +19,9 @@ from rich.table import Table
 
 from posefuse.core import PoseSequence, Recording
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.evaluate.biomechanics import BiomechanicsSettings, joints_of
-from posefuse.files.recording import read_recording
-from posefuse.files.trc import read_trc
+from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of
+from posefuse.formats.recording import read_recording
+from posefuse.formats.trc import read_trc
 
 LIMBS = tuple(f"{s}_{j}" for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for s in ("left", "right"))
 SIDES = {"R": "right_", "L": "left_"}
@@ -42,7 +42,7 @@ def keypoint(marker: str) -> str:
 
 def tracked(session: Path, out: Path, *options: str) -> Recording:
     """The result of one `posefuse track`."""
-    command = [sys.executable, "-m", "posefuse.app.cli", "track", str(session), "--out", str(out), "--force", "--json"]
+    command = [sys.executable, "-m", "posefuse.cli.main", "track", str(session), "--out", str(out), "--force", "--json"]
     subprocess.run([*command, "--outputs", "", *options], check=True, capture_output=True, text=True)
     return read_recording(out)
 

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from posefuse.simulate import read_scene, simulate
+from posefuse.simulation import read_scene, simulate
 
 
 def main() -> None:

@@ -16,27 +16,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from paper.scenes.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
 from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import CubicSpline
 
-from posefuse.app.config import TrackConfig
-from posefuse.app.recorded.clock import StageClock
-from posefuse.app.recorded.run import track_session
-from posefuse.app.session import find_session
-from posefuse.app.terminal import plain
-from posefuse.calibrate import monitor
+from posefuse.cli.terminal import plain
 from posefuse.core import SE3, Camera, Recording, Rig, Skeleton, Truth, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluate.experiments.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
-from posefuse.evaluate.metrics import true_xyz_at
-from posefuse.files.atomic import atomic_folder
-from posefuse.files.recording import read_recording, write_recording
-from posefuse.files.settings import settings_from_mapping
-from posefuse.files.truth import read_truth
-from posefuse.fuse import FuseSettings, fuse
-from posefuse.simulate.scene import Scene
-from posefuse.simulate.session import SessionPaths, simulate
+from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.recording import read_recording, write_recording
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.atomic import atomic_folder
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.fusion import FuseSettings, fuse
+from posefuse.health import rig_monitor as monitor
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.session import find_session
+from posefuse.simulation.scene import Scene
+from posefuse.simulation.session import SessionPaths, simulate
 
 SESSIONS = Path("out/paper/sessions")
 RATE_HZ = 10.0

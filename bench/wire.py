@@ -23,12 +23,12 @@ import time
 import numpy as np
 
 from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
-from posefuse.wire import topics
-from posefuse.wire.dds import Network, RosNode
-from posefuse.wire.intake import decode, encode
-from posefuse.wire.messages import message_from_pose, pose_from_message
-from posefuse.wire.osc import json_from_pose, osc_from_pose
-from posefuse.wire.ros_output import RosOutput
+from posefuse.messages import topics
+from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.intake import decode, encode
+from posefuse.messages.messages import message_from_pose, pose_from_message
+from posefuse.messages.osc import json_from_pose, osc_from_pose
+from posefuse.messages.ros_output import RosOutput
 
 RATE_HZ = 100
 SKELETON = SKELETONS["blazepose33"]

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-import posefuse.wire
+import posefuse.messages
 from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
 
 DOCS = Path(__file__).parent
-CONFIG = Path(posefuse.wire.__file__).parent / "rviz" / "posefuse_ros1.rviz"
+CONFIG = Path(posefuse.messages.__file__).parent / "rviz" / "posefuse_ros1.rviz"
 SCREEN = ":97"
 
 
@@ -67,8 +67,8 @@ def main() -> None:
 def walk(modules: str) -> None:
     """Publish two people in stride until stopped."""
     sys.path.append(modules)
-    from posefuse.wire.ros1 import Ros1Node
-    from posefuse.wire.ros_output import RosOutput
+    from posefuse.messages.ros1 import Ros1Node
+    from posefuse.messages.ros_output import RosOutput
 
     with Ros1Node("posefuse") as node:
         output = RosOutput(node, four_cameras())

@@ -8,16 +8,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from posefuse.simulate import Scene, read_scene
-from posefuse.simulate.build import live_scene
-from posefuse.simulate.cameras import ListedCameras
-from posefuse.simulate.exact import seen_points
-from posefuse.simulate.render.backend import working_backend
-from posefuse.simulate.render.optics import optics_of
-from posefuse.simulate.render.shot import CameraShooter
-from posefuse.simulate.render.stage import Stage
-from posefuse.simulate.session import model_of
-from posefuse.simulate.source import shot_image
+from posefuse.simulation import Scene, read_scene
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import ListedCameras
+from posefuse.simulation.exact import seen_points
+from posefuse.simulation.render.backend import working_backend
+from posefuse.simulation.render.optics import optics_of
+from posefuse.simulation.render.shot import CameraShooter
+from posefuse.simulation.render.stage import Stage
+from posefuse.simulation.session import model_of
+from posefuse.simulation.source import shot_image
 
 _SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
 _IMAGES = Path(__file__).resolve().parent / "images"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, Camera, Rig
-from posefuse.files.user_cache import default_cache_dir
+from posefuse.foundation.user_cache import default_cache_dir
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -61,7 +61,7 @@ def models() -> None:
     import os
 
     from posefuse.core import ModelError
-    from posefuse.detect import default_cards, fetch_all
+    from posefuse.detection import default_cards, fetch_all
 
     try:
         fetch_all(default_cards(), default_cache_dir(os.environ))

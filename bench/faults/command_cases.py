@@ -11,14 +11,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from posefuse.app.commands import calibrate
-from posefuse.app.terminal import Terminal
-from posefuse.calibrate.synthetic import Waving, cube
-from posefuse.calibrate.targets import dictionary_of
+from posefuse.calibration.targets.kinds import dictionary_of
+from posefuse.calibration.targets.synthetic import Waving, cube
+from posefuse.cli.commands import calibrate
+from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
-from posefuse.files.rig import read_rig, write_rig
-from posefuse.files.settings import read_settings
+from posefuse.formats.rig import read_rig, write_rig
+from posefuse.foundation.settings import read_settings
 
 from .sessions import errors, ring
 from .verdict import Answer, Case, GoodSession
@@ -133,7 +133,14 @@ def calibrate_films(seed: int, look: Look, words: tuple[str, ...] = (), settings
             (folder / "posefuse.toml").write_text(settings)
         parser = argparse.ArgumentParser()
         calibrate.add_arguments(parser)
-        common = ("--intrinsics", str(folder / "lenses.toml"), "--marker-mm", str(SIDE_M * 1e3), "--out", str(folder / "rig.toml"))
+        common = (
+            "--intrinsics",
+            str(folder / "lenses.toml"),
+            "--marker-mm",
+            str(SIDE_M * 1e3),
+            "--out",
+            str(folder / "rig.toml"),
+        )
         try:
             calibrate.run(parser.parse_args(["extrinsics", *inputs, *common, *words]), terminal)
         except CalibrationError as error:

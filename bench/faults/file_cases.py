@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.app.config import TrackConfig
-from posefuse.app.session import find_session
 from posefuse.core import SE3, CalibrationError, Camera, Rig
-from posefuse.files.rig import write_rig
+from posefuse.formats.rig import write_rig
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.session import find_session
 
 from .sessions import one_changed, ring
 from .verdict import Answer, Case

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.calibrate.observations import Observations
-from posefuse.calibrate.pipeline import Options
-from posefuse.calibrate.synthetic_walk import STATURE_M, watch_walker
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.synthetic_walk import STATURE_M, watch_walker
+from posefuse.calibration.targets.corners import Observations
 
 from .command_cases import GOOD as RENDERED
 from .person_cases import calibrate, calibrate_with_clocks, person_rig

@@ -47,5 +47,3 @@ def page(
     lines += ["", "## Good sessions", "", f"{good[ACCEPTED]} accepted, the worst of them {worst:.1f} mm off. Refused: "
               f"{', '.join(refused) or 'none'}."]  # fmt: skip
     return "\n".join(lines) + "\n", figures
-
-

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.calibrate.observations import Observations
-from posefuse.calibrate.pipeline import Options
-from posefuse.calibrate.synthetic import Waving, cube
-from posefuse.calibrate.targets import Charuco, Markers, Target
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Charuco, Markers, Target
+from posefuse.calibration.targets.synthetic import Waving, cube
 from posefuse.core import Camera, Rig
 
 from .sessions import (

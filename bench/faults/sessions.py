@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibrate.checks import camera_differences
-from posefuse.calibrate.extrinsics import calibrate_extrinsics
-from posefuse.calibrate.observations import Observations
-from posefuse.calibrate.pipeline import Options
-from posefuse.calibrate.rotations import Poses, stacked
-from posefuse.calibrate.synthetic import Faults, Waving, board, cube, observe_prop
-from posefuse.calibrate.targets import Charuco, Markers, Target
-from posefuse.core import SE3, Camera, CalibrationError, Rig
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.self_checks import camera_differences
+from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Charuco, Markers, Target
+from posefuse.calibration.targets.synthetic import Faults, Waving, board, cube, observe_prop
+from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
 from .verdict import Answer
@@ -36,7 +36,11 @@ class Session:
     def watch(self, rig: Rig | None = None, motion: Waving | None = None, **faults: object) -> Observations:
         """What the cameras see, with some things changed."""
         return observe_prop(
-            rig or self.rig, self.prop, self.target, motion or self.motion, replace(self.faults, **faults)  # type: ignore[arg-type]
+            rig or self.rig,
+            self.prop,
+            self.target,
+            motion or self.motion,
+            replace(self.faults, **faults),  # type: ignore[arg-type]
         )
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
-from posefuse.calibrate.observations import Observations
-from posefuse.calibrate.synthetic import Faults, Waving, board, observe_prop
-from posefuse.calibrate.targets import Charuco
-from posefuse.calibrate.verify import verify
+from posefuse.calibration.checks.verify import verify
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Charuco
+from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, Rig
 
 from .sessions import moved, one_changed, ring, zoomed

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .files.rig import read_rig
-    from .fuse import triangulate
+    from .formats.rig import read_rig
+    from .fusion import triangulate
 
 __all__ = ["__version__", "read_rig", "triangulate"]
 
-_HOMES = {"triangulate": "posefuse.fuse", "read_rig": "posefuse.files.rig"}
+_HOMES = {"triangulate": "posefuse.fusion", "read_rig": "posefuse.formats.rig"}
 
 
 def __getattr__(name: str) -> Any:

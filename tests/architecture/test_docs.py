@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from posefuse.app.cli import COMMANDS
+from posefuse.cli.main import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

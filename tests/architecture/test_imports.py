@@ -58,9 +58,9 @@ def test_imports_go_down_only(path: Path) -> None:
 
 
 def test_the_import_guard_can_fail() -> None:
-    assert forbidden("fuse", {"posefuse.track.smooth"}) == {"track"}
-    assert forbidden("core", {"posefuse.files.rig"}) == {"files"}
-    assert forbidden("app", {"posefuse.fuse", "posefuse.core"}) == set()
+    assert forbidden("fuse", {"posefuse.tracking.smooth"}) == {"track"}
+    assert forbidden("core", {"posefuse.formats.rig"}) == {"files"}
+    assert forbidden("app", {"posefuse.fusion", "posefuse.core"}) == set()
 
 
 def test_core_needs_numpy_only() -> None:
@@ -81,7 +81,7 @@ def modules_after(statement: str) -> set[str]:
 
 
 def test_help_imports_nothing_heavy() -> None:
-    loaded = modules_after("from posefuse.app import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass")
+    loaded = modules_after("from posefuse.cli import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass")
     assert "posefuse" in loaded
     assert not loaded & {*OPTIONAL, *SLOW}
 

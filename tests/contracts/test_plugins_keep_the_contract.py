@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.app.plugins import build_plugin, list_plugins
 from posefuse.core import Detections2D, Frame, Kind, PoseSequence, Recording
 from posefuse.core.skeleton import COCO17
-from posefuse.evaluate.contracts import ContractError, check_detector, check_sink, check_source
-from posefuse.files.truth import read_truth
+from posefuse.evaluation.contracts import ContractError, check_detector, check_sink, check_source
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.plugins import build_plugin, list_plugins
 
 T, N, K = 6, 2, len(COCO17)
 SINKS = [plugin.name for plugin in list_plugins("sinks")]

@@ -5,17 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posefuse.core import (
-    Detections2D,
-    Frame,
-    Kind,
-    Pose3D,
-    PoseSequence,
-    Recording,
-    Region,
-    ShapeError,
-    Views,
-)
+from posefuse.core import Detections2D, Frame, Kind, Pose3D, PoseSequence, Recording, Region, ShapeError, Views
 from posefuse.core.skeleton import BODY_25, COCO17, PAPER14, SKELETONS, Skeleton, mirror_name, pick_keypoints
 
 N, C, K = 2, 3, len(COCO17)

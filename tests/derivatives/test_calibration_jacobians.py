@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from posefuse.calibrate.bundle import grouped_sum
-from posefuse.calibrate.pipeline import Options, key_snapshots, link
-from posefuse.calibrate.projection import Lenses
-from posefuse.calibrate.prop_solve import Freedom, Noise, PropState, _Model
-from posefuse.calibrate.rotations import Poses, stacked
-from posefuse.calibrate.synthetic import Faults, Waving, cube, observe_prop
-from posefuse.calibrate.targets import Markers, patch_corners
+from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link
+from posefuse.calibration.extrinsics.prop_solve import Freedom, Noise, PropState, _Model
+from posefuse.calibration.solving.bundle import grouped_sum
+from posefuse.calibration.solving.projection import Lenses
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.targets.kinds import Markers, patch_corners
+from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
 from posefuse.core import Rig
 
 STEP = 1e-6

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Kind, Rig, Views
-from posefuse.fuse import WEIGHTS, FuseSettings, fuse, triangulate
+from posefuse.fusion import WEIGHTS, FuseSettings, fuse, triangulate
 
 COCO = SKELETONS["coco17"]
 

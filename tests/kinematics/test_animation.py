@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import InputError, PoseSequence
-from posefuse.files.bvh import read_bvh, write_bvh
-from posefuse.files.gltf import write_gltf
+from posefuse.formats.bvh import read_bvh, write_bvh
+from posefuse.formats.gltf import write_gltf
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints
 from posefuse.kinematics.sides import landmarks

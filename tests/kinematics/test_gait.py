@@ -69,7 +69,7 @@ def test_ankles_stand_in_for_feet_and_gaps_are_bridged():
 
 
 def test_the_simulated_walk_round_a_circle_is_measured_as_set():
-    from posefuse.files.truth import read_truth
+    from posefuse.formats.truth import read_truth
 
     truth = read_truth(Path(__file__).parents[2] / "examples" / "demo" / "truth" / "truth.npz")
     shape = truth.xyz_world.shape[:3]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from posefuse.associate import AssociateSettings, associate
+from posefuse.association import AssociateSettings, associate
 from posefuse.core import SE3, SKELETONS, Detections2D, Rig
 
 COCO = SKELETONS["coco17"]

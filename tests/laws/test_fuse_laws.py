@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Camera, Rig
-from posefuse.fuse import WEIGHTS, FuseSettings, triangulate
+from posefuse.fusion import WEIGHTS, FuseSettings, triangulate
 
 COCO = SKELETONS["coco17"]
 LENS = (-0.2, 0.05, 0.001, -0.002, 0.01)

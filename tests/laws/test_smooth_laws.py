@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Kind, PoseSequence
-from posefuse.track import SmoothSettings, smooth
-from posefuse.track.smooth import _jerk_density
+from posefuse.tracking import SmoothSettings, smooth
+from posefuse.tracking.smooth import _jerk_density
 
 COCO = SKELETONS["coco17"]
 T_NS = np.round(np.arange(300) * 1e9 / 60).astype(np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import DependencyError, PoseSequence
-from posefuse.files.mot import motion_from_joints, read_mot, write_mot
+from posefuse.formats.mot import motion_from_joints, read_mot, write_mot
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.opensim_path import LOG_FILE, MODEL_FILE, opensim_motion
 

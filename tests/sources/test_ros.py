@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
 from posefuse.core import SourceError
-from posefuse.evaluate.contracts import check_source
+from posefuse.evaluation.contracts import check_source
 from posefuse.sources.ros import RosConfig
 
 DOMAIN = 100 + os.getpid() % 130
@@ -21,10 +21,10 @@ SENDER = textwrap.dedent(
     """
     import sys, time
     import numpy as np
-    from posefuse.wire.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, jpeg_from_image, message_from_image
-    from posefuse.wire.dds import Network, RosNode
-    from posefuse.wire.topics import Topic
-    from posefuse.wire.types import message
+    from posefuse.messages.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, jpeg_from_image, message_from_image
+    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.topics import Topic
+    from posefuse.messages.types import message
     image = np.zeros((12, 16, 3), np.uint8); image[:, :8] = 200
     topics = [Topic("/cam/image_raw", IMAGE_TYPE), Topic("/cam/image_raw/compressed", COMPRESSED_TYPE),
               Topic("/chatter", "std_msgs/msg/String")]

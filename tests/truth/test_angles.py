@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.app.cli import main
+from posefuse.cli.main import main
 from posefuse.core import PoseSequence, Truth
-from posefuse.evaluate.angles import AngleError, angle_errors
-from posefuse.evaluate.biomechanics import rays_at_joint_centres
-from posefuse.files.recording import read_recording
-from posefuse.files.truth import read_truth
+from posefuse.evaluation.angles import AngleError, angle_errors
+from posefuse.evaluation.biomechanics import rays_at_joint_centres
+from posefuse.formats.recording import read_recording
+from posefuse.formats.truth import read_truth
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.body import fit_poses, fit_views
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.associate import AssociateSettings, associate
+from posefuse.association import AssociateSettings, associate
 from posefuse.core import SE3, SKELETONS, Camera, Detections2D, PoseSequence, Rig, Views
-from posefuse.fuse import FuseSettings, Weights, fuse
-from posefuse.track import SmoothSettings, smooth
+from posefuse.fusion import FuseSettings, Weights, fuse
+from posefuse.tracking import SmoothSettings, smooth
 
 BODY = SKELETONS["body_25b"]
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.app.cli import main
+from posefuse.cli.main import main
 from posefuse.core import Kind
-from posefuse.evaluate.metrics import joint_errors
-from posefuse.files.recording import read_recording
-from posefuse.files.truth import read_truth
+from posefuse.evaluation.metrics import joint_errors
+from posefuse.formats.recording import read_recording
+from posefuse.formats.truth import read_truth
 
 pytestmark = pytest.mark.usefixtures("models")
 
@@ -116,7 +116,18 @@ def test_an_existing_result_is_not_overwritten_unasked(demo_session: Path, tmp_p
 
 def test_ctrl_c_keeps_what_was_finished(demo_session: Path, tmp_path: Path) -> None:
     out = tmp_path / "result"
-    command = [sys.executable, "-m", "posefuse.app.cli", "track", str(demo_session), "--out", str(out), "--outputs", "", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "posefuse.cli.main",
+        "track",
+        str(demo_session),
+        "--out",
+        str(out),
+        "--outputs",
+        "",
+        "--json",
+    ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
     stopped = False
     for _ in range(1200):

@@ -16,19 +16,7 @@ from .protocols import Detector, Sink, Source
 from .rig import Rig
 from .se3 import SE3
 from .skeleton import SKELETONS, Skeleton
-from .values import (
-    CameraTruth,
-    Detections2D,
-    Frame,
-    Joints,
-    Kind,
-    Pose3D,
-    PoseSequence,
-    Recording,
-    Region,
-    Truth,
-    Views,
-)
+from .values import CameraTruth, Detections2D, Frame, Joints, Kind, Pose3D, PoseSequence, Recording, Region, Truth, Views
 
 __all__ = [
     "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraTruth", "ConfigError", "DependencyError", "Detections2D",

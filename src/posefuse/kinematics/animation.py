@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from posefuse.core import InputError, Joints, PoseSequence
 from posefuse.core.arrays import Array
-from posefuse.files.bvh import BvhData
+from posefuse.formats.bvh import BvhData
 
 from .sides import SIDES, landmarks
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.core.arrays import Array
-from posefuse.files.mot import Motion, read_mot
-from posefuse.files.trc import TrcData, write_trc
+from posefuse.formats.mot import Motion, read_mot
+from posefuse.formats.trc import TrcData, write_trc
 
 from .body.model import Body, bodies_from_poses
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from posefuse.core import Frame, PosefuseError, SourceError
 from posefuse.core.errors import choices
-from posefuse.wire.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
-from posefuse.wire.dds import Network, RosNode
-from posefuse.wire.intake import decode
-from posefuse.wire.topics import Topic, ros_name
+from posefuse.messages.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
+from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.intake import decode
+from posefuse.messages.topics import Topic, ros_name
 
 _MAX_BYTES = 2**28
 _DEPTH = 4

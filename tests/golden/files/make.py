@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import SE3, Camera, Rig
-from posefuse.files.rig import write_rig
-from posefuse.files.trc import TrcData, write_trc
+from posefuse.formats.rig import write_rig
+from posefuse.formats.trc import TrcData, write_trc
 
 HERE = Path(__file__).parent
 

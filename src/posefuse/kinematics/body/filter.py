@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.kinematics.definitions import SEGMENT_NAMES
+from posefuse.kinematics.joints import Workspace
 
-from ..definitions import SEGMENT_NAMES
-from ..joints import Workspace
 from . import kernels
 from .model import Body
 from .packed import HABIT_S, SLACK_S, Packed, packed_from_body

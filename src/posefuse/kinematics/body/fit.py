@@ -9,9 +9,9 @@ import numpy as np
 
 from posefuse.core import Joints, Kind, PoseSequence, Recording
 from posefuse.core.arrays import Array
+from posefuse.kinematics.joints import Workspace, joints_from_poses, joints_value
+from posefuse.kinematics.settings import JointSettings
 
-from ..joints import Workspace, joints_from_poses, joints_value
-from ..settings import JointSettings
 from .filter import BodyFilter, Measurement, smoothed
 from .model import Body, bodies_from_poses
 from .result import Reader

@@ -8,11 +8,11 @@ import numpy as np
 
 from posefuse.core import InputError, PoseSequence, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
+from posefuse.kinematics.joints import joints_from_poses
+from posefuse.kinematics.settings import JointSettings
+from posefuse.kinematics.sides import landmarks
 
-from ..definitions import SEGMENT_NAMES, landmark_pairs
-from ..joints import joints_from_poses
-from ..settings import JointSettings
-from ..sides import landmarks
 from .settings import BodySettings
 from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, TEMPLATES, Node
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.kinematics.definitions import LIMBS, SEGMENT_NAMES
+from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 
-from ..definitions import LIMBS, SEGMENT_NAMES
-from ..joints import Workspace
-from ..kernels import PLANE_SIZE, unwrap
 from . import kernels
 from .filter import BodyFilter, State
 from .model import landmark_rows

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt
 
-from posefuse.files.settings import settings
+from posefuse.foundation.settings import settings
 
 
 @settings

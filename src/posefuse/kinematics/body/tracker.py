@@ -9,10 +9,10 @@ import numpy as np
 from posefuse.core import InputError, Joints, Kind, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.kinematics.definitions import JOINT_NAMES
+from posefuse.kinematics.joints import Workspace, joints_value
+from posefuse.kinematics.settings import JointSettings
 
-from ..definitions import JOINT_NAMES
-from ..joints import Workspace, joints_value
-from ..settings import JointSettings
 from .filter import BodyFilter, Measurement
 from .model import Body
 from .result import Reader, empty_joints

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..definitions import X, Y, Z
+from posefuse.kinematics.definitions import X, Y, Z
 
 SLIDE, HINGE, BALL = 0, 1, 2
 FREE = float("inf")

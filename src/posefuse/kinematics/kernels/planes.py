@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from posefuse.files.compiled import kernel
+from posefuse.foundation.compiled import kernel
 
 from .frames import free_frame
 from .vectors import cross, dot, normal_to, variance

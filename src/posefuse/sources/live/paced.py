@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from posefuse.core import Frame
-
-from ..video import VideoConfig, VideoSource
+from posefuse.sources.video import VideoConfig, VideoSource
 
 # decoding takes time of its own; and so much is forgiven the first frame, whose successor is not known yet
 _SLACK_NS, _FIRST_NS = 15_000_000, 100_000_000

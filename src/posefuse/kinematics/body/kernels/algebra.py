@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from posefuse.files.compiled import kernel
+from posefuse.foundation.compiled import kernel
 
 # own loops for the dense algebra: at these sizes (50 to 100) as quick as BLAS, whose threads fight those of a live session
 _DENSE = {"fastmath": True}

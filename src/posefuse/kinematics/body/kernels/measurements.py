@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from posefuse.files.compiled import kernel
+from posefuse.foundation.compiled import kernel
 
 from .tree import BALL, log3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posefuse.files.compiled import kernel
+from posefuse.foundation.compiled import kernel
 
 from .algebra import solve_rows
 from .measurements import add, habits, point_information, ray_information

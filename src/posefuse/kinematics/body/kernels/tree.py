@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from posefuse.files.compiled import kernel
+from posefuse.foundation.compiled import kernel
 
 SLIDE, HINGE, BALL = 0, 1, 2
 

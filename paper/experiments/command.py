@@ -1,0 +1,59 @@
+"""What `posefuse experiment` does around the experiments: files, headline figures, the summary."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from posefuse.cli.terminal import Terminal, plain
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.plugins import build_plugin
+
+from .runs import Context, about
+from .summary import write_summary
+
+EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
+
+
+def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Run one experiment or all; returns the files written."""
+    wanted = EXPERIMENTS if args.name == "all" else (args.name,)
+    args.out.mkdir(parents=True, exist_ok=True)
+    options = (" --quick" if args.quick else "") + "".join(f" --set {override}" for override in args.overrides)
+    written: list[Path] = []
+    for name in wanted:
+        command = f"posefuse experiment {name}{options}"
+        sessions = args.sessions or args.out / "sessions"
+        context = Context(sessions, args.quick, args.workers, command, terminal, tuple(args.overrides))
+        if name != "scaling":
+            _check_detector(context)
+        written += _one(name, context, args.out)
+    if not args.quick:
+        written.append(write_summary(args.out))
+    terminal.facts("Experiments", {path.name: str(path) for path in written})
+    return {"files": written}
+
+
+def _check_detector(context: Context) -> None:
+    """Fetch and open what is to look at the pictures, so that what is wrong shows before an hour of rendering."""
+    choice = context.config.detector
+    build_plugin("detectors", choice.name, choice.options)
+
+
+def _one(name: str, context: Context, out: Path) -> list[Path]:
+    module = importlib.import_module(f"paper.experiments.{name}")
+    outcome = module.run(context)
+    facts = about(context)
+    outcome.page.section("How it was made")
+    outcome.page.facts(facts)
+    page = outcome.page.write(out / f"{name}.html")
+    figures = out / f"{name}.json"
+    with atomic_file(figures) as beside:
+        content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}
+        beside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    return [page, figures]

@@ -1,0 +1,87 @@
+"""Half of the body hidden, and a false arm in its place, beside a simulated inertial suit (the paper's other comparison)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from paper.scenes.inertial import SuitNoise, suit_joints
+from paper.scenes.page import Page
+from paper.scenes.scenes import HALF_HIDDEN, HIDDEN_JOINTS, half_hidden_scene
+from posefuse.core import Truth
+from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.evaluation.metrics import JointErrors, summary, typical_nees
+
+from .moments import pictures
+from .runs import Context, Outcome, best_errors, run_scene
+from .tables import LANDMARKS, errors_row, joint_rows
+from .trajectories import trajectories
+
+SUMMARY = "half of the body hidden from two of four cameras, and a false arm in its place, beside a simulated inertial suit"
+TITLES = {
+    "free": "Nothing in the way",
+    "screen": "Screens hide the left half from two of four cameras",
+    "false_arm": "The same, and false arms in the colour of the shirt",
+}
+_QUICK_S, _FULL_S = 1.0, 10.0
+_SUIT_SEEDS = 20
+_FOLLOWED = "left_wrist"
+
+
+def run(context: Context) -> Outcome:
+    """Errors of every joint with nothing in the way, screens, and false arms; the suit beside them."""
+    page = Page("Half of the body hidden: cameras beside an inertial suit")
+    page.section(
+        "What is measured",
+        "Somebody waves with the left arm amid four cameras in the corners of a room of 6 m x 7 m. A suit minds no screen; its "
+        f"column is of {_SUIT_SEEDS} suits, whose errors are those of the drift experiment. {LANDMARKS}",
+    )
+    figures: dict[str, Any] = {case: _case(case, context, page) for case in HALF_HIDDEN}
+    page.section("Summary", "Mean error in mm over what the screens hide (left arm and leg), and over the other joints.")
+    page.table(["case", "", *figures["free"]["columns"]], summary_rows(figures))
+    return Outcome(figures, page)
+
+
+def _case(case: str, context: Context, page: Page) -> dict[str, Any]:
+    scene = half_hidden_scene(case, _QUICK_S if context.quick else _FULL_S)
+    done = run_scene(f"occlusion-{case}", scene, context)
+    errors = {
+        **{weights: done.errors(weights, smoothed=False, centred=False) for weights in ("score", "all", "robust")},
+        "default": done.default_errors(),
+        **best_errors(f"occlusion-{case}", scene, context),
+        "suit": _suit_errors(done.truth),
+    }
+    columns = {name: errors_row(error) for name, error in errors.items()}
+    page.section(TITLES[case])
+    page.table(*joint_rows(columns, {}))
+    nees = {
+        "left arm and leg": typical_nees(done.recording.poses, done.truth, HIDDEN_JOINTS),
+        "right arm and leg": typical_nees(done.recording.poses, done.truth, [j.replace("left", "right") for j in HIDDEN_JOINTS]),
+    }
+    page.facts({f"stated uncertainty, {part} (typical NEES; 3 is right)": f"{value:.1f}" for part, value in nees.items()})
+    followed = {"estimate": done.recording.poses, "weights all": done.poses("all", smoothed=False, centred=False)}
+    page.plots(trajectories(done, (_FOLLOWED,), followed, scene.duration_s))
+    middle = len(done.recording.poses) // 2
+    page.pictures({k: v for c in range(len(done.recording.rig)) for k, v in pictures(done, c, [middle], 400).items()})
+    return {"columns": columns, "nees": nees}
+
+
+def _suit_errors(truth: Truth) -> JointErrors:
+    true = pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, PAPER14.keypoints)
+    apart = [np.linalg.norm(suit_joints(truth, SuitNoise(), seed) - true, axis=-1) for seed in range(_SUIT_SEEDS)]
+    return summary(PAPER14.keypoints, 1000 * np.array(apart))
+
+
+def summary_rows(figures: dict[str, Any]) -> list[list[Any]]:
+    """Case, which joints, and the mean of every column."""
+    rows = []
+    for case, title in TITLES.items():
+        for part, hidden in (("left arm and leg", True), ("the rest", False)):
+            joints = [joint for joint in PAPER14.keypoints if (joint in HIDDEN_JOINTS) == hidden]
+            means = [
+                float(np.mean([column["joints"][joint]["mean_mm"] for joint in joints]))
+                for column in figures[case]["columns"].values()
+            ]
+            rows.append([title, part, *means])
+    return rows

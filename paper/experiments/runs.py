@@ -1,0 +1,142 @@
+"""What every experiment needs: rendered sessions, the pipeline run on them, pictures, the machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from paper.scenes.page import Page
+from paper.scenes.scenes import scene_name
+from posefuse import __version__
+from posefuse.cli.terminal import Terminal
+from posefuse.core import PoseSequence, Recording, Truth
+from posefuse.evaluation.metrics import JointErrors, joint_errors
+from posefuse.formats.truth import read_truth
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import TrackConfig, read_config
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.second_pass import poses_over_time, views_of
+from posefuse.pipeline.session import UNFINISHED_FILE, find_session
+from posefuse.simulation.scene import Scene
+from posefuse.simulation.session import simulate
+from posefuse.tracking import JointCentres
+
+BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
+_PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-contrib-python-headless")
+
+
+@dataclass(frozen=True)
+class Context:
+    """Where and how experiments run.
+
+    Attributes:
+        sessions: rendered sessions are kept and found here. quick: seconds of everything instead of the paper's length.
+        workers: processes that render; None takes one per core. command: as typed, for the reports.
+        overrides: ``KEY=VALUE`` settings of the pipeline in place of its defaults, as `posefuse track --set` takes them.
+    """
+
+    sessions: Path
+    quick: bool
+    workers: int | None
+    command: str
+    terminal: Terminal
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def config(self) -> TrackConfig:
+        """How every scene is tracked; raises ConfigError for overrides that cannot be."""
+        return replace(read_config(None, self.overrides), outputs=())
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an experiment found: plain figures, and the page that shows them."""
+
+    figures: Mapping[str, Any]
+    page: Page
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A rendered session, tracked.
+
+    Attributes:
+        folder: the session. config: it was tracked with. recording: the result `posefuse track` gives. truth: exact.
+        centres: the table of the 2D estimator.
+    """
+
+    folder: Path
+    config: TrackConfig
+    recording: Recording
+    truth: Truth
+    centres: JointCentres | None
+
+    def poses(self, weights: str = "robust", smoothed: bool = True, centred: bool = True) -> PoseSequence:
+        """The same 2D, fused in another way."""
+        return poses_over_time(
+            views_of(self.recording),
+            self.recording.rig,
+            replace(self.config.fuse, weights=weights),  # type: ignore[arg-type]
+            self.config.smooth if smoothed else None,
+            self.centres if centred else None,
+        )
+
+    def errors(self, weights: str = "robust", smoothed: bool = True, centred: bool = True) -> JointErrors:
+        """Distances from the truth of `poses`."""
+        return joint_errors(self.poses(weights, smoothed, centred), self.truth)
+
+    def default_errors(self) -> JointErrors:
+        """Distances from the truth of what `posefuse track` gives with these settings."""
+        return joint_errors(self.recording.poses, self.truth)
+
+
+def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | None = None) -> Run:
+    """Render a scene, unless it lies there already, and track it as the context says."""
+    config = context.config
+    folder = rendered(name, scene, context)
+    session = find_session(folder, config)
+    with context.terminal.progress(f"tracking {name}") as advance:
+        tracked = track_session(session, config, clock or StageClock(), advance, context.terminal.note, context.terminal.warn)
+    return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), tracked.joint_centres)
+
+
+def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErrors]:
+    """`Run.default_errors` with the largest networks, as a column; of the first BEST_S of long scenes, as they are slow.
+
+    None where the context has another kind of 2D estimator.
+    """
+    if context.config.detector.name != "blazepose":
+        return {}
+    shortened = (f"end_s={BEST_S}",) if scene.duration_s > BEST_S else ()
+    best = replace(context, overrides=(*context.overrides, f"detector.options.landmarks={BEST_NETWORKS}", *shortened))
+    return {"best networks": run_scene(name, scene, best).default_errors()}
+
+
+def rendered(name: str, scene: Scene, context: Context) -> Path:
+    """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
+    folder = context.sessions / scene_name(name, scene)
+    if not (folder / "truth" / "truth.npz").is_file() or (folder / UNFINISHED_FILE).exists():
+        with context.terminal.progress(f"rendering {name}") as advance:
+            simulate(scene, folder, advance, context.workers)
+    return folder
+
+
+def about(context: Context) -> dict[str, Any]:
+    """The machine, the versions and the command of a report."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    return {
+        "machine": f"{names[0] if names else platform.processor()}, {len(os.sched_getaffinity(0))} cores",
+        "versions": ", ".join(
+            [f"posefuse {__version__}", f"Python {platform.python_version()}", *(f"{p} {version(p)}" for p in _PACKAGES)]
+        ),
+        "command": context.command,
+        "settings": ", ".join(context.overrides) or "defaults",
+        "length": "quick: seconds of everything" if context.quick else "full",
+    }

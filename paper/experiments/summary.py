@@ -1,0 +1,166 @@
+"""Accuracy on one page of text, from the figures the experiments left behind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from paper.scenes import paper
+from paper.scenes.scenes import CHECK_SEEDS
+from posefuse.foundation.atomic import atomic_file
+
+from .occlusion import TITLES as TITLES_HALF_HIDDEN
+from .occlusion import summary_rows
+from .runs import BEST_NETWORKS, BEST_S
+from .static import TITLES
+from .tables import joint_rows
+from .walking import STATED
+
+FILE = "accuracy.md"
+_SHOWN = ("none", "score", "all", "robust", "default", "best networks")
+_CHECKED = ("default", "best networks")
+
+
+def write_summary(out: Path) -> Path:
+    """Write ``accuracy.md`` from the JSON files in `out`; experiments that were not run, or only quickly, are left out."""
+    read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(out.glob("*.json"))}
+    full = {name: content for name, content in read.items() if content.get("length") == "full"}
+    parts = [
+        "# Accuracy",
+        "Made by `posefuse experiment all`. Rendered people with exact truth, the real network in the loop; millimetres; mean "
+        "over the paper's 14 joints unless said otherwise.",
+        "The people and ways reported here are used in no fit. The noise model and the joint centres were fitted on bodies "
+        f"of random seeds 7000 to 7207 (`bench/fit_*.py`); the tables below are of the default body, and of seeds "
+        f"{', '.join(map(str, CHECK_SEEDS))} as a check. "
+        "What was tried, what stays and what does not: [ablation.md](ablation.md).",
+        "*default* is what `posefuse track` does; *best networks* is the same with the largest 2D estimator, which is six times "
+        f"the work (`--networks {BEST_NETWORKS}`), of the first {BEST_S:g} s of the walk.",
+    ]
+    for name, writer in (
+        ("static", _static),
+        ("walking", _walking),
+        ("drift", _drift),
+        ("occlusion", _occlusion),
+        ("latency", _latency),
+        ("scaling", _scaling),
+    ):
+        if name in full:
+            content = full[name]
+            made = f"`{content['command']}`, {content['date']}, {content['machine']}."
+            parts += [*writer(content["figures"]), made]
+    path = out / FILE
+    with atomic_file(path) as beside:
+        beside.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return path
+
+
+def _table(columns: list[str], rows: list[list[Any]]) -> str:
+    def cell(value: Any) -> str:
+        return f"{value:.1f}" if isinstance(value, float) else "–" if value is None else str(value)
+
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "\n".join("| " + " | ".join(cell(value) for value in line) + " |" for line in lines)
+
+
+def _static(figures: Mapping[str, Any]) -> list[str]:
+    rows = []
+    for case in TITLES:
+        for name, column in figures[case].items():
+            rows.append([f"{case}, {name}", column["mean_mm"], column["worst_mm"], paper.STATIC_AVERAGE[case].get(name)])
+        for what in _CHECKED:
+            seeds = [one[what] for one in figures["check"][case].values() if what in one]
+            if seeds:
+                rows.append([f"{case}, {what}, other bodies", ", ".join(f"{mm:.1f}" for mm in seeds), None, None])
+    parts = ["## T-pose, eight cameras", _table(["", "mean", "worst joint", "paper"], rows)]
+    for case, title in TITLES.items():
+        columns = {name: figures[case][name] for name in _SHOWN if name in figures[case]}
+        parts += [f"{title}, per joint, mean ± standard deviation:", _table(*joint_rows(columns, paper.STATIC[case]))]
+    return parts
+
+
+def _walking(figures: Mapping[str, Any]) -> list[str]:
+    rows = [
+        [name, column["mean_mm"], column["worst_mm"], column["worst_joint"].replace("_", " ")]
+        for name, column in figures["columns"].items()
+    ]
+    rows += [
+        [
+            f"{what}, body and way of seed {seed}",
+            one[what]["mean_mm"],
+            one[what]["worst_mm"],
+            one[what]["worst_joint"].replace("_", " "),
+        ]
+        for what in _CHECKED
+        for seed, one in figures["check"].items()
+        if what in one
+    ]
+    rows.append(["paper", paper.WALKING_MEAN, paper.WALKING_WORST, None])
+    stated = ", ".join(f"{value:.1f} {name}" for name, value in figures["nees"].items())
+    return [
+        "## Walking, four cameras",
+        _table(["", "mean", "worst joint", "which"], rows),
+        "Per joint, mean ± standard deviation:",
+        _table(*joint_rows({name: figures["columns"][name] for name in _SHOWN if name in figures["columns"]}, {}, STATED)),
+        f"Stated uncertainty against these errors (typical NEES; 3 is right, more is overconfident): {stated}.",
+    ]
+
+
+def _drift(figures: Mapping[str, Any]) -> list[str]:
+    rows = [
+        [way.replace("_", " "), one["distance_m"], one["vision"]["drift_mm_per_m"], one["suit"]["drift_mm_per_m"],
+         1000 * one["vision"]["end_m"], 1000 * one["suit"]["end_m"]]
+        for way, one in figures["paths"].items()
+    ]  # fmt: skip
+    columns = ["path", "walked m", "drift mm per m", "suit: drift mm per m", "off at the end mm", "suit: off at the end mm"]
+    return ["## Drift on three paths, beside a simulated inertial suit", _table(columns, rows)]
+
+
+def _occlusion(figures: Mapping[str, Any]) -> list[str]:
+    nees = "; ".join(
+        f"{TITLES_HALF_HIDDEN[case].lower()}: " + ", ".join(f"{value:.1f} {part}" for part, value in one["nees"].items())
+        for case, one in figures.items()
+    )
+    return [
+        "## Half of the body hidden, beside a simulated inertial suit",
+        "Four cameras in the corners of a room, somebody waves with the left arm. Mean error over joints.",
+        _table(["", "joints", *figures["free"]["columns"]], summary_rows(dict(figures))),
+        f"Stated uncertainty of the default (typical NEES; 3 is right): {nees}.",
+    ]
+
+
+def _latency(figures: Mapping[str, Any]) -> list[str]:
+    live = figures["live"]
+    cameras = live["cameras"]
+    stages = list(next(iter(cameras.values()))["stages_ms"])
+    rows = [
+        [name, *(one["stages_ms"][stage]["mean"] for stage in stages), one["total_ms"]["mean"], one["total_ms"]["p95"],
+         one["decode_alone_ms"]]
+        for name, one in cameras.items()
+    ]  # fmt: skip
+    recorded = [[name, ms["median"], ms["p95"]] for name, ms in figures["stages_ms"].items()]
+    recorded.append(["second pass (track), per instant", figures["second_pass_ms"], None])
+    return [
+        "## Latency, four cameras",
+        "Live, from mid-exposure to another program: mean ms per camera. capture: until the decoded image is in its process; "
+        "wait: for the 2D estimator; output: until the next beat of 100 Hz; send: by UDP.",
+        _table(["camera", *stages, "end to end", "p95", "decoding alone"], rows),
+        f"{100 * live['used_share']:.0f} % of the frames used, {live['output_hz']:.1f} poses per second.",
+        "Recorded, as fast as it goes, per instant:",
+        _table(["stage", "median ms", "p95 ms"], recorded),
+    ]
+
+
+def _scaling(figures: Mapping[str, Any]) -> list[str]:
+    def told(study: Mapping[str, Any], key: str) -> str:
+        return ", ".join(f"{x:g}: {mm:.1f}" for x, mm in zip(study["x"], study[key], strict=True))
+
+    keys = ("robust_mm", "robust_same_mm", "score_same_mm")
+    rows = [[study["title"], *(told(study, key) for key in keys)] for study in figures["studies"].values()]
+    return [
+        "## What the error depends on",
+        "Oracle detections, not smoothed; value: mm. Weights are compared on the points that both give, since with few views "
+        "`score` is silent about the difficult ones.",
+        _table(["", "robust", "robust, points both give", "score, points both give"], rows),
+    ]

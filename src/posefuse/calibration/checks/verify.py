@@ -1,0 +1,206 @@
+"""How true a rig is, measured with a target it was not made from, held anywhere: millimetres and pixels, and where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.calibration.camera_errors import CameraError, VerifyLimits, camera_errors
+from posefuse.calibration.extrinsics.locate import aligned
+from posefuse.calibration.extrinsics.snapshots import snapshots
+from posefuse.calibration.extrinsics.world import triangulate
+from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import CELLS_WH
+from posefuse.calibration.targets.kinds import Target
+from posefuse.core import CalibrationError, Rig
+from posefuse.core.arrays import Array
+
+_MOST_LENGTH_RMS_SHARE = 0.02
+_MOST_SCALE_ERROR = 0.01
+_MOST_REPROJECTION_PX_PER_1000 = 2.5
+_LEAST_LENGTHS = 20
+VERIFY_LIMITS = VerifyLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What was measured.
+
+    Attributes:
+        xyz_world: (P, 3) corners found in space, metres. t_ns: (P,).
+        length_error_m: (L,) measured minus true distances between corners of one patch at one instant.
+        length_at_world: (L, 3) middle of each of them. length_true_m: (L,).
+        scale: ratio of measured to true lengths (median).
+        reprojection_px: (C,) rms distance of the seen corners to the reprojected ones.
+        cell_px: (C, rows, columns) the same per image region; NaN where nothing was seen.
+        cameras: turn, shift, focal length and clock of each camera against the others.
+        report: checks.
+    """
+
+    xyz_world: Array
+    t_ns: Array
+    length_error_m: Array
+    length_at_world: Array
+    length_true_m: Array
+    scale: float
+    reprojection_px: Array
+    cell_px: Array
+    cameras: tuple[CameraError, ...]
+    report: CalibrationReport
+
+    @property
+    def length_rms_m(self) -> float:
+        """Root mean square of the length errors."""
+        return float(np.sqrt((self.length_error_m**2).mean()))
+
+
+def verify(
+    rig: Rig, observations: Observations, target: Target, late_s: Array | None = None, limits: VerifyLimits = VERIFY_LIMITS
+) -> Verification:
+    """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
+
+    Args:
+        rig: to be verified. observations: of an extra marker or board. late_s: (C,) clocks of the cameras, as calibrated.
+        limits: what refuses a camera.
+
+    Raises:
+        CalibrationError: too few lengths to say anything.
+    """
+    observations = aligned(observations, rig)
+    if len(observations) == 0:
+        raise CalibrationError("verification: no camera sees the target")
+    delay = np.zeros((len(rig), 2))
+    delay[:, 0] = 0.0 if late_s is None else late_s
+    times = np.unique(observations.t_ns)
+    seen = snapshots(observations, times, delay)
+    key, point = np.unique(np.stack([seen.instant, seen.patch, seen.corner], axis=1), axis=0, return_inverse=True)
+    point = point.ravel()
+    xy = np.full((len(rig), len(key), 2), np.nan)
+    xy[seen.camera, point] = seen.xy_img
+    xyz = triangulate(rig, xy)
+    off = rig.project(xyz) - xy
+    error, at, true = _lengths(key, xyz, np.stack([target.corners(int(patch)) for patch in seen.patches]))
+    if len(error) < _LEAST_LENGTHS:
+        raise CalibrationError(
+            f"verification: {len(error)} lengths measured, at least {_LEAST_LENGTHS} are needed;"
+            " hold the target where two cameras see it"
+        )
+    good = np.isfinite(xyz).all(axis=1)
+    square = (off**2).sum(axis=-1)
+    scale = float(np.median(1 + error / true))
+    reprojection_px = _rms(square)
+    found = camera_errors(rig, seen, target, limits)
+    report = _report(rig, error, true, scale, reprojection_px, found, limits)
+    return Verification(
+        xyz[good],
+        times[key[good, 0]],
+        error,
+        at,
+        true,
+        scale,
+        reprojection_px,
+        _cells(rig, xy, square),
+        found,
+        report,
+    )
+
+
+def _lengths(key: Array, xyz: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Errors, places and true values of all distances between corners of one patch at one instant."""
+    good = np.isfinite(xyz).all(axis=1)
+    key, xyz = key[good], xyz[good]
+    image = np.unique(key[:, :2], axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(image, kind="stable")
+    cuts = np.flatnonzero(np.diff(image[order])) + 1
+    error, at, true = [], [], []
+    for rows in np.split(order, cuts) if len(order) else []:
+        i, j = np.triu_indices(len(rows), 1)
+        nominal = corners[key[rows[0], 1], key[rows, 2]]
+        wanted = np.linalg.norm(nominal[i] - nominal[j], axis=1)
+        found = np.linalg.norm(xyz[rows[i]] - xyz[rows[j]], axis=1)
+        error.append(found - wanted)
+        at.append((xyz[rows[i]] + xyz[rows[j]]) / 2)
+        true.append(wanted)
+    if not error:
+        return np.zeros(0), np.zeros((0, 3)), np.zeros(0)
+    return np.concatenate(error), np.concatenate(at), np.concatenate(true)
+
+
+def _cells(rig: Rig, xy: Array, square: Array) -> Array:
+    columns, rows = CELLS_WH
+    out = np.full((len(rig), rows, columns), np.nan)
+    for c, camera in enumerate(rig):
+        good = np.isfinite(square[c])
+        cell = np.clip(((xy[c, good] + 0.5) / camera.size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
+        flat = cell[:, 1] * columns + cell[:, 0]
+        count = np.bincount(flat, minlength=rows * columns)
+        total = np.bincount(flat, square[c, good], rows * columns)
+        with np.errstate(invalid="ignore"):
+            out[c] = np.sqrt(np.where(count > 0, total / count, np.nan)).reshape(rows, columns)
+    return out
+
+
+def _rms(square: Array) -> Array:
+    """(C,) root mean square of what is known of (C, P); NaN for a camera without any."""
+    known = np.isfinite(square)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan))
+        )
+
+
+def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tuple[Check, Check]:
+    unseen = [
+        f"{one.name} ({one.views} views shared with others, needed {limits.views})" for one in found if np.isnan(one.turn_rad)
+    ]
+    known = [one for one in found if not np.isnan(one.turn_rad)]
+    wrong = [one for one in known if one.excess(limits) > 1]
+    worst = max(known, key=lambda one: one.excess(limits), default=None)
+    detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+    return (
+        Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
+              "hold the target where this camera and another see it, or leave the camera out"),
+        Check("cameras are where the rig says", not wrong, detail,
+              "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again"),
+    )  # fmt: skip
+
+
+def _report(
+    rig: Rig,
+    error: Array,
+    true: Array,
+    scale: float,
+    reprojection_px: Array,
+    found: tuple[CameraError, ...],
+    limits: VerifyLimits,
+) -> CalibrationReport:
+    rms, limit = float(np.sqrt((error**2).mean())), _MOST_LENGTH_RMS_SHARE * float(np.median(true))
+    worst = int(np.nanargmax(reprojection_px))
+    limit_px = _MOST_REPROJECTION_PX_PER_1000 * max(rig.cameras[worst].size_wh) / 1000
+    checks = (
+        *_camera_checks(found, limits),
+        Check("lengths are right", rms <= limit, f"rms {rms * 1e3:.2f} mm over {len(error)} lengths (limit {limit * 1e3:.2f} mm)",
+              "a camera moved since the calibration, or the target is not as described"),
+        Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
+              f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.0%} off)",
+              "a wrong marker side, here or in the calibration"),
+        Check("reprojection", bool(reprojection_px[worst] <= limit_px),
+              f"{rig.names[worst]} is worst with {reprojection_px[worst]:.2f} px rms (limit {limit_px:.2f})",
+              "this camera moved, or its intrinsics are wrong"),
+    )  # fmt: skip
+    numbers = {"length_rms_mm": rms * 1e3, "scale": scale, "lengths": float(len(error))}
+    for one in found:
+        numbers |= {f"{one.name}_turn_deg": float(np.rad2deg(one.turn_rad)), f"{one.name}_shift_mm": one.shift_m * 1e3,
+                    f"{one.name}_focal_percent": 1e2 * one.focal, f"{one.name}_late_ms": 1e3 * one.late_s}  # fmt: skip
+    numbers |= {f"{name}_reprojection_px": float(px) for name, px in zip(rig.names, reprojection_px, strict=True)}
+    return CalibrationReport("verification", checks, numbers=numbers)
+
+
+def check_stature(measured_m: float, stated_m: float) -> Check:
+    """A person's height out of limb lengths against the stated one: the scale of a rig, to some per cent."""
+    ratio = measured_m / stated_m
+    return Check("scale against the person", 0.9 <= ratio <= 1.1,
+                 f"limbs say {measured_m:.2f} m, stated are {stated_m:.2f} m (limit 10 %)",
+                 "the marker side given to the calibration is wrong")  # fmt: skip

@@ -1,0 +1,203 @@
+"""Clocks of calibrated cameras from what moves in front of them: offset and drift of each.
+
+Works for keypoints of a person and for corners of a prop alike, and bears a rig that is a little wrong, since a constant error of
+each camera about each point is allowed for. The recording is cut into blocks; how far they disagree says how sure the result is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import CalibrationError, Rig
+from posefuse.core.arrays import Array
+
+from .paths import ACCELERATIONS_M_S2, APART_S, LEAST_VIEWS, LONGEST_STEP_S, SETTLED_S, ClockSums, MovingViews, Paths
+
+# seconds of a block, what is looked at besides at its ends, and how many blocks are looked at, spread over the recording
+_BLOCK_S, _MARGIN_S, _MOST_BLOCKS = 4.0, 0.3, 30
+# what a network's lasting errors move clocks by, however long the recording: as on the walks of `posefuse experiment drift`
+_LASTING_S = 1.5e-3
+# of offsets and drifts before anything is seen
+_BEFORE_S, _BEFORE_DRIFT = 0.3, 3e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What one camera saw of P named points: stamps t_s (F,) and raw px xy_img (F, P, 2), NaN where unseen."""
+
+    t_s: Array
+    xy_img: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ClockEstimate:
+    """offset_s, drift, and their standard errors, each (C,), against the first camera, which has 0.
+
+    A frame that camera c stamped s was taken at s - offset - drift * (s - middle_s) on the first camera's clock.
+    """
+
+    offset_s: Array
+    drift: Array
+    offset_sigma_s: Array
+    drift_sigma: Array
+    middle_s: float
+
+    @classmethod
+    def known(cls, offset_s: Array, middle_s: float) -> ClockEstimate:
+        """Offsets without a doubt and without drift."""
+        nothing = np.zeros(len(offset_s))
+        return cls(np.asarray(offset_s - offset_s[0]), nothing, nothing, nothing, middle_s)
+
+    def taken_s(self, c: int, stamp_s: Array) -> Array:
+        """When camera c took the frames it stamped so."""
+        return np.asarray(stamp_s - self.offset_s[c] - self.drift[c] * (stamp_s - self.middle_s))
+
+    def correction(self, c: int) -> tuple[float, float]:
+        """What sources add to camera c's stamps to have times on one clock: offset_s, and drift_ppm."""
+        return float(self.drift[c] * self.middle_s - self.offset_s[c]), float(-1e6 * self.drift[c])
+
+    def then(self, left: ClockEstimate) -> ClockEstimate:
+        """These, with what was still found when they were corrected."""
+        offset_s, drift = self.offset_s + left.offset_s, self.drift + left.drift
+        return ClockEstimate(offset_s, drift, left.offset_sigma_s, left.drift_sigma, self.middle_s)
+
+
+@dataclass(frozen=True, eq=False)
+class ClockFit:
+    """Clocks, and how they came about.
+
+    Attributes:
+        clocks: the result. spread_px: (C,) how far a camera's points usually lie beside the paths.
+        block_s: (B,) middle of each block. blocks: what each says of offsets that are still left.
+    """
+
+    clocks: ClockEstimate
+    spread_px: Array
+    block_s: Array
+    blocks: tuple[ClockSums, ...]
+
+    def parts(self, count: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Offsets (C,) about the result with standard errors, from the first `count` blocks alone, and from the others."""
+        first, second = (_left(part) for part in (self.blocks[:count], self.blocks[count:]))
+        return first, second
+
+
+def estimate_clocks(rig: Rig, tracks: Sequence[Track], start: ClockEstimate, with_drift: bool = False) -> ClockFit:
+    """Clocks of all cameras together, from clocks that are right to some frames.
+
+    Args:
+        tracks: one per camera of the rig, of the same points. start: as `sync_start` finds them.
+
+    Raises:
+        CalibrationError: no two cameras saw the points at one time.
+    """
+    blocks = _blocks(rig, tracks, start)
+    if not blocks:
+        raise CalibrationError("clocks: no two cameras saw the same points at one time, however their stamps are shifted")
+    paths = [Paths(rig, views) for _, views in blocks]
+    block_s = np.array([middle for middle, _ in blocks])
+    design = _design(block_s - start.middle_s, len(rig), with_drift)
+    first = np.concatenate([start.offset_s, start.drift])[: design.shape[2]]
+    first = first - np.repeat(first.reshape(-1, len(rig)).mean(axis=1), len(rig))
+    value, prior = first.copy(), _only_differences(len(rig), with_drift)
+    for acceleration in ACCELERATIONS_M_S2:
+        sums = [one.step(turn @ value, acceleration) for one, turn in zip(paths, design, strict=True)]
+        information, pulls = _gathered(design, sums)
+        step = np.linalg.solve(information + prior, pulls.sum(axis=0) - prior @ (value - first))
+        step[: len(rig)] = np.clip(step[: len(rig)], -LONGEST_STEP_S, LONGEST_STEP_S)
+        value = value + step
+        if acceleration == ACCELERATIONS_M_S2[-1] and np.abs(step[: len(rig)]).max() < SETTLED_S:
+            break
+    covariance = _covariance(information + prior, pulls - pulls.mean(axis=0))
+    clocks = _against_first(value, covariance, len(rig), start.middle_s)
+    return ClockFit(clocks, _spread_px(paths, len(rig)), block_s, tuple(sums))
+
+
+def _blocks(rig: Rig, tracks: Sequence[Track], start: ClockEstimate) -> list[tuple[float, MovingViews]]:
+    """Middle and views of each block in which two cameras saw enough."""
+    taken = [start.taken_s(c, track.t_s) for c, track in enumerate(tracks)]
+    begin = sorted(t[0] for t in taken if len(t))[1]
+    end = sorted(t[-1] for t in taken if len(t))[-2]
+    count = max(1, round((end - begin) / _BLOCK_S))
+    edges = np.linspace(begin, max(end, begin), count + 1)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_BLOCKS)).round().astype(int))
+    norm = [camera.norm_from_px(track.xy_img) for camera, track in zip(rig, tracks, strict=True)]
+    blocks = []
+    for k in chosen:
+        inside = [_thinned(t, edges[k] - _MARGIN_S, edges[k + 1] + _MARGIN_S) for t in taken]
+        c = np.repeat(np.arange(len(rig)), [len(rows) for rows in inside])
+        xy = np.concatenate([norm[i][rows] for i, rows in enumerate(inside)])
+        seen = np.isfinite(xy[..., 0]).any(axis=1)
+        if (np.bincount(c[seen], minlength=len(rig)) >= LEAST_VIEWS).sum() >= 2:
+            stamps = np.concatenate([tracks[i].t_s[rows] for i, rows in enumerate(inside)])
+            blocks.append((float(edges[k] + edges[k + 1]) / 2, MovingViews(c[seen], stamps[seen], xy[seen])))
+    return blocks
+
+
+def _thinned(t_s: Array, begin_s: float, end_s: float) -> Array:
+    """Rows from begin to end that are not too close to each other."""
+    rows, last = [], -np.inf
+    for row in np.flatnonzero((t_s >= begin_s) & (t_s <= end_s)):
+        if t_s[row] >= last + APART_S:
+            rows.append(row)
+            last = t_s[row]
+    return np.array(rows, np.intp)
+
+
+def _design(since_s: Array, cameras: int, with_drift: bool) -> Array:
+    """(B, C, unknowns) offsets at each block from offsets in the middle, and drifts."""
+    same = np.broadcast_to(np.eye(cameras), (len(since_s), cameras, cameras))
+    return np.concatenate([same, same * since_s[:, None, None]], axis=2) if with_drift else same
+
+
+def _gathered(design: Array, sums: Sequence[ClockSums]) -> tuple[Array, Array]:
+    """Information of all blocks together, and pull (B, unknowns) of each."""
+    turned = np.swapaxes(design, 1, 2)
+    information = turned @ np.stack([one.information for one in sums]) @ design
+    return information.sum(axis=0), np.einsum("buc,bc->bu", turned, np.stack([one.pull for one in sums]))
+
+
+def _only_differences(cameras: int, with_drift: bool) -> Array:
+    """Information that holds the means at 0, and each about where it was before anything is seen."""
+    same = np.ones((cameras, cameras)) / cameras**2 * 1e6 + np.eye(cameras)
+    scales = (_BEFORE_S, _BEFORE_DRIFT) if with_drift else (_BEFORE_S,)
+    return np.kron(np.diag([scale**-2 for scale in scales]), same)
+
+
+def _covariance(information: Array, pulls: Array) -> Array:
+    """As the noise says, or as the blocks scatter where that is more (White 1980)."""
+    formal = np.linalg.inv(information)
+    if len(pulls) < 2:
+        return formal
+    scatter = formal @ (pulls.T @ pulls * len(pulls) / (len(pulls) - 1)) @ formal
+    larger = np.sqrt(np.maximum(np.diag(scatter) / np.diag(formal), 1.0))
+    return np.asarray(formal * larger[:, None] * larger)
+
+
+def _against_first(value: Array, covariance: Array, cameras: int, middle_s: float) -> ClockEstimate:
+    to_first = np.eye(cameras) - np.eye(cameras)[0]
+    parts = []
+    for begin in range(0, len(value), cameras):
+        own = slice(begin, begin + cameras)
+        parts.append((to_first @ value[own], np.sqrt(np.diag(to_first @ covariance[own, own] @ to_first.T))))
+    parts.append((np.zeros(cameras), np.zeros(cameras)))
+    offset_sigma_s = np.where(np.arange(cameras) > 0, np.hypot(parts[0][1], _LASTING_S), 0.0)
+    return ClockEstimate(parts[0][0], parts[1][0], offset_sigma_s, parts[1][1], middle_s)
+
+
+def _left(blocks: Sequence[ClockSums]) -> tuple[Array, Array]:
+    cameras = len(blocks[0].pull)
+    prior = _only_differences(cameras, False)
+    information = sum((one.information for one in blocks), prior)
+    left = np.linalg.solve(information, sum(one.pull for one in blocks))
+    return left, np.sqrt(np.diag(np.linalg.inv(information)))
+
+
+def _spread_px(paths: Sequence[Paths], cameras: int) -> Array:
+    c = np.concatenate([one.camera for one in paths])
+    left = np.concatenate([one.left_px for one in paths])
+    mine = [left[c == i] for i in range(cameras)]
+    return np.array([np.median(one) if len(one) else np.nan for one in mine])

@@ -1,0 +1,131 @@
+"""Where a target is, seen by cameras that are already calibrated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target, patch_corners
+from posefuse.core import SE3, CalibrationError, Rig
+from posefuse.core.arrays import Array
+
+from .bootstrap import PropShape, prop_track, prop_views
+from .planar import planar_views
+from .prop_solve import Freedom, PropState, solve_prop
+from .snapshots import Snapshots, snapshots
+
+_MOST_STILL_PX = 3.0
+_MOST_STATIC_RMS_PX_PER_1000 = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """One patch at several instants.
+
+    Attributes:
+        t_ns: (T,). world_from_patch: (T,). seen: the corners used. residual_px: (N, 2) predicted minus observed.
+    """
+
+    t_ns: Array
+    world_from_patch: SE3
+    seen: Snapshots
+    residual_px: Array
+
+
+def aligned(observations: Observations, rig: Rig) -> Observations:
+    """Observations with the rig's cameras in the rig's order; raises CalibrationError for one the rig does not have."""
+    unknown = [name for name in observations.cameras if name not in rig.names]
+    if unknown:
+        raise CalibrationError(
+            f"observations of {', '.join(unknown)}: no such camera in the rig; there are: {', '.join(rig.names)}"
+        )
+    for name, size in zip(observations.cameras, observations.sizes_wh, strict=True):
+        if tuple(size) != rig[name].size_wh:
+            raise CalibrationError(f"camera {name}: images are {size[0]}x{size[1]} px, its calibration {rig[name].size_wh}")
+    place = np.array([rig.names.index(name) for name in observations.cameras], dtype=np.int64)
+    frames = dict(zip(observations.cameras, observations.frame_count, strict=True))
+    return replace(
+        observations,
+        cameras=rig.names,
+        sizes_wh=tuple(camera.size_wh for camera in rig),
+        frame_count=tuple(frames.get(name, 0) for name in rig.names),
+        camera=place[observations.camera] if len(observations) else observations.camera,
+    )
+
+
+def locate(rig: Rig, observations: Observations, target: Target, patch: int) -> Located:
+    """The pose of one moving patch at every instant at which at least 2 cameras see it."""
+    mine = aligned(observations, rig).of_patches([patch])
+    if len(mine) == 0:
+        raise CalibrationError(f"target {patch}: no camera sees it; seen are: {sorted(set(observations.patch.tolist()))}")
+    times = np.unique(mine.t_ns)
+    seen = snapshots(mine, times, np.zeros((len(rig), 2)))
+    views = np.zeros((len(times), len(rig)), bool)
+    views[seen.instant, seen.camera] = True
+    several = np.flatnonzero(views.sum(axis=1) >= 2)
+    if len(several) == 0:
+        raise CalibrationError(f"target {patch}: never seen by 2 cameras at the same time")
+    return _solve(rig, snapshots(mine, times[several], np.zeros((len(rig), 2))), target, times[several])
+
+
+def locate_static(rig: Rig, observations: Observations, target: Target, patch: int) -> SE3:
+    """world_from_patch of a patch that lies still, from all frames of all cameras that see it.
+
+    Raises:
+        CalibrationError: nobody sees it, it moved, or the cameras disagree about where it is.
+    """
+    mine = aligned(observations, rig).of_patches([patch])
+    if len(mine) == 0:
+        raise CalibrationError(f"target {patch}: no camera sees it; seen are: {sorted(set(observations.patch.tolist()))}")
+    still = _one_frame(mine, patch)
+    located = _solve(rig, snapshots(still, np.zeros(1, np.int64), np.zeros((len(rig), 2))), target, np.zeros(1, np.int64))
+    width = max(max(camera.size_wh) for camera in rig)
+    rms = float(np.sqrt((located.residual_px**2).mean()))
+    limit = _MOST_STATIC_RMS_PX_PER_1000 * width / 1000
+    if not rms <= limit:
+        raise CalibrationError(
+            f"target {patch}: cameras disagree about where it lies, {rms:.1f} px (limit {limit:.1f});"
+            " was it moved, is its side right, did a camera move?"
+        )
+    return located.world_from_patch[0]
+
+
+def _one_frame(mine: Observations, patch: int) -> Observations:
+    """The median place of every corner in every camera, as one frame at time 0."""
+    key = np.stack([mine.camera, mine.corner], axis=1)
+    pairs, place = np.unique(key, axis=0, return_inverse=True)
+    place = place.ravel()
+    middle = np.stack([np.median(mine.xy_img[place == i], axis=0) for i in range(len(pairs))])
+    off = np.abs(mine.xy_img - middle[place]).max(axis=1)
+    loose = float(np.median(off))
+    if loose > _MOST_STILL_PX:
+        raise CalibrationError(f"target {patch}: it moves in the images (by {loose:.0f} px); lay it down still")
+    n = len(pairs)
+    return replace(
+        mine, camera=pairs[:, 0], corner=pairs[:, 1], t_ns=np.zeros(n, np.int64), patch=np.full(n, patch), xy_img=middle,
+        sharpness=np.full(n, np.nan),
+    )  # fmt: skip
+
+
+def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
+    corners, lenses = patch_corners(target, seen.patches), Lenses(tuple(rig))
+    views = planar_views(seen, corners, lenses)
+    shape = PropShape({0: Poses(np.eye(3), np.zeros(3))}, {}, 0)
+    in_images = prop_views(seen, views, shape, corners, lenses)
+    cameras = Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]), np.stack([c.cam_from_world.xyz for c in rig])))
+    track = prop_track(seen, in_images, shape, corners, lenses, cameras)
+    known = np.isfinite(track.t).all(axis=1)
+    if not known.any():
+        raise CalibrationError(f"target {int(seen.patches[0])}: no camera sees 4 of its corners")
+    seen = seen.rows(known[seen.instant])
+    state = PropState(
+        cameras, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)),
+        np.zeros((len(rig), len(LENS_PARAMETERS))),
+    )  # fmt: skip
+    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(None, None))
+    poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
+    return Located(times, poses.se3(), seen, solution.residual_px)

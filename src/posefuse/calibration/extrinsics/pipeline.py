@@ -1,0 +1,183 @@
+"""From observations of a prop to a solved rig: key instants, rough answer, bundle adjustment, clocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.calibration.limits import LIMITS, Limits
+from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target, patch_corners, scale_m
+from posefuse.core import Camera, ConfigError
+from posefuse.core.arrays import Array
+
+from .bootstrap import PropShape, PropViews, camera_edges, prop_shape, prop_track, prop_views, strong_camera_edges
+from .clocks import rough_offsets
+from .planar import planar_views
+from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened
+from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
+from .voting import Edge, tree
+
+LEAST_INSTANTS = 8
+_MOST_CLOCK_ROUNDS = 5
+_CLOCK_SETTLED_S = 1e-4
+_INLIER_SIGMA = 4.0
+_LEAST_PATCH_SHARE = 0.6
+CLOCK_MODES = ("auto", "together", "offset", "drift")
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to solve.
+
+    Attributes:
+        instants: key instants used at most.
+        clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock),
+            ``auto`` (taken as synchronised, and estimated when they turn out not to be).
+        most_offset_s: largest clock offset searched for.
+        lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the intrinsics by; None keeps them.
+        limits: what refuses the result.
+    """
+
+    instants: int = 400
+    clocks: str = "auto"
+    most_offset_s: float = 0.3
+    lens_sigma: tuple[float, ...] | None = None
+    limits: Limits = LIMITS
+
+    def __post_init__(self) -> None:
+        if self.clocks not in CLOCK_MODES:
+            raise ConfigError(f"clocks: expected one of {', '.join(CLOCK_MODES)}, got {self.clocks!r}")
+        if self.instants < LEAST_INSTANTS:
+            raise ConfigError(f"instants: expected at least {LEAST_INSTANTS}, got {self.instants}")
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Who could be linked to whom before the solve.
+
+    Attributes:
+        edges: per camera pair i < j, how well single instants agree. placed: cameras reached from the reference.
+        reference: the camera with most agreement.
+        shape: markers on the prop.
+    """
+
+    edges: dict[tuple[int, int], Edge]
+    placed: dict[int, Poses]
+    reference: int
+    shape: PropShape
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A solved rig before any check; the world is the reference camera.
+
+    Attributes:
+        seen: the corners used. corners: (M, n, 3) of each patch. links: the rough answer.
+        solution: unknowns and residuals. dropped: patches (ids) left out, with the reason.
+    """
+
+    seen: Snapshots
+    corners: Array
+    links: Links
+    solution: PropSolution
+    dropped: dict[int, str]
+
+    @property
+    def inlier(self) -> Array:
+        """(groups,) whether a marker in an image agrees with the solution."""
+        return inlier_groups(self.seen, self.solution)
+
+
+def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
+    """(groups,) every corner within 4 robust standard deviations."""
+    noise = Noise(solution.sigma_px, solution.jitter_s)
+    square = np.nan_to_num((whitened(solution.residual_px, seen.velocity_px_s, noise) ** 2).mean(axis=1), nan=np.inf)
+    worst = np.zeros(seen.group_count)
+    np.maximum.at(worst, seen.group, square)
+    return np.asarray(worst <= _INLIER_SIGMA**2)
+
+
+def link(observations: Observations, cameras: tuple[Camera, ...], target: Target, seen: Snapshots) -> tuple[Links, PropViews]:
+    """The rough answer: markers on the prop, prop in every image, cameras to each other."""
+    corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
+    views = planar_views(seen, corners, lenses)
+    shape = prop_shape(views, len(seen.patches), scale_m(target))
+    in_images = prop_views(seen, views, shape, corners, lenses)
+    edges = camera_edges(in_images, len(cameras))
+    reference, placed = tree(len(cameras), strong_camera_edges(edges))
+    return Links(edges, placed, reference, shape), in_images
+
+
+def key_snapshots(observations: Observations, options: Options, delay_s: Array) -> Snapshots:
+    """Corners at the key instants."""
+    instants = pick_instants(observations, options.instants, delay_s, prefer_slow=options.clocks == "together")
+    return snapshots(observations, instants, delay_s)
+
+
+def starting_clocks(observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options) -> Array:
+    """(C, 2) clocks to start from: 0 for synchronised cameras, else from the paths of the prop."""
+    delay_s = np.zeros((len(cameras), 2))
+    if options.clocks != "together":
+        delay_s[:, 0] = np.nan_to_num(rough_offsets(observations, cameras, target, options.most_offset_s))
+        delay_s[:, 0] -= np.median(delay_s[:, 0])
+    return delay_s
+
+
+def solve_linked(
+    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, seen: Snapshots, links: Links,
+    in_images: PropViews, delay_s: Array,
+) -> Solved:  # fmt: skip
+    """Bundle adjustment from the rough answer, all cameras being linked; patches that disagree are left out by name."""
+    corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
+    cam_from_world = stacked([links.placed[i] for i in range(len(cameras))]).inverse()
+    track = prop_track(seen, in_images, links.shape, corners, lenses, cam_from_world)
+    known = np.isfinite(track.t).all(axis=1)
+    placed = links.shape.prop_from_patch
+    dropped = {
+        int(seen.patches[i]): "never seen together with the rest of the prop, or moving independently of it"
+        for i in range(len(seen.patches))
+        if i not in placed
+    }
+    patch = stacked([placed.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(len(seen.patches))])
+    state = PropState(
+        cam_from_world, Poses(track.R, np.nan_to_num(track.t)), patch, delay_s, np.zeros((len(cameras), len(LENS_PARAMETERS)))
+    )
+    lens_sigma = None if options.lens_sigma is None else np.array(options.lens_sigma)
+    freedom = Freedom(links.reference, links.shape.root, options.clocks != "together", options.clocks == "drift", lens_sigma)
+    use = known[seen.instant] & np.isin(seen.patch, list(placed))
+    seen = seen.rows(use)
+    solution = solve_prop(seen, corners, cameras, state, freedom)
+    bad = _disagreeing_patches(seen, solution, keep=links.shape.root)
+    if bad:
+        dropped |= {int(seen.patches[p]): f"{1 - share:.0%} of its views disagree with the prop" for p, share in bad.items()}
+        seen = seen.rows(~np.isin(seen.patch, list(bad)))
+        solution = solve_prop(seen, corners, cameras, solution.state, freedom)
+    solved = Solved(seen, corners, links, solution, dropped)
+    return _settle_clocks(observations, cameras, solved, freedom) if freedom.offset else solved
+
+
+def _disagreeing_patches(seen: Snapshots, solution: PropSolution, keep: int) -> dict[int, float]:
+    """Patches of which most views do not fit, with the share that does."""
+    patch = seen.patch[seen.group_starts()]
+    inlier = inlier_groups(seen, solution)
+    count = np.bincount(patch, minlength=len(seen.patches))
+    share = np.bincount(patch, inlier, len(seen.patches)) / np.maximum(count, 1)
+    return {int(p): float(share[p]) for p in np.flatnonzero((count > 0) & (share < _LEAST_PATCH_SHARE)) if p != keep}
+
+
+def _settle_clocks(observations: Observations, cameras: tuple[Camera, ...], solved: Solved, freedom: Freedom) -> Solved:
+    """Read the corners again at the clocks found and solve again, until the clocks stay."""
+    instants_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
+    patches, instants = np.unique(solved.seen.patch), np.unique(solved.seen.instant)
+    for _ in range(_MOST_CLOCK_ROUNDS):
+        state = solved.solution.state
+        seen = snapshots(observations, instants_ns, state.delay_s)
+        seen = seen.rows(np.isin(seen.patch, patches) & np.isin(seen.instant, instants))
+        solved = replace(solved, seen=seen, solution=solve_prop(seen, solved.corners, cameras, state, freedom))
+        if np.abs(solved.solution.state.delay_s[:, 0] - state.delay_s[:, 0]).max() < _CLOCK_SETTLED_S:
+            break
+    return solved

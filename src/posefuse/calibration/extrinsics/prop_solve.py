@@ -1,0 +1,308 @@
+"""Bundle adjustment of cameras that watch one moving rigid prop (after Sarmadi et al. 2019, section 3.4).
+
+Unknown: the pose of every patch (marker) on the prop, of the prop at every instant, of every camera; on request each
+camera's clock (offset and drift) and lens. Held: the first camera at the origin and one patch on the prop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from posefuse.calibration.solving.bundle import Block, Linearised, Problem, Solution, clustered_covariance, solve
+from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.rotations import Poses, hat
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from .snapshots import Snapshots
+
+_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX = 2.0, 0.05
+_CAUCHY = 3.0
+_MAD = 1.4826
+_LEAST_MOVING_SHARE = 0.5
+_MOST_JITTER_S = 0.05
+_DELAY_SCALE_S = np.array([1e-3, 1e-5])
+# stretches of a recording whose scatter the standard errors answer for
+_TIME_BLOCKS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class PropState:
+    """All unknowns.
+
+    Attributes:
+        cam_from_world: (C,). world_from_prop: (T,). prop_from_patch: (M,).
+        delay_s: (C, 2) clock offset in s and drift in s/s, as in `snapshots`.
+        lens_delta: (C, 6) correction of `LENS_PARAMETERS`.
+    """
+
+    cam_from_world: Poses
+    world_from_prop: Poses
+    prop_from_patch: Poses
+    delay_s: Array
+    lens_delta: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """What may move besides the poses.
+
+    Attributes:
+        reference: camera whose pose and clock are held; None holds all cameras.
+        patch: patch that is held on the prop; None holds all patches.
+        offset, drift: clocks of the other cameras. lens_sigma: (6,) standard errors of the given intrinsics, None holds them.
+        lens_of: cameras whose intrinsics move, None for all.
+        moving: cameras whose poses and clocks move, instead of all but the reference.
+    """
+
+    reference: int | None
+    patch: int | None
+    offset: bool = False
+    drift: bool = False
+    lens_sigma: Array | None = None
+    lens_of: tuple[int, ...] | None = None
+    moving: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PropSolution:
+    """Where the solve stopped.
+
+    Attributes:
+        state: unknowns. sigma_px: robust spread of a corner coordinate across its motion.
+        jitter_s: spread of the moments of exposure, as far as it shows along the motion.
+        residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
+        camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference;
+            like all standard errors here as large as stretches of the recording scatter, where that is more than the noise says.
+        delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
+        lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
+        iterations: steps tried.
+    """
+
+    state: PropState
+    sigma_px: float
+    jitter_s: float
+    residual_px: Array
+    weight: Array
+    camera_covariance: Array
+    delay_sigma_s: Array
+    lens_covariance: Array
+    iterations: int
+
+    @property
+    def lens_sigma(self) -> Array:
+        """(C, 6) standard errors of `LENS_PARAMETERS`; 0 where held."""
+        return np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2))
+
+
+def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
+    """Two robust solves: one with a wide loss to come near, one with the noise found by the first.
+
+    The noise of a corner is a round part and a part along its motion, which stands for frames that were not quite
+    taken at the time they are stamped: slow corners count fully, fast ones only across their motion.
+
+    `corners` (M, n, 3): corners of each patch in its own frame. `start.delay_s` is the delay the snapshots were taken
+    with; the clock columns move them along their image velocity from there.
+    """
+    wide = Noise(_ROUGH_SIGMA_PX, 0.0)
+    first = solve(_problem(seen, corners, cameras, start, freedom, wide, 1.0), start)
+    noise = _noise(seen, first.residual * _ROUGH_SIGMA_PX, first.weight)
+    second = solve(_problem(seen, corners, cameras, start, freedom, noise, _CAUCHY), first.state)
+    residual = _unwhitened(second.residual, seen.velocity_px_s, noise)
+    found = _noise(seen, residual, second.weight)
+    return _summary(second, residual, found, (found.sigma_px / noise.sigma_px) ** 2, freedom, seen.t_s)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of an image point: `sigma_px` each way, and `jitter_s` times its velocity along its motion."""
+
+    sigma_px: float
+    jitter_s: float
+
+    def stretch(self, velocity_px_s: Array) -> tuple[Array, Array]:
+        """Direction of motion (N, 2) and how much larger (N,) the standard deviation is along it."""
+        speed = np.linalg.norm(velocity_px_s, axis=1)
+        along = velocity_px_s / np.maximum(speed, 1e-9)[:, None]
+        return along, np.sqrt(1 + (speed * self.jitter_s / self.sigma_px) ** 2)
+
+
+def whitened(values: Array, velocity_px_s: Array, noise: Noise) -> Array:
+    """Residuals (N, 2) or Jacobians (N, 2, p) in standard deviations."""
+    along, stretch = noise.stretch(velocity_px_s)
+    flat = values.reshape(len(values), 2, -1)
+    part = along[:, :, None] * (along[:, None] @ flat) * (1 - 1 / stretch)[:, None, None]
+    return np.asarray(((flat - part) / noise.sigma_px).reshape(values.shape))
+
+
+def _unwhitened(residual: Array, velocity_px_s: Array, noise: Noise) -> Array:
+    along, stretch = noise.stretch(velocity_px_s)
+    return np.asarray((residual + along * ((along * residual).sum(axis=1) * (stretch - 1))[:, None]) * noise.sigma_px)
+
+
+def _noise(seen: Snapshots, residual_px: Array, weight: Array) -> Noise:
+    """Spread across the motion, and what the spread along the motion has more than that, both by medians."""
+    usable = np.isfinite(residual_px).all(axis=1) & (weight > 0)
+    if not usable.any():
+        return Noise(_ROUGH_SIGMA_PX, 0.0)
+    residual, velocity = residual_px[usable], seen.velocity_px_s[usable]
+    speed = np.linalg.norm(velocity, axis=1)
+    along = velocity / np.maximum(speed, 1e-9)[:, None]
+    across = along[:, 0] * residual[:, 1] - along[:, 1] * residual[:, 0]
+    moving = speed > 0
+    round_part = across if moving.mean() > _LEAST_MOVING_SHARE else residual.ravel()
+    sigma = max(float(_MAD * np.median(np.abs(round_part))), _LEAST_SIGMA_PX)
+    fast = speed >= max(float(np.median(speed)), 1e-6)
+    off, v = (along * residual).sum(axis=1)[fast], speed[fast]
+
+    def excess(jitter_s: float) -> float:
+        return float(_MAD * np.median(np.abs(off) / np.sqrt(sigma**2 + (v * jitter_s) ** 2))) - 1
+
+    if len(v) == 0 or excess(0.0) <= 0 or excess(_MOST_JITTER_S) >= 0:
+        return Noise(sigma, 0.0 if len(v) == 0 or excess(0.0) <= 0 else _MOST_JITTER_S)
+    return Noise(sigma, float(brentq(excess, 0.0, _MOST_JITTER_S)))
+
+
+def _summary(
+    solution: Solution[PropState], residual_px: Array, noise: Noise, scale: float, freedom: Freedom, t_s: Array
+) -> PropSolution:
+    count = len(solution.state.cam_from_world)
+    free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
+    full = np.zeros((len(free), len(free)))
+    covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, _time_block(t_s))
+    full[np.ix_(free, free)] = covariance
+    cameras = np.stack([full[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(count)])
+    clock = 6 * count + 6 * len(solution.state.prop_from_patch)
+    variance = np.diag(full)[clock : clock + 2 * count].reshape(count, 2)
+    size, first = len(LENS_PARAMETERS), clock + 2 * count
+    lenses = np.stack([full[first + size * i : first + size * (i + 1), first + size * i : first + size * (i + 1)]
+                       for i in range(count)])  # fmt: skip
+    return PropSolution(
+        solution.state, noise.sigma_px, noise.jitter_s, residual_px, solution.weight, cameras,
+        np.sqrt(variance) * _DELAY_SCALE_S, lenses, solution.iterations,
+    )  # fmt: skip
+
+
+def _time_block(t_s: Array) -> Array:
+    """(T,) number of the stretch of time each time step belongs to."""
+    first, last = (float(t_s.min()), float(t_s.max())) if len(t_s) else (0.0, 0.0)
+    return np.minimum(((t_s - first) / max(last - first, 1e-9) * _TIME_BLOCKS).astype(np.int64), _TIME_BLOCKS - 1)
+
+
+def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
+    cameras, clocks = np.zeros((len(state.cam_from_world), 6), bool), np.zeros((len(state.cam_from_world), 2), bool)
+    patches = np.zeros((len(state.prop_from_patch), 6), bool)
+    if freedom.moving is not None or freedom.reference is not None:
+        others = np.arange(len(cameras)) != freedom.reference
+        if freedom.moving is not None:
+            others = np.isin(np.arange(len(cameras)), freedom.moving)
+        cameras[others], clocks[others] = True, (freedom.offset, freedom.drift)
+    if freedom.patch is not None:
+        patches[np.arange(len(patches)) != freedom.patch] = True
+    lens = np.full((len(cameras), len(LENS_PARAMETERS)), freedom.lens_sigma is not None)
+    if freedom.lens_of is not None:
+        lens &= np.isin(np.arange(len(cameras)), freedom.lens_of)[:, None]
+    return cameras, patches, clocks, lens
+
+
+def _problem(
+    seen: Snapshots,
+    corners: Array,
+    cameras: tuple[Camera, ...],
+    start: PropState,
+    freedom: Freedom,
+    noise: Noise,
+    cauchy: float,
+) -> Problem[PropState]:
+    model = _Model(seen, corners, cameras, start.delay_s, freedom, noise)
+    return Problem(
+        model.residual, model.linearise, model.step, _free(start, freedom), len(start.world_from_prop), seen.group,
+        seen.group_count, cauchy, model.prior_cost,
+    )  # fmt: skip
+
+
+class _Model:
+    """Residuals and Jacobians of the corners."""
+
+    def __init__(
+        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], delay_s: Array, freedom: Freedom, noise: Noise
+    ) -> None:
+        self._seen, self._cameras, self._freedom, self._noise = seen, cameras, freedom, noise
+        self._xyz_patch = corners[seen.patch, seen.corner]
+        self._delay_s = delay_s
+        lens_sigma = freedom.lens_sigma
+        self._lens_prior = np.zeros(len(LENS_PARAMETERS)) if lens_sigma is None else 1 / lens_sigma**2
+
+    def _white(self, values: Array) -> Array:
+        return whitened(values, self._seen.velocity_px_s, self._noise)
+
+    def residual(self, state: PropState) -> Array:
+        return self._residual(state, *self._placed(state)[2:])
+
+    def prior_cost(self, state: PropState) -> float:
+        return float((self._lens_prior * state.lens_delta**2).sum())
+
+    def step(self, state: PropState, blocks: list[Array], local: Array) -> PropState:
+        camera, patch, clock, lens = blocks
+        return replace(
+            state,
+            cam_from_world=state.cam_from_world.stepped(camera),
+            prop_from_patch=state.prop_from_patch.stepped(patch),
+            delay_s=state.delay_s + clock * _DELAY_SCALE_S,
+            lens_delta=state.lens_delta + lens,
+            world_from_prop=state.world_from_prop.stepped(local),
+        )
+
+    def _placed(self, state: PropState) -> tuple[Array, Array, Array, Lenses]:
+        """The corners (N, 3) in axes of the prop, of the world and of the camera that sees them; and the lenses."""
+        seen = self._seen
+        prop = state.prop_from_patch[seen.patch].move(self._xyz_patch)
+        world = state.world_from_prop[seen.instant].move(prop)
+        return prop, world, state.cam_from_world[seen.camera].move(world), Lenses(self._cameras, state.lens_delta)
+
+    def _residual(self, state: PropState, cam: Array, lenses: Lenses) -> Array:
+        seen = self._seen
+        late = (state.delay_s - self._delay_s)[seen.camera]
+        late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.instant]
+        return self._white(lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None])
+
+    def linearise(self, state: PropState) -> Linearised:
+        seen = self._seen
+        prop, world, cam, lenses = self._placed(state)
+        residual, d_cam = self._residual(state, cam, lenses), self._white(lenses.px_jacobian(seen.camera, cam))
+        R_cam = state.cam_from_world.R[seen.camera]
+        R_prop = state.world_from_prop.R[seen.instant]
+        d_world = d_cam @ R_cam
+        d_prop = d_world @ R_prop
+        turned_cam = cam - state.cam_from_world.t[seen.camera]
+        turned_world = world - state.world_from_prop.t[seen.instant]
+        turned_prop = prop - state.prop_from_patch.t[seen.patch]
+        blocks = (
+            Block(_pose_jacobian(d_cam, turned_cam), seen.camera, len(state.cam_from_world)),
+            Block(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
+            Block(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
+            self._lens_block(state, lenses, cam),
+        )
+        return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.instant)
+
+    def _clock_jacobian(self) -> Array:
+        per_offset = self._white(-self._seen.velocity_px_s)
+        per_drift = per_offset * self._seen.t_s[self._seen.instant][:, None]
+        return np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S
+
+    def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> Block:
+        count = len(state.cam_from_world)
+        if self._freedom.lens_sigma is None:
+            jacobian = np.zeros((len(cam), 2, len(LENS_PARAMETERS)))
+        else:
+            jacobian = self._white(lenses.lens_jacobian(self._seen.camera, cam))
+        prior = np.tile(self._lens_prior, (count, 1))
+        return Block(jacobian, self._seen.camera, count, prior, state.lens_delta)
+
+
+def _pose_jacobian(d_point: Array, turned: Array) -> Array:
+    """(N, 2, 6) by a left rotation vector and a shift, given (N, 2, 3) by the point and the rotated point (N, 3)."""
+    return np.concatenate([-d_point @ hat(turned), d_point], axis=2)

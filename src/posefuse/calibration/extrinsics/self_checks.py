@@ -1,0 +1,262 @@
+"""Self-checks of a rig solved from a prop: each says what was found, the limit, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from posefuse.calibration.limits import LIMITS, Limits
+from posefuse.calibration.report import Check
+from posefuse.calibration.solving.rotations import Poses, angle_between, mean_rotation
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import linked_groups
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from .pipeline import LEAST_INSTANTS, Links, Solved
+
+IN_STEP = "cameras are in step"
+CORNERS_FIT = "corners fit"
+# two cameras that stand apart never see so many corners within this of each other
+_SAME_VIDEO_CORNERS, _SAME_VIDEO_PX = 40, 1.0
+
+
+def check_seen(observations: Observations) -> Check:
+    """Every camera saw the target."""
+    views = np.bincount(observations.camera[observations.view_starts()], minlength=len(observations.cameras))
+    blind = [f"{name} (0 of {n} frames)" for name, n, v in zip(observations.cameras, observations.frame_count, views, strict=True)
+             if v == 0]  # fmt: skip
+    detail = f"the target was not found by {', '.join(blind)}" if blind else "every camera saw the target"
+    return Check("target seen", not blind, detail, "show it there, check focus, light and marker size, or leave the camera out")
+
+
+def check_doubled(observations: Observations) -> Check:
+    """No marker comes twice in many images."""
+    frames = dict(zip(observations.cameras, observations.frame_count, strict=True))
+    often = [f"marker {m} in {n} frames of {c}" for c, m, n in observations.doubled if n > 0.05 * frames[c] and n > 5]
+    return Check(
+        "marker ids are unique", not often, f"met twice in one image: {'; '.join(often)}" if often else "no id comes twice",
+        "two props or two faces carry the same id: take one away",
+    )  # fmt: skip
+
+
+def check_same_video(observations: Observations) -> Check:
+    """No two cameras have the same image points at the same times."""
+    key = np.stack([observations.t_ns, observations.patch, observations.corner], axis=1)
+    place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+    xy = np.full((len(observations.cameras), int(place.max(initial=-1)) + 1, 2), np.nan)
+    xy[observations.camera, place] = observations.xy_img
+    alike = []
+    for a in range(len(xy)):
+        for b in range(a + 1, len(xy)):
+            off = np.linalg.norm(xy[a] - xy[b], axis=1)
+            off = off[np.isfinite(off)]
+            if len(off) >= _SAME_VIDEO_CORNERS and float(np.median(off)) < _SAME_VIDEO_PX:
+                alike.append(f"{observations.cameras[a]} and {observations.cameras[b]}")
+    return Check(
+        "videos differ", not alike,
+        f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same",
+        "give each camera its own video",
+    )  # fmt: skip
+
+
+def check_links(names: Sequence[str], links: Links, views_together: Array) -> Check:
+    """All cameras hang together through instants at which two of them see the prop and agree."""
+    linked = np.zeros((len(names), len(names)), bool)
+    for i in links.placed:
+        for j in links.placed:
+            linked[i, j] = True
+    groups = linked_groups(linked | np.eye(len(names), dtype=bool))
+    if len(groups) == 1:
+        weakest = min(int(np.sort(row)[-2]) for row in views_together) if len(names) > 1 else 0
+        return Check("cameras are linked", True, f"every camera shares at least {weakest} key instants with another")
+    lost = [names[i] for group in groups[1:] for i in group]
+    detail = f"{', '.join(lost)} cannot be linked to {', '.join(names[i] for i in groups[0])}: {_link_story(names, links, lost)}"
+    return Check(
+        "cameras are linked", False, detail,
+        f"hold the prop where {lost[0]} and another camera both see it for a few seconds; if they do, the cameras are out of"
+        " step (try clocks = offset) or an intrinsic calibration is wrong",
+    )  # fmt: skip
+
+
+def _link_story(names: Sequence[str], links: Links, lost: Sequence[str]) -> str:
+    pairs = [
+        (edge.agreeing, f"{names[a]}-{names[b]} agree in {edge.agreeing} instants ({edge.share:.0%})")
+        for (a, b), edge in links.edges.items()
+        if (names[a] in lost) != (names[b] in lost)
+    ]
+    if not pairs:
+        return "they never see the prop at the same time"
+    return "; ".join(text for _, text in sorted(pairs, reverse=True)[:3])
+
+
+def check_amount(solved: Solved) -> Check:
+    """Enough instants went into the solve."""
+    used = len(np.unique(solved.seen.instant))
+    detail = f"{used} key instants with 2 cameras or more (needed {LEAST_INSTANTS})"
+    return Check("enough instants", used >= LEAST_INSTANTS, detail, "wave the prop longer, where several cameras see it")
+
+
+def check_fit(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
+    """The corners fit as well as detection can be trusted."""
+    limit = limits.corner_spread_px_per_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
+    sigma = solved.solution.sigma_px
+    return Check(CORNERS_FIT, sigma <= limit, f"spread of a corner coordinate {sigma:.2f} px (limit {limit:.2f})",
+                 "blur, cameras out of step (try clocks = offset), wrong intrinsics, or a prop that bends")  # fmt: skip
+
+
+def check_cameras_agree(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
+    """Every camera's views agree with the common solution."""
+    first = solved.seen.group_starts()
+    camera, inlier = solved.seen.camera[first], solved.inlier
+    count = np.bincount(camera, minlength=len(cameras))
+    share = np.bincount(camera, inlier, len(cameras)) / np.maximum(count, 1)
+    worst = int(np.argmin(share))
+    return Check(
+        "cameras agree", bool(share[worst] >= limits.inlier_share),
+        f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its {count[worst]} marker views"
+        f" (needed {limits.inlier_share:.0%})",
+        "it moved, is out of step, has wrong intrinsics (a turned or cropped image?), or sees a second prop",
+    )  # fmt: skip
+
+
+def check_still(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
+    """No camera agrees for a part of the recording only."""
+    first = solved.seen.group_starts()
+    camera, inlier = solved.seen.camera[first], solved.inlier
+    t_s = solved.seen.t_s[solved.seen.instant[first]]
+    edges = np.linspace(t_s.min(), t_s.max() + 1e-9, limits.segments + 1)
+    segment = np.clip(np.searchsorted(edges, t_s, side="right") - 1, 0, limits.segments - 1)
+    for c, named in enumerate(cameras):
+        count = np.bincount(segment[camera == c], minlength=limits.segments)
+        share = np.bincount(segment[camera == c], inlier[camera == c], limits.segments) / np.maximum(count, 1)
+        bad = (count >= limits.segment_views) & (share < limits.segment_share)
+        if bad.any():
+            start, end = edges[np.flatnonzero(bad)[0]] - edges[0], edges[np.flatnonzero(bad)[-1] + 1] - edges[0]
+            return Check(
+                "cameras stand still", False,
+                f"{named.name} disagrees with the others from {start:.0f} s to {end:.0f} s, and agrees at other times",
+                "it was moved, or its clock jumped: calibrate with the part before or after",
+            )  # fmt: skip
+    return Check("cameras stand still", True, "every camera agrees over the whole recording")
+
+
+def check_determined(cameras: Sequence[Camera], solved: Solved, distance_m: float, limits: Limits = LIMITS) -> Check:
+    """Standard errors of the camera positions are small."""
+    sigma = position_sigma_m(solved)
+    worst, limit = int(np.argmax(sigma)), limits.position_sigma_share * distance_m
+    return Check(
+        "cameras are determined", bool(sigma[worst] <= limit),
+        f"standard error of {cameras[worst].name}'s position {sigma[worst] * 1e3:.1f} mm (limit {limit * 1e3:.1f})",
+        "let this camera see the prop more often, nearer and together with others",
+    )  # fmt: skip
+
+
+def position_sigma_m(solved: Solved) -> Array:
+    """(C,) standard error of each camera's centre against the reference camera."""
+    covariance = solved.solution.camera_covariance
+    R, t = solved.solution.state.cam_from_world.R, solved.solution.state.cam_from_world.t
+    # centre = -R^T t; a left turn w moves R, not t: d centre = -R^T (dt + [t]x w)
+    out = np.zeros(len(R))
+    for c in range(len(R)):
+        cross = np.array([[0, -t[c, 2], t[c, 1]], [t[c, 2], 0, -t[c, 0]], [-t[c, 1], t[c, 0], 0]])
+        slope = -R[c].T @ np.hstack([cross, np.eye(3)])
+        out[c] = np.sqrt(np.trace(slope @ covariance[c] @ slope.T))
+    return out
+
+
+def check_halves(
+    cameras: Sequence[Camera], halves: tuple[Poses, Poses], sigma_m: Array, distance_m: float, limits: Limits = LIMITS
+) -> Check:
+    """Two solves that share no data put the cameras at the same places."""
+    apart_m, turned_rad = camera_differences(*halves)
+    limit_m = float(
+        np.clip(limits.halves_sigma * sigma_m.max(), limits.halves_share * distance_m, limits.halves_most_share * distance_m)
+    )
+    worst = int(np.argmax(np.maximum(apart_m / limit_m, turned_rad / limits.halves_rad)))
+    passed = bool((apart_m <= limit_m).all() and (turned_rad <= limits.halves_rad).all())
+    return Check(
+        "halves agree", passed,
+        f"from separate data {cameras[worst].name} comes out {apart_m[worst] * 1e3:.1f} mm and"
+        f" {np.rad2deg(turned_rad[worst]):.2f} deg apart (limits {limit_m * 1e3:.1f} mm,"
+        f" {np.rad2deg(limits.halves_rad):.1f} deg)",
+        "it was moved between the halves, or the data are too few: wave longer, over the whole volume",
+    )  # fmt: skip
+
+
+def camera_differences(first: Poses, second: Poses) -> tuple[Array, Array]:
+    """Distance (C,) m and angle (C,) rad between two sets of cam_from_world, after the best common rigid motion."""
+    a, b = first.inverse(), second.inverse()
+    turn = _common_turn(a, b)
+    moved = (b.t - b.t.mean(axis=0)) @ turn.T
+    return np.linalg.norm(a.t - a.t.mean(axis=0) - moved, axis=1), angle_between(a.R, turn @ b.R)
+
+
+def scale_of(first: Poses, second: Poses) -> float:
+    """How many times as large as the second set of cam_from_world the first is, by the cameras' centres in least squares."""
+    a, b = first.inverse(), second.inverse()
+    moved = (b.t - b.t.mean(axis=0)) @ _common_turn(a, b).T
+    return float(((a.t - a.t.mean(axis=0)) * moved).sum() / (moved**2).sum())
+
+
+def _common_turn(a: Poses, b: Poses) -> Array:
+    """(3, 3) mean rotation that takes the cameras' axes world_from_cam of b to those of a."""
+    return mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
+
+
+def check_facing(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
+    """The printed faces look at the cameras that see them: a mirrored board looks away."""
+    seen, state = solved.seen, solved.solution.state
+    first = seen.group_starts()
+    world_from_patch = state.world_from_prop[seen.instant[first]] @ state.prop_from_patch[seen.patch[first]]
+    cam_from_patch = state.cam_from_world[seen.camera[first]] @ world_from_patch
+    middle = np.stack([cam_from_patch.move(np.tile(corner, (len(first), 1))) for corner in solved.corners[0]]).mean(axis=0)
+    facing = ((cam_from_patch.R[:, :, 2] * middle).sum(axis=1) < 0) & (middle[:, 2] > 0)
+    share = {
+        camera.name: float(facing[seen.camera[first] == c].mean())
+        for c, camera in enumerate(cameras)
+        if (seen.camera[first] == c).any()
+    }
+    worst = min(share, key=lambda name: share[name])
+    return Check(
+        "nothing is mirrored", share[worst] >= limits.facing_share,
+        f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {limits.facing_share:.0%})",
+        "the board is described mirrored, the image is flipped, or the markers are too small to tell their slant",
+    )  # fmt: skip
+
+
+def check_clocks(cameras: Sequence[Camera], late_s: Array, sigma_s: Array, limits: Limits = LIMITS) -> Check:
+    """Synchronised cameras show no offset when they are allowed one."""
+    ratio = np.abs(late_s) / np.maximum(limits.late_s, limits.late_sigma * sigma_s)
+    worst = int(np.argmax(ratio))
+    return Check(
+        IN_STEP, bool(ratio[worst] <= 1),
+        f"{cameras[worst].name} runs {late_s[worst] * 1e3:+.1f} ms late (standard error {sigma_s[worst] * 1e3:.1f} ms,"
+        f" limit {limits.late_s * 1e3:.0f} ms)",
+        "the cameras are not synchronised: calibrate with clocks = offset",
+    )  # fmt: skip
+
+
+def check_apart(cameras: Sequence[Camera], cam_from_world: Poses, limits: Limits = LIMITS) -> Check:
+    """No two cameras share a body."""
+    centre = cam_from_world.inverse().t
+    distance = np.linalg.norm(centre[:, None] - centre[None], axis=-1) + np.eye(len(centre)) * 1e9
+    a, b = np.unravel_index(np.argmin(distance), distance.shape)
+    return Check(
+        "cameras are apart", bool(distance[a, b] >= limits.apart_m),
+        f"{cameras[a].name} and {cameras[b].name} are nearest, {distance[a, b] * 1e3:.0f} mm (needed {limits.apart_m * 1e3:.0f})",
+        "is one stream given twice?",
+    )  # fmt: skip
+
+
+def check_upright(cameras: Sequence[Camera], up_cam: Array, limits: Limits = LIMITS) -> Check:
+    """No camera is upside down against the world's up (C, 3) in camera axes."""
+    cosine = -up_cam[:, 1] / np.maximum(np.linalg.norm(up_cam[:, :2], axis=1), 1e-9)
+    # a camera that looks straight up or down has no top
+    cosine = np.where(np.linalg.norm(up_cam[:, :2], axis=1) < 0.2, 1.0, cosine)
+    wrong = [camera.name for camera, value in zip(cameras, cosine, strict=True) if value < limits.upside_down_cosine]
+    return Check(
+        "images are upright", not wrong, f"upside down: {', '.join(wrong)}" if wrong else "the top of every image is up",
+        "turn the image, or when the camera really hangs upside down, say so (upside_down)",
+    )  # fmt: skip

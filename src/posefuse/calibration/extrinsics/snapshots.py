@@ -1,0 +1,195 @@
+"""Observations of free-running cameras brought to common instants.
+
+Between two frames of a camera a corner's image is interpolated by the cubic through its neighbours (Catmull and Rom 1974),
+which also gives the image velocity that ties a camera's clock to the geometry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.calibration.targets.corners import Observations
+from posefuse.core.arrays import Array
+
+_SAME_S = 1e-4
+# corners are interpolated over one lost frame, and never over more than this
+_LONGEST_GAP_PERIODS, _LONGEST_GAP_S = 2.2, 0.4
+_SLOW_PX_S = 150.0
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshots:
+    """Corners at common instants; rows sorted by instant, camera, patch, corner.
+
+    Attributes:
+        t_s: (T,) session time of the instants, seconds since the middle of the recording.
+        camera, instant, patch, corner: (N,) where a row belongs; `patch` counts in `patches`.
+        xy_img: (N, 2) px. velocity_px_s: (N, 2); 0 where unknown.
+        patches: (M,) marker ids.
+        group: (N,) rows of one patch in one image share a number. group_count: how many.
+    """
+
+    t_s: Array
+    camera: Array
+    instant: Array
+    patch: Array
+    corner: Array
+    xy_img: Array
+    velocity_px_s: Array
+    patches: Array
+    group: Array
+    group_count: int
+
+    def group_starts(self) -> Array:
+        """(group_count,) first row of each group."""
+        return np.flatnonzero(np.concatenate([[True], np.diff(self.group) != 0])) if len(self.group) else np.zeros(0, np.int64)
+
+    def rows(self, keep: Array) -> Snapshots:
+        """Only the rows of a mask; instants and patches stay as they are."""
+        return _grouped(
+            self.t_s, self.camera[keep], self.instant[keep], self.patch[keep], self.corner[keep], self.xy_img[keep],
+            self.velocity_px_s[keep], self.patches,
+        )  # fmt: skip
+
+
+def _grouped(
+    t_s: Array, camera: Array, instant: Array, patch: Array, corner: Array, xy: Array, velocity: Array, patches: Array
+) -> Snapshots:
+    order = np.lexsort((corner, patch, camera, instant))
+    keys = np.stack([instant, camera, patch])[:, order]
+    new = np.concatenate([[0], (np.diff(keys, axis=1) != 0).any(axis=0)]) if len(order) else np.zeros(0)
+    group = np.cumsum(new).astype(np.int64)
+    return Snapshots(
+        t_s, camera[order], instant[order], patch[order], corner[order], xy[order], velocity[order], patches, group,
+        int(group[-1]) + 1 if len(group) else 0,
+    )  # fmt: skip
+
+
+def middle_ns(observations: Observations) -> int:
+    """Middle of the recording: the zero of `Snapshots.t_s` and of clock drift."""
+    return int((int(observations.t_ns.min()) + int(observations.t_ns.max())) // 2)
+
+
+def snapshots(observations: Observations, instants_ns: Array, delay_s: Array) -> Snapshots:
+    """What each camera would have seen at `instants_ns` (T,).
+
+    `delay_s` (C, 2): offset and drift of each camera's clock against the session's: a frame stamped s was taken at
+    s - offset - drift * (s - middle). Corners without a frame close on both sides are left out.
+    """
+    zero = middle_ns(observations)
+    t_s = (instants_ns - zero) / 1e9
+    row_s = (observations.t_ns - zero) / 1e9
+    patches, patch = np.unique(observations.patch, return_inverse=True)
+    parts: list[tuple[Array, ...]] = []
+    track = np.stack([observations.camera, patch, observations.corner])
+    order = np.lexsort((row_s, track[2], track[1], track[0]))
+    cuts = np.flatnonzero((np.diff(track[:, order], axis=1) != 0).any(axis=0)) + 1
+    gaps_s = [_longest_gap_s(row_s[observations.camera == c]) for c in range(len(observations.cameras))]
+    for rows in np.split(order, cuts) if len(order) else []:
+        c = observations.camera[rows[0]]
+        wanted_s = t_s + delay_s[c, 0] + delay_s[c, 1] * t_s
+        found, xy, velocity = _at(row_s[rows], observations.xy_img[rows], wanted_s, gaps_s[c])
+        n = len(found)
+        parts.append((np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]), xy, velocity))
+    if not parts:
+        empty = np.zeros(0, np.int64)
+        return _grouped(t_s, empty, empty, empty, empty, np.zeros((0, 2)), np.zeros((0, 2)), patches)
+    camera, instant, patch_of, corner, xy, velocity = (np.concatenate([part[i] for part in parts]) for i in range(6))
+    return _grouped(t_s, camera, instant, patch_of, corner, xy, velocity, patches)
+
+
+def _longest_gap_s(stamps_s: Array) -> float:
+    steps = np.diff(np.unique(stamps_s))
+    return min(_LONGEST_GAP_PERIODS * float(np.median(steps)), _LONGEST_GAP_S) if len(steps) else 0.0
+
+
+def _at(track_s: Array, xy: Array, wanted_s: Array, longest_gap_s: float) -> tuple[Array, Array, Array]:
+    """Which of the wanted times a track covers (n,), and place and velocity (n, 2) there."""
+    last = len(track_s) - 1
+    before = np.clip(np.searchsorted(track_s, wanted_s + _SAME_S, side="right") - 1, 0, last)
+    after = np.minimum(before + 1, last)
+    exact = np.abs(track_s[before] - wanted_s) <= _SAME_S
+    gap = track_s[after] - track_s[before]
+    between = (track_s[before] < wanted_s) & (wanted_s < track_s[after]) & (gap <= longest_gap_s)
+    found = np.flatnonzero(exact | between)
+    slopes = _slopes(track_s, xy, longest_gap_s)
+    i, k = before[found], after[found]
+    h = np.where(gap[found] > 0, gap[found], 1.0)[:, None]
+    u = np.where(exact[found], 0.0, (wanted_s[found] - track_s[i]) / h[:, 0])[:, None]
+    place = (
+        (1 + 2 * u) * (1 - u) ** 2 * xy[i] + u * (1 - u) ** 2 * h * slopes[i]
+        + u**2 * (3 - 2 * u) * xy[k] + u**2 * (u - 1) * h * slopes[k]
+    )  # fmt: skip
+    velocity = (
+        6 * u * (u - 1) / h * (xy[i] - xy[k]) + (1 - u) * (1 - 3 * u) * slopes[i] + u * (3 * u - 2) * slopes[k]
+    )  # fmt: skip
+    return found, place, np.where(exact[found][:, None], slopes[i], velocity)
+
+
+def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
+    """Velocity (n, 2) at the frames of a track from their neighbours on both sides; one side where that is all there is."""
+    if len(track_s) < 2:
+        return np.zeros_like(xy)
+    step = np.diff(track_s)
+    near = ((step > 0) & (step <= longest_gap_s))[:, None]
+    chord = np.where(near, np.diff(xy, axis=0) / np.where(near, step[:, None], 1.0), 0.0)
+    left, right = np.vstack([[[0, 0]], chord]), np.vstack([chord, [[0, 0]]])
+    has_left, has_right = np.vstack([[[False]], near]), np.vstack([near, [[False]]])
+    gap_left, gap_right = np.append([0.0], step)[:, None], np.append(step, [0.0])[:, None]
+    both = (left * gap_right + right * gap_left) / np.maximum(gap_left + gap_right, 1e-12)
+    return np.asarray(np.where(has_left & has_right, both, left + right))
+
+
+def pick_instants(observations: Observations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
+    """At most `most` times (T,) ns, spread over the images, the camera pairs and the recording; at least 2 cameras each."""
+    counts = np.bincount(observations.camera, minlength=len(observations.cameras))
+    reference = int(np.argmax(counts))
+    candidates = np.unique(observations.t_ns[observations.camera == reference])
+    others = np.unique(observations.t_ns[observations.camera != reference])
+    if len(candidates) > 1:
+        # times at which the busiest camera saw nothing
+        after = np.clip(np.searchsorted(candidates, others), 1, len(candidates) - 1)
+        distance = np.minimum(np.abs(others - candidates[after - 1]), np.abs(others - candidates[after]))
+        candidates = np.unique(np.concatenate([candidates, others[distance > np.median(np.diff(candidates))]]))
+    thin = max(1, len(candidates) // (6 * most))
+    return _greedy(observations, candidates[::thin], most, delay_s, prefer_slow)
+
+
+def _greedy(observations: Observations, candidates: Array, most: int, delay_s: Array, prefer_slow: bool) -> Array:
+    seen = snapshots(observations, candidates, delay_s)
+    cameras, instants = len(observations.cameras), len(candidates)
+    pair = seen.instant * cameras + seen.camera
+    corners = np.bincount(pair, minlength=instants * cameras).reshape(instants, cameras)
+    present = corners > 0
+    centre = np.stack([np.bincount(pair, seen.xy_img[:, k], instants * cameras) for k in (0, 1)], axis=-1)
+    centre = centre.reshape(instants, cameras, 2) / np.maximum(corners, 1)[..., None]
+    share = centre / np.array(observations.sizes_wh, np.float64)
+    cell = np.clip((share * 4).astype(np.int64), 0, 3) @ np.array([4, 1])
+    speed = np.bincount(seen.instant, np.linalg.norm(seen.velocity_px_s, axis=1), instants) / np.maximum(corners.sum(axis=1), 1)
+    worth = (corners.sum(axis=1) / np.maximum(present.sum(axis=1), 1)) ** 0.5
+    if prefer_slow:
+        worth = worth / (1 + speed / _SLOW_PX_S)
+    return candidates[_take(present, cell, worth, most)]
+
+
+def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
+    """Indices of instants, each the one that adds most where little has been seen so far."""
+    instants, cameras = present.shape
+    both = present[:, :, None] & present[:, None, :]
+    cell_count, pair_count = np.zeros((cameras, 16)), np.zeros((cameras, cameras))
+    time_count = np.zeros(16)
+    section = np.arange(instants) * 16 // max(instants, 1)
+    possible = present.sum(axis=1) >= 2
+    taken: list[int] = []
+    columns = np.arange(cameras)
+    while len(taken) < most and possible.any():
+        gain = (present / (1 + cell_count[columns, cell])).sum(axis=1) + (both / (1 + pair_count)).sum(axis=(1, 2)) / 2
+        best = int(np.argmax(np.where(possible, gain * worth / (1 + time_count[section]) ** 0.5, -1.0)))
+        taken.append(best)
+        possible[best] = False
+        np.add.at(cell_count, (columns[present[best]], cell[best, present[best]]), 1)
+        pair_count += both[best]
+        time_count[section[best]] += 1
+    return np.array(sorted(taken), dtype=np.int64)

@@ -1,0 +1,294 @@
+"""Where the cameras are, from a moving prop or board: solve, check, set the world, or refuse by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.calibration.cause_hypotheses import HYPOTHESES
+from posefuse.calibration.causes import Trouble, base_spread_px, cause_check, likely_causes, thinned
+from posefuse.calibration.limits import LIMITS, Limits
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
+from posefuse.calibration.size_check import check_target_size
+from posefuse.calibration.solution_checks import solution_checks, usual_distance_m
+from posefuse.calibration.solving.projection import Lenses
+from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import Coverage, coverage
+from posefuse.calibration.targets.kinds import Chessboard, Target
+from posefuse.core import SE3, CalibrationError, Camera, Rig
+from posefuse.core.arrays import Array
+
+from . import self_checks as checks
+from .clocks import rough_offsets
+from .locate import aligned
+from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
+from .self_checks import IN_STEP, check_same_video
+from .snapshots import middle_ns
+from .world import UpFromCameras, WorldRule
+
+_UNSYNCHRONISED_S = 0.02
+# checks whose failure names its cause
+SAID_BY_ITSELF = (
+    "target seen",
+    "marker ids are unique",
+    "videos differ",
+    "target has a plausible size",
+    "rig has a plausible size",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A rig that passed its checks, and what it came from.
+
+    Attributes:
+        rig: in the world asked for. report: the checks. coverage: of the recording.
+        position_sigma_m: (C,) standard error of each camera's place against the reference camera.
+        delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) and their standard errors: a frame that camera c
+            stamped s was taken at s - offset - drift * (s - middle).
+        middle_ns: middle of the recording, from which drift counts.
+        t_ns: (T,) key instants. world_from_prop: (T,) the prop there. prop_from_patch: per marker id.
+        camera, xy_img, residual_px: (N,), (N, 2), (N, 2) corners used and predicted minus observed.
+    """
+
+    rig: Rig
+    report: CalibrationReport
+    coverage: Coverage
+    position_sigma_m: Array
+    delay_s: Array
+    delay_sigma_s: Array
+    middle_ns: int
+    t_ns: Array
+    world_from_prop: SE3
+    prop_from_patch: dict[int, SE3]
+    camera: Array
+    xy_img: Array
+    residual_px: Array
+
+
+def calibrate_extrinsics(
+    observations: Observations,
+    cameras: tuple[Camera, ...],
+    target: Target,
+    options: Options | None = None,
+    world: WorldRule | None = None,
+    upside_down: tuple[str, ...] = (),
+) -> Calibration:
+    """Camera poses from a moving target.
+
+    Args:
+        observations: of all cameras; those without a view of the target make it fail by name.
+        cameras: intrinsics (their poses are not used), any order.
+        target: loose markers on a rigid prop, a ChArUco board or an ArUco board.
+        options: how to solve. world: how the world frame is set; without one, up is guessed from the cameras.
+        upside_down: cameras that really hang upside down.
+
+    Raises:
+        CalibrationError: input that cannot be used. RefusedCalibration (one of them, with the report): a check fails.
+    """
+    options = options or Options()
+    intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
+    _check_input(observations, intrinsics, target)
+    task = _Task(aligned(observations, intrinsics), intrinsics.cameras, target, world or UpFromCameras(), upside_down)
+    if options.clocks != "auto":
+        return _explained(task, options, _attempt(task, options))
+    first = _attempt(task, replace(options, clocks="together"))
+    if not first.failed or not _may_be_clocks(task, first, options):
+        return _explained(task, replace(options, clocks="together"), first)
+    second = _attempt(task, replace(options, clocks="offset"))
+    if second.solved is None:
+        return _explained(task, replace(options, clocks="together"), first)
+    note = "the cameras are not synchronised: their clock offsets were estimated and must be applied when they are used"
+    if second.failed:
+        note = f"taken as synchronised it is refused as well: {'; '.join(check.line for check in first.failed[:2])}"
+    return _explained(task, replace(options, clocks="offset"), replace(second, notes=(*second.notes, note)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What does not change from one attempt to the next; cameras in the order of the observations, without poses."""
+
+    observations: Observations
+    cameras: tuple[Camera, ...]
+    target: Target
+    world: WorldRule
+    upside_down: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """A solution with its checks, or how far it came.
+
+    Attributes:
+        done: checks. solved: None where the cameras could not be linked. notes: besides those of the solution.
+    """
+
+    done: tuple[Check, ...]
+    solved: Solved | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        return tuple(check for check in self.done if not check.passed)
+
+
+def _attempt(task: _Task, options: Options) -> _Attempt:
+    """Solve and check as far as that goes."""
+    done: list[Check] = [
+        checks.check_seen(task.observations), checks.check_doubled(task.observations),
+        check_same_video(task.observations), check_target_size(task.target, options.limits),
+    ]  # fmt: skip
+    solved: Solved | None = None
+    try:
+        _stop_if_failed(done)
+        solved = _solve(task.observations, task.cameras, task.target, options, done)
+        done += solution_checks(task.observations, task.cameras, task.target, options, solved, done)
+        done += world_checks(_in_world(task, solved)[0], task.world.has_floor, task.upside_down, options.limits)
+    except RefusedCalibration as refused:
+        return _Attempt(refused.report.checks, solved)
+    return _Attempt(tuple(done), solved)
+
+
+def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
+    """The calibration; where checks fail, the refusal with its likely cause in front."""
+    if not attempt.failed:
+        assert attempt.solved is not None
+        return _calibration(task, attempt.solved, attempt.done, attempt.notes)
+    done = attempt.done
+    if not any(check.name in SAID_BY_ITSELF for check in attempt.failed):
+        trouble = Trouble(
+            task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
+        )
+        causes = likely_causes(trouble, HYPOTHESES)
+        done = (cause_check(causes, base_spread_px(trouble)), *done) if causes else done
+    if attempt.solved is None:
+        raise RefusedCalibration(CalibrationReport("extrinsics", done, attempt.notes))
+    kept = _calibration(task, attempt.solved, done, attempt.notes)
+    raise RefusedCalibration(kept.report, kept)
+
+
+def _in_world(task: _Task, solved: Solved) -> tuple[Rig, SE3]:
+    """The rig in the world asked for, and the motion that takes it there."""
+    rig = _rig(task.cameras, solved)
+    new_from_old = task.world.new_from_old(rig)
+    return replace(rig.moved(new_from_old), world_set_by=task.world.words), new_from_old
+
+
+def _may_be_clocks(task: _Task, attempt: _Attempt, options: Options) -> bool:
+    """Whether a refused attempt that took the cameras as synchronised may fail for their clocks."""
+    if any(check.name in SAID_BY_ITSELF for check in attempt.failed):
+        return False
+    if any(check.name == IN_STEP for check in attempt.failed):
+        return True
+    late = rough_offsets(task.observations, task.cameras, task.target, options.most_offset_s)
+    return bool(np.isfinite(late).any() and (np.abs(late - np.nanmedian(late)) > _UNSYNCHRONISED_S).any())
+
+
+def _check_input(observations: Observations, intrinsics: Rig, target: Target) -> None:
+    if isinstance(target, Chessboard):
+        raise CalibrationError("extrinsics: a plain chessboard looks the same from both ends; use a ChArUco board or markers")
+    if len(intrinsics) < 2:
+        raise CalibrationError(f"extrinsics: expected at least 2 cameras, got {len(intrinsics)}")
+    without = [name for name in intrinsics.names if name not in observations.cameras]
+    if without:
+        raise CalibrationError(
+            f"extrinsics: no observations of camera {', '.join(without)}; there are: {', '.join(observations.cameras)}"
+        )
+
+
+def _stop_if_failed(done: list[Check]) -> None:
+    CalibrationReport("extrinsics", tuple(done)).require()
+
+
+def _solve(
+    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, done: list[Check]
+) -> Solved:
+    delay_s = starting_clocks(observations, cameras, target, options)
+    seen = key_snapshots(observations, options, delay_s)
+    if len(seen.camera) == 0:
+        alone = Check("cameras are linked", False, "no two cameras ever see the target at the same time",
+                      "hold it where two cameras see it; are the recordings on one clock?")  # fmt: skip
+        raise RefusedCalibration(CalibrationReport("extrinsics", (*done, alone)))
+    links, in_images = link(observations, cameras, target, seen)
+    present = np.zeros((len(seen.t_s), len(cameras)), np.int64)
+    present[seen.instant, seen.camera] = 1
+    linked = checks.check_links(observations.cameras, links, present.T @ present)
+    done.append(linked)
+    _stop_if_failed(done)
+    solved = solve_linked(observations, cameras, target, options, seen, links, in_images, delay_s)
+    enough = checks.check_amount(solved)
+    done.append(enough)
+    _stop_if_failed(done)
+    return solved
+
+
+def _rig(cameras: tuple[Camera, ...], solved: Solved) -> Rig:
+    state = solved.solution.state
+    lenses = Lenses(cameras, state.lens_delta)
+    pose = state.cam_from_world.se3()
+    placed = tuple(
+        replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i), cam_from_world=pose[i])
+        for i, camera in enumerate(cameras)
+    )
+    good = solved.inlier[solved.seen.group]
+    rms = float(np.sqrt((solved.solution.residual_px[good] ** 2).sum(axis=1).mean()))
+    return Rig(placed, residual_px=rms)
+
+
+def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), limits: Limits = LIMITS) -> list[Check]:
+    """Checks that need the world: cameras above the floor, images upright."""
+    up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
+    up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)
+    done = [checks.check_upright(rig.cameras, up_cam, limits)]
+    if has_floor:
+        height = rig.centres_world()[:, 2]
+        worst = int(np.argmin(height))
+        done.append(
+            Check("cameras are above the floor", bool(height[worst] > 0),
+                  f"the lowest is {rig.names[worst]} at {height[worst]:.2f} m",
+                  "the tile lies face down, is described mirrored, or is not on the floor"),
+        )  # fmt: skip
+    return done
+
+
+def _notes(solved: Solved) -> tuple[str, ...]:
+    notes = [f"marker {patch} left out: {reason}" for patch, reason in sorted(solved.dropped.items())]
+    share = float(solved.inlier.mean())
+    if share < 1:
+        notes.append(f"{1 - share:.1%} of the marker views disagree and count little")
+    return tuple(notes)
+
+
+def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
+    sigma = checks.position_sigma_m(solved)
+    numbers = {
+        "residual_px": rig.residual_px,
+        "sigma_px": solved.solution.sigma_px,
+        "instants": float(len(np.unique(solved.seen.instant))),
+        "usual_distance_m": distance_m,
+    }
+    for i, name in enumerate(rig.names):
+        numbers[f"{name}_position_sigma_mm"] = float(sigma[i] * 1e3)
+        numbers[f"{name}_offset_ms"] = float(solved.solution.state.delay_s[i, 0] * 1e3)
+    return numbers
+
+
+def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tuple[str, ...]) -> Calibration:
+    rig, new_from_old = _in_world(task, solved)
+    failed = [check.name for check in done if not check.passed]
+    if failed:
+        rig = replace(rig, refused=", ".join(failed))
+    report = CalibrationReport("extrinsics", done, (*_notes(solved), *notes), _numbers(solved, rig, usual_distance_m(solved)))
+    state, seen, middle = solved.solution.state, solved.seen, middle_ns(task.observations)
+    used = np.unique(seen.instant)
+    moved = Poses.from_se3(new_from_old)
+    prop = Poses(moved.R[None], moved.t[None]) @ state.world_from_prop[used]
+    patches = np.unique(seen.patch)
+    return Calibration(
+        rig, report, coverage(task.observations), checks.position_sigma_m(solved), state.delay_s, solved.solution.delay_sigma_s,
+        middle, np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle, prop.se3(),
+        {int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches},
+        seen.camera, seen.xy_img, solved.solution.residual_px,
+    )  # fmt: skip

@@ -1,0 +1,236 @@
+"""One camera's intrinsics and lens from views of a flat board (Zhang 2000, by OpenCV's solver).
+
+The views are picked here: sharp ones, spread over place, size and slant. The lens gets no more coefficients than the
+views can carry, and a result whose standard errors or coverage are poor is refused with the reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import coverage
+from posefuse.calibration.targets.kinds import BOARD_PATCH, Markers, Target
+from posefuse.core import SE3, CalibrationError, Camera
+from posefuse.core.arrays import Array, frozen
+
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+_MOST_VIEWS = 40
+_LEAST_VIEWS = 4
+_LEAST_CORNERS = 8
+_LEAST_SHARPNESS = 0.4
+_OUTLIER_RATIO = 2.5
+_SIGNIFICANT = 3.0
+_MOST_SIGMA_FOCAL = 0.01
+_MOST_RMS_PX_PER_1000 = 0.5
+_LEAST_COVERAGE = 0.25
+_MOST_CENTRE_SHARE = 0.2
+_MOST_ASPECT = 1.25
+_LEAST_SLANT_RAD = np.deg2rad(12)
+
+# lens models from rich to poor; each is tried until its last coefficient is worth having
+_MODELS = (
+    (0, ("k1", "k2", "p1", "p2", "k3")),
+    (cv2.CALIB_FIX_K3, ("k1", "k2", "p1", "p2")),
+    (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST, ("k1", "k2")),
+    (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2, ("k1",)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Intrinsics:
+    """What came out for one camera.
+
+    Attributes:
+        camera: with its pose at the origin.
+        sigma: (9,) standard errors of `PARAMETERS`; 0 for a coefficient held at 0.
+        rms_px: over all corners used. view_t_ns: (V,) the views used. view_rms_px: (V,).
+        cells: (rows, columns) frames that covered each part of the image, from the views used.
+        report: checks made.
+    """
+
+    camera: Camera
+    sigma: Array
+    rms_px: float
+    view_t_ns: Array
+    view_rms_px: Array
+    cells: Array
+    report: CalibrationReport
+
+    def __post_init__(self) -> None:
+        for name in ("sigma", "view_t_ns", "view_rms_px", "cells"):
+            dtype = np.int64 if name in ("view_t_ns", "cells") else np.float64
+            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"Intrinsics.{name}"))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    t_ns: int
+    xyz: Array
+    xy: Array
+    sharpness: float
+    feature: Array
+
+
+def calibrate_intrinsics(observations: Observations, target: Target, most_views: int = _MOST_VIEWS) -> Intrinsics:
+    """Intrinsics of the one camera in `observations`.
+
+    Raises:
+        CalibrationError: too few views, or (as RefusedCalibration, with the report) a check that does not hold.
+    """
+    (name,), (size_wh,) = observations.cameras, observations.sizes_wh
+    if isinstance(target, Markers):
+        raise CalibrationError(f"camera {name}: intrinsics need a board; loose markers serve extrinsics")
+    views = _views(observations, target)
+    if len(views) < _LEAST_VIEWS:
+        raise CalibrationError(
+            f"camera {name}: expected at least {_LEAST_VIEWS} views with {_LEAST_CORNERS} corners or more, got {len(views)}"
+            f" in {observations.frame_count[0]} frames; show the board from more places and slants"
+        )
+    views = _spread(_sharp(views), most_views)
+    solved = _solve(views, size_wh)
+    # a view that fits far worse than the others was blurred or wrongly detected
+    good = solved.view_rms_px <= _OUTLIER_RATIO * np.median(solved.view_rms_px)
+    dropped = int((~good).sum())
+    if dropped and good.sum() >= _LEAST_VIEWS:
+        views = [view for view, keep in zip(views, good, strict=True) if keep]
+        solved = _solve(views, size_wh)
+    return _result(name, size_wh, observations, views, solved, dropped)
+
+
+def _views(observations: Observations, target: Target) -> list[_View]:
+    board = target.corners(BOARD_PATCH)
+    starts = observations.view_starts()
+    views = []
+    for first, end in zip(starts, np.append(starts[1:], len(observations)), strict=True):
+        if end - first < _LEAST_CORNERS:
+            continue
+        xyz, xy = board[observations.corner[first:end]], observations.xy_img[first:end]
+        if np.linalg.matrix_rank(xyz[:, :2] - xyz[:, :2].mean(axis=0), tol=1e-9) < 2:
+            continue
+        feature = _feature(xyz, xy, observations.sizes_wh[0])
+        views.append(_View(int(observations.t_ns[first]), xyz, xy, float(observations.sharpness[first]), feature))
+    return views
+
+
+def _feature(xyz: Array, xy: Array, size_wh: tuple[int, int]) -> Array:
+    """Place (2), size (1) and perspective (2) of a board in the image, each about 0..1 over what is usual."""
+    scale = np.ptp(xyz[:, :2], axis=0).max()
+    homography, _ = cv2.findHomography(xyz[:, :2] / scale, xy)
+    slant = homography[2, :2] * 2.0 if homography is not None else np.zeros(2)
+    size = np.sqrt(np.prod(np.ptp(xy, axis=0))) / np.sqrt(size_wh[0] * size_wh[1])
+    return np.concatenate([xy.mean(axis=0) / size_wh, [size], slant])
+
+
+def _sharp(views: list[_View]) -> list[_View]:
+    """Views whose edges are not much softer than usual; all when too few would be left."""
+    sharpness = np.array([view.sharpness for view in views])
+    if not np.isfinite(sharpness).any():
+        return views
+    keep = sharpness >= _LEAST_SHARPNESS * np.nanmedian(sharpness)
+    return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= _LEAST_VIEWS else views
+
+
+def _spread(views: list[_View], most: int) -> list[_View]:
+    """At most `most` views, each the farthest from those taken before; sharpness decides the first."""
+    if len(views) <= most:
+        return views
+    features = np.array([view.feature for view in views])
+    taken = [int(np.argmax([view.sharpness for view in views]))]
+    distance = np.full(len(views), np.inf)
+    while len(taken) < most:
+        distance = np.minimum(distance, np.linalg.norm(features - features[taken[-1]], axis=1))
+        taken.append(int(np.argmax(distance)))
+    return [views[i] for i in sorted(taken)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    K: Array
+    distortion: Array
+    sigma: Array
+    rms_px: float
+    view_rms_px: Array
+    rotvec: Array
+
+
+def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
+    """The richest lens model whose last coefficients all differ from 0 by three standard errors."""
+    solved = None
+    for flags, names in _MODELS:
+        solved = _solve_model(views, size_wh, flags)
+        values = dict(zip(PARAMETERS[4:], solved.distortion, strict=True))
+        sigma = dict(zip(PARAMETERS, solved.sigma, strict=True))
+        newest = {"k3": ("k3",), "p2": ("p1", "p2"), "k2": ("k2",), "k1": ("k1",)}[names[-1]]
+        if any(abs(values[n]) > _SIGNIFICANT * sigma[n] for n in newest):
+            break
+    assert solved is not None
+    return solved
+
+
+def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _Solved:
+    rms, K, distortion, rotvec, _, sigma, _, per_view = cv2.calibrateCameraExtended(
+        [view.xyz.astype(np.float32) for view in views],
+        [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
+        size_wh, None, None, flags=flags,
+        criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
+    )  # fmt: skip
+    errors = np.asarray(sigma).ravel()[:9]
+    return _Solved(
+        np.asarray(K), np.asarray(distortion).ravel()[:5], errors, float(rms), np.asarray(per_view).ravel(),
+        np.asarray(rotvec).reshape(-1, 3),
+    )  # fmt: skip
+
+
+def _result(
+    name: str, size_wh: tuple[int, int], observations: Observations, views: list[_View], solved: _Solved, dropped: int
+) -> Intrinsics:
+    times = np.array([view.t_ns for view in views])
+    cells = coverage(observations.rows(np.isin(observations.t_ns, times))).cells[0]
+    report = CalibrationReport(
+        f"camera {name}: intrinsics",
+        _checks(size_wh, solved, cells, len(views)),
+        notes=(f"{dropped} views left out that fitted far worse than the others",) if dropped else (),
+        numbers={"rms_px": solved.rms_px, "views": len(views)}
+        | dict(zip(PARAMETERS, [*solved.K[[0, 1, 0, 1], [0, 1, 2, 2]], *solved.distortion], strict=True))
+        | {f"sigma_{p}": s for p, s in zip(PARAMETERS, solved.sigma, strict=True)},
+    )
+    report.require()
+    camera = Camera(name, size_wh, solved.K, SE3.identity(), solved.distortion)
+    return Intrinsics(camera, solved.sigma, solved.rms_px, times, solved.view_rms_px, cells, report)
+
+
+def _checks(size_wh: tuple[int, int], solved: _Solved, cells: Array, count: int) -> tuple[Check, ...]:
+    focal = solved.K[[0, 1], [0, 1]]
+    sigma = float((solved.sigma[:2] / focal).max())
+    slant = _largest_slant(solved.rotvec)
+    limit_px = _MOST_RMS_PX_PER_1000 * max(size_wh) / 1000
+    centre_off = float(np.abs(solved.K[:2, 2] / size_wh - 0.5).max())
+    aspect = float(focal[0] / focal[1])
+    share = float((cells > 0).mean())
+    return (
+        Check("slants differ", slant >= _LEAST_SLANT_RAD,
+              f"the board was turned by up to {np.rad2deg(slant):.0f} deg between {count} views"
+              f" (needed {np.rad2deg(_LEAST_SLANT_RAD):.0f})", "tilt the board this way and that"),
+        Check("focal length is determined", sigma <= _MOST_SIGMA_FOCAL,
+              f"standard error {sigma:.2%} of {focal.mean():.1f} px (limit {_MOST_SIGMA_FOCAL:.0%})",
+              "the views are too few or too alike: add slanted ones, near and far"),
+        Check("corners fit", solved.rms_px <= limit_px, f"rms {solved.rms_px:.2f} px (limit {limit_px:.2f})",
+              "compare the board with its description; is it flat, and are the images sharp?"),
+        Check("image is covered", share >= _LEAST_COVERAGE, f"{share:.0%} of the image (needed {_LEAST_COVERAGE:.0%})",
+              "bring the board to the corners of the image"),
+        Check("lens is plausible", centre_off < _MOST_CENTRE_SHARE and 1 / _MOST_ASPECT < aspect < _MOST_ASPECT,
+              f"principal point {centre_off:.0%} off the middle (limit {_MOST_CENTRE_SHARE:.0%}), fx/fy {aspect:.3f}",
+              "is the image cropped or squeezed? otherwise the views are too alike"),
+    )  # fmt: skip
+
+
+def _largest_slant(rotvec: Array) -> float:
+    """Largest angle between the normals of two views."""
+    normals = SE3.from_rotvec(rotvec, np.zeros_like(rotvec)).matrix()[..., 2]
+    return float(np.arccos(np.clip((normals @ normals.T).min(), -1, 1)))

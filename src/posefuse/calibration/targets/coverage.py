@@ -1,0 +1,120 @@
+"""Which parts of the images a target has covered: to guide the hand, and to judge a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from posefuse.core.arrays import Array, frozen
+
+from .corners import Observations
+
+CELLS_WH = (8, 6)
+_FULL_COUNT = 12
+_COLOUR_LOW, _COLOUR_FULL = np.array([200, 60, 40]), np.array([40, 170, 80])
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Frames in which each cell of each camera's image held a corner of the target.
+
+    Attributes:
+        cameras: names. cells: (C, rows, columns) counts.
+        together: (C, C) instants at which two cameras saw the target at once; the diagonal counts those of one camera.
+    """
+
+    cameras: tuple[str, ...]
+    cells: Array
+    together: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cells", frozen(self.cells, np.int64, "Coverage.cells"))
+        object.__setattr__(self, "together", frozen(self.together, np.int64, "Coverage.together"))
+
+    @property
+    def share(self) -> Array:
+        """(C,) share of each image that the target has met."""
+        return np.asarray((self.cells > 0).mean(axis=(1, 2)))
+
+    def plus(self, other: Coverage) -> Coverage:
+        """Counts of both; for live guidance, one frame set after the other."""
+        return Coverage(self.cameras, self.cells + other.cells, self.together + other.together)
+
+    def advice(self) -> str:
+        """What to do next, in words."""
+        hidden = [name for name, n in zip(self.cameras, np.diag(self.together), strict=True) if n == 0]
+        if hidden:
+            return f"show the target to {', '.join(hidden)}"
+        groups = linked_groups(self.together >= _FULL_COUNT)
+        if len(groups) > 1:
+            first, second = (", ".join(self.cameras[i] for i in group) for group in groups[:2])
+            return f"show the target to one of {first} and one of {second} at the same time"
+        poorest = int(np.argmin(self.share))
+        row, column = np.unravel_index(np.argmin(self.cells[poorest]), self.cells[poorest].shape)
+        height = ("top", "middle", "bottom")[int(3 * row / self.cells.shape[1])]
+        side = ("left", "centre", "right")[int(3 * column / self.cells.shape[2])]
+        return f"{self.cameras[poorest]}: {self.share[poorest]:.0%} covered; go to the {height} {side} of its image"
+
+
+def coverage_sheet(found: Coverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
+    """RGB picture (H, W, 3) of all cameras, each with its name, in two columns; `width_px` is that of one camera."""
+    tiles = []
+    for name, cells, (width, height) in zip(found.cameras, found.cells, sizes_wh, strict=True):
+        tile = coverage_picture(cells, (width_px, round(width_px * height / width)))
+        cv2.putText(tile, name, (10, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 2, cv2.LINE_AA)
+        tiles.append(tile)
+    tall = max(len(tile) for tile in tiles)
+    padded = [np.pad(tile, ((0, tall - len(tile)), (0, 0), (0, 0))) for tile in tiles]
+    if len(padded) % 2:
+        padded.append(np.zeros_like(padded[0]))
+    return np.concatenate([np.concatenate(padded[i : i + 2], axis=1) for i in range(0, len(padded), 2)])
+
+
+def coverage(observations: Observations) -> Coverage:
+    """Coverage of all observations; cameras count as together when they saw the target within 2 ms."""
+    columns, rows = CELLS_WH
+    count = len(observations.cameras)
+    cells = np.zeros((count, rows, columns), np.int64)
+    sizes = np.array(observations.sizes_wh, np.float64)[observations.camera]
+    cell = np.clip(((observations.xy_img + 0.5) / sizes * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
+    frame = np.unique(observations.t_ns, return_inverse=True)[1]
+    seen = np.unique(((observations.camera * (frame.max(initial=0) + 1) + frame) * rows + cell[:, 1]) * columns + cell[:, 0])
+    place = np.unravel_index(seen, (count, int(frame.max(initial=0)) + 1, rows, columns))
+    np.add.at(cells, (place[0], place[2], place[3]), 1)
+    moment = np.unique(np.round(observations.t_ns / 2e6).astype(np.int64), return_inverse=True)[1]
+    present = np.zeros((count, int(moment.max(initial=-1)) + 1), np.int64)
+    present[observations.camera, moment] = 1
+    return Coverage(observations.cameras, cells, present @ present.T)
+
+
+def linked_groups(linked: Array) -> list[list[int]]:
+    """Connected groups of the symmetric relation (n, n), largest first, then by first member."""
+    left, groups = set(range(len(linked))), []
+    while left:
+        group, front = [], [min(left)]
+        while front:
+            i = front.pop()
+            if i in left:
+                left.remove(i)
+                group.append(i)
+                front.extend(np.flatnonzero(linked[i]).tolist())
+        groups.append(sorted(group))
+    return sorted(groups, key=lambda group: (-len(group), group[0]))
+
+
+def coverage_picture(cells: Array, size_wh: tuple[int, int], image: Array | None = None) -> Array:
+    """RGB picture (H, W, 3) of one camera's cells (rows, columns) over its image (or over grey): red poor, green rich."""
+    width, height = size_wh
+    base = np.full((height, width, 3), 96, np.uint8) if image is None else image
+    level = np.clip(cells / _FULL_COUNT, 0, 1)[..., None]
+    colours = (_COLOUR_LOW * (1 - level) + _COLOUR_FULL * level).astype(np.uint8)
+    over = cv2.resize(colours, (width, height), interpolation=cv2.INTER_NEAREST)
+    mixed = cv2.addWeighted(base, 0.6, over, 0.4, 0)
+    for i in range(1, cells.shape[1]):
+        cv2.line(mixed, (i * width // cells.shape[1], 0), (i * width // cells.shape[1], height), (255, 255, 255), 1)
+    for i in range(1, cells.shape[0]):
+        cv2.line(mixed, (0, i * height // cells.shape[0]), (width, i * height // cells.shape[0]), (255, 255, 255), 1)
+    return np.asarray(mixed)

@@ -1,0 +1,179 @@
+"""Targets to print: PDF pages of black squares at their true size, written as vectors.
+
+A ruler of 100 mm stands on every page: measure it after printing, for printers scale pages to fit unless told not to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from posefuse.core import ConfigError
+from posefuse.core.arrays import Array
+
+from .kinds import ArucoBoard, Charuco, Markers, dictionary_of
+
+PAGES_M = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "a2": (0.420, 0.594), "a1": (0.594, 0.841), "a0": (0.841, 1.189),
+           "letter": (0.2159, 0.2794)}  # fmt: skip
+_POINTS_PER_M = 72 / 0.0254
+_MARGIN_M = 0.010
+_RULER_M = 0.100
+_FOOT_M = 0.022
+CUBE_IDS = 6
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One page: black rectangles (x, y, width, height) in metres from the bottom left, thin lines, and a caption."""
+
+    size_m: tuple[float, float]
+    black_m: tuple[tuple[float, float, float, float], ...]
+    outline_m: tuple[tuple[float, float, float, float], ...]
+    caption: str
+
+
+def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list[Sheet]:
+    """One page per marker, with the outline of the smallest face it may be glued to (a quiet zone of one module)."""
+    sheets = []
+    for marker in ids:
+        bits = _bits(target.dictionary, marker)
+        module = target.side_m / len(bits)
+        face = target.side_m + 2 * module
+        size, (left, bottom) = _placed(page, face, face)
+        squares = _squares(bits, left + module, bottom + module, module)
+        caption = f"posefuse marker {marker}, {target.dictionary}, side {target.side_m * 1e3:g} mm (black edge)"
+        sheets.append(Sheet(size, squares, ((left, bottom, face, face),), caption))
+    return sheets
+
+
+def cube_sheets(target: Markers, first_id: int = 0, page: str = "a4") -> list[Sheet]:
+    """Six pages, one per face of a cube of edge side * (modules + 2) / modules; where each goes does not matter."""
+    return marker_sheets(target, range(first_id, first_id + CUBE_IDS), page)
+
+
+def board_sheet(target: Charuco | ArucoBoard, page: str = "a3") -> Sheet:
+    """A board on one page, long side along the long side of the page."""
+    return _charuco_sheet(target, page) if isinstance(target, Charuco) else _aruco_board_sheet(target, page)
+
+
+def _charuco_sheet(target: Charuco, page: str) -> Sheet:
+    width, height = target.columns * target.square_m, target.rows * target.square_m
+    size, (left, bottom) = _placed(page, width, height)
+    # OpenCV draws the board itself: what is printed is what is looked for
+    cell = 8 * len(_bits(target.dictionary, 0))
+    image = target.board().generateImage((target.columns * cell, target.rows * cell), marginSize=0, borderBits=1)
+    if target.inverted:
+        image = 255 - image
+    scale = target.square_m / cell
+    caption = (
+        f"posefuse ChArUco {target.columns} x {target.rows} squares of {target.square_m * 1e3:g} mm, markers"
+        f" {target.marker_m * 1e3:g} mm, {target.dictionary}"
+    )
+    return Sheet(size, _rectangles(image < 128, left, bottom, scale), (), caption)
+
+
+def _aruco_board_sheet(target: ArucoBoard, page: str) -> Sheet:
+    step = target.side_m + target.gap_m
+    width, height = target.columns * step - target.gap_m, target.rows * step - target.gap_m
+    size, (left, bottom) = _placed(page, width, height)
+    black: list[tuple[float, float, float, float]] = []
+    for i in range(target.columns * target.rows):
+        row, column = divmod(i, target.columns)
+        bits = _bits(target.dictionary, target.first_id + i)
+        black += _squares(bits, left + column * step, bottom + (target.rows - 1 - row) * step, target.side_m / len(bits))
+    caption = (
+        f"posefuse ArUco board {target.columns} x {target.rows}, side {target.side_m * 1e3:g} mm, gap"
+        f" {target.gap_m * 1e3:g} mm, {target.dictionary} from {target.first_id}"
+    )
+    return Sheet(size, tuple(black), (), caption)
+
+
+def _bits(dictionary: str, marker: int) -> Array:
+    """(n, n) bool, True is black, border included."""
+    made = dictionary_of(dictionary)
+    if not 0 <= marker < len(made.bytesList):
+        raise ConfigError(f"marker {marker}: {dictionary} has ids 0 to {len(made.bytesList) - 1}")
+    count = made.markerSize + 2
+    return np.asarray(cv2.aruco.generateImageMarker(made, marker, count, borderBits=1) < 128)
+
+
+def _squares(bits: Array, left: float, bottom: float, module: float) -> tuple[tuple[float, float, float, float], ...]:
+    return _rectangles(bits, left, bottom, module)
+
+
+def _rectangles(black: Array, left: float, bottom: float, scale: float) -> tuple[tuple[float, float, float, float], ...]:
+    """Black cells (rows, columns) as few rectangles: runs along a row, equal runs of neighbouring rows joined."""
+    out: list[tuple[float, float, float, float]] = []
+    open_runs: dict[tuple[int, int], int] = {}
+    rows = len(black)
+    for row in range(rows + 1):
+        line = np.concatenate([[False], black[row], [False]]) if row < rows else np.zeros(black.shape[1] + 2, bool)
+        edges = np.flatnonzero(np.diff(line.astype(np.int8)))
+        runs = {(int(a), int(b)) for a, b in edges.reshape(-1, 2)}
+        for run in [run for run in open_runs if run not in runs]:
+            first = open_runs.pop(run)
+            out.append((left + run[0] * scale, bottom + (rows - row) * scale, (run[1] - run[0]) * scale, (row - first) * scale))
+        for run in runs:
+            open_runs.setdefault(run, row)
+    return tuple(sorted(out))
+
+
+def _placed(page: str, width: float, height: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Page size, turned to fit, and the bottom left of a drawing in its middle above the ruler."""
+    if page not in PAGES_M:
+        raise ConfigError(f"page: expected one of {', '.join(PAGES_M)}, got {page!r}")
+    for size in (PAGES_M[page], PAGES_M[page][::-1]):
+        room = (size[0] - 2 * _MARGIN_M, size[1] - 2 * _MARGIN_M - _FOOT_M)
+        if width <= room[0] and height <= room[1]:
+            return size, ((size[0] - width) / 2, _MARGIN_M + _FOOT_M + (room[1] - height) / 2)
+    raise ConfigError(
+        f"page {page}: a drawing of {width * 1e3:.0f} x {height * 1e3:.0f} mm does not fit with margins and ruler;"
+        f" take a larger page ({', '.join(PAGES_M)}) or a smaller side"
+    )
+
+
+def write_pdf(path: Path, sheets: Sequence[Sheet]) -> None:
+    """PDF 1.4 with one page per sheet."""
+    objects: list[bytes] = [b"<< /Type /Catalog /Pages 2 0 R >>", b"", b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>"]
+    kids = []
+    for sheet in sheets:
+        content = _content(sheet)
+        objects.append(b"<< /Length %d >>\nstream\n%s\nendstream" % (len(content), content))
+        width, height = (side * _POINTS_PER_M for side in sheet.size_m)
+        objects.append(
+            f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.4f} {height:.4f}] /Contents {len(objects)} 0 R"
+            " /Resources << /Font << /F1 3 0 R >> >> >>".encode()
+        )
+        kids.append(f"{len(objects)} 0 R")
+    objects[1] = f"<< /Type /Pages /Count {len(kids)} /Kids [{' '.join(kids)}] >>".encode()
+    text, offsets = b"%PDF-1.4\n", []
+    for number, body in enumerate(objects, start=1):
+        offsets.append(len(text))
+        text += b"%d 0 obj\n%s\nendobj\n" % (number, body)
+    table = b"".join(b"%010d 00000 n \n" % offset for offset in offsets)
+    count = len(objects) + 1
+    trailer = b"trailer\n<< /Size %d /Root 1 0 R /ViewerPreferences << /PrintScaling /None >> >>\n" % count
+    text += b"xref\n0 %d\n0000000000 65535 f \n%s%sstartxref\n%d\n%%%%EOF\n" % (count, table, trailer, len(text))
+    path.write_bytes(text)
+
+
+def _content(sheet: Sheet) -> bytes:
+    def box(rectangle: tuple[float, float, float, float]) -> str:
+        return " ".join(f"{value * _POINTS_PER_M:.4f}" for value in rectangle) + " re"
+
+    # one path, one fill: rectangles filled one by one would show hairlines where they meet
+    lines = ["0 g", *(box(rectangle) for rectangle in sheet.black_m), "f"]
+    lines += ["0.6 G 0.3 w", *(f"{box(rectangle)} S" for rectangle in sheet.outline_m)]
+    left, low = _MARGIN_M * _POINTS_PER_M, _MARGIN_M * _POINTS_PER_M
+    end, tick = left + _RULER_M * _POINTS_PER_M, 0.004 * _POINTS_PER_M
+    lines += [f"0 G 0.5 w {left:.4f} {low:.4f} m {end:.4f} {low:.4f} l S"]
+    lines += [f"{x:.4f} {low:.4f} m {x:.4f} {low + tick:.4f} l S" for x in np.linspace(left, end, 11)]
+    lines += [
+        f"BT /F1 8 Tf {left:.2f} {low + 2.2 * tick:.2f} Td (100 mm: measure it. Print at 100 %, never 'fit to page'.) Tj ET",
+        f"BT /F1 8 Tf {left:.2f} {low + 3.3 * tick:.2f} Td ({sheet.caption.replace('(', '[').replace(')', ']')}) Tj ET",
+    ]
+    return "\n".join(lines).encode("latin-1")

@@ -1,0 +1,41 @@
+"""`posefuse report`: joint angles, gait, files for biomechanics tools and one page about a result."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.cli.terminal import Terminal
+
+SUMMARY = "joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets"
+FOLDER = "biomechanics"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The result, how angles are made, where they go."""
+    parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER})")
+    parser.add_argument(
+        "--fit", choices=("none", "points", "rays"), default="points",
+        help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",
+    )  # fmt: skip
+    parser.add_argument("--opensim", action="store_true", help="run OpenSim's inverse kinematics too (extra: biomech)")
+
+
+def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Write the files; returns their names."""
+    from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
+    from posefuse.formats.recording import read_recording
+    from posefuse.foundation.atomic import atomic_folder
+
+    recording = read_recording(args.result)
+    out = args.out or args.result / FOLDER
+    with atomic_folder(out) as folder:
+        made = write_biomechanics(recording, folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
+        names = [str(path.relative_to(folder)) for path in made]
+    terminal.facts(
+        "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
+    )
+    return {"out": out, "files": names, "people": len(recording.poses.person_id)}

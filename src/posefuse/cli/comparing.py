@@ -1,0 +1,241 @@
+"""What `posefuse compare` does around the comparison: files of several systems to named tracks, a page, figures."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from paper.scenes.page import Line, Page, plot
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
+from posefuse.formats.c3d import read_c3d
+from posefuse.formats.recording import read_recording
+from posefuse.formats.trc import read_trc
+from posefuse.foundation.atomic import atomic_file
+
+from .terminal import Terminal, plain
+
+KINDS = "a posefuse result folder, .trc, .c3d, .csv or .mvnx"
+# the segment of an MVNX file whose origin is this joint
+_MVNX = {
+    "pelvis": "mid_hip", "neck": "neck", "head": "head",
+    **{f"{side}{segment}": f"{side}_{joint}" for side in ("left", "right") for segment, joint in (
+        ("upperarm", "shoulder"), ("forearm", "elbow"), ("hand", "wrist"),
+        ("upperleg", "hip"), ("lowerleg", "knee"), ("foot", "ankle"), ("toe", "big_toe"),
+    )},
+}  # fmt: skip
+_SYNONYMS = {"hip": "mid_hip", "hips": "mid_hip", "left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
+_ALIGN_FOR_DRIFT_S = 2.0
+
+
+def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Compare two recordings, write the page, show the figures."""
+    a, b = read_tracks(args.a, args.person), read_tracks(args.b, args.person)
+    found = compare(a, b, time=not args.no_time, space=not args.no_space, scale=args.scale, start_s=args.align_first)
+    figures = _figures(found)
+    rows = [[point.replace("_", " "), *row.values()] for point, row in figures["points"].items()]
+    terminal.facts("Alignment of the second onto the first", _facts(found))
+    terminal.table("Distances, mm", ["point", "mean", "sd", "median", "p95", "share compared"], rows)
+    if args.out:
+        args.out.mkdir(parents=True, exist_ok=True)
+        page = _page(a, b, found, rows).write(args.out / "compare.html")
+        with atomic_file(args.out / "compare.json") as beside:
+            beside.write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
+        terminal.note(f"written: {page}")
+    return figures
+
+
+def read_tracks(path: Path, person: int | None = None) -> Tracks:
+    """Named points of one person (default: the one seen longest) from a file or result folder.
+
+    Raises:
+        InputError: no such file, a kind that is not read, or no such person.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    if path.is_dir():
+        return _from_recording(path, person)
+    readers = {".trc": _from_trc, ".c3d": _from_c3d, ".csv": _from_csv, ".mvnx": _from_mvnx}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: cannot be compared; expected {KINDS}")
+    return reader(path, person)
+
+
+def plain_name(name: str) -> str:
+    """One spelling for all systems: ``RShoulder``, ``jRightShoulder`` and ``right shoulder`` are right_shoulder."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[\s.\-]+", "_", name.strip().split(":")[-1])
+    words = re.sub(r"^([RL])(?=[A-Z][a-z])", r"\1_", words).strip("_").lower().removeprefix("j_")
+    words = re.sub(r"^r_", "right_", re.sub(r"^l_", "left_", words))
+    words = re.sub(r"^(.*)_(right|left)$", r"\2_\1", words)
+    return _SYNONYMS.get(words, words)
+
+
+def _tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz_m: Array) -> Tracks:
+    points = [plain_name(name) for name in names]
+    middles = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
+    for name, (one, two) in middles.items():
+        if name not in points and one in points and two in points:
+            middle = (xyz_m[:, points.index(one)] + xyz_m[:, points.index(two)]) / 2
+            xyz_m, points = np.concatenate([xyz_m, middle[:, None]], axis=1), [*points, name]
+    return Tracks(path.name, tuple(points), t_s, xyz_m)
+
+
+def _from_recording(path: Path, person: int | None) -> Tracks:
+    poses = read_recording(path).poses
+    seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
+    if person is not None and person not in poses.person_id:
+        raise InputError(f"{path}: no person {person}; there are: {', '.join(map(str, poses.person_id))}")
+    n = int(np.argmax(seen)) if person is None else int(np.flatnonzero(poses.person_id == person)[0])
+    return _tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
+
+
+def _from_trc(path: Path, _: int | None) -> Tracks:
+    data = read_trc(path)
+    return _tracks(path, data.names, data.t_s, data.xyz_world)
+
+
+def _from_c3d(path: Path, _: int | None) -> Tracks:
+    data = read_c3d(path)
+    return _tracks(path, data.names, np.arange(len(data.xyz_world)) / data.rate_hz, data.xyz_world)
+
+
+def _from_csv(path: Path, person: int | None) -> Tracks:
+    """Posefuse's own (one row per instant, person, keypoint), or one row per instant: t_s, NAME_x, NAME_y, NAME_z, ..."""
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    if not rows:
+        raise InputError(f"{path}: expected a header and rows, got none")
+    columns = [column for column in rows[0] if column]
+    if {"keypoint", "x_m", "y_m", "z_m", "t_s"} <= set(columns):
+        return _from_long_csv(path, rows, person)
+    names = [
+        column[:-2] for column in columns if column.endswith("_x") and {column[:-2] + "_y", column[:-2] + "_z"} <= set(columns)
+    ]
+    if not names or "t_s" not in columns:
+        raise InputError(f"{path}: expected columns t_s, NAME_x, NAME_y, NAME_z in metres, got {', '.join(columns[:8])}")
+    xyz = np.array([[[_number(row[f"{name}_{axis}"]) for axis in "xyz"] for name in names] for row in rows])
+    return _tracks(path, names, np.array([_number(row["t_s"]) for row in rows]), xyz)
+
+
+def _from_long_csv(path: Path, rows: list[dict[str, str]], person: int | None) -> Tracks:
+    people = sorted({int(row["person"]) for row in rows})
+    chosen = people[0] if person is None else person
+    if chosen not in people:
+        raise InputError(f"{path}: no person {chosen}; there are: {', '.join(map(str, people))}")
+    mine = [row for row in rows if int(row["person"]) == chosen]
+    times = sorted({float(row["t_s"]) for row in mine})
+    names = list(dict.fromkeys(row["keypoint"] for row in mine))
+    place_t, place_k = {t: i for i, t in enumerate(times)}, {name: k for k, name in enumerate(names)}
+    xyz = np.full((len(times), len(names), 3), np.nan)
+    for row in mine:
+        xyz[place_t[float(row["t_s"])], place_k[row["keypoint"]]] = [_number(row[f"{axis}_m"]) for axis in "xyz"]
+    return _tracks(path, names, np.array(times), xyz)
+
+
+def _from_mvnx(path: Path, _: int | None) -> Tracks:
+    """Xsens MVNX: the origins of segments are joint centres; metres, Z up."""
+    labels: list[str] = []
+    times, positions = [], []
+    try:
+        for _event, element in ET.iterparse(path):
+            tag = element.tag.rpartition("}")[2]
+            if tag == "segment" and element.get("label"):
+                labels.append(str(element.get("label")))
+            elif tag == "frame":
+                text = next((child.text for child in element if child.tag.rpartition("}")[2] == "position"), None)
+                if element.get("type") == "normal" and text:
+                    times.append(float(element.get("time", "nan")) / 1000)
+                    positions.append([float(number) for number in text.split()])
+                element.clear()
+    except (ET.ParseError, ValueError) as error:
+        raise InputError(f"{path}: not an MVNX file ({error})") from None
+    if not positions or {len(row) for row in positions} != {3 * len(labels)}:
+        raise InputError(f"{path}: expected frames with a position of each of {len(labels)} segments")
+    known = [(i, _MVNX[label.lower()]) for i, label in enumerate(labels) if label.lower() in _MVNX]
+    xyz = np.array(positions).reshape(len(times), -1, 3)[:, [i for i, _name in known]]
+    return _tracks(path, [name for _i, name in known], np.array(times), xyz)
+
+
+def _number(text: str | None) -> float:
+    return float(text) if text else float("nan")
+
+
+def _facts(found: Comparison) -> dict[str, Any]:
+    turn = np.degrees(np.arccos(np.clip((np.trace(found.alignment.rotation) - 1) / 2, -1, 1)))
+    return {
+        "offset in time": f"{1000 * found.alignment.offset_s:.1f} ms",
+        "turned by": f"{turn:.2f} deg",
+        "moved by": f"{np.linalg.norm(found.alignment.shift_m):.3f} m",
+        "scale": f"{found.alignment.scale:.4f}",
+        "mean distance": f"{found.errors.mpjpe_mm:.1f} mm over {len(found.points)} points",
+        "drift": f"{found.drift_mm_per_m:.1f} mm per m over {found.walked_m[-1]:.1f} m walked",
+    }
+
+
+def _figures(found: Comparison) -> dict[str, Any]:
+    errors = found.errors
+    return {
+        "offset_s": found.alignment.offset_s,
+        "rotation": found.alignment.rotation.tolist(),
+        "shift_m": found.alignment.shift_m.tolist(),
+        "scale": found.alignment.scale,
+        "residual_mm": 1000 * found.alignment.residual_m,
+        "mean_mm": errors.mpjpe_mm,
+        "drift_mm_per_m": found.drift_mm_per_m,
+        "walked_m": float(found.walked_m[-1]),
+        "points": {
+            point: {
+                "mean_mm": float(errors.mean_mm[k]),
+                "sd_mm": float(errors.sd_mm[k]),
+                "median_mm": float(errors.median_mm[k]),
+                "p95_mm": float(errors.p95_mm[k]),
+                "found": float(errors.found[k]),
+            }
+            for k, point in enumerate(found.points)
+        },
+    }
+
+
+def _page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
+    page = Page(f"{b.name} beside {a.name}")
+    page.section("Alignment", f"{b.name} is brought onto {a.name}.")
+    page.facts(_facts(found))
+    page.section("Distances")
+    page.table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows)
+    t_s = found.t_s - found.t_s[0]
+    both = np.isfinite(found.a_m) & np.isfinite(found.b_m)
+    middle = [middle_of(np.where(both, one, np.nan)) for one in (found.a_m, found.b_m)]
+    page.section("Drift", "Level distance of the middles of all points.")
+    page.plots(
+        [
+            plot("Over the way", "m walked", "mm", [Line("apart", found.walked_m, 1000 * found.apart_m)], from_zero=True),
+            plot(
+                "From above",
+                "x, m",
+                "m",
+                [Line(n, m[:, 0], m[:, 1]) for n, m in zip((a.name, b.name), middle, strict=True)],
+                True,
+            ),
+        ]
+    )
+    page.section("Points over time")
+    page.plots(
+        [
+            plot(f"{point.replace('_', ' ')}, {axis}", "s", "m",
+                 [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])])
+            for k, point in enumerate(found.points)
+            for i, axis in enumerate("xyz")
+        ],
+        many=True,
+    )  # fmt: skip
+    return page

@@ -1,0 +1,151 @@
+"""What the machine offers, one check per thing a user may lack."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+from posefuse.detection import default_cards, list_cards, status
+from posefuse.foundation.user_cache import default_cache_dir
+
+EXTRAS = {
+    "sim": "simulator",
+    "viewer": "Rerun viewer and recordings",
+    "biomech": "OpenSim",
+    "ros": "ROS 2 messages, MCAP",
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of `posefuse doctor`.
+
+    Attributes:
+        name: what was looked at. ok: it is there. needed: without it `track` cannot work.
+        found: what was found. cure: what to do when it is not ok.
+    """
+
+    name: str
+    ok: bool
+    needed: bool
+    found: str
+    cure: str = ""
+
+
+def machine_checks() -> list[Check]:
+    """All checks, needed ones first."""
+    return [_python(), _processor(), _disk(), *_packages(), _video_codec(), *_models(), *_extras(), *_rendering(), _display()]
+
+
+def _python() -> Check:
+    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Check("Python", sys.version_info >= (3, 11), True, found, "install Python 3.11 or newer")
+
+
+def _processor() -> Check:
+    flags = _cpu_flags()
+    fast = [name for name in ("avx2", "avx512f", "avx512_bf16", "amx_bf16") if name in flags]
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    found = f"{cores} cores; {', '.join(fast) or 'no AVX2'}"
+    return Check("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
+
+
+def _cpu_flags() -> set[str]:
+    info = Path("/proc/cpuinfo")
+    if not info.is_file():
+        return set()
+    lines = [line for line in info.read_text(encoding="utf-8", errors="replace").splitlines() if line.startswith("flags")]
+    return set(lines[0].split()) if lines else set()
+
+
+def _disk() -> Check:
+    folder = default_cache_dir(os.environ)
+    nearest = next(parent for parent in (folder, *folder.parents) if parent.exists())
+    writable = os.access(nearest, os.W_OK)
+    free_gb = shutil.disk_usage(nearest).free / 1e9
+    return Check(
+        "model cache",
+        writable,
+        True,
+        f"{folder} ({free_gb:.0f} GB free)",
+        "make it writable, or set POSEFUSE_CACHE to a folder that is",
+    )
+
+
+def _names_of(extra: str | None) -> list[str]:
+    """Distribution names that posefuse requires, for an extra or (None) always."""
+    wanted = f'extra == "{extra}"' if extra else None
+    lines = [(line.partition(";")[0], line.partition(";")[2]) for line in requires("posefuse") or []]
+    chosen = [name for name, marker in lines if (wanted in marker.replace("'", '"') if wanted else "extra" not in marker)]
+    return [name.split(">")[0].split("=")[0].split("<")[0].split("~")[0].split("[")[0].strip() for name in chosen]
+
+
+def _installed(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    present, absent = [], []
+    for name in names:
+        try:
+            present.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            absent.append(name)
+    return present, absent
+
+
+def _packages() -> list[Check]:
+    present, absent = _installed(_names_of(None))
+    found = f"{len(present)} packages" + (f"; missing: {', '.join(absent)}" if absent else "")
+    return [Check("core packages", not absent, True, found, "pip install posefuse")]
+
+
+def _extras() -> list[Check]:
+    checks = []
+    for extra, purpose in EXTRAS.items():
+        present, absent = _installed(_names_of(extra))
+        found = ", ".join(present) if not absent else f"missing: {', '.join(absent)}"
+        checks.append(Check(f"extra {extra}: {purpose}", not absent, False, found, f'pip install "posefuse[{extra}]"'))
+    return checks
+
+
+def _video_codec() -> Check:
+    import av
+
+    codecs = [name for name in ("h264", "hevc", "vp9", "libx264") if name in av.codecs_available]
+    return Check("video", "h264" in codecs, True, f"PyAV {av.__version__}: {', '.join(codecs)}", "reinstall PyAV: pip install av")
+
+
+def _models() -> list[Check]:
+    cache_dir = default_cache_dir(os.environ)
+    needed = {card.name for card in default_cards()}
+    return [
+        Check(
+            f"model {card.name}",
+            state == "ready",
+            card.name in needed,
+            f"{card.summary}: {state}",
+            f"posefuse models {card.name}",
+        )
+        for card in list_cards()
+        for state in [status(card, cache_dir)]
+    ]
+
+
+def _rendering() -> list[Check]:
+    from posefuse.core import DependencyError
+    from posefuse.simulation.render.backend import working_backend
+
+    name = "rendering (simulator)"
+    try:
+        return [Check(name, True, False, working_backend())]
+    except DependencyError as error:
+        return [Check(name, False, False, "no", str(error))]
+
+
+def _display() -> Check:
+    found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or ""
+    cure = "only `posefuse view` and `--view` need one; files can be looked at elsewhere"
+    return Check("display", bool(found), False, found or "none", cure)

@@ -1,0 +1,83 @@
+"""A recorded session through the same tracker again: the same views in the same order give the same poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import Detections2D, InputError, Pose3D, Rig
+from posefuse.messages import topics
+from posefuse.messages.bags import read_mcap
+from posefuse.messages.messages import detections_from_message, pose_from_message
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.joint_centres import Centring, centres_from_message
+from posefuse.realtime.provenance import read_provenance
+from posefuse.realtime.session import ready_tracker
+
+from .terminal import Terminal
+
+
+def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) -> Mapping[str, Any]:
+    """Feed a recording's views to a new tracker and hold its poses against the recorded ones.
+
+    Args:
+        config: settings to try; None takes those the recording was made with.
+
+    Raises:
+        InputError: it holds no pose, or was made with another rig.
+    """
+    rig, config = _as_recorded(path, rig, config)
+    poses = same = 0
+    farthest_m = 0.0
+    for recorded, again in replayed(path, rig, config):
+        poses += 1
+        farthest = difference_m(recorded, again)
+        same += farthest == 0
+        farthest_m = max(farthest_m, farthest)
+    if not poses:
+        raise InputError(f"{path}: holds no pose; expected a recording of `posefuse live --record`")
+    figures = {"poses": poses, "equal": same, "farthest_m": farthest_m}
+    terminal.facts("Replay", {"poses": poses, "equal": same, "farthest keypoint": f"{farthest_m * 1000:.6f} mm away"})
+    return figures
+
+
+def replayed(path: Path, rig: Rig, config: LiveConfig) -> Any:
+    """Pairs (recorded pose, pose of a new tracker at the same place of the same stream)."""
+    tracker, centring = None, Centring(rig.names, config.joint_centres)
+    for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}):
+        if entry.topic == topics.JOINT_CENTRES.name:
+            centring.learn(centres_from_message(entry.msg))
+            continue
+        value: Detections2D | Pose3D
+        value, _ = (detections_from_message if entry.topic == topics.DETECTIONS.name else pose_from_message)(entry.msg)
+        if tracker is None:
+            tracker = ready_tracker(rig, value.skeleton, config)
+        if isinstance(value, Detections2D):
+            tracker.add(value)
+        else:
+            yield value, centring.moved(tracker.at(value.t_ns))
+
+
+def _as_recorded(path: Path, rig: Rig, config: LiveConfig | None) -> tuple[Rig, LiveConfig]:
+    made = read_provenance(path)
+    if made is None:
+        return rig, config or LiveConfig()
+    missing = [name for name in made.cameras if name not in rig.names]
+    used = rig if missing else rig.only(made.cameras)
+    if used.id != made.rig_id:
+        raise InputError(f"{path}: was made with another rig ({made.rig_id}, cameras {', '.join(made.cameras)}), got {used.id}")
+    return used, config or made.config
+
+
+def difference_m(one: Pose3D, two: Pose3D) -> float:
+    """Largest distance of a keypoint; infinite where only one of them has it."""
+    if not np.array_equal(one.person_id, two.person_id):
+        return float("inf")
+    known = np.isfinite(one.xyz_world).all(axis=-1)
+    if not np.array_equal(known, np.isfinite(two.xyz_world).all(axis=-1)):
+        return float("inf")
+    apart = np.linalg.norm(one.xyz_world[known] - two.xyz_world[known], axis=-1)
+    return float(apart.max(initial=0.0))

@@ -1,0 +1,181 @@
+"""The default 2D estimator: BlazePose networks on the CPU, many images and people at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import field, replace
+from pathlib import Path
+from typing import Annotated, cast
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
+from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
+from posefuse.detection.regions import cut, img_from_crop, region_from_keypoints
+from posefuse.foundation.settings import settings
+from posefuse.foundation.user_cache import default_cache_dir
+
+from .looks import LandmarkNetwork, Look, averaged
+from .network import Precision
+from .persons import PersonNetwork, regions_from_outputs
+from .search import stages
+
+_SAME_PERSON = 0.15  # distance of centres over region side
+
+
+@settings
+class BlazePoseConfig:
+    """BlazePose by OpenVINO.
+
+    Attributes:
+        persons, landmarks: model cards by name, or TOML files of your own; landmarks may be an ensemble.
+        models: archive, model file or folder to take the networks from; None: fetched once.
+        cache: where they are kept; None: the user's cache folder.
+        precision: ``auto`` is bf16 where the CPU computes it natively.
+        streams: images worked on at once; 0: one per core.
+        most_people: people looked for per image when nobody says where they are.
+        least_person, least_presence: scores below which a found region, or a crop, holds nobody.
+        up_rad: per camera, direction of gravity's up in its picture, clockwise from the picture's up
+            (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
+    """
+
+    persons: str = "blazepose_persons"
+    landmarks: str = "blazepose_full"
+    models: Path | None = None
+    cache: Path | None = None
+    precision: Precision = "auto"
+    streams: Annotated[int, Ge(0)] = 0
+    most_people: Annotated[int, Ge(1)] = 4
+    least_person: Annotated[float, Ge(0), Le(1)] = 0.5
+    least_presence: Annotated[float, Ge(0), Le(1)] = 0.5
+    up_rad: dict[str, float] = field(default_factory=dict)
+
+    def build(self, progress: Callable[[str], None] | None = None) -> BlazePoseDetector:
+        """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
+        cache = self.cache or default_cache_dir(os.environ)
+        persons, chosen = read_card(self.persons), read_any_card(self.landmarks)
+        members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
+        files = fetch_all([persons, *members], cache, self.models, progress)
+        streams = self.streams or len(os.sched_getaffinity(0))
+        return BlazePoseDetector(
+            self,
+            PersonNetwork.compiled(persons, files[0], self.precision, streams),
+            [LandmarkNetwork.compiled(*member, self.precision, streams) for member in zip(members, files[1:], strict=True)],
+            mirrored=isinstance(chosen, EnsembleCard) and chosen.mirrored,
+            joint_centres_file=chosen.joint_centres_file,
+        )
+
+
+def default_cards() -> list[ModelCard]:
+    """The networks used when nobody chooses others."""
+    chosen = BlazePoseConfig()
+    return [read_card(chosen.persons), read_card(chosen.landmarks)]
+
+
+class BlazePoseDetector:
+    """Implements `core.Detector`. Not for use from several threads at once; build one for each."""
+
+    def __init__(
+        self,
+        config: BlazePoseConfig,
+        persons: PersonNetwork,
+        landmarks: Sequence[LandmarkNetwork],
+        mirrored: bool,
+        joint_centres_file: Path | None,
+    ) -> None:
+        self._config, self._persons, self._landmarks, self._mirrored = config, persons, landmarks, mirrored
+        self._joint_centres_file = joint_centres_file
+        self._skeleton = landmarks[0].skeleton
+        self._side_px = landmarks[0].network.side_px
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The landmark network's keypoints."""
+        return self._skeleton
+
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Table of where joint centres lie beside the network's landmarks, in the format of `track.joint_centres`."""
+        return self._joint_centres_file
+
+    def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
+        """One Detections2D per frame: the people in the given regions, in that order, or whoever is found (best first)."""
+        if len(frames) != len(regions):
+            raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
+        unknown = [i for i, given in enumerate(regions) if given is None]
+        found = dict(zip(unknown, self._search([frames[i] for i in unknown]), strict=True))
+        todo = [(i, region) for i, given in enumerate(regions) for region in (found[i] if given is None else given)]
+        looks = self._look([(frames[i], region) for i, region in todo])
+        people: list[list[Look]] = [[] for _ in frames]
+        for (i, _), look in zip(todo, looks, strict=True):
+            people[i].append(look)
+        return [self._result(frame, people[i], keep_all=regions[i] is not None) for i, frame in enumerate(frames)]
+
+    def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
+        """People in whole images, stage by stage; what the landmark network does not confirm was nobody."""
+        found: list[list[Region]] = [[] for _ in frames]
+        plans = [stages(frame.size_wh, self._config.up_rad.get(frame.camera, 0.0)) for frame in frames]
+        open_frames = list(range(len(frames)))
+        while open_frames:
+            squares = {i: next(plans[i], None) for i in open_frames}
+            open_frames = [i for i in open_frames if squares[i] is not None]
+            looks = [(i, square) for i in open_frames for square in cast(list[Region], squares[i])]
+            candidates = self._candidates(frames, looks)
+            confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
+            for (i, _), look in zip(candidates, confirmed, strict=True):
+                if look.presence < self._config.least_presence or len(found[i]) >= self._config.most_people:
+                    continue
+                again = region_from_keypoints(look.xy, self._skeleton)
+                if again is not None and not _known(again, found[i]):
+                    found[i].append(again)
+            open_frames = [i for i in open_frames if not found[i]]
+        return found
+
+    def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
+        side = self._persons.network.side_px
+        boxes, logits = self._persons.network([cut(frames[i].image, square, side) for i, square in looks])
+        least = self._config.least_person
+        scored = [
+            (score, i, region)
+            for (i, square), box, logit in zip(looks, boxes, logits, strict=True)
+            for score, region in regions_from_outputs(box, logit, self._persons.decoding, square, side, least)
+        ]
+        return [(i, region) for _, i, region in sorted(scored, key=lambda entry: -entry[0])]
+
+    def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[Look]:
+        """Landmarks of each person in raw px; if not `thoroughly`, by the first network alone."""
+        if not people:
+            return []
+        side = self._side_px
+        crops = [cut(frame.image, region, side) for frame, region in people]
+        rounds = [member.look(crops) for member in (self._landmarks if thoroughly else self._landmarks[:1])]
+        if thoroughly and self._mirrored:
+            rounds += [member.look_in_mirror(crops) for member in self._landmarks]
+        looks = [averaged(looks) for looks in zip(*rounds, strict=True)]
+        return [_in_image(look, region, side) for look, (_, region) in zip(looks, people, strict=True)]
+
+    def _result(self, frame: Frame, people: Sequence[Look], keep_all: bool) -> Detections2D:
+        shown = [look for look in people if keep_all or look.presence >= self._config.least_presence]
+        if not shown:
+            return Detections2D.nobody(frame.camera, frame.t_ns, self._skeleton)
+        xy = np.stack([look.xy for look in shown])
+        score = np.stack([look.score for look in shown])
+        sigma = np.stack([look.sigma_px for look in shown])
+        absent = np.array([look.presence < self._config.least_presence for look in shown])
+        xy[absent], score[absent], sigma[absent] = np.nan, 0.0, np.nan
+        box = np.full((len(shown), 4), np.nan)
+        box[~absent] = np.concatenate([xy[~absent].min(1), xy[~absent].max(1)], axis=-1)
+        return Detections2D(frame.camera, frame.t_ns, self._skeleton, xy, score, sigma, box)
+
+
+def _in_image(look: Look, region: Region, side_px: int) -> Look:
+    """The same in raw px instead of crop px."""
+    return replace(look, xy=img_from_crop(region, side_px, look.xy), sigma_px=look.sigma_px * region.side_px / side_px)
+
+
+def _known(region: Region, others: Sequence[Region]) -> bool:
+    """Whether a region is about a person that another region already holds."""
+    apart = [np.linalg.norm(region.centre_img - other.centre_img) / max(region.side_px, other.side_px) for other in others]
+    return min(apart, default=np.inf) < _SAME_PERSON

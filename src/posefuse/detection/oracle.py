@@ -1,0 +1,203 @@
+"""A detector that knows the truth and errs as told: tests and studies without a network or an image.
+
+It answers by camera name and frame time from `core.Truth`. What it draws depends on seed, camera and time alone, not on
+the order of questions, so a replay gives the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, ShapeError, Skeleton, Truth
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.settings import settings
+
+_FAR_TIME_NS = 1_000_000
+_OUTLIER_SCORES = (0.2, 0.9)
+_VISIBLE_SCORE = 0.95
+
+
+@settings
+class OracleNoise:
+    """How the oracle errs.
+
+    Attributes:
+        sigma_px: standard deviation of each coordinate of a visible keypoint.
+        hidden_factor: times sigma_px for a hidden keypoint. hidden_score: its score, where a visible one has 0.95.
+        bias_px: constant error of each coordinate, drawn once per camera and keypoint with this standard deviation.
+        outlier_share: of keypoints that land anywhere within outlier_px of the truth with a score that does not tell.
+        outlier_px: half the side of that square.
+        swap_share: of (person, frame) whose left and right are exchanged.
+        miss_share: of (person, frame) not seen at all.
+    """
+
+    sigma_px: Annotated[float, Gt(0)] = 3.0
+    hidden_factor: Annotated[float, Ge(1)] = 4.0
+    hidden_score: Annotated[float, Gt(0), Le(1)] = 0.3
+    bias_px: Annotated[float, Ge(0)] = 0.0
+    outlier_share: Annotated[float, Ge(0), Le(1)] = 0.0
+    outlier_px: Annotated[float, Gt(0)] = 80.0
+    swap_share: Annotated[float, Ge(0), Le(1)] = 0.0
+    miss_share: Annotated[float, Ge(0), Le(1)] = 0.0
+
+
+@settings
+class OracleConfig:
+    """The oracle as a plug-in.
+
+    Attributes:
+        truth: a truth file (``truth.npz`` of a simulated session). noise: how to err. seed: of everything drawn.
+    """
+
+    truth: Path
+    noise: OracleNoise = OracleNoise()
+    seed: Annotated[int, Ge(0)] = 0
+
+    def build(self) -> OracleDetector:
+        """Read the truth; raises InputError when that cannot be done."""
+        return OracleDetector(read_truth(self.truth), self.noise, self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class OracleViews:
+    """What the oracle says about all frames at once.
+
+    Attributes:
+        xy_img: (T, N, C, K, 2); NaN where missed or behind the camera. score, sigma_px: (T, N, C, K).
+    """
+
+    xy_img: Array
+    score: Array
+    sigma_px: Array
+
+
+class OracleDetector:
+    """Implements `core.Detector` from a `Truth`; images are not looked at.
+
+    Args:
+        truth: views of every camera that will be asked for.
+        noise: how to err.
+        seed: of everything drawn.
+    """
+
+    def __init__(self, truth: Truth, noise: OracleNoise | None = None, seed: int = 0) -> None:
+        self._truth, self._noise, self._seed = truth, noise or OracleNoise(), seed
+        self._place = {view.camera: c for c, view in enumerate(truth.views)}
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The truth's."""
+        return self._truth.skeleton
+
+    @property
+    def joint_centres_file(self) -> None:
+        """The truth's keypoints are joint centres."""
+        return None
+
+    def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
+        """Everybody who is seen; with regions, for each the person whose middle lies nearest to it and inside.
+
+        Raises:
+            InputError: a camera the truth does not know, or a frame more than 1 ms from any of its frames.
+        """
+        if len(frames) != len(regions):
+            raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
+        return [self._one(frame.camera, frame.t_ns, given) for frame, given in zip(frames, regions, strict=True)]
+
+    def _one(self, camera: str, t_ns: int, given: Sequence[Region] | None) -> Detections2D:
+        if camera not in self._place:
+            raise InputError(f"oracle: no camera {camera!r} in the truth; there are: {choices(self._place)}")
+        c = self._place[camera]
+        frame = _frame_at(self._truth.views[c], t_ns)
+        xy, score, sigma = _erring_view(self._truth, c, slice(frame, frame + 1), self._noise, self._seed)
+        xy, score, sigma = xy[0], score[0], sigma[0]
+        if given is not None:
+            xy, score, sigma = _in_regions(xy, score, sigma, given)
+        else:
+            seen = (score > 0).any(-1)
+            xy, score, sigma = xy[seen], score[seen], sigma[seen]
+        if not len(xy):
+            return Detections2D.nobody(camera, t_ns, self.skeleton)
+        return Detections2D(camera, t_ns, self.skeleton, xy, score, sigma, _boxes(xy))
+
+
+def oracle_views(truth: Truth, noise: OracleNoise, seed: int = 0) -> OracleViews:
+    """What `OracleDetector` says about every frame, as arrays; the same numbers, in one go.
+
+    Raises:
+        ShapeError: cameras with different numbers of frames.
+    """
+    counts = {view.camera: len(view.t_ns) for view in truth.views}
+    if len(set(counts.values())) > 1:
+        raise ShapeError(f"oracle_views: expected as many frames from every camera, got {counts}")
+    parts = [_erring_view(truth, c, slice(None), noise, seed) for c in range(len(truth.views))]
+    return OracleViews(*(np.stack([part[i] for part in parts], axis=2) for i in range(3)))
+
+
+def _frame_at(view: CameraTruth, t_ns: int) -> int:
+    if not len(view.t_ns):
+        raise InputError(f"oracle: camera {view.camera}: the truth holds no frame of it")
+    frame = int(np.abs(view.t_ns - t_ns).argmin())
+    off_ns = abs(int(view.t_ns[frame]) - t_ns)
+    if off_ns > _FAR_TIME_NS:
+        raise InputError(f"oracle: camera {view.camera}: no true frame within 1 ms of {t_ns} ns; the nearest is {off_ns} ns away")
+    return frame
+
+
+def _erring_view(truth: Truth, c: int, frames: slice, noise: OracleNoise, seed: int) -> tuple[Array, Array, Array]:
+    """xy (F, N, K, 2), score (F, N, K), sigma (F, N, K) of one camera's frames; drawn per frame, so slices agree."""
+    view = truth.views[c]
+    people, keypoints = view.visible.shape[1:]
+    numbers = range(*frames.indices(len(view.t_ns)))
+    bias = np.random.default_rng([seed, c]).normal(0, noise.bias_px, (keypoints, 2))
+    drawn = [np.random.default_rng([seed, c, frame]) for frame in numbers]
+    normal = _each(drawn, lambda rng: rng.standard_normal((people, keypoints, 2)), (people, keypoints, 2))
+    outlier = _each(drawn, lambda rng: rng.random((people, keypoints)), (people, keypoints)) < noise.outlier_share
+    far = _each(drawn, lambda rng: rng.uniform(-1, 1, (people, keypoints, 2)), (people, keypoints, 2)) * noise.outlier_px
+    lucky = _each(drawn, lambda rng: rng.uniform(*_OUTLIER_SCORES, (people, keypoints)), (people, keypoints))
+    swapped = _each(drawn, lambda rng: rng.random(people), (people,)) < noise.swap_share
+    missed = _each(drawn, lambda rng: rng.random(people), (people,)) < noise.miss_share
+    visible, exact = view.visible[frames], view.xy_img[frames]
+    sigma = np.where(visible, noise.sigma_px, noise.sigma_px * noise.hidden_factor)
+    xy = exact + bias + np.where(outlier[..., None], far, normal * sigma[..., None])
+    score = np.where(outlier, lucky, np.where(visible, _VISIBLE_SCORE, noise.hidden_score))
+    # a network that swaps sides is as sure of itself as ever: points and scores travel together
+    turn = truth.skeleton.mirror
+    xy = np.where(swapped[..., None, None], xy[:, :, turn], xy)
+    score, sigma = (np.where(swapped[..., None], a[:, :, turn], a) for a in (score, sigma))
+    gone = missed[..., None] | ~np.isfinite(xy).all(-1)
+    return np.where(gone[..., None], np.nan, xy), np.where(gone, 0.0, score), np.where(gone, np.nan, sigma)
+
+
+def _each(drawn: Sequence[np.random.Generator], draw: Callable[[np.random.Generator], Array], shape: tuple[int, ...]) -> Array:
+    return np.stack([draw(rng) for rng in drawn]) if drawn else np.zeros((0, *shape))
+
+
+def _in_regions(xy: Array, score: Array, sigma: Array, regions: Sequence[Region]) -> tuple[Array, Array, Array]:
+    """For each region the person whose middle is nearest to its centre and within half its side; NaN for nobody."""
+    shape = (len(regions), *xy.shape[1:])
+    out_xy, out_score, out_sigma = np.full(shape, np.nan), np.zeros(shape[:-1]), np.full(shape[:-1], np.nan)
+    seen = np.flatnonzero((score > 0).any(-1))
+    middle = np.array([np.nanmean(xy[n], axis=0) for n in seen]).reshape(-1, 2)
+    for r, region in enumerate(regions):
+        away = np.linalg.norm(middle - region.centre_img, axis=-1)
+        if len(seen) and away.min() <= region.side_px / 2:
+            n = seen[away.argmin()]
+            out_xy[r], out_score[r], out_sigma[r] = xy[n], score[n], sigma[n]
+    return out_xy, out_score, out_sigma
+
+
+def _boxes(xy: Array) -> Array:
+    known = np.isfinite(xy).all(-1)
+    low = np.where(known[..., None], xy, np.inf).min(1)
+    high = np.where(known[..., None], xy, -np.inf).max(1)
+    box = np.concatenate([low, high], axis=-1)
+    return np.where(known.any(-1)[:, None], box, np.nan)

@@ -1,0 +1,126 @@
+"""Everything a biomechanist wants of a recording: angles, files their tools open, a page to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from posefuse.core import Joints, PoseSequence, Recording
+from posefuse.core.arrays import Array
+from posefuse.formats.angles import write_angles
+from posefuse.formats.bvh import write_bvh
+from posefuse.formats.c3d import C3dData, write_c3d
+from posefuse.formats.gltf import write_gltf
+from posefuse.formats.mot import motion_from_joints, write_mot
+from posefuse.foundation.atomic import atomic_folder
+from posefuse.foundation.settings import settings, settings_from_mapping
+from posefuse.kinematics import JointSettings, joints_from_poses
+from posefuse.kinematics.animation import animation_from_joints, animation_gap
+from posefuse.kinematics.body import BodySettings, fit_poses, fit_views
+from posefuse.kinematics.opensim_path import opensim_motion
+from posefuse.tracking import JointCentres, views_at_joint_centres
+
+from .report import write_report
+
+_CENTIMETRES = 0.01
+
+
+@settings
+class BiomechanicsSettings:
+    """What is made of a recording.
+
+    Attributes:
+        fit: ``points`` fits one skeleton per person to the 3D points; ``rays`` to what the views saw, brought to joint centres
+            (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points.
+        opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
+        joints, body: see `JointSettings`, `BodySettings`.
+    """
+
+    fit: Literal["none", "points", "rays"] = "points"
+    opensim: bool = False
+    joints: JointSettings = field(default_factory=JointSettings)
+    body: BodySettings = field(default_factory=BodySettings)
+
+
+def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseSequence, Joints]:
+    """Keypoints and joints of a recording, by the chosen fit.
+
+    Raises:
+        InputError: left and right are swapped, or nobody was seen well enough to have a skeleton.
+    """
+    if chosen.fit == "none":
+        return recording.poses, joints_from_poses(recording.poses, chosen.joints)
+    if chosen.fit == "points":
+        fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
+    else:
+        fit = fit_views(rays_at_joint_centres(recording), chosen.body, joint_settings=chosen.joints)
+    return fit.poses, fit.joints
+
+
+def rays_at_joint_centres(recording: Recording) -> Recording:
+    """The recording with views that lead where its 3D lies, by the offsets its provenance tells; as it is where it has none."""
+    told = recording.provenance.get("joint_centres")
+    if not isinstance(told, Mapping):
+        return recording
+    return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
+
+
+def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsSettings | None = None) -> list[Path]:
+    """Write into an existing folder; returns the files made.
+
+    ``angles.csv``, ``angles.parquet``, ``report.html``; and per person ``angles.mot`` (OpenSim), ``points_angles.c3d``,
+    ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder ``opensim``. With several people the
+    names end in ``_ID``. People who cannot be animated (`animation_gap` says why) have no skeleton files.
+
+    Raises:
+        InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.
+    """
+    chosen = chosen or BiomechanicsSettings()
+    poses, joints = joints_of(recording, chosen)
+    made = [folder / "angles.csv", folder / "angles.parquet"]
+    for path in made:
+        write_angles(path, joints)
+    for n, person in enumerate(poses.person_id.tolist()):
+        ending = f"_{person}" if len(poses.person_id) > 1 else ""
+        if np.isfinite(joints.angle_rad[:, n]).any():
+            made += _person_files(poses, joints, n, folder, ending)
+            if chosen.opensim:
+                made += _opensim_files(poses, n, folder / f"opensim{ending}")
+    made.append(write_report(recording, joints, folder / "report.html"))
+    return made
+
+
+def _person_files(poses: PoseSequence, joints: Joints, n: int, folder: Path, ending: str) -> list[Path]:
+    made = [folder / f"angles{ending}.mot", folder / f"points_angles{ending}.c3d"]
+    write_mot(made[0], motion_from_joints(joints, n))
+    sigma_m = np.sqrt(np.trace(poses.cov_world[:, n], axis1=-2, axis2=-1) / 3)
+    span_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9
+    rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0
+    write_c3d(made[1], C3dData(poses.skeleton.keypoints, poses.xyz_world[:, n], sigma_m, rate_hz, *_c3d_angles(joints, n)))
+    if animation_gap(joints, n) is None:
+        made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
+        write_bvh(made[2], animation_from_joints(poses, joints, n, _CENTIMETRES))
+        write_gltf(made[3], animation_from_joints(poses, joints, n))
+    return made
+
+
+def _c3d_angles(joints: Joints, n: int) -> tuple[tuple[str, ...], Array]:
+    """Labels and angles (T, A, 3) as C3D wants them: three at a time, all there or all missing.
+
+    An angle that joint centres never determine is zero by construction (see `undefined_angles`) and written so.
+    """
+    angle = joints.angle_rad[:, n]
+    ever = np.isfinite(angle).any(axis=0)
+    kept = np.flatnonzero(ever.any(axis=1))
+    return tuple(f"{joints.joints[q]}_angles" for q in kept), np.where(ever, angle, 0.0)[:, kept]
+
+
+def _opensim_files(poses: PoseSequence, n: int, folder: Path) -> list[Path]:
+    with atomic_folder(folder) as beside:
+        opensim_motion(poses, beside, n)
+        names = sorted(path.name for path in beside.iterdir())
+    return [folder / name for name in names]

@@ -1,0 +1,91 @@
+"""Checks that every plug-in passes, ours and others'. Call them from the plug-in's own tests.
+
+Each raises `ContractError` naming the rule that is broken; passing returns None.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core import ConfigError, Detector, Frame, PosefuseError, Recording, Region, Sink, Source
+from posefuse.tracking import read_joint_centres
+
+_ENOUGH_FRAMES = 20
+
+
+class ContractError(PosefuseError):
+    """A plug-in that does not do what `core.protocols` asks."""
+
+
+def check_source(source: Source, most_frames: int = _ENOUGH_FRAMES) -> None:
+    """A source: named frames of one size, seq and times strictly increasing, starts anew, closes twice."""
+    _require(isinstance(source, Source), f"{type(source).__name__} lacks a member of core.Source")
+    first = list(itertools.islice(source.frames(), most_frames))
+    _require(len(first) > 0, "frames() gives at least one frame")
+    for frame in first:
+        _require(frame.camera == source.camera, f"a frame's camera is the source's ({frame.camera!r}, {source.camera!r})")
+        _require(frame.size_wh == source.size_wh, f"every frame has the stated size ({frame.size_wh}, {source.size_wh})")
+    for earlier, later in itertools.pairwise(first):
+        _require(later.seq > earlier.seq, f"seq increases ({earlier.seq}, {later.seq})")
+        _require(later.t_ns > earlier.t_ns, f"t_ns increases ({earlier.t_ns}, {later.t_ns})")
+    again = next(iter(source.frames()), None)
+    _require(again is not None, "frames() may be called again")
+    source.close()
+    source.close()
+
+
+def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
+    """A detector: one answer per frame in order, its own skeleton, missing is NaN with score 0, sigma where a score is.
+
+    A table of joint centres it names can be read.
+
+    `frames` are a few images, with or without people, of any cameras.
+    """
+    _require(isinstance(detector, Detector), f"{type(detector).__name__} lacks a member of core.Detector")
+    _check_joint_centres(detector.joint_centres_file)
+    _require(detector.detect([], []) == [], "no frames give no answers")
+    half = min(frames[0].size_wh) / 2
+    region = Region(np.array(frames[0].size_wh) / 2, 2 * half)
+    for regions, people in (([None] * len(frames), None), ([[region]] * len(frames), 1), ([[]] * len(frames), 0)):
+        answers = detector.detect(frames, regions)
+        _require(len(answers) == len(frames), "one answer per frame")
+        for frame, answer in zip(frames, answers, strict=True):
+            _require((answer.camera, answer.t_ns) == (frame.camera, frame.t_ns), "answers carry their frame's camera and time")
+            _require(answer.skeleton == detector.skeleton, "answers use the detector's skeleton")
+            _require(people is None or len(answer) == people, f"one person per region ({people} asked, {len(answer)} given)")
+            seen = answer.score > 0
+            _require(bool(((answer.score >= 0) & (answer.score <= 1)).all()), "scores lie in [0, 1]")
+            _require(bool(np.isfinite(answer.xy_img[seen]).all()), "a scored keypoint has coordinates")
+            _require(bool(np.isnan(answer.xy_img[~seen]).all()), "a keypoint with score 0 is NaN")
+            _require(bool((answer.sigma_px[seen] > 0).all()), "a scored keypoint has sigma_px > 0")
+
+
+def _check_joint_centres(path: Path | None) -> None:
+    try:
+        if path is not None:
+            read_joint_centres(path)
+    except ConfigError as error:
+        raise ContractError(f"contract broken: joint_centres_file names a table that can be read ({error})") from None
+
+
+def check_sink(sink: Sink, recording: Recording, folder: Path) -> None:
+    """A sink: writes at least one new, non-empty file into the folder and names exactly what it wrote."""
+    _require(isinstance(sink, Sink), f"{type(sink).__name__} lacks a member of core.Sink")
+    _require(sink.name != "", "a sink has a name")
+    before = set(folder.rglob("*"))
+    written = sink.write(recording, folder)
+    _require(len(written) > 0, "write() returns the files it made")
+    for path in written:
+        _require(path.is_file() and path.stat().st_size > 0, f"{path.name} exists and is not empty")
+        _require(path.is_relative_to(folder), f"{path} lies in the folder given")
+    unnamed = {path for path in set(folder.rglob("*")) - before if path.is_file()} - set(written)
+    _require(not unnamed, f"write() names all files it made (not named: {sorted(path.name for path in unnamed)})")
+
+
+def _require(holds: bool, rule: str) -> None:
+    if not holds:
+        raise ContractError(f"contract broken: {rule}")

@@ -1,0 +1,74 @@
+"""A gait laboratory's own joint centres and Plug-in-Gait angles, out of its C3D file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core import SE3, SKELETONS, InputError, Joints, PoseSequence
+from posefuse.core.errors import choices
+from posefuse.formats.c3d import C3dData, read_c3d
+
+_SKELETON = SKELETONS["anatomical23"]
+# Vicon's virtual points: ends of femur, tibia; markers of heel and toe
+_POINTS = {"hip": "FEP", "knee": "FEO", "ankle": "TIO", "heel": "HEE", "big_toe": "TOE", "small_toe": "TOE"}
+_ANGLES = {
+    "hip": ("HipAngles", ("flexion", "adduction", "internal_rotation")),
+    "knee": ("KneeAngles", ("flexion", "adduction", "internal_rotation")),
+    "ankle": ("AnkleAngles", ("dorsiflexion", "inversion", "internal_rotation")),
+}
+_LETTER = {"left": "L", "right": "R"}
+_SIGMA_M = 0.001
+# so far above the hips the surrogate of the trunk is put, along the laboratory's own pelvis axis
+_TRUNK_M = 0.5
+
+
+def poses_from_lab(path: Path) -> PoseSequence:
+    """Joint centres (hip, knee, ankle) and foot markers of a Plug-in-Gait C3D as an ``anatomical23`` recording.
+
+    The laboratory's pelvis axis (PELO to PELP) stands for the trunk, whose shoulders the file may lack: so the hip angles
+    share the laboratory's pelvis, and only those of knee and ankle are wholly ours.
+
+    Raises:
+        InputError: it cannot be read or lacks a point; names it and lists what there is.
+    """
+    data = read_c3d(path)
+    xyz = np.full((len(data.xyz_world), 1, len(_SKELETON), 3), np.nan)
+    pelvis = _point(path, data, "PELP") - _point(path, data, "PELO")
+    up = pelvis / np.linalg.norm(pelvis, axis=-1, keepdims=True)
+    middle = (_point(path, data, "LFEP") + _point(path, data, "RFEP")) / 2
+    for side, letter in _LETTER.items():
+        for name, label in _POINTS.items():
+            xyz[:, 0, _SKELETON.index(f"{side}_{name}")] = _point(path, data, letter + label)
+        xyz[:, 0, _SKELETON.index(f"{side}_shoulder")] = middle + _TRUNK_M * up
+    seen = np.isfinite(xyz[..., 0])
+    cov = np.where(seen[..., None, None], np.eye(3) * _SIGMA_M**2, np.nan)
+    none = np.zeros(seen.shape)
+    return PoseSequence(_times(data), _SKELETON, np.zeros(1), xyz, cov, none, none, seen)
+
+
+def joints_from_lab(path: Path) -> Joints:
+    """The laboratory's own hip, knee and ankle angles; frames are unknown (NaN). Raises InputError as `poses_from_lab`."""
+    data = read_c3d(path)
+    names, angles = [], []
+    for side, letter in _LETTER.items():
+        for joint, (label, _) in _ANGLES.items():
+            if letter + label not in data.angle_names:
+                raise InputError(f"{path}: no angles {letter + label}; there are: {choices(data.angle_names)}")
+            names.append(f"{side}_{joint}")
+            angles.append(data.angle_rad[:, data.angle_names.index(letter + label)])
+    angle = np.stack(angles, axis=1)[:, None]
+    frames = SE3(np.full((len(angle), 1, 0, 4), np.nan), np.full((len(angle), 1, 0, 3), np.nan))
+    kinds = tuple(kind for _ in _LETTER for _, kind in _ANGLES.values())
+    return Joints(_times(data), np.zeros(1), (), frames, tuple(names), kinds, angle, np.full(angle.shape, np.nan))
+
+
+def _times(data: C3dData) -> np.ndarray:
+    return np.round(np.arange(len(data.xyz_world)) * 1e9 / data.rate_hz).astype(np.int64)
+
+
+def _point(path: Path, data: C3dData, name: str) -> np.ndarray:
+    if name not in data.names:
+        raise InputError(f"{path}: no point {name}; there are: {choices(data.names)}")
+    return np.asarray(data.xyz_world[:, data.names.index(name)])

@@ -1,0 +1,168 @@
+"""C3D: points over time as biomechanics tools read them (Mokka, Visual3D, Vicon, OpenSim), by ezc3d.
+
+Converted at the door: millimetres and degrees; axes stay ours (Z up, said by ``POINT:Y_SCREEN = +Z``). A missing point has the
+residual -1. The residual of a point is its standard deviation in millimetres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import InputError, ShapeError
+from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
+from posefuse.core.errors import choices
+from posefuse.foundation.atomic import atomic_file
+
+_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+# residuals are stored as one byte times this; a file with larger ones gets a coarser step
+_FINEST_RESIDUAL_MM = 0.1
+_BYTE = 255
+# a string of a C3D parameter is at most 127 characters in every reader
+_TEXT_PIECE = 120
+_TEXT_PIECES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class C3dData:
+    """Named points, and angles stored as such, over time.
+
+    Attributes:
+        names: K points.
+        xyz_world: (T, K, 3) metres, Z up; NaN where missing.
+        sigma_m: (T, K) standard deviation in metres; NaN where missing.
+        rate_hz: frames per second; C3D has no other time.
+        angle_names: A angles. angle_rad: (T, A, 3); NaN where missing.
+        about: group ``POSEFUSE`` of the file: parameter name to text.
+    """
+
+    names: tuple[str, ...]
+    xyz_world: Array
+    sigma_m: Array
+    rate_hz: float
+    angle_names: tuple[str, ...] = ()
+    angle_rad: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    about: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, dict.fromkeys(("xyz_world", "sigma_m", "angle_rad"), np.float64))
+        if not self.angle_names:
+            object.__setattr__(self, "angle_rad", frozen(np.zeros((len(self.xyz_world), 0, 3)), np.float64, "C3dData.angle_rad"))
+        sizes = check_fields(self, {"xyz_world": "T K 3", "sigma_m": "T K", "angle_rad": "T A 3"})
+        if (sizes["K"], sizes["A"]) != (len(self.names), len(self.angle_names)):
+            raise ShapeError(f"C3dData: {len(self.names)} names, {len(self.angle_names)} angle names; arrays have {sizes}")
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
+            raise ShapeError(f"C3dData.rate_hz: expected > 0, got {self.rate_hz}")
+
+
+def write_c3d(path: Path | str, data: C3dData) -> None:
+    """Write a C3D file (floating point, no analog channels); raises InputError when the place cannot be written to."""
+    import ezc3d
+
+    path = Path(path)
+    labels = [*data.names, *data.angle_names]
+    if len(set(labels)) != len(labels):
+        raise InputError(f"{path}: names of points and angles must be unique, got {choices(labels)}")
+    values = np.concatenate([data.xyz_world / _METRES["mm"], np.degrees(data.angle_rad)], axis=1)
+    points = np.ones((4, len(labels), len(values)))
+    points[:3] = values.transpose(2, 1, 0)
+    residual_mm = np.concatenate([data.sigma_m / _METRES["mm"], np.zeros(data.angle_rad.shape[:2])], axis=1).T
+    residual_mm = np.nan_to_num(residual_mm)
+    step_mm = max(_FINEST_RESIDUAL_MM, float(residual_mm.max(initial=0)) / _BYTE)
+    residual_mm[~np.isfinite(points).all(axis=0)] = -1
+
+    file = ezc3d.c3d()
+    file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = residual_mm[None]
+    file["data"]["meta_points"]["camera_masks"] = np.zeros((7, *residual_mm.shape), bool)
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"] = [data.rate_hz]
+    point["LABELS"]["value"] = labels
+    point["DESCRIPTIONS"]["value"] = labels
+    point["UNITS"]["value"] = ["mm"]
+    point["SCALE"]["value"] = np.array([-step_mm])  # negative: stored as floating point
+    _add_parameters(file, data)
+    with atomic_file(path) as beside:
+        try:
+            file.write(str(beside))
+        except (OSError, RuntimeError, ValueError) as error:
+            raise InputError(f"{path}: cannot be written ({error})") from None
+
+
+def read_c3d(path: Path | str) -> C3dData:
+    """Read a C3D file whose world is Z up, as lab systems and `write_c3d` make it.
+
+    Points listed under POINT:ANGLES become angles; other kinds (forces, moments, powers) are left out.
+
+    Raises:
+        InputError: it cannot be read, holds no points, or names units that are unknown.
+    """
+    import ezc3d
+
+    path = Path(path)
+    try:
+        file = ezc3d.c3d(str(path))
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as C3D ({' '.join(str(error).split())})") from None
+    point = file["parameters"]["POINT"]
+    labels = [str(label) for label in point["LABELS"]["value"]]
+    points = file["data"]["points"][:3].transpose(2, 1, 0)
+    if not labels or not len(points):
+        raise InputError(f"{path}: expected points over time, got {len(labels)} points and {len(points)} frames")
+    metres = _METRES.get(_text(point, "UNITS"))
+    if metres is None:
+        raise InputError(f"{path}: POINT:UNITS: expected one of {choices(_METRES)}, got {_text(point, 'UNITS')!r}")
+    angles = _listed(point, "ANGLES")
+    other = set().union(*(_listed(point, kind) for kind in ("FORCES", "MOMENTS", "POWERS", "SCALARS")))
+    is_angle = np.array([label in angles for label in labels])
+    is_point = np.array([label not in angles and label not in other for label in labels])
+    residual = file["data"]["meta_points"]["residuals"][0, : len(labels)].T
+    missing = (residual < 0) | ~np.isfinite(points).all(axis=-1)
+    points = np.where(missing[..., None], np.nan, points)
+    return C3dData(
+        names=tuple(label for label, chosen in zip(labels, is_point, strict=True) if chosen),
+        xyz_world=points[:, is_point] * metres,
+        sigma_m=np.where(missing, np.nan, residual * metres)[:, is_point],
+        rate_hz=float(point["RATE"]["value"][0]),
+        angle_names=tuple(label for label, chosen in zip(labels, is_angle, strict=True) if chosen),
+        angle_rad=np.radians(points[:, is_angle]),
+        about=_about(file["parameters"]),
+    )
+
+
+def _add_parameters(file: Any, data: C3dData) -> None:
+    # the axes on the screen of viewers: X to the right, Z up
+    file.add_parameter("POINT", "X_SCREEN", "+X")
+    file.add_parameter("POINT", "Y_SCREEN", "+Z")
+    if data.angle_names:
+        file.add_parameter("POINT", "ANGLES", list(data.angle_names))
+        file.add_parameter("POINT", "ANGLE_UNITS", "deg")
+        file.add_parameter("POINT", "TYPE_GROUPS", ["ANGLES", "ANGLE"])
+    file.add_parameter("MANUFACTURER", "COMPANY", "posefuse")
+    file.add_parameter("MANUFACTURER", "SOFTWARE", "posefuse")
+    file.add_parameter("MANUFACTURER", "VERSION_LABEL", data.about.get("VERSION", ""))
+    for key, text in data.about.items():
+        pieces = [text[i : i + _TEXT_PIECE] for i in range(0, len(text), _TEXT_PIECE)] or [""]
+        if len(pieces) > _TEXT_PIECES:
+            raise InputError(f"C3D parameter POSEFUSE:{key}: too long ({len(text)} characters)")
+        # ends of strings are padded away in C3D: a mark keeps blanks at the end of a piece
+        file.add_parameter("POSEFUSE", key, [f"{piece}|" for piece in pieces])
+
+
+def _about(parameters: Any) -> dict[str, str]:
+    if "POSEFUSE" not in parameters:
+        return {}
+    group = parameters["POSEFUSE"]
+    return {key: "".join(piece.removesuffix("|") for piece in group[key]["value"]) for key in group if key != "__METADATA__"}
+
+
+def _text(group: Any, key: str) -> str:
+    return str(group[key]["value"][0]).strip() if key in group and len(group[key]["value"]) else ""
+
+
+def _listed(group: Any, key: str) -> set[str]:
+    return {str(name) for name in group[key]["value"]} if key in group else set()

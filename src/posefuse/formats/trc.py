@@ -1,0 +1,175 @@
+"""TRC: marker trajectories as OpenSim reads them (tab-separated, Y up, metres or millimetres).
+
+Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is Z up. A missing point is an empty cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from posefuse.core import InputError, ShapeError
+from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.errors import choices
+from posefuse.foundation.atomic import atomic_file
+
+METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+# no recorded point is farther from the origin; one that is was written in millimetres
+_FARTHEST_M = 200.0
+# nobody's markers all lie closer together; those that do were written in metres and called millimetres
+_SMALLEST_M = 0.01
+_HEADER_LINES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class TrcData:
+    """Named points over time.
+
+    Attributes:
+        names: K markers.
+        t_s: (T,) seconds as in the file.
+        xyz_world: (T, K, 3) metres, Z up; NaN where missing.
+        rate_hz: DataRate of the header.
+    """
+
+    names: tuple[str, ...]
+    t_s: Array
+    xyz_world: Array
+    rate_hz: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        freeze_fields(self, dict.fromkeys(("t_s", "xyz_world"), np.float64))
+        sizes = check_fields(self, {"t_s": "T", "xyz_world": "T K 3"})
+        if sizes["K"] != len(self.names):
+            raise ShapeError(f"TrcData: {len(self.names)} names for {sizes['K']} points")
+
+
+def read_trc(path: Path | str, units: str | None = None) -> TrcData:
+    """Read a TRC file.
+
+    Args:
+        path: the file.
+        units: ``m``, ``mm`` or ``cm``, for a file that names none or names wrong ones.
+
+    Raises:
+        InputError: not a TRC file, no units, units that make the points impossibly far or small, or rows that do not fit
+            the header; names file and line.
+    """
+    path = Path(path)
+    lines = _lines(path)
+    header = _header(path, lines)
+    metres = _metres(path, units or header.get("Units", ""))
+    names = _names(path, lines[3], header)
+    rows = [_row(path, i + 1, line, len(names)) for i, line in enumerate(lines) if i >= _HEADER_LINES and line.strip()]
+    if not rows:
+        raise InputError(f"{path}: expected rows of points after the header, got none")
+    table = np.array(rows)
+    xyz_file = table[:, 1:].reshape(len(rows), len(names), 3) * metres
+    _check_scale(path, xyz_file, units or header["Units"])
+    return TrcData(names, table[:, 0], xyz_file[..., [2, 0, 1]], _rate(path, header))
+
+
+def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") -> None:
+    """Write a TRC file that OpenSim opens; coordinates with 7 digits after the point in metres, 4 in millimetres.
+
+    Raises:
+        InputError: the place cannot be written to, or a marker name holds a tab or a line break.
+    """
+    path = Path(path)
+    bad = [name for name in data.names if not name or any(ch in name for ch in "\t\r\n")]
+    if bad:
+        raise InputError(f"{path}: marker names must not be empty or hold tabs, got {bad[0]!r}")
+    rate, count = f"{data.rate_hz:g}", len(data.t_s)
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate}\t{rate}\t{count}\t{len(data.names)}\t{units}\t{rate}\t1\t{count}",
+        "Frame#\tTime\t" + "\t\t\t".join(data.names) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(len(data.names)) for axis in "XYZ"),
+        "",
+    ]
+    digits = 7 if units == "m" else 4
+    xyz_file = data.xyz_world[..., [1, 2, 0]].reshape(count, -1) / METRES[units]
+    for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)):
+        cells = [f"{value:.{digits}f}" if math.isfinite(value) else "" for value in row]
+        lines.append("\t".join([str(i + 1), f"{t_s:.6f}", *cells]))
+    with atomic_file(path) as beside:
+        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error})") from None
+    if len(lines) < _HEADER_LINES or not lines[0].startswith("PathFileType"):
+        raise InputError(f"{path}: not a TRC file: expected a first line that begins with PathFileType")
+    return lines
+
+
+def _header(path: Path, lines: list[str]) -> dict[str, str]:
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    for key in ("DataRate", "NumMarkers"):
+        if key not in header:
+            raise InputError(f"{path}: line 2: {key} is missing; there are: {choices(header)}")
+    return header
+
+
+def _metres(path: Path, units: str) -> float:
+    if units not in METRES:
+        raise InputError(
+            f"{path}: units: expected one of {choices(METRES)}, got {units!r}; state them: read_trc(path, units='mm')"
+        )
+    return METRES[units]
+
+
+def _rate(path: Path, header: dict[str, str]) -> float:
+    try:
+        rate_hz = float(header["DataRate"])
+    except ValueError:
+        rate_hz = math.nan
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise InputError(f"{path}: DataRate: expected a number of Hz > 0, got {header['DataRate']!r}")
+    return rate_hz
+
+
+def _names(path: Path, line: str, header: dict[str, str]) -> tuple[str, ...]:
+    # writers disagree on the number of tabs between names, and some pad the end
+    names = tuple(name.strip() for name in line.split("\t")[2:] if name.strip())
+    if str(len(names)) != header["NumMarkers"]:
+        raise InputError(f"{path}: line 4: expected NumMarkers = {header['NumMarkers']} names, got {len(names)}")
+    return names
+
+
+def _row(path: Path, number: int, line: str, markers: int) -> list[float]:
+    cells = [cell.strip() for cell in line.split("\t")][1:]
+    wanted = 1 + 3 * markers
+    while len(cells) > wanted and not cells[-1]:
+        cells.pop()
+    if len(cells) > wanted:
+        raise InputError(f"{path}: line {number}: expected {wanted + 1} cells, got {len(cells) + 1}")
+    cells += [""] * (wanted - len(cells))
+    try:
+        row = [float(cell) if cell else math.nan for cell in cells]
+    except ValueError as error:
+        raise InputError(f"{path}: line {number}: {error}") from None
+    if not math.isfinite(row[0]):
+        raise InputError(f"{path}: line {number}: expected a time, got {cells[0]!r}")
+    return row
+
+
+def _check_scale(path: Path, xyz_m: Array, units: str) -> None:
+    seen = xyz_m[np.isfinite(xyz_m).all(axis=-1)]
+    if len(seen) < 2:
+        return
+    size_m = float(np.ptp(seen, axis=0).max())
+    if np.median(np.abs(seen)) > _FARTHEST_M or size_m < _SMALLEST_M:
+        raise InputError(
+            f"{path}: units {units!r} give points that span {size_m:.3g} m; "
+            f"they seem to be wrong: state them, e.g. read_trc(path, units='{'mm' if size_m > 1 else 'm'}')"
+        )

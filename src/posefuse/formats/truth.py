@@ -1,0 +1,112 @@
+"""The truth of a simulated session as one .npz file of plain arrays.
+
+Arrays: ``t_ns person_id xyz_world`` and, per camera number i, ``view<i>_t_ns view<i>_xy_img view<i>_visible``; joints as
+``joints_*``; the cameras and all names as JSON in ``description``. Same values, same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, Joints, Rig, Truth
+from posefuse.core.arrays import Array
+from posefuse.foundation.atomic import atomic_file
+
+_FORMAT = "posefuse truth 1"
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write_truth(path: Path, truth: Truth) -> None:
+    """Write a truth; raises InputError when the file cannot be written."""
+    arrays: dict[str, Array] = {"t_ns": truth.t_ns, "person_id": truth.person_id, "xyz_world": truth.xyz_world}
+    for i, view in enumerate(truth.views):
+        arrays |= {f"view{i}_t_ns": view.t_ns, f"view{i}_xy_img": view.xy_img, f"view{i}_visible": view.visible}
+    description: dict[str, Any] = {
+        "format": _FORMAT,
+        "skeleton": truth.skeleton.name,
+        "world_set_by": truth.rig.world_set_by,
+        "cameras": [_camera_description(camera) for camera in truth.rig],
+    }
+    if truth.joints is not None:
+        joints = truth.joints
+        pose = joints.world_from_segment
+        arrays |= {"joints_t_ns": joints.t_ns, "joints_wxyz": pose.wxyz, "joints_xyz": pose.xyz}
+        arrays |= {"joints_angle_rad": joints.angle_rad, "joints_sigma_rad": joints.sigma_rad}
+        description["joints"] = {"segments": joints.segments, "joints": joints.joints, "angle_names": joints.angle_names}
+    arrays["description"] = np.frombuffer(json.dumps(description).encode(), np.uint8)
+    write_arrays(path, arrays)
+
+
+def read_truth(path: Path) -> Truth:
+    """Read what `write_truth` wrote; raises InputError when it is not such a file."""
+    arrays = read_arrays(path)
+    try:
+        description = json.loads(arrays["description"].tobytes())
+        if description["format"] != _FORMAT:
+            raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {description['format']!r}")
+        rig = Rig(tuple(_camera(one) for one in description["cameras"]), description["world_set_by"], 0.0)
+        views = tuple(
+            CameraTruth(name, arrays[f"view{i}_t_ns"], arrays[f"view{i}_xy_img"], arrays[f"view{i}_visible"])
+            for i, name in enumerate(rig.names)
+        )
+        skeleton = SKELETONS[description["skeleton"]]
+        joints = _joints(arrays, description["joints"]) if "joints" in description else None
+        return Truth(rig, arrays["t_ns"], skeleton, arrays["person_id"], arrays["xyz_world"], views, joints)
+    except (KeyError, ValueError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a posefuse truth file ({type(error).__name__}: {error})") from None
+
+
+def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
+    """Write named arrays as .npz whose bytes depend on nothing but them; raises InputError when that fails."""
+    try:
+        with atomic_file(path) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, array in arrays.items():
+                buffer = io.BytesIO()
+                np.lib.format.write_array(buffer, np.ascontiguousarray(array), allow_pickle=False)
+                entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                archive.writestr(entry, buffer.getvalue())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error})") from None
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """All arrays of an .npz file; raises InputError when it cannot be read."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+        raise InputError(f"{path}: not an .npz file that can be read ({error})") from None
+
+
+def _camera_description(camera: Camera) -> dict[str, Any]:
+    return {
+        "name": camera.name,
+        "size_wh": camera.size_wh,
+        "K": camera.K.tolist(),
+        "distortion": camera.distortion.tolist(),
+        "model": camera.model,
+        "readout_s": camera.readout_s,
+        "wxyz": camera.cam_from_world.wxyz.tolist(),
+        "xyz": camera.cam_from_world.xyz.tolist(),
+    }
+
+
+def _camera(one: dict[str, Any]) -> Camera:
+    pose = SE3(np.array(one["wxyz"]), np.array(one["xyz"]))
+    size = (one["size_wh"][0], one["size_wh"][1])
+    return Camera(one["name"], size, np.array(one["K"]), pose, np.array(one["distortion"]), one["model"], one["readout_s"])
+
+
+def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> Joints:
+    return Joints(
+        arrays["joints_t_ns"], arrays["person_id"], tuple(names["segments"]), SE3(arrays["joints_wxyz"], arrays["joints_xyz"]),
+        tuple(names["joints"]), tuple(tuple(three) for three in names["angle_names"]),
+        arrays["joints_angle_rad"], arrays["joints_sigma_rad"],
+    )  # fmt: skip

@@ -1,0 +1,69 @@
+"""Plug-ins by Python entry points: cameras, 2D estimators and outputs, ours through the same door as others'."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from posefuse.core import ConfigError, DependencyError
+from posefuse.core.errors import choices
+
+from .settings import settings_from_mapping
+
+GROUPS = {"sources": "posefuse.sources", "detectors": "posefuse.detectors", "sinks": "posefuse.outputs"}
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One entry point.
+
+    Attributes:
+        kind: key of `GROUPS`. name: how users call it. package: distribution it came with.
+        config: its config class, None when it failed to import. reason: why it failed, "" when it did not.
+    """
+
+    kind: str
+    name: str
+    package: str
+    config: type[Any] | None
+    reason: str = ""
+
+
+def list_plugins(kind: str) -> list[Plugin]:
+    """All plug-ins of a kind by name; one that fails to import is listed with its reason."""
+    return [_loaded(kind, entry) for entry in sorted(entry_points(group=GROUPS[kind]), key=lambda entry: entry.name)]
+
+
+def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
+    """Build the plug-in `name` with its config made from `options`.
+
+    `known` are facts of the session by option name; a plug-in that has such an option gets it, unless the user set it.
+
+    Raises:
+        ConfigError: no such plug-in, or options it does not take.
+        DependencyError: it failed to import.
+    """
+    entries = {entry.name: entry for entry in entry_points(group=GROUPS[kind])}
+    if name not in entries:
+        raise ConfigError(f"no plug-in {name!r} among {kind}; there are: {choices(sorted(entries))}")
+    plugin = _loaded(kind, entries[name])
+    if plugin.config is None:
+        raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
+    fitting = {key: value for key, value in (known or {}).items() if key in option_names(plugin)}
+    return settings_from_mapping({**fitting, **options}, plugin.config, where=f"{kind} {name}").build()
+
+
+def option_names(plugin: Plugin) -> list[str]:
+    """Names of the options a plug-in takes."""
+    return [field.name for field in dataclasses.fields(plugin.config)] if plugin.config else []
+
+
+def _loaded(kind: str, entry: EntryPoint) -> Plugin:
+    package = entry.dist.name if entry.dist else "unknown"
+    try:
+        return Plugin(kind, entry.name, package, entry.load())
+    except Exception as error:  # noqa: BLE001 - others' code may fail in any way; it is listed, not hidden
+        return Plugin(kind, entry.name, package, None, f"{type(error).__name__}: {error}")

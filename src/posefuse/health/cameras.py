@@ -1,0 +1,238 @@
+"""Which camera is ill, and of what: told apart from what its frames say about themselves and when they come.
+
+No clock inside: times come as data.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from posefuse.core import Detections2D
+from posefuse.realtime.messages import CameraState, Seen
+
+OK = "ok"
+_S = 1_000_000_000
+# the same image for so long is no picture of a room any more
+FROZEN_NS = _S // 2
+# frames whose age differs from the usual one by so much carry a wrong time
+JUMP_NS = _S // 2
+_AGREE_NS = _S // 10
+_AGREEING = 8
+# frames that are older than usual by less than this may just be late (a stream or a processor that is behind): they must
+# agree for longer before it is the clock that is blamed
+_LATE_NS = 3 * _S
+_AGREEING_LATE = 90
+_USUAL_OF = 31
+_AGE_UNTIL_KNOWN_NS = 40_000_000
+SILENT_NS = _S
+# so many cameras make a pose
+_ENOUGH = 2
+# one camera may deliver so many frames a second
+FLOOD_HZ = 250
+_WINDOW_NS = _S // 2
+_COUNT_NS = _S // 5
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """State of one camera.
+
+    Attributes:
+        state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``;
+            or what `rig_watch` found: ``bumped``, ``out of step`` or ``swapped``.
+        text: in words.
+    """
+
+    state: str
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A camera's state has changed. `t_ns`: session time."""
+
+    t_ns: int
+    camera: str
+    state: str
+    text: str
+
+
+@dataclass
+class _Watch:
+    """What is remembered of one camera."""
+
+    ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_USUAL_OF))
+    strange_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_AGREEING_LATE))
+    shift_ns: int = 0
+    jumped: str = ""
+    late: bool = False
+    jumped_at_ns: int = -(10**18)
+    changed_ns: int | None = None
+    frozen: bool = False
+    heard_ns: int | None = None
+    window_ns: int = 0
+    in_window: int = 0
+    flooding_ns: int = -(10**18)
+    flood_hz: float = 0.0
+    source: CameraState | None = None
+    before: tuple[int, int, int] = (0, 0, 0)
+    counted_ns: int = 0
+    counted: int = 0
+    refused: dict[str, int] = field(default_factory=dict)
+
+
+class Monitor:
+    """Judges every frame before it is used, and every camera once in a while.
+
+    Attributes:
+        events: what changed, oldest first, at most the newest 1000. event_count: of all there ever were.
+    """
+
+    def __init__(self, cameras: Iterable[str]) -> None:
+        self._watches = {name: _Watch() for name in cameras}
+        self._verdicts = {name: Verdict("opening") for name in self._watches}
+        self.events: deque[Event] = deque(maxlen=1000)
+        self.event_count = 0
+
+    def admit(self, seen: Seen, now_ns: int) -> Detections2D | None:
+        """The view to use, its time put right where its clock has jumped; None when it must not be used."""
+        watch = self._watches.get(seen.detections.camera)
+        if watch is None:
+            return None
+        watch.heard_ns = now_ns
+        if self._floods(watch, now_ns):
+            _count(watch, "flood")
+            return None
+        t_ns = self._timed(watch, seen, now_ns)
+        if t_ns is None:
+            _count(watch, "late" if watch.late else "clock")
+            return None
+        if self._is_frozen(watch, seen, t_ns):
+            _count(watch, "frozen")
+            return None
+        return seen.detections if t_ns == seen.detections.t_ns else replace(seen.detections, t_ns=t_ns)
+
+    def told(self, state: CameraState, now_ns: int) -> None:
+        """What the camera's own process says."""
+        watch = self._watches.get(state.camera)
+        if watch is None:
+            return
+        if now_ns - watch.counted_ns >= _COUNT_NS:
+            rate_hz = (state.captured - watch.counted) * _S / (now_ns - watch.counted_ns)
+            if rate_hz > FLOOD_HZ:
+                watch.flooding_ns, watch.flood_hz = now_ns, rate_hz
+            watch.counted_ns, watch.counted = now_ns, state.captured
+        if watch.source is not None and state.captured < watch.source.captured:
+            # its process was started again and counts from 0
+            captured, replaced, missing = watch.before
+            last = watch.source
+            watch.before = captured + last.captured, replaced + last.replaced, missing + last.missing
+        watch.source = state
+
+    def judge(self, now_ns: int, troubles: Mapping[str, str], ill: Mapping[str, Verdict] | None = None) -> Mapping[str, Verdict]:
+        """Every camera's state; `troubles` says what is wrong with its process, `ill` with where it stands, by camera."""
+        for name, watch in self._watches.items():
+            verdict = self._verdict(watch, now_ns, troubles.get(name, ""), (ill or {}).get(name, Verdict(OK)))
+            if verdict.state != self._verdicts[name].state:
+                self.events.append(Event(now_ns, name, verdict.state, verdict.text))
+                self.event_count += 1
+            self._verdicts[name] = verdict
+        return dict(self._verdicts)
+
+    def does_without(self, camera: str) -> bool:
+        """Whether enough other cameras are well to leave this one's views out; one more is counted as refused."""
+        enough = sum(verdict.state == OK for name, verdict in self._verdicts.items() if name != camera) >= _ENOUGH
+        if enough:
+            _count(self._watches[camera], self._verdicts[camera].state)
+        return enough
+
+    def refused(self, camera: str) -> Mapping[str, int]:
+        """Views not used, by reason."""
+        return dict(self._watches[camera].refused)
+
+    def source(self, camera: str) -> CameraState | None:
+        """What the camera's process said last, counts over all processes it has had."""
+        watch = self._watches[camera]
+        if watch.source is None:
+            return None
+        captured, replaced, missing = watch.before
+        return replace(
+            watch.source,
+            captured=watch.source.captured + captured,
+            replaced=watch.source.replaced + replaced,
+            missing=watch.source.missing + missing,
+        )
+
+    def all_ended(self) -> bool:
+        """Every source is over and will not come back."""
+        return all(watch.source is not None and watch.source.state == "ended" for watch in self._watches.values())
+
+    def _verdict(self, watch: _Watch, now_ns: int, trouble: str, otherwise: Verdict) -> Verdict:
+        if trouble:
+            return Verdict("dead", trouble)
+        if watch.source is not None and watch.source.state in ("ended", "lost"):
+            return Verdict(watch.source.state, watch.source.text)
+        if now_ns - watch.flooding_ns < _S:
+            return Verdict("flood", f"{watch.flood_hz:,.0f} frames/s; only the newest are looked at")
+        if now_ns - watch.jumped_at_ns < _S or watch.strange_ns:
+            return Verdict("late" if watch.late else "clock", watch.jumped or "its time stamps jumped")
+        if watch.frozen:
+            return Verdict("frozen", "delivers the same image again and again")
+        if watch.heard_ns is None:
+            return Verdict("opening", "no frame yet")
+        if now_ns - watch.heard_ns > SILENT_NS:
+            return Verdict("silent", f"no frame for {(now_ns - watch.heard_ns) / _S:.1f} s")
+        return otherwise
+
+    def _floods(self, watch: _Watch, now_ns: int) -> bool:
+        if now_ns - watch.window_ns > _WINDOW_NS:
+            watch.window_ns, watch.in_window = now_ns, 0
+        watch.in_window += 1
+        if watch.in_window <= FLOOD_HZ * _WINDOW_NS // _S:
+            return False
+        watch.flooding_ns, watch.flood_hz = now_ns, watch.in_window * _S / max(now_ns - watch.window_ns, _S // 100)
+        return True
+
+    def _timed(self, watch: _Watch, seen: Seen, now_ns: int) -> int | None:
+        """Mid-exposure by a clock that agrees with arrival; None while that has to be found out."""
+        t_ns = seen.detections.t_ns + watch.shift_ns
+        age_ns = seen.received_ns - t_ns
+        usual_ns = int(np.median(watch.ages_ns)) if watch.ages_ns else _AGE_UNTIL_KNOWN_NS
+        if abs(age_ns - usual_ns) <= JUMP_NS:
+            watch.ages_ns.append(age_ns)
+            watch.strange_ns.clear()
+            return t_ns
+        watch.strange_ns.append(age_ns)
+        watch.late = 0 < age_ns - usual_ns < _LATE_NS
+        needed = _AGREEING_LATE if watch.late else _AGREEING
+        recent = list(watch.strange_ns)[-needed:]
+        jump_ns = int(np.median(recent)) - usual_ns
+        watch.jumped_at_ns = now_ns
+        agreed = len(recent) == needed and max(recent) - min(recent) <= _AGREE_NS
+        watch.late = watch.late and not agreed
+        watch.jumped = (
+            f"frames come {jump_ns / _S:.1f} s later than usual; they are not used"
+            if watch.late
+            else f"its clock is {-(jump_ns + watch.shift_ns) / _S:+.1f} s off; frames are timed by their arrival"
+        )
+        if not agreed:
+            return None
+        watch.shift_ns += jump_ns
+        watch.strange_ns.clear()
+        return t_ns + jump_ns
+
+    def _is_frozen(self, watch: _Watch, seen: Seen, t_ns: int) -> bool:
+        if seen.still == 0 or watch.changed_ns is None:
+            watch.changed_ns = t_ns
+        watch.frozen = t_ns - watch.changed_ns >= FROZEN_NS
+        # where every image stands still, it is the scene that does, in pictures without noise
+        others = [other for other in self._watches.values() if other is not watch and other.heard_ns is not None]
+        return watch.frozen and (not others or any(not other.frozen for other in others))
+
+
+def _count(watch: _Watch, why: str) -> None:
+    watch.refused[why] = watch.refused.get(why, 0) + 1

@@ -1,0 +1,162 @@
+"""What points that all cameras see say of each camera's own turn and lateness.
+
+At every instant the points are where the rays of all cameras meet; what is left over is looked at in metres at the point, as
+a 2D network errs by about the same share of a body in every view. A camera that was turned, or whose clock is off, leaves
+something that the points cannot take up: the points are eliminated, and what remains is linear in the unknowns of all cameras
+together. So a bad camera, which spoils the residuals of the others, can be told from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from posefuse.calibration.extrinsics.world import meeting_points
+from posefuse.core import Rig
+from posefuse.core.arrays import Array
+
+# unknowns of a camera: its turn about its own axes in rad, and how late its images are in s
+UNKNOWNS, TURN, LATE = 4, slice(0, 3), slice(3, 4)
+# a point that fits worse than so many times the median of the instant's points pulls with constant force
+_WORSE = 2.0
+_LEAST_DEPTH_M, _MOST_OFF_M = 0.2, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """Points of one instant, and how they fit.
+
+    Attributes:
+        t_ns: when. xyz_world: (P, 3) where the rays meet, NaN where fewer than two do.
+        misfit_m: (P,) rms of what each point leaves over per redundant coordinate; NaN where nothing is redundant.
+        rows: (P, C, 2, 3) metres at the point per metre of the point. off_m: (P, C, 2) seen minus expected, 0 where unseen.
+        xyz_cam: (P, C, 3). seen: (P, C).
+    """
+
+    t_ns: int
+    xyz_world: Array
+    misfit_m: Array
+    rows: Array
+    off_m: Array
+    xyz_cam: Array
+    seen: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """What instants say of the unknowns u (4 C) of all cameras; squares in m^2.
+
+    Attributes:
+        information: (4C, 4C) of squares over u, the points taken out. pull: (4C,). squares: of what is left over.
+        count: of redundant coordinates.
+        own: (C, 4, 4) squares by which each camera's unknowns displace its own points. points: (C,) of them.
+        places: (5,) of the middle of the points: how many, sums of x, y, z in m, and of their squares.
+    """
+
+    information: Array
+    pull: Array
+    squares: float
+    count: float
+    own: Array
+    points: Array
+    places: Array
+
+    @property
+    def walked_m(self) -> float:
+        """How far about its mean the middle of the points was, rms."""
+        count, *place, square = self.places / max(self.places[0], 1e-9)
+        return float(np.sqrt(max(square - np.dot(place, place), 0.0))) if count else 0.0
+
+    @staticmethod
+    def nothing(cameras: int) -> Sums:
+        """No instant yet."""
+        square, own = np.zeros((UNKNOWNS * cameras,) * 2), np.zeros((cameras, UNKNOWNS, UNKNOWNS))
+        return Sums(square, np.zeros(UNKNOWNS * cameras), 0.0, 0.0, own, np.zeros(cameras), np.zeros(5))
+
+    def decayed(self, keep: float, new: Sums) -> Sums:
+        """These counting `keep` times, and new ones."""
+        return Sums(
+            keep * self.information + new.information,
+            keep * self.pull + new.pull,
+            keep * self.squares + new.squares,
+            keep * self.count + new.count,
+            keep * self.own + new.own,
+            keep * self.points + new.points,
+            keep * self.places + new.places,
+        )
+
+
+def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
+    """Points (C, P, 2) in raw px, NaN where unseen, as they fit the rig."""
+    norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
+    points = meeting_points(rig, norm)
+    turn, shift = _poses(rig)
+    norm = np.moveaxis(norm, 0, 1)
+    # where the rays meet with every camera's error counted in metres
+    for _ in range(2):
+        xyz_cam = np.einsum("cij,pj->pci", turn, points) + shift
+        seen = np.isfinite(norm).all(axis=-1) & (xyz_cam[..., 2] > _LEAST_DEPTH_M)
+        seen &= seen.sum(axis=1, keepdims=True) >= 2
+        rows = np.where(seen[..., None, None], turn[:, :2] - norm[..., None] * turn[:, None, 2], 0.0)
+        off = np.where(seen[..., None], norm * xyz_cam[..., 2:] - xyz_cam[..., :2], 0.0)
+        normal = np.einsum("pcix,pciy->pxy", rows, rows) + 1e-9 * np.eye(3)
+        points = np.where(seen.any(axis=1)[:, None], points, np.nan)
+        step = np.linalg.solve(normal, np.einsum("pcix,pci->px", rows, off)[..., None])[..., 0]
+        points = points + step
+        off = off - np.einsum("pcix,px->pci", rows, step)
+    length = np.hypot(off[..., 0], off[..., 1])[..., None]
+    off = off * np.minimum(1.0, _MOST_OFF_M / np.maximum(length, 1e-9))
+    redundant = 2 * seen.sum(axis=1) - 3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        misfit = np.sqrt(np.where(redundant > 0, (off**2).sum(axis=(1, 2)) / redundant, np.nan))
+    xyz_cam = np.where(seen[..., None], np.einsum("cij,pj->pci", turn, points) + shift, 0.0)
+    return Instant(t_ns, points, misfit, rows, off, xyz_cam, seen)
+
+
+def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
+    """What an instant says, its points moving at (P, 3) m/s; NaN where that is not known."""
+    good = np.isfinite(now.misfit_m) & np.isfinite(velocity_world).all(axis=-1)
+    cameras = len(rig)
+    if not good.any():
+        return Sums.nothing(cameras)
+    misfit = now.misfit_m[good]
+    weight = np.minimum(1.0, _WORSE * np.median(misfit) / np.maximum(misfit, 1e-9))
+    rows, off, xyz_cam, seen = now.rows[good], now.off_m[good], now.xyz_cam[good], now.seen[good]
+    turn, _ = _poses(rig)
+    moved = np.concatenate([_turned(xyz_cam), -np.einsum("cij,pj->pci", turn, velocity_world[good])[..., None]], axis=-1)
+    depth = np.maximum(xyz_cam[..., 2], _LEAST_DEPTH_M)
+    across = moved[..., :2, :] - (xyz_cam[..., :2] / depth[..., None])[..., None] * moved[..., 2:, :]
+    across = np.where(seen[..., None, None], across, 0.0)
+    own = np.einsum("p,pciu,pciv->cuv", weight, across, across)
+    # (P, C, 2, C, 4) of which each camera's rows know its own unknowns only
+    design = np.zeros((len(rows), cameras, 2, cameras, UNKNOWNS))
+    each = np.arange(cameras)
+    design[:, each, :, each] = np.moveaxis(across, 1, 0)
+    design = design.reshape(len(rows), 2 * cameras, UNKNOWNS * cameras)
+    rows = rows.reshape(len(rows), 2 * cameras, 3)
+    normal = np.swapaxes(rows, 1, 2) @ rows + 1e-9 * np.eye(3)
+    # what the points can take up is taken out
+    left = design - rows @ np.linalg.solve(normal, np.swapaxes(rows, 1, 2) @ design)
+    weighted = np.swapaxes(left, 1, 2) * weight[:, None, None]
+    information = (weighted @ left).sum(axis=0)
+    pull = (weighted @ off.reshape(len(rows), 2 * cameras, 1)).sum(axis=0)[:, 0]
+    redundant = 2 * seen.sum(axis=1) - 3
+    squares, count = float((weight * redundant * misfit**2).sum()), float((weight * redundant).sum())
+    middle = np.median(now.xyz_world[good], axis=0)
+    places = np.array([1.0, *middle, middle @ middle])
+    return Sums(information, pull, squares, count, own, (weight[:, None] * seen).sum(axis=0), places)
+
+
+@lru_cache(maxsize=8)
+def _poses(rig: Rig) -> tuple[Array, Array]:
+    """(C, 3, 3) and (C, 3) of cam_from_world."""
+    return np.stack([camera.cam_from_world.matrix() for camera in rig]), np.stack([camera.cam_from_world.xyz for camera in rig])
+
+
+def _turned(xyz_cam: Array) -> Array:
+    """(..., 3, 3): how points (..., 3) move per rad about each axis."""
+    x, y, z = np.moveaxis(xyz_cam, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([np.stack(row, axis=-1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], axis=-2)

@@ -1,0 +1,68 @@
+"""Output ``mcap``: what a live session would have published in ROS 2, for Foxglove and `ros2 bag play`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from posefuse.core import Detections2D, Pose3D, Recording, Sink
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.settings import settings
+from posefuse.messages import topics
+from posefuse.messages.bags import Recorder
+from posefuse.messages.messages import message_from_detections
+from posefuse.messages.ros_output import RosOutput
+
+
+@settings
+class McapSink:
+    """``pose.mcap``: cameras, 2D poses of each view, 3D poses, REP-155 bodies, tf and markers.
+
+    Attributes:
+        epoch_offset_ns: Unix epoch minus session clock, added to every stamp.
+    """
+
+    epoch_offset_ns: int = 0
+    name: ClassVar[str] = "mcap"
+
+    def build(self) -> Sink:
+        """This output, ready."""
+        return self
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        """Write ``pose.mcap``; returns the file made."""
+        path = folder / "pose.mcap"
+        with atomic_file(path) as beside:
+            beside.unlink(missing_ok=True)
+            with Recorder(beside) as recorder:
+                output = RosOutput(recorder, recording.rig, epoch_offset_ns=self.epoch_offset_ns)
+                output.start(int(recording.poses.t_ns[0]))
+                for i in range(len(recording.poses)):
+                    for view in _views(recording, i, self.epoch_offset_ns):
+                        recorder.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
+                    output.step(_present(recording.poses.at(i)))
+        return [path]
+
+
+def _present(pose: Pose3D) -> Pose3D:
+    """Only the people of whom anything is known at this instant."""
+    here = np.isfinite(pose.xyz_world).all(axis=-1).any(axis=-1)
+    return Pose3D(
+        pose.t_ns, pose.skeleton, pose.person_id[here], pose.xyz_world[here], pose.cov_world[here],
+        pose.reproj_px[here], pose.n_views[here], pose.kind[here],
+    )  # fmt: skip
+
+
+def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detections2D]:
+    """What each camera saw at instant i, people as fused."""
+    for c, camera in enumerate(recording.rig):
+        score = recording.score[i, :, c]
+        here = (score > 0).any(axis=-1)
+        xy, score, sigma = recording.xy_img[i, here, c], score[here], recording.sigma_px[i, here, c]
+        seen = np.where((score > 0)[..., None], xy, np.nan)
+        box = np.concatenate([np.nanmin(seen, axis=1), np.nanmax(seen, axis=1)], axis=-1) if len(xy) else np.zeros((0, 4))
+        t_ns = int(recording.poses.t_ns[i]) + epoch_offset_ns
+        yield Detections2D(camera.name, t_ns, recording.poses.skeleton, xy, score, sigma, box)

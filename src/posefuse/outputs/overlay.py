@@ -1,0 +1,79 @@
+"""Output ``overlay``: a film of all views side by side with the skeleton on top."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from posefuse.core import Recording
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.settings import settings
+
+from .drawing import EMPTY_RGB, grid_for, view_tile
+from .facts import rate_hz
+from .frames import Frames, FrameSink, FrameWriter, write_without_frames
+
+
+@settings
+class OverlaySink:
+    """``overlay.mp4``: every view with the fused skeleton (left orange, right blue) and its raw detections (crosses).
+
+    Attributes:
+        width_px, height_px: the film fits into this.
+        crf: x264's constant rate factor; lower is better and larger.
+    """
+
+    width_px: Annotated[int, Ge(64), Le(7680)] = 1280
+    height_px: Annotated[int, Ge(64), Le(4320)] = 960
+    crf: Annotated[int, Ge(0), Le(51)] = 26
+    name: ClassVar[str] = "overlay"
+
+    def build(self) -> FrameSink:
+        """This output, ready."""
+        return self
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        """Write ``overlay.mp4`` on plain ground; returns the file made."""
+        return write_without_frames(self, recording, folder)
+
+    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
+        """Begin ``overlay.mp4``; frames come one set at a time."""
+        return _OverlayWriter(recording, folder / "overlay.mp4", self)
+
+
+class _OverlayWriter:
+    def __init__(self, recording: Recording, path: Path, config: OverlaySink) -> None:
+        self._recording, self._path, self._config = recording, path, config
+        self._whole = ExitStack()
+        self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))
+
+    def __enter__(self) -> _OverlayWriter:
+        from posefuse.formats.video import VideoWriter
+
+        beside = self._whole.enter_context(atomic_file(self._path))
+        rate = rate_hz(self._recording.poses)
+        self._video = VideoWriter(beside, self._grid.size_wh, rate, self._config.crf, preset="superfast")
+        return self
+
+    def __exit__(self, *problem: Any) -> None:
+        self._video.close()
+        self._whole.__exit__(*problem)
+
+    @property
+    def files(self) -> list[Path]:
+        return [self._path]
+
+    def add(self, i: int, frames: Frames) -> None:
+        width, height = self._grid.size_wh
+        picture = np.full((height, width, 3), EMPTY_RGB, np.uint8)
+        tile_width, tile_height = self._grid.tile_wh
+        for c, frame in enumerate(frames):
+            left, top = self._grid.corner(c)
+            tile = view_tile(self._recording, i, c, None if frame is None else frame.image, self._grid.tile_wh)
+            picture[top : top + tile_height, left : left + tile_width] = tile
+        t_ns = self._recording.poses.t_ns
+        self._video.write(picture, int(t_ns[i] - t_ns[0]))

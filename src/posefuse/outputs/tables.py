@@ -1,0 +1,87 @@
+"""Outputs ``csv`` and ``parquet``: one row per instant, person and keypoint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from posefuse.core import Kind, Recording, Sink
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.settings import settings
+
+from .facts import provenance_text, sigma_m
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@settings
+class CsvSink:
+    """``pose.csv``. The first line is a comment (#) with the provenance; missing values are empty."""
+
+    name: ClassVar[str] = "csv"
+
+    def build(self) -> Sink:
+        """This output, ready."""
+        return self
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        """Write ``pose.csv``; returns the file made."""
+        import pyarrow.csv
+
+        path = folder / "pose.csv"
+        with atomic_file(path) as beside, beside.open("wb") as file:
+            file.write(f"# posefuse {provenance_text(recording)}\n".encode())
+            pyarrow.csv.write_csv(
+                table_from_recording(recording), file, pyarrow.csv.WriteOptions(quoting_style="none", quoting_header="none")
+            )
+        return [path]
+
+
+@settings
+class ParquetSink:
+    """``pose.parquet``. The provenance is the schema's metadata, key ``posefuse``."""
+
+    name: ClassVar[str] = "parquet"
+
+    def build(self) -> Sink:
+        """This output, ready."""
+        return self
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        """Write ``pose.parquet``; returns the file made."""
+        import pyarrow.parquet
+
+        path = folder / "pose.parquet"
+        table = table_from_recording(recording)
+        with atomic_file(path) as beside:
+            pyarrow.parquet.write_table(table.replace_schema_metadata({"posefuse": provenance_text(recording)}), beside)
+        return [path]
+
+
+def table_from_recording(recording: Recording) -> pa.Table:
+    """Columns t_s, person, keypoint, x_m, y_m, z_m, sigma_m, n_views, reproj_px, kind; null where missing.
+
+    World axes, Z up; sigma_m is the standard deviation along one axis; kind is ``fused``, ``smoothed``...
+    """
+    import pyarrow as pa
+
+    poses = recording.poses
+    times, people, keypoints = poses.kind.shape
+    kinds = pa.array([kind.name.lower() for kind in Kind])
+    names = pa.array(poses.skeleton.keypoints)
+    columns = {
+        "t_s": np.repeat(poses.t_ns / 1e9, people * keypoints),
+        "person": np.tile(np.repeat(poses.person_id, keypoints), times),
+        "keypoint": names.take(pa.array(np.tile(np.arange(keypoints), times * people))),
+        "x_m": poses.xyz_world[..., 0].ravel(),
+        "y_m": poses.xyz_world[..., 1].ravel(),
+        "z_m": poses.xyz_world[..., 2].ravel(),
+        "sigma_m": sigma_m(poses).ravel(),
+        "n_views": poses.n_views.ravel(),
+        "reproj_px": poses.reproj_px.ravel(),
+        "kind": kinds.take(pa.array(poses.kind.ravel())),
+    }
+    return pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})

@@ -1,0 +1,122 @@
+"""What a user may set for a recording; each default exists once, here or in the room it belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from annotated_types import Gt
+
+from posefuse.association import AssociateSettings
+from posefuse.core import ConfigError
+from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
+from posefuse.fusion import FuseSettings
+from posefuse.tracking import SmoothSettings
+
+T = TypeVar("T")
+CONFIG_FILE = "posefuse.toml"
+DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "parquet", "json", "overlay", "overview")
+
+
+@settings
+class CameraInput:
+    """What is known of one camera's data beyond its calibration. Paths are relative to the session.
+
+    Attributes:
+        video, images, pose2d: the file or folder (one of them); found by name when left out.
+        offset_s: added to its times; positive when it began later than the others.
+        drift_ppm: added per million of its times; positive when its clock runs slow.
+        crop: (left, top) px: the video is a cut-out of the calibrated image that begins there.
+        scale: the video is the calibrated image resampled to another size.
+        skip: leave this camera out.
+    """
+
+    video: str | None = None
+    images: str | None = None
+    pose2d: str | None = None
+    offset_s: float = 0.0
+    drift_ppm: float = 0.0
+    crop: tuple[float, float] | None = None
+    scale: bool = False
+    skip: bool = False
+
+
+@settings
+class DetectorChoice:
+    """Which 2D estimator, and its options (see `posefuse plugins`)."""
+
+    name: str = "blazepose"
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+@settings
+class TrackConfig:
+    """Everything `posefuse track` can be told.
+
+    Attributes:
+        rig: calibration file, relative to the session; found by name when left out.
+        input: ``videos``, ``images``, ``pose2d`` (OpenPose JSON), or ``auto``: the first of these that is there.
+        cameras: per camera name, see `CameraInput`.
+        start_s, end_s: part of the recording to work on, in session seconds.
+        rate_hz: output rate; the cameras' own when left out. Also the frame rate of image and 2D pose folders
+            that do not say theirs.
+        detector: the 2D estimator. associate, fuse, smooth: see the rooms.
+        joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
+        raw: leave every instant as it was fused: no smoothing, no bridged gaps.
+        outputs: names of sinks, see `posefuse plugins`.
+    """
+
+    rig: str | None = None
+    input: Literal["auto", "videos", "images", "pose2d"] = "auto"
+    cameras: dict[str, CameraInput] = field(default_factory=dict)
+    start_s: float | None = None
+    end_s: float | None = None
+    rate_hz: Annotated[float, Gt(0)] | None = None
+    detector: DetectorChoice = field(default_factory=DetectorChoice)
+    associate: AssociateSettings = field(default_factory=AssociateSettings)
+    fuse: FuseSettings = field(default_factory=FuseSettings)
+    smooth: SmoothSettings = field(default_factory=SmoothSettings)
+    joint_centres: bool = True
+    raw: bool = False
+    outputs: tuple[str, ...] = DEFAULT_OUTPUTS
+
+
+def read_config(path: Path | None, overrides: Sequence[str]) -> TrackConfig:
+    """The settings of `posefuse track`, see `read_overridden`."""
+    return read_overridden(path, overrides, TrackConfig)
+
+
+def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T]) -> T:
+    """The config file (if any) as settings of class `cls`, with ``key.sub=value`` overrides from the command line put on top.
+
+    Raises:
+        ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
+    """
+    content: dict[str, Any] = read_mapping(path) if path else {}
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        if not equals or not key:
+            raise ConfigError(f"--set {override}: expected KEY=VALUE, e.g. --set fuse.weights=score")
+        _put(content, key.split("."), _value(text))
+    return settings_from_mapping(content, cls, where=str(path) if path else "settings")
+
+
+def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
+    for key in keys[:-1]:
+        inner = content.setdefault(key, {})
+        if not isinstance(inner, Mapping):
+            raise ConfigError(f"--set {'.'.join(keys)}: {key} is a value, not a group")
+        content = inner  # type: ignore[assignment]
+    content[keys[-1]] = value
+
+
+def _value(text: str) -> Any:
+    """A TOML value; bare words are strings."""
+    import tomllib
+
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,214 @@
+"""A session folder: which rig file, and which video, image folder or 2D pose folder belongs to which camera."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core import CalibrationError, Camera, InputError, Rig, Source
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.formats.rig import fit_camera_to_video, read_placed_rig
+from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+
+from .config import CameraInput, TrackConfig
+
+RIG_PATTERNS = (
+    "rig.toml",
+    "camera_array.toml",
+    "[Cc]alib*.toml",
+    "*.qca.txt",
+    "[Cc]alib*.json",
+    "[Cc]alib*.y*ml",
+    "cameras",
+    "camera_info",
+)
+RIG_FOLDERS = (".", "calibration", "Calibration")
+KINDS = ("videos", "images", "pose2d")
+_FOLDERS = {
+    "videos": (".", "videos", "Videos"),
+    "images": ("images", "frames", "videos"),
+    "pose2d": ("pose2d", "openpose_json", "pose", "pose-2d"),
+}
+LEAST_CAMERAS = 2
+UNFINISHED_FILE = "INCOMPLETE"
+_FRAMES_TO_TELL_BARS = 15
+
+
+@dataclass(frozen=True)
+class Input:
+    """One camera's data.
+
+    Attributes:
+        camera: name in the rig. kind: one of `KINDS`. path: file or folder. settings: what the config says of it.
+    """
+
+    camera: str
+    kind: str
+    path: Path
+    settings: CameraInput
+
+
+@dataclass(frozen=True)
+class Session:
+    """A folder understood: the calibrated cameras that have data, in the order of the rig file.
+
+    Attributes:
+        folder: the session. rig_path: the calibration file. rig: only cameras with data.
+        inputs: one per camera of the rig. notes: what was left aside, in words.
+    """
+
+    folder: Path
+    rig_path: Path
+    rig: Rig
+    inputs: tuple[Input, ...]
+    notes: tuple[str, ...] = ()
+
+
+def find_session(folder: Path, config: TrackConfig) -> Session:
+    """Understand a session folder by convention and by what the config names.
+
+    Raises:
+        InputError: nothing usable there, or data that cannot be told apart; says what is there and how to name it.
+        CalibrationError: no rig file, or fewer than two cameras with data.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such session folder")
+    if (folder / UNFINISHED_FILE).exists():
+        raise InputError(f"{folder}: this simulated session is unfinished; run the same `posefuse simulate` again to finish it")
+    rig_path = _rig_path(folder, config)
+    rig = read_placed_rig(rig_path)
+    unknown = sorted(set(config.cameras) - set(rig.names))
+    if unknown:
+        raise CalibrationError(f"config: no camera {choices(unknown)} in {rig_path}; there are: {choices(rig.names)}")
+    kind, found = _data(folder, config)
+    named = _named_inputs(folder, config)
+    matched = _match(found, rig, named, folder)
+    inputs = tuple(
+        Input(name, *(named.get(name) or (kind, matched[name])), config.cameras.get(name, CameraInput()))
+        for name in rig.names
+        if (name in named or name in matched) and not config.cameras.get(name, CameraInput()).skip
+    )
+    if len(inputs) < LEAST_CAMERAS:
+        raise CalibrationError(
+            f"{folder}: expected data of at least {LEAST_CAMERAS} calibrated cameras, got {len(inputs)}; "
+            f"the rig has: {choices(rig.names)}; found {kind}: {choices(path.name for path in found)}"
+        )
+    used = {entry.camera for entry in inputs}
+    notes = tuple(f"camera {name}: calibrated, but no {kind} found; left aside" for name in rig.names if name not in used)
+    if rig.refused:
+        notes = (
+            *notes,
+            f"{rig_path}: this calibration was refused ({rig.refused}) and kept all the same: do not trust positions",
+        )
+    return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, notes)
+
+
+def fitted_camera(camera: Camera, entry: Input, source: Source) -> Camera:
+    """The camera for a source's images: as calibrated, or by the crop or scale that is stated or can be told from them."""
+    image = None if source.size_wh == camera.size_wh else _brightest(source)
+    try:
+        return fit_camera_to_video(camera, source.size_wh, crop=entry.settings.crop, scale=entry.settings.scale, image=image)
+    except CalibrationError as error:
+        raise CalibrationError(f"{entry.path}: {error}") from None
+
+
+def _brightest(source: Source) -> Array:
+    """The brightest value of each pixel over the first frames: what stays black is no scene."""
+    first = (frame.image for frame in itertools.islice(source.frames(), _FRAMES_TO_TELL_BARS))
+    return np.asarray(functools.reduce(np.maximum, first))
+
+
+def _rig_path(folder: Path, config: TrackConfig) -> Path:
+    if config.rig:
+        path = folder / config.rig
+        if not path.exists():
+            raise CalibrationError(f"{path}: no such calibration file")
+        return path
+    for place in RIG_FOLDERS:
+        for pattern in RIG_PATTERNS:
+            hits = sorted((folder / place).glob(pattern))
+            if hits:
+                return hits[0]
+    places = ", ".join(str(folder / place) for place in RIG_FOLDERS[:2])
+    raise CalibrationError(f"no calibration file in {places}; looked for {', '.join(RIG_PATTERNS)}; name one with --rig FILE")
+
+
+def _data(folder: Path, config: TrackConfig) -> tuple[str, list[Path]]:
+    kinds = KINDS if config.input == "auto" else (config.input,)
+    for kind in kinds:
+        for place in _FOLDERS[kind]:
+            found = _entries(folder / place, kind)
+            if found:
+                return kind, found
+    if config.cameras:
+        return kinds[0], []
+    looked = ", ".join(f"{place}/" for kind in kinds for place in _FOLDERS[kind])
+    raise InputError(f"{folder}: no {' or '.join(kinds)} found; looked in {looked}")
+
+
+def _entries(place: Path, kind: str) -> list[Path]:
+    if not place.is_dir():
+        return []
+    if kind == "videos":
+        return sorted(path for path in place.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+    suffixes = IMAGE_SUFFIXES if kind == "images" else (".json",)
+    return sorted(
+        path for path in place.iterdir() if path.is_dir() and any(file.suffix.lower() in suffixes for file in path.iterdir())
+    )
+
+
+def _named_inputs(folder: Path, config: TrackConfig) -> dict[str, tuple[str, Path]]:
+    named = {}
+    for camera, entry in config.cameras.items():
+        stated = [(kind, value) for kind, value in zip(KINDS, (entry.video, entry.images, entry.pose2d), strict=True) if value]
+        if len(stated) > 1:
+            raise InputError(f"config: camera {camera}: expected one of video, images, pose2d, got {len(stated)}")
+        if stated:
+            path = folder / stated[0][1]
+            if not path.exists():
+                raise InputError(f"{path}: camera {camera}: no such file or folder")
+            named[camera] = (stated[0][0], path)
+    return named
+
+
+def _match(found: list[Path], rig: Rig, named: Mapping[str, tuple[str, Path]], folder: Path) -> dict[str, Path]:
+    """Data by camera name: spelling aside (cam_01 = Cam1 = cam01_json), every entry must find its camera."""
+    taken = {path for _, path in named.values()}
+    open_names = [name for name in rig.names if name not in named]
+    left = [path for path in found if path not in taken]
+    matched: dict[str, Path] = {}
+    for path in left:
+        name = _camera_of(path.stem, open_names)
+        if name is None or name in matched:
+            problem = "matches no camera of the rig, or several" if name is None else f"is a second one for camera {name}"
+            raise InputError(
+                f"{path}: {problem}; cameras: {choices(rig.names)}; rename it, or name the data per camera in "
+                f'{folder / "posefuse.toml"}: [cameras.{rig.names[0]}] video = "..." (or skip = true)'
+            )
+        matched[name] = path
+    return matched
+
+
+def _camera_of(stem: str, names: Collection[str]) -> str | None:
+    """The one camera whose name is this, or is part of it, or of which it is part ("1", "trial2_cam1"); None if unclear."""
+    words = _words(stem)
+    exact = [name for name in names if _words(name) == words]
+    close = exact or [name for name in names if _inside(_words(name), words) or _inside(words, _words(name))]
+    return close[0] if len(close) == 1 else None
+
+
+def _words(name: str) -> list[str]:
+    """``cam_01`` and ``Cam1`` are both ['cam', '1']."""
+    words = re.findall(r"[a-z]+|\d+", name.lower())
+    return [word.lstrip("0") or "0" if word.isdigit() else word for word in words]
+
+
+def _inside(part: list[str], whole: list[str]) -> bool:
+    return bool(part) and any(whole[i : i + len(part)] == part for i in range(len(whole) - len(part) + 1))

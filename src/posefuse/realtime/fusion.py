@@ -1,0 +1,246 @@
+"""The steady loop: views in as they come, a pose out at every beat of the session clock, predicted to that beat."""
+
+from __future__ import annotations
+
+import gc
+import select
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from posefuse.core import Pose3D, Rig
+from posefuse.core.arrays import Array
+from posefuse.health.cameras import Monitor, Verdict
+from posefuse.kinematics import JointTracker
+from posefuse.tracking.online import Tracker
+
+from .board import Board
+from .channel import Channel
+from .clock import SessionClock
+from .joint_centres import Centring
+from .latency import Latencies, Way
+from .messages import Centres, Preview, Seen, Status
+from .rig_watch import RigWatch
+from .scheduling import expected_gain
+
+_S = 1_000_000_000
+# views are told where to look this often, and judged this often
+_BOARD_NS = _S // 40
+_JUDGE_NS = _S // 4
+# a camera's usual noise, until its own views have said
+_SIGMA_PX = 4.0
+_SIGMA_FORGET = 0.02
+
+
+class Intake(Protocol):
+    """Where views come from: camera groups of this machine, or a network."""
+
+    def channels(self) -> list[Channel]:
+        """For `select`."""
+        ...
+
+    def messages(self) -> Iterable[Any]:
+        """What has come; never waits."""
+        ...
+
+    def troubles(self) -> Mapping[str, str]:
+        """What is wrong with the process or machine of a camera, by camera."""
+        ...
+
+
+class Outlets(Protocol):
+    """Where results go; never waits."""
+
+    def offer(self, kind: str, *values: Any) -> None:
+        """Hand something on: ``centres``, ``view``, ``pose``, ``health``, ``preview``."""
+        ...
+
+
+class Fusion:
+    """Tracker, monitor and stop watches of one session; everything in one thread.
+
+    The tracker follows what the networks mark, and by that the views are told where to look; what goes out is moved to joint
+    centres where `centring` wants it.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        tracker: Tracker,
+        board: Board,
+        clock: SessionClock,
+        outlets: Outlets,
+        centring: Centring,
+        watch: RigWatch | None = None,
+        joints: JointTracker | None = None,
+    ) -> None:
+        self.rig, self.tracker, self._board, self.clock, self._outlets = rig, tracker, board, clock, outlets
+        self.monitor = Monitor(rig.names)
+        self.latencies = Latencies(rig.names)
+        self.centring = centring
+        self.watch, self._joints = watch, joints
+        self.verdicts: Mapping[str, Verdict] = {}
+        self.used = dict.fromkeys(rig.names, 0)
+        self.poses = self.poses_with_people = 0
+        self.sigma_px = np.full(len(rig), _SIGMA_PX)
+        self._waiting: list[Way] = []
+        self._last_told: Pose3D | None = None
+        self._followed = 0
+        self._judged_ns = 0
+
+    def run(self, intake: Intake, rate_hz: float, until: Callable[[int], bool]) -> None:
+        """Work until `until(now)` says so."""
+        period_ns = round(_S / rate_hz)
+        due_ns = self.clock.now_ns() + period_ns
+        # what is there by now stays; a collection would stop the beat for milliseconds
+        gc.collect()
+        gc.freeze()
+        try:
+            while not until(now_ns := self.clock.now_ns()):
+                if now_ns < due_ns:
+                    self._listen(intake, due_ns)
+                    continue
+                self.tick(due_ns, period_ns)
+                self._judge(intake, due_ns)
+                behind = (self.clock.now_ns() - due_ns) // period_ns
+                if behind > 1:
+                    self.latencies.late_ticks += int(behind) - 1
+                    due_ns += (int(behind) - 1) * period_ns
+                due_ns += period_ns
+        finally:
+            gc.unfreeze()
+
+    def take(self, message: Any) -> None:
+        """One message of a camera group, or of another machine."""
+        if isinstance(message, Seen):
+            self._see(message)
+        elif isinstance(message, Centres):
+            self.centring.learn(message)
+            self._outlets.offer("centres", self.clock.now_ns(), message)
+        elif isinstance(message, Status):
+            for state in message.cameras:
+                self.monitor.told(state, message.t_ns)
+        elif isinstance(message, Preview):
+            self._outlets.offer("preview", message)
+
+    def tick(self, due_ns: int, period_ns: int) -> None:
+        """One pose, for the time it is due."""
+        pose = self.tracker.at(due_ns)
+        output_ns = self.clock.now_ns()
+        newest = max((way.exposed_ns for way in self._waiting), default=0)
+        stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
+        shown = self.centring.moved(pose)
+        joints = self._joints.step(shown) if self._joints is not None else None
+        self._outlets.offer("pose", shown, stages, joints)
+        self.latencies.tick_out(due_ns, output_ns, period_ns)
+        for way in self._waiting:
+            self.latencies.view_out(way, output_ns)
+        self._waiting.clear()
+        self.poses += 1
+        self._followed = len(pose.person_id)
+        self.poses_with_people += self._followed > 0
+        self._tell(pose)
+
+    def _see(self, seen: Seen) -> None:
+        now_ns = self.clock.now_ns()
+        if seen.state is not None:
+            self.monitor.told(seen.state, now_ns)
+        view = self.monitor.admit(seen, now_ns)
+        if view is None:
+            return
+        if self.watch is not None:
+            view = self.watch.timed(view, self._followed)
+            if view.camera in self.watch.known.astray and self.monitor.does_without(view.camera):
+                return
+        self.tracker.add(view)
+        fused_ns = self.clock.now_ns()
+        self.used[view.camera] += 1
+        self._learn_noise(view.camera, view.sigma_px)
+        way = Way(view.camera, view.t_ns, seen.received_ns, seen.started_ns, seen.detected_ns, fused_ns)
+        self._waiting.append(way)
+        stages = {
+            "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
+        }  # fmt: skip
+        self._outlets.offer("view", view, stages)
+
+    def _learn_noise(self, camera: str, sigma_px: Array) -> None:
+        stated = sigma_px[np.isfinite(sigma_px)]
+        if len(stated):
+            c = self.rig.names.index(camera)
+            self.sigma_px[c] += _SIGMA_FORGET * (float(np.median(stated)) - self.sigma_px[c])
+
+    def _listen(self, intake: Intake, due_ns: int) -> None:
+        channels = intake.channels()
+        wait_s = max(0, due_ns - self.clock.now_ns()) / _S
+        readable, _, _ = select.select(channels, [], [], wait_s)
+        if not readable and channels:
+            return
+        for message in intake.messages():
+            self.take(message)
+
+    def _tell(self, pose: Pose3D) -> None:
+        """Put the prediction where camera groups look for it."""
+        before = self._last_told
+        if before is not None and 0 <= pose.t_ns - before.t_ns < _BOARD_NS:
+            return
+        known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
+        shown = pose if known.all() else _only(pose, known)
+        self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
+        self._last_told = shown
+
+    def _judge(self, intake: Intake, now_ns: int) -> None:
+        if now_ns - self._judged_ns < _JUDGE_NS:
+            return
+        self._judged_ns = now_ns
+        # processes that died while nothing came are noticed here
+        for message in intake.messages():
+            self.take(message)
+        if self.watch is not None:
+            self.watch.hear()
+        self.verdicts = self.monitor.judge(now_ns, intake.troubles(), self.watch.known.ill if self.watch is not None else {})
+        self._outlets.offer("health", now_ns, {name: (v.state, v.text) for name, v in self.verdicts.items()}, self._rates())
+
+    def _rates(self) -> dict[str, dict[str, float]]:
+        health = self.tracker.health
+        found = {}
+        for name in self.rig.names:
+            source = self.monitor.source(name)
+            total = self.latencies.stages[name]["total"]
+            found[name] = {
+                "captured": source.captured if source else 0,
+                "used": self.used[name],
+                "replaced": source.replaced if source else 0,
+                "latency_p95_ms": total.quantile_ms(0.95),
+                "innovation_sigmas": health[name].innovation_sigmas,
+                "age_ms": health[name].age_s * 1000,
+            }
+        return found
+
+
+def _only(pose: Pose3D, known: Array) -> Pose3D:
+    return replace(
+        pose,
+        person_id=pose.person_id[known],
+        xyz_world=pose.xyz_world[known],
+        cov_world=pose.cov_world[known],
+        reproj_px=pose.reproj_px[known],
+        n_views=pose.n_views[known],
+        kind=pose.kind[known],
+    )
+
+
+def velocity_between(before: Pose3D | None, now: Pose3D) -> Array:
+    """(N, K, 3) from the prediction told before; 0 for people or keypoints it did not have."""
+    if before is None or now.t_ns <= before.t_ns or not np.array_equal(before.person_id, now.person_id):
+        return np.zeros(now.xyz_world.shape)
+    return np.nan_to_num((now.xyz_world - before.xyz_world) * (_S / (now.t_ns - before.t_ns)))
+
+
+def build_solve(rig: Rig, associating: Any, fusing: Any) -> Callable[..., Pose3D]:
+    """Association and fusion of one moment, as trackers take it."""
+    from posefuse.association import associate
+    from posefuse.fusion import fuse
+
+    return lambda views, previous: fuse(associate(views, rig, associating, previous), rig, fusing, previous)

@@ -1,0 +1,214 @@
+"""A camera group: a process that captures from its cameras and turns their newest frames into 2D poses."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import Camera, Detections2D, Detector, Frame, PosefuseError, Region, Rig
+from posefuse.pipeline.config import DetectorChoice
+
+from .board import Board, Expected
+from .capture import Capture, Caught, LiveInput, pick
+from .channel import Channel, ChannelClosed
+from .clock import SessionClock
+from .faults import before_bump, seen_by_bumped
+from .messages import Failed, Go, Preview, Ready, Seen, Status, Stop
+from .scheduling import LEAST_EVERY_S
+
+_STATUS_S = 0.25
+_IDLE_S = 0.05
+_SEND_S = 0.5
+# a prediction older than this says nothing about where to look
+_STALE_NS = 1_000_000_000
+_PREVIEW_PX = 320
+_PREVIEW_QUALITY = 70
+# leaves the processor to the fusion loop whenever both want it
+_NICENESS = 5
+
+
+@dataclass(frozen=True)
+class GroupPlan:
+    """All a group needs to know.
+
+    Attributes:
+        group: its number. rig: all cameras of the session. inputs: the group's own.
+        detector: the 2D estimator. clock: the session's.
+        most_people: while fewer are followed, whole images are searched every `search_every_s`.
+        preview_hz: small pictures per second and camera; 0 for none.
+    """
+
+    group: int
+    rig: Rig
+    inputs: tuple[LiveInput, ...]
+    detector: DetectorChoice
+    clock: SessionClock
+    most_people: int
+    search_every_s: float
+    preview_hz: float
+
+
+def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
+    """Body of the process; ends when told to, or when nobody listens any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(OSError):
+        os.nice(_NICENESS)
+    with contextlib.suppress(ChannelClosed):
+        try:
+            group = _opened(plan, channel, board)
+            group.run()
+        except PosefuseError as error:
+            channel.send(Failed(plan.group, str(error)), _SEND_S)
+    # a thread that hangs in a driver must not keep the process
+    os._exit(0)
+
+
+def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
+    import cv2
+
+    from posefuse.detection.build import joint_centres_of
+
+    cv2.setNumThreads(1)
+    group = Group(plan, channel, board)
+    channel.send(Ready(plan.group, group.detector.skeleton, joint_centres_of(group.detector)), _SEND_S)
+    return group
+
+
+class Group:
+    """Captures and the 2D estimator of one process."""
+
+    def __init__(self, plan: GroupPlan, channel: Channel, board: Board) -> None:
+        from posefuse.detection.build import build_detector
+
+        self._plan, self._channel, self._board = plan, channel, board
+        self._news = threading.Condition()
+        self._captures = [Capture(entry, plan.rig[entry.camera], self._news) for entry in plan.inputs]
+        for capture in self._captures:
+            capture.open()
+        self.detector: Detector = build_detector(plan.detector, plan.rig)
+        self._looked_s = dict.fromkeys((entry.camera for entry in plan.inputs), 0.0)
+        self._searched_s = dict(self._looked_s)
+        self._previewed_s = dict(self._looked_s)
+        self._status_s = 0.0
+        self._shift_ns: dict[str, int] = {}
+
+    def run(self) -> None:
+        """Wait for Go, then look at frames until Stop."""
+        go = self._wait_for_go()
+        if go is None:
+            return
+        for capture in self._captures:
+            zero = go.zero_ns + self._plan.clock.offset_ns if capture.entry.from_zero else 0
+            self._shift_ns[capture.entry.camera] = zero
+            capture.begin(go.zero_ns)
+        while not isinstance(self._channel.receive(), Stop):
+            self._tell_status()
+            self._look_at_best(self._board.read())
+        for capture in self._captures:
+            capture.close()
+
+    def _look_at_best(self, expected: Expected) -> None:
+        with self._news:
+            chosen = pick(self._captures, lambda capture: self._worth(capture, expected))
+            if chosen is None:
+                self._news.wait(_IDLE_S)
+                return
+        self._look(*chosen, expected)
+
+    def _wait_for_go(self) -> Go | None:
+        while True:
+            self._tell_status()
+            if not self._channel.wait(_STATUS_S):
+                continue
+            message = self._channel.receive()
+            if isinstance(message, Stop):
+                return None
+            if isinstance(message, Go):
+                return message
+
+    def _worth(self, capture: Capture, expected: Expected) -> float:
+        """Expected information; a view that was left out for long goes first, the longest first."""
+        waited_s = time.monotonic() - self._looked_s[capture.entry.camera]
+        gain = float(expected.gain[self._plan.rig.names.index(capture.entry.camera)])
+        return 1e6 * waited_s if waited_s > LEAST_EVERY_S else gain * waited_s
+
+    def _look(self, capture: Capture, caught: Caught, expected: Expected) -> None:
+        name, frame = capture.entry.camera, caught.frame
+        shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
+        started_ns = clock.now_ns()
+        self._looked_s[name] = time.monotonic()
+        regions = self._regions(capture.camera, frame.t_ns + shift_ns + caught.wrong.off_ns, expected, started_ns)
+        found = self._detected(capture.camera, caught, regions)
+        shown = _in_session(found, shift_ns + caught.wrong.off_ns)
+        seen = Seen(
+            shown, capture.state(), frame.received_ns + shift_ns, started_ns, clock.now_ns(), caught.still, regions is None
+        )  # fmt: skip
+        self._channel.send(seen, _SEND_S)
+        self._preview(frame, shown.t_ns)
+
+    def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
+        if not caught.wrong.bumped:
+            [found] = self.detector.detect([caught.frame], [regions])
+            return found
+        [found] = self.detector.detect([caught.frame], [regions and [before_bump(region, camera) for region in regions]])
+        return seen_by_bumped(found, camera)
+
+    def _regions(self, camera: Camera, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
+        """Where the people that are followed should be seen; None asks for a search of the whole image."""
+        people = len(expected.xyz_world)
+        if people == 0 or now_ns - expected.t_ns > _STALE_NS:
+            return None
+        if people < self._plan.most_people and time.monotonic() - self._searched_s[camera.name] > self._plan.search_every_s:
+            self._searched_s[camera.name] = time.monotonic()
+            return None
+        from posefuse.detection import region_from_pose
+
+        skeleton = self.detector.skeleton
+        looks = [region_from_pose(camera, xyz, skeleton) for xyz in expected.at(t_ns)]
+        return [look for look in looks if look is not None]
+
+    def _preview(self, frame: Frame, t_ns: int) -> None:
+        if self._plan.preview_hz <= 0:
+            return
+        now = time.monotonic()
+        if now - self._previewed_s[frame.camera] >= 1 / self._plan.preview_hz:
+            self._previewed_s[frame.camera] = now
+            self._channel.send(_preview(frame, t_ns))
+
+    def _tell_status(self) -> None:
+        now = time.monotonic()
+        if now - self._status_s >= _STATUS_S:
+            self._status_s = now
+            states = tuple(capture.state() for capture in self._captures)
+            self._channel.send(Status(self._plan.group, self._plan.clock.now_ns(), states), _SEND_S)
+
+
+def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:
+    """Session time, and only people who were seen."""
+    there = (found.score > 0).any(axis=-1)
+    return replace(
+        found,
+        t_ns=found.t_ns + shift_ns,
+        xy_img=found.xy_img[there],
+        score=found.score[there],
+        sigma_px=found.sigma_px[there],
+        box_img=found.box_img[there],
+    )
+
+
+def _preview(frame: Frame, t_ns: int) -> Preview:
+    import cv2
+
+    factor = min(1.0, _PREVIEW_PX / max(frame.size_wh))
+    size = (max(1, round(frame.size_wh[0] * factor)), max(1, round(frame.size_wh[1] * factor)))
+    small: Any = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
+    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _PREVIEW_QUALITY])
+    return Preview(frame.camera, t_ns, np.asarray(jpeg).tobytes(), size)

@@ -1,0 +1,83 @@
+"""What the user wrote after --source, as sources."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from posefuse.core import Camera, Rig, SourceError
+from posefuse.core.errors import choices
+
+from .capture import LiveInput
+
+KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
+EXAMPLES = (
+    "cam00=video:cam00.mp4, cam00=usb:/dev/video0, cam00=rtsp://host/stream, cam00=http://host/stream.mjpg, "
+    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL, cam00=oak:any, sim:SCENE.yaml or sim:SESSION"
+)
+
+
+def inputs_from_arguments(arguments: Sequence[str], rig: Rig, domain_id: int = 0) -> tuple[LiveInput, ...]:
+    """One input per camera named, in the order of the rig; ``sim:PATH`` stands for every camera of the rig.
+
+    Raises:
+        SourceError: an argument that cannot be read, a camera the rig does not have, or one named twice.
+    """
+    found: dict[str, LiveInput] = {}
+    for argument in arguments:
+        for entry in _entries(argument, rig, domain_id):
+            if entry.camera in found:
+                raise SourceError(f"--source {argument}: camera {entry.camera} has a source already")
+            found[entry.camera] = entry
+    return tuple(found[name] for name in rig.names if name in found)
+
+
+def _entries(argument: str, rig: Rig, domain_id: int) -> list[LiveInput]:
+    named = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", argument)
+    camera, what = (named[1], named[2]) if named else (None, argument)
+    if camera is not None and camera not in rig.names:
+        raise SourceError(f"--source {argument}: no camera {camera!r} in the rig; there are: {choices(rig.names)}")
+    kind, colon, rest = what.partition(":")
+    if kind == "sim" and colon and rest:
+        return [_simulated(name, Path(rest)) for name in ([camera] if camera else rig.names)]
+    if camera is None:
+        raise SourceError(f"--source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
+    if kind in ("realsense", "oak") and rest:
+        return [_depth_camera(rig[camera], kind, rest)]
+    return [_camera_input(argument, camera, kind.lower(), what, rest, domain_id)]
+
+
+def _simulated(camera: str, path: Path) -> LiveInput:
+    from posefuse.simulation.source import SimulatedConfig
+
+    return LiveInput(camera, "sim", SimulatedConfig(path, camera), reopen=False)
+
+
+def _depth_camera(camera: Camera, kind: str, rest: str) -> LiveInput:
+    """``SERIAL[@WIDTHxHEIGHT[@RATE]]``; the calibrated size where none is given."""
+    from posefuse.sources.live import OakConfig, RealSenseConfig
+
+    serial, _, size = rest.partition("@")
+    size = size or "{}x{}".format(*camera.size_wh)
+    make = RealSenseConfig if kind == "realsense" else OakConfig
+    return LiveInput(camera.name, kind, make(camera.name, serial, size), reopen=True)
+
+
+def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, domain_id: int) -> LiveInput:
+    from posefuse.sources.live import PacedVideoConfig, StreamConfig
+
+    if what.startswith("/dev/"):
+        kind, rest = "usb", what
+    if kind == "video" and rest:
+        return LiveInput(camera, kind, PacedVideoConfig(Path(rest), camera), reopen=False)
+    if kind in ("rtsp", "rtsps", "http", "https"):
+        return LiveInput(camera, kind, StreamConfig(what, camera), reopen=True)
+    if kind == "usb" and rest:
+        device, _, size = rest.partition("@")
+        return LiveInput(camera, kind, StreamConfig(device, camera, size=size), reopen=True)
+    if kind == "ros" and rest:
+        from posefuse.sources.ros import RosConfig
+
+        return LiveInput(camera, kind, RosConfig(rest, camera, domain_id=domain_id), reopen=True)
+    raise SourceError(f"--source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")

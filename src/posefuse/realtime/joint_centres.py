@@ -1,0 +1,65 @@
+"""From what the networks of the cameras mark to joint centres, live as in recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from posefuse.core import ConfigError, MessageError, Pose3D
+from posefuse.messages.joint_centre_messages import joint_centres_from_message, message_from_joint_centres
+from posefuse.tracking import JointCentres, LearntLengths, at_joint_centres
+from posefuse.tracking.joint_centres import check_joint_centres
+
+from .messages import Centres
+
+# what goes over the network where nobody knows
+_NO_TABLE = JointCentres(made_by="", offsets={})
+
+
+class Centring:
+    """Moves poses to joint centres, and learns on the way how long people's segments are.
+
+    A pose is made of all cameras' views; should they come from networks with different tables, the table of the rig's first
+    camera that has one counts.
+    """
+
+    def __init__(self, cameras: Sequence[str], wanted: bool) -> None:
+        self._tables: dict[str, JointCentres | None] = dict.fromkeys(cameras)
+        self._wanted = wanted
+        self._lengths: LearntLengths | None = None
+
+    def learn(self, told: Centres) -> None:
+        """What is known of some cameras, from now on."""
+        self._tables.update({name: told.table for name in told.cameras if name in self._tables})
+        table = next((table for table in self._tables.values() if table is not None), None)
+        if table is None:
+            self._lengths = None
+        elif self._lengths is None or self._lengths.table != table:
+            self._lengths = LearntLengths(table)
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """Which table each camera's network has; only those that have one, and nothing where it is not wanted."""
+        return {name: table.made_by for name, table in self._tables.items() if table is not None and self._wanted}
+
+    def moved(self, pose: Pose3D) -> Pose3D:
+        """The next pose at joint centres, where they are wanted and known; poses come in the order of their times."""
+        if self._lengths is None or not self._wanted:
+            return pose
+        return at_joint_centres(pose, self._lengths.table, self._lengths.step(pose))
+
+
+def message_from_centres(told: Centres, t_ns: int) -> Any:
+    """For the network and recordings."""
+    return message_from_joint_centres(told.cameras, asdict(told.table or _NO_TABLE), t_ns)
+
+
+def centres_from_message(msg: Any) -> Centres:
+    """What `message_from_centres` made; raises MessageError for what a stranger may send."""
+    cameras, fields = joint_centres_from_message(msg)
+    table = JointCentres(**fields)
+    try:
+        return Centres(cameras, check_joint_centres(table, table.made_by) if table.offsets else None)
+    except ConfigError as error:
+        raise MessageError(f"JointCentres message: {error}") from None

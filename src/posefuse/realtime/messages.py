@@ -1,0 +1,109 @@
+"""What camera groups and the fusion tell each other. Plain values; times are session time unless said otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from posefuse.core import Detections2D, Skeleton
+from posefuse.tracking import JointCentres
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A group has its 2D estimator, which marks these keypoints, and its sources; it waits for `Go`."""
+
+    group: int
+    skeleton: Skeleton
+    joint_centres: JointCentres | None
+
+
+@dataclass(frozen=True)
+class Centres:
+    """How joint centres lie beside the keypoints in the views of some cameras; None: they are the same, or nobody knows."""
+
+    cameras: tuple[str, ...]
+    table: JointCentres | None
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A group cannot begin: one line says why."""
+
+    group: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Go:
+    """Begin. `zero_ns` is the monotonic time at which recorded and simulated sources show their time 0."""
+
+    zero_ns: int
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Finish and leave."""
+
+
+@dataclass(frozen=True)
+class CameraState:
+    """How one camera fares in its group.
+
+    Attributes:
+        state: ``opening``, ``running``, ``ended`` (source is over) or ``lost`` (tries again).
+        text: why, when not running.
+        captured: frames that reached the process. used: looked at. replaced: given up for a newer one.
+        missing: frames the camera counted but never delivered.
+    """
+
+    camera: str
+    state: str
+    text: str
+    captured: int
+    used: int
+    replaced: int
+    missing: int
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One frame looked at.
+
+    Attributes:
+        detections: the people in it; its t_ns is mid-exposure.
+        state: how its camera fares; None when another machine looks after it.
+        received_ns: the frame reached its process. started_ns: the 2D estimator began. detected_ns: it had finished.
+        still: how many frames in a row, this one included, were the same image to the last sampled pixel.
+        searched: the whole image was searched for people.
+    """
+
+    detections: Detections2D
+    state: CameraState | None
+    received_ns: int
+    started_ns: int
+    detected_ns: int
+    still: int = 0
+    searched: bool = False
+
+
+@dataclass(frozen=True)
+class Status:
+    """A group is alive."""
+
+    group: int
+    t_ns: int
+    cameras: tuple[CameraState, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """A small picture of a frame, for viewers.
+
+    Attributes:
+        camera: its name. t_ns: mid-exposure. jpeg: the file. size_wh: of the small picture, px.
+    """
+
+    camera: str
+    t_ns: int
+    jpeg: bytes
+    size_wh: tuple[int, int]

@@ -1,0 +1,185 @@
+"""The rig, watched while it is used: cameras that were moved, exchanged or run out of step, and how far clocks are apart.
+
+Both are asked of what the cameras see of one person. The work (`calibrate.monitor`, `clock_finding`) is done in a process of its
+own, so that the beat never waits for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+from posefuse.calibration.clocks.paths import APART_S
+from posefuse.core import Detections2D, Rig, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.health import rig_monitor as monitor
+from posefuse.health.cameras import Verdict
+from posefuse.health.clock_finding import ClockFinder
+from posefuse.health.common_times import CommonInstants
+
+from .channel import Channel, ChannelClosed
+from .processes import ended, spawned
+
+_S = 1e9
+_NICENESS = 10
+_WAIT_S = 0.2
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+# of a camera's views, those closer than this to the one before tell nothing new
+_APART_NS = round(APART_S * 1e9)
+# poses are better without a camera that sees people further beside than this (`bench/rig_monitor.py`)
+_ASTRAY_M = 0.05
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What is known of the rig.
+
+    Attributes:
+        offset_s: how much later each camera's stamps are than the mean of all, by camera; only those that are known.
+        ill: what is wrong with cameras, by camera; only those with something.
+        astray: those whose views lie so far beside the person that the others know better.
+    """
+
+    offset_s: Mapping[str, float] = field(default_factory=dict)
+    ill: Mapping[str, Verdict] = field(default_factory=dict)
+    astray: frozenset[str] = frozenset()
+
+
+def watching(rig: Rig, clocks: bool) -> AbstractContextManager[RigWatch | None]:
+    """A watch over the rig, where there is anything to watch: two cameras cannot tell which of them is wrong."""
+    return RigWatch(rig, clocks) if clocks or len(rig) >= monitor.LEAST_CAMERAS else contextlib.nullcontext()
+
+
+class RigWatch:
+    """The session's side: hands views on and never waits. Use as a context manager: leaving it ends the process.
+
+    Args:
+        rig: its cameras. clocks: find how far their clocks are apart, too.
+
+    Attributes:
+        known: what was found so far. trouble: of the process; empty when nothing is.
+    """
+
+    def __init__(self, rig: Rig, clocks: bool) -> None:
+        self.known, self.trouble = Watched(), ""
+        self._told_ns = dict.fromkeys(rig.names, 0)
+        self._channel, theirs = Channel.pair()
+        with _one_thread():
+            self._process = spawned(run_watch, rig, clocks, theirs, name="posefuse rig watch")
+        theirs.close_own()
+
+    def __enter__(self) -> RigWatch:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._channel.close()
+        ended(self._process, 0.3)
+
+    def whereabouts(self) -> str:
+        """In which process it is, in words."""
+        return f"rig watched in process {self._process.pid}"
+
+    def timed(self, view: Detections2D, followed: int) -> Detections2D:
+        """The view with what is known of its clock taken away.
+
+        It goes into the next finding, unless several people are followed: cameras must not be asked about different ones.
+        """
+        if followed <= 1 and len(view) == 1 and not 0 <= view.t_ns - self._told_ns[view.camera] < _APART_NS:
+            self._tell(view)
+        offset_s = self.known.offset_s.get(view.camera, 0.0)
+        return replace(view, t_ns=view.t_ns - round(offset_s * _S)) if offset_s else view
+
+    def hear(self) -> None:
+        """Take in what was found since the last time."""
+        if self.trouble:
+            return
+        try:
+            while (found := self._channel.receive()) is not None:
+                self.known = found
+        except ChannelClosed:
+            self._lost()
+
+    def _tell(self, view: Detections2D) -> None:
+        if self.trouble:
+            return
+        self._told_ns[view.camera] = view.t_ns
+        points = _telling_points(view.skeleton)
+        try:
+            self._channel.send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
+        except ChannelClosed:
+            self._lost()
+
+    def _lost(self) -> None:
+        self.trouble = f"process {self._process.pid} ended; cameras that are moved or out of step are not named any more"
+        self.known = replace(self.known, ill={}, astray=frozenset())
+
+
+@cache
+def _telling_points(skeleton: Skeleton) -> Array:
+    return monitor.telling_points(skeleton.keypoints)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Processes started meanwhile compute in one thread: waiting for each other, several would only take from the cameras."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            os.environ.update({name: value} if value is not None else {})
+
+
+def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
+    """Body of the process: collects views, tells what it finds."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(OSError):
+        os.nice(_NICENESS)
+    watcher, told = Watcher(rig, clocks), Watched()
+    with contextlib.suppress(ChannelClosed):
+        while True:
+            channel.wait(_WAIT_S)
+            while (view := channel.receive()) is not None:
+                watcher.add(*view)
+            found = watcher.look()
+            if found != told and channel.send(found):
+                told = found
+    os._exit(0)
+
+
+class Watcher:
+    """Both duties over views as they come; no clock inside."""
+
+    def __init__(self, rig: Rig, clocks: bool) -> None:
+        self._rig = rig
+        self._finder = ClockFinder(rig) if clocks else None
+        self._instants = CommonInstants(rig.names)
+        self._state = monitor.start(rig)
+        self._offset_s: Mapping[str, float] = {}
+
+    def add(self, camera: str, t_ns: int, xy_img: Array, score: Array) -> None:
+        """One person's points (P, 2) in a view with their scores (P,)."""
+        if self._finder is not None:
+            self._finder.add(camera, t_ns, xy_img, score)
+        later_ns = round(self._offset_s.get(camera, 0.0) * _S)
+        self._instants.add(camera, t_ns - later_ns, xy_img, score >= monitor.LEAST_SCORE)
+
+    def look(self) -> Watched:
+        """What is known by now."""
+        if self._finder is not None:
+            found = self._finder.find()
+            self._offset_s = self._offset_s if found is None else found
+        if len(self._rig) >= monitor.LEAST_CAMERAS:
+            for t_ns, xy_img in self._instants.ready():
+                self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
+        found = self._state.findings
+        ill = {name: Verdict(one.kind, one.detail) for one in found for name in one.cameras}
+        astray = frozenset(name for one in found if one.displaced_m > _ASTRAY_M for name in one.cameras)
+        return Watched(self._offset_s, ill, astray)

@@ -1,0 +1,228 @@
+"""Cameras of a scene: where they stand, what lens and sensor they have, and the rig they make."""
+
+from __future__ import annotations
+
+from dataclasses import field, replace
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Lt, MinLen
+from pydantic import Field
+
+from posefuse.core import SE3, Camera, ConfigError, PosefuseError, Rig
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.foundation.settings import settings
+
+Point = tuple[float, float, float]
+Row = tuple[float, float, float]
+_UP = np.array([0.0, 0.0, 1.0])
+_SQUARE_LEAST = 1e-6
+
+
+@settings
+class ImageSettings:
+    """Picture and lens of a camera.
+
+    Attributes:
+        size_px: (width, height).
+        horizontal_fov_deg: angle seen between the left and right edge by an ideal lens; K replaces it.
+        K: 3x3 intrinsic matrix in px, pixel centres at integers.
+        lens: ``pinhole`` or ``fisheye``, OpenCV's models.
+        distortion: coefficients in OpenCV's order; the picture is really bent by them.
+    """
+
+    size_px: tuple[Annotated[int, Ge(16)], Annotated[int, Ge(16)]] = (640, 480)
+    horizontal_fov_deg: Annotated[float, Gt(0), Lt(150)] = 60.0
+    K: tuple[Row, Row, Row] | None = None
+    lens: Literal["pinhole", "fisheye"] = "pinhole"
+    distortion: tuple[float, ...] = ()
+
+
+@settings
+class SensorSettings:
+    """When and how well a camera records. The defaults are a perfect, synchronised global-shutter camera.
+
+    Attributes:
+        rate_hz: frames per second of its own clock; None takes the scene's.
+        phase_s: first exposure after the start of the scene.
+        offset_s: what its clock shows when the session clock shows 0; the time stamps carry it.
+        drift_ppm: how much faster its clock runs than the session clock, in parts per million.
+        jitter_s: standard deviation of the moment of exposure; the time stamps know it.
+        stamp_noise_s: standard deviation of an error of the time stamps.
+        drop_fraction: share of frames that are lost, at random.
+        readout_s: rolling shutter, from first to last row; 0 is a global shutter.
+        shutter_bands: horizontal bands in which a rolling shutter is rendered.
+        exposure_s: how long each row is exposed; 0 freezes motion.
+        blur_samples: moments that are averaged over the exposure.
+        noise_dn: standard deviation of sensor noise at mid grey, in grey levels of 255.
+    """
+
+    rate_hz: Annotated[float, Gt(0)] | None = None
+    phase_s: Annotated[float, Ge(0)] = 0.0
+    offset_s: float = 0.0
+    drift_ppm: Annotated[float, Gt(-100_000), Lt(100_000)] = 0.0
+    jitter_s: Annotated[float, Ge(0)] = 0.0
+    stamp_noise_s: Annotated[float, Ge(0)] = 0.0
+    drop_fraction: Annotated[float, Ge(0), Lt(1)] = 0.0
+    readout_s: Annotated[float, Ge(0)] = 0.0
+    shutter_bands: Annotated[int, Ge(2)] = 8
+    exposure_s: Annotated[float, Ge(0)] = 0.0
+    blur_samples: Annotated[int, Ge(2)] = 5
+    noise_dn: Annotated[float, Ge(0)] = 0.0
+
+
+@settings
+class CameraOverride:
+    """What one camera of a ring or of the corners has of its own; None leaves what all have.
+
+    Attributes:
+        roll_deg: turn about the viewing direction, clockwise as seen from behind the camera.
+    """
+
+    image: ImageSettings | None = None
+    sensor: SensorSettings | None = None
+    roll_deg: float = 0.0
+
+
+@settings
+class RingCameras:
+    """Cameras evenly on a circle, looking inwards; named cam00, cam01, ...
+
+    Attributes:
+        radius_m, height_m: of the circle. centre_m: (x, y) of its centre.
+        look_at_m: the point all look at.
+        first_angle_deg: direction of the first camera from the centre, from world x towards y.
+        overrides: differences of single cameras, by name.
+    """
+
+    kind: Literal["ring"]
+    count: Annotated[int, Ge(1)] = 4
+    radius_m: Annotated[float, Gt(0)] = 4.5
+    height_m: float = 2.2
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    look_at_m: Point = (0.0, 0.0, 1.0)
+    first_angle_deg: float = 20.0
+    image: ImageSettings = ImageSettings()
+    sensor: SensorSettings = SensorSettings()
+    overrides: dict[str, CameraOverride] = field(default_factory=dict)
+
+
+@settings
+class CornerCameras:
+    """One camera in each corner of a rectangular area, looking inwards; named cam00 to cam03.
+
+    Attributes:
+        area_m: (x, y) size of the rectangle about the world's origin.
+    """
+
+    kind: Literal["corners"]
+    area_m: tuple[Annotated[float, Gt(0)], Annotated[float, Gt(0)]] = (7.0, 7.0)
+    height_m: float = 2.5
+    look_at_m: Point = (0.0, 0.0, 1.0)
+    image: ImageSettings = ImageSettings()
+    sensor: SensorSettings = SensorSettings()
+    overrides: dict[str, CameraOverride] = field(default_factory=dict)
+
+
+@settings
+class PlacedCamera:
+    """One camera where it is wanted.
+
+    Attributes:
+        roll_deg: turn about the viewing direction, clockwise as seen from behind the camera.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    position_m: Point
+    look_at_m: Point = (0.0, 0.0, 1.0)
+    roll_deg: float = 0.0
+    image: ImageSettings = ImageSettings()
+    sensor: SensorSettings = SensorSettings()
+
+
+@settings
+class ListedCameras:
+    """Every camera by itself."""
+
+    kind: Literal["list"]
+    cameras: Annotated[tuple[PlacedCamera, ...], MinLen(1)]
+
+
+CameraSettings = Annotated[RingCameras | CornerCameras | ListedCameras, Field(discriminator="kind")]
+
+
+def placed_cameras(settings_: RingCameras | CornerCameras | ListedCameras) -> tuple[PlacedCamera, ...]:
+    """The cameras one by one, whatever way they were given; raises ConfigError for an override of no camera."""
+    if isinstance(settings_, ListedCameras):
+        return settings_.cameras
+    spots = _ring_spots(settings_) if isinstance(settings_, RingCameras) else _corner_spots(settings_)
+    placed = {
+        f"cam{i:02d}": PlacedCamera(
+            name=f"cam{i:02d}",
+            position_m=spot,
+            look_at_m=settings_.look_at_m,
+            image=settings_.image,
+            sensor=settings_.sensor,
+        )
+        for i, spot in enumerate(spots)
+    }
+    for name, own in settings_.overrides.items():
+        if name not in placed:
+            raise ConfigError(f"cameras.overrides: no camera {name!r}; there are: {choices(placed)}")
+        camera = placed[name]
+        placed[name] = replace(camera, image=own.image or camera.image, sensor=own.sensor or camera.sensor, roll_deg=own.roll_deg)
+    return tuple(placed.values())
+
+
+def _ring_spots(ring: RingCameras) -> list[Point]:
+    angles = np.deg2rad(ring.first_angle_deg) + 2 * np.pi * np.arange(ring.count) / ring.count
+    x, y = ring.centre_m
+    return [(x + ring.radius_m * float(np.cos(a)), y + ring.radius_m * float(np.sin(a)), ring.height_m) for a in angles]
+
+
+def _corner_spots(corners: CornerCameras) -> list[Point]:
+    half_x, half_y = corners.area_m[0] / 2, corners.area_m[1] / 2
+    return [(sx * half_x, sy * half_y, corners.height_m) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+
+
+def rig_from_cameras(placed: tuple[PlacedCamera, ...]) -> Rig:
+    """The exact rig; raises ConfigError naming the camera whose lens, matrix or direction cannot be."""
+    return Rig(tuple(_camera(one) for one in placed), world_set_by="simulated", residual_px=0.0)
+
+
+def _camera(placed: PlacedCamera) -> Camera:
+    width, height = placed.image.size_px
+    focal = width / 2 / np.tan(np.deg2rad(placed.image.horizontal_fov_deg) / 2)
+    intrinsics = placed.image.K or [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
+    try:
+        return Camera(
+            placed.name,
+            (width, height),
+            np.array(intrinsics),
+            _cam_from_world(placed),
+            np.array(placed.image.distortion),
+            placed.image.lens,
+            placed.sensor.readout_s,
+        )
+    except PosefuseError as error:
+        raise ConfigError(f"cameras: {error}") from None
+
+
+def _cam_from_world(placed: PlacedCamera) -> SE3:
+    centre = np.array(placed.position_m)
+    forward = np.array(placed.look_at_m) - centre
+    distance = np.linalg.norm(forward)
+    if distance < _SQUARE_LEAST:
+        raise ConfigError(f"camera {placed.name}: look_at_m is its own position {placed.position_m}; give another point")
+    forward = forward / distance
+    # straight up or down has no horizon: take world y as the top of the picture
+    reference = _UP if np.linalg.norm(np.cross(forward, _UP)) > _SQUARE_LEAST else np.array([0.0, 1.0, 0.0])
+    right = np.cross(forward, reference)
+    right = right / np.linalg.norm(right)
+    down = np.cross(forward, right)
+    angle = np.deg2rad(placed.roll_deg)
+    # a camera turned clockwise: its right axis moves towards what was down
+    turned_right = np.cos(angle) * right + np.sin(angle) * down
+    rotation: Array = np.stack([turned_right, np.cross(forward, turned_right), forward])
+    return SE3.from_matrix(rotation, -rotation @ centre)

@@ -1,0 +1,212 @@
+"""Recorded keypoints (TRC markers, posefuse results) for our bodies: each segment turned as its points say.
+
+Needed: hips, knees, ankles, shoulders, elbows, wrists. Used where present: heels, toes, nose, ears, eyes, knuckles of index and
+little finger. Limb directions are kept exactly; the turn about a limb comes from the plane of the limb where it is bent and,
+smoothly blended, from the segment above where it is nearly straight. Pelvis, thorax, head and feet are turned so that the body's
+own points, by the same rule, lie as the recorded ones do. Gaps in a track are closed linearly in time.
+The path of the pelvis is scaled by the ratio of the leg lengths about its start, so that the feet stay on the floor.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.formats.recording import read_recording
+from posefuse.formats.trc import read_trc
+from posefuse.simulation.body import SEGMENTS, Body
+
+from .limbs import forearm_and_hand, lengths_m, unit
+from .sampled import Sampled, on_floor
+from .settings import ResultSettings, TrcSettings
+
+SIDES = ("left", "right")
+_NEEDED = tuple(f"{s}_{p}" for s in SIDES for p in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"))
+_OPTIONAL = ("nose", *(f"{s}_{p}" for s in SIDES for p in ("ear", "eye", "heel", "big_toe", "small_toe", "index", "pinky")))
+_SYNONYMS = {"toe": "bigtoe", "footindex": "bigtoe"}
+# between these sines of its bend a limb's plane takes over from the segment above
+_BENT = (0.1, 0.35)
+_EASY_PRONATION_RAD = np.deg2rad(85.0)
+
+Points = dict[str, Array]
+
+
+def from_trc(body: Body, settings: TrcSettings) -> Sampled:
+    """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
+    data = read_trc(Path(settings.file))
+    xyz = data.xyz_world if settings.up == "y" else data.xyz_world[..., [1, 2, 0]]
+    return fitted(body, data.t_s, _named(data.names, xyz, settings.file), settings)
+
+
+def from_result(body: Body, settings: ResultSettings) -> Sampled:
+    """A posefuse result folder as a motion of this body; raises InputError for a person or keypoints it does not have."""
+    poses = read_recording(Path(settings.file)).poses
+    seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
+    if not len(seen) or not seen.any():
+        raise InputError(f"{settings.file}: expected at least one person, the result has nobody")
+    if settings.person is not None and settings.person not in poses.person_id:
+        raise InputError(f"{settings.file}: person: no person {settings.person}; there are: {choices(map(str, poses.person_id))}")
+    place = int(np.argmax(seen)) if settings.person is None else int(np.flatnonzero(poses.person_id == settings.person)[0])
+    points = _named(poses.skeleton.keypoints, poses.xyz_world[:, place], settings.file)
+    return fitted(body, (poses.t_ns - poses.t_ns[0]) * 1e-9, points, settings)
+
+
+def fitted(body: Body, t_s: Array, points: Points, settings: TrcSettings | ResultSettings) -> Sampled:
+    """The motion of this body that follows keypoints, each (T, 3) in world metres."""
+    if len(t_s) < 2:
+        raise InputError(f"{settings.file}: expected at least 2 instants, got {len(t_s)}")
+    axes = _axes(body, points)
+    theirs = np.mean([np.linalg.norm(points[f"{s}_{a}"] - points[f"{s}_{b}"], axis=-1) for s in SIDES for a, b in _LEG])
+    path = _middle(points, "left_hip", "right_hip") * (sum(lengths_m(body, "left", "leg")) / (2 * theirs))
+    start = path[0, :2] * (2 * theirs) / sum(lengths_m(body, "left", "leg"))
+    path[:, :2] += (start if settings.position_m is None else np.array(settings.position_m)) - path[0, :2]
+    motion = Sampled(t_s - t_s[0], path, axes, np.zeros((len(path), 2)), settings.start_s, settings.loop)
+    return on_floor(body, motion, floor_known=True)
+
+
+_LEG = (("hip", "knee"), ("knee", "ankle"))
+
+
+def _plain(name: str) -> str:
+    text = re.sub(r"[^a-z0-9]", "", name.lower())
+    side = next((s for s in SIDES if text.startswith(s)), None)
+    part = text.removeprefix(side or "")
+    if side is None and text[:1] in "lr" and text[1:] in _PLAIN_PARTS:
+        side, part = ("left" if text[0] == "l" else "right"), text[1:]
+    return (side or "") + _SYNONYMS.get(part, part)
+
+
+_PLAIN_PARTS = {n.removeprefix("left_").replace("_", "") for n in (*_NEEDED, *_OPTIONAL) if n.startswith("left_")} | set(
+    _SYNONYMS
+)
+
+
+def _named(names: tuple[str, ...], xyz: Array, file: str) -> Points:
+    """The used points out of all, gaps closed; raises InputError for needed ones that are not there."""
+    places = {_plain(name): i for i, name in reversed(list(enumerate(names)))}
+    missing = [n for n in _NEEDED if n.replace("_", "") not in places]
+    if missing:
+        raise InputError(f"{file}: expected points for {choices(missing)}; there are: {choices(names)}")
+    points = {}
+    for name in (*_NEEDED, *_OPTIONAL):
+        place = places.get(name.replace("_", ""))
+        track = None if place is None else _closed(xyz[:, place])
+        if track is not None:
+            points[name] = track
+        elif name in _NEEDED:
+            raise InputError(f"{file}: {names[places[name.replace('_', '')]]}: expected at least one finite position, got none")
+    return points
+
+
+def _closed(track: Array) -> Array | None:
+    seen = np.flatnonzero(np.isfinite(track).all(axis=-1))
+    if not len(seen):
+        return None
+    return np.stack([np.interp(np.arange(len(track)), seen, track[seen, i]) for i in range(3)], axis=-1)
+
+
+def _middle(points: Points, *names: str) -> Array:
+    return np.mean([points[name] for name in names], axis=0)
+
+
+def _frame(y: Array, towards_z: Array) -> Array:
+    """(..., 3, 3) columns X, Y, Z with Y along `y` exactly and Z as near `towards_z` as that allows."""
+    y = unit(y)
+    z = unit(towards_z - np.sum(towards_z * y, axis=-1, keepdims=True) * y)
+    return np.stack([np.cross(y, z), y, z], axis=-1)
+
+
+def _axes(body: Body, points: Points) -> Points:
+    rest = {name: point[None] for name, point in body.points_rest.items()}
+    trunk = {"pelvis": ("hip",), "thorax": ("shoulder",)}
+    axes = {name: _turned(body, name, _trunk(points, *p), _trunk(rest, *p)) for name, p in trunk.items()}
+    axes["head"] = _head(body, points, rest, axes["thorax"])
+    for side in SIDES:
+        axes |= _leg(body, points, rest, side, axes["pelvis"])
+        axes |= _arm(body, points, side, axes["thorax"])
+    return axes
+
+
+def _turned(body: Body, segment: str, now: Array, at_rest: Array) -> Array:
+    """Segment axes when frames of its points went from `at_rest` (1, 3, 3) to `now` (T, 3, 3)."""
+    return now @ np.swapaxes(at_rest, -1, -2) @ body.segment_axes[SEGMENTS.index(segment)]
+
+
+def _trunk(points: Points, across: str) -> Array:
+    up = _middle(points, "left_shoulder", "right_shoulder") - _middle(points, "left_hip", "right_hip")
+    right = points[f"right_{across}"] - points[f"left_{across}"]
+    return _frame(up - np.sum(up * unit(right), axis=-1, keepdims=True) * unit(right), right)
+
+
+def _head(body: Body, points: Points, rest: Points, thorax: Array) -> Array:
+    for part in ("ear", "eye"):
+        if {"nose", f"left_{part}", f"right_{part}"} <= set(points):
+            frames = []
+            for p in (points, rest):
+                across = p[f"right_{part}"] - p[f"left_{part}"]
+                ahead = p["nose"] - _middle(p, f"left_{part}", f"right_{part}")
+                frames.append(_frame(np.cross(across, ahead), across))
+            return _turned(body, "head", *frames)
+    return thorax @ body.rest_rotation("thorax", "head")
+
+
+def _blended(along: Array, above: Array, plane: Array, bend_sine: Array) -> Array:
+    """Directions (T, 3): of the reference `above` where the limb is straight, of its plane's normal where it is bent."""
+    part = np.clip((bend_sine - _BENT[0]) / (_BENT[1] - _BENT[0]), 0.0, 1.0)
+    weight = (part**2 * (3 - 2 * part))[:, None]
+    reference = unit(above - np.sum(above * along, axis=-1, keepdims=True) * along)
+    normal = plane / np.maximum(np.linalg.norm(plane, axis=-1, keepdims=True), 1e-12)
+    return (1 - weight) * reference + weight * normal
+
+
+def _leg(body: Body, points: Points, rest: Points, side: str, pelvis: Array) -> Points:
+    hip, knee, ankle = (points[f"{side}_{p}"] for p in ("hip", "knee", "ankle"))
+    thigh, shank = unit(hip - knee), unit(knee - ankle)
+    # of a knee bent backwards the normal looks to the right
+    normal = np.cross(shank, thigh)
+    sine = np.sum(normal * pelvis[..., 2], axis=-1).clip(0.0)
+    axes = {
+        f"{side}_thigh": _frame(thigh, _blended(thigh, pelvis[..., 2], normal, sine)),
+        f"{side}_shank": _frame(shank, _blended(shank, pelvis[..., 2], normal, sine)),
+    }
+    name = f"{side}_foot"
+    if {f"{side}_heel", f"{side}_big_toe"} <= set(points):
+        toes = [f"{side}_big_toe"] + ([f"{side}_small_toe"] if f"{side}_small_toe" in points else [])
+        frames = []
+        for p in (points, rest):
+            ahead, up = _middle(p, *toes) - p[f"{side}_heel"], p[f"{side}_ankle"] - p[f"{side}_heel"]
+            frames.append(_frame(np.cross(np.cross(ahead, up), ahead), np.cross(ahead, up)))
+        axes[name] = _turned(body, name, *frames)
+    else:
+        axes[name] = axes[f"{side}_shank"]
+    return axes
+
+
+def _arm(body: Body, points: Points, side: str, thorax: Array) -> Points:
+    shoulder, elbow, wrist = (points[f"{side}_{p}"] for p in ("shoulder", "elbow", "wrist"))
+    upper, lower = unit(shoulder - elbow), unit(elbow - wrist)
+    normal = np.cross(upper, lower)
+    sine = np.linalg.norm(normal, axis=-1)
+    # the hinge axis an arm has that was lifted to where it is by the shortest way from hanging
+    hanging = thorax[..., 1]
+    lifted = np.cross(hanging, upper)
+    cosine = np.sum(hanging * upper, axis=-1, keepdims=True)
+    z = thorax[..., 2]
+    above = z + np.cross(lifted, z) + np.cross(lifted, np.cross(lifted, z)) / np.maximum(1 + cosine, 1e-6)
+    upper_arm = _frame(upper, _blended(upper, above, normal, sine))
+    bend = np.arctan2(sine, np.sum(upper * lower, axis=-1))
+    forearm, hand = forearm_and_hand(body, side, upper_arm, bend, np.full(len(bend), _EASY_PRONATION_RAD))
+    if {f"{side}_index", f"{side}_pinky"} <= set(points):
+        across = (points[f"{side}_index"] - points[f"{side}_pinky"]) * (1.0 if side == "right" else -1.0)
+        hand = _frame(wrist - _middle(points, f"{side}_index", f"{side}_pinky"), across)
+        forearm = _frame(lower, across)
+    else:
+        # the bend found and the exact direction differ where the limb is nearly straight
+        forearm = _frame(lower, forearm[..., 2])
+        hand = forearm @ body.rest_rotation(f"{side}_forearm", f"{side}_hand")
+    return {f"{side}_upper_arm": upper_arm, f"{side}_forearm": forearm, f"{side}_hand": hand}

@@ -1,0 +1,269 @@
+"""Calibration objects: settings, exact geometry of their markers, and the textured mesh that is rendered.
+
+A prop's own axes: origin at its centre; a board's x to the right and y up as printed, z out of the printed side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+from annotated_types import Ge, Gt
+from pydantic import Field
+
+from posefuse.core import ConfigError
+from posefuse.core.arrays import Array, frozen
+from posefuse.core.errors import choices
+from posefuse.foundation.settings import settings
+
+from .paths import CarriedPath, PathSettings, StillPath, WavedPath, WaypointPath
+
+_FACE_PX = 512
+_PLATE_M = 0.004
+_PAPER_WHITE = 235
+_DICTIONARIES = tuple(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
+# outward normal, right and up of each face as printed; right x up = normal
+_CUBE_FACES = np.array(
+    [
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
+        [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
+    ],
+    dtype=np.float64,
+)  # fmt: skip
+
+
+@settings
+class ArucoCube:
+    """A cube with one ArUco marker on each face.
+
+    Attributes:
+        side_m: edge of the cube. marker_m: edge of a marker's black square.
+        dictionary: OpenCV's name. first_id: of the face that looks along +x; then -x, +y, -y, +z, -z.
+    """
+
+    kind: Literal["aruco_cube"]
+    name: str = "cube"
+    side_m: Annotated[float, Gt(0)] = 0.20
+    marker_m: Annotated[float, Gt(0)] = 0.15
+    dictionary: str = "DICT_4X4_50"
+    first_id: Annotated[int, Ge(0)] = 0
+    path: PathSettings = WavedPath(kind="waved")
+
+
+@settings
+class CharucoBoard:
+    """A flat ChArUco board.
+
+    Attributes:
+        squares: columns and rows. square_m: edge of a square. marker_m: edge of the markers in them.
+        margin_m: white border around the squares.
+    """
+
+    kind: Literal["charuco_board"]
+    name: str = "board"
+    squares: tuple[Annotated[int, Ge(3)], Annotated[int, Ge(3)]] = (7, 5)
+    square_m: Annotated[float, Gt(0)] = 0.10
+    marker_m: Annotated[float, Gt(0)] = 0.075
+    margin_m: Annotated[float, Ge(0)] = 0.02
+    dictionary: str = "DICT_4X4_50"
+    path: PathSettings = WavedPath(kind="waved")
+
+
+@settings
+class GroundTile:
+    """One ArUco marker on a thin plate; lies at the world's origin, facing up, unless moved.
+
+    Attributes:
+        side_m: edge of the plate. marker_m: edge of the marker's black square.
+    """
+
+    kind: Literal["ground_tile"]
+    name: str = "tile"
+    side_m: Annotated[float, Gt(0)] = 0.60
+    marker_m: Annotated[float, Gt(0)] = 0.50
+    dictionary: str = "DICT_4X4_50"
+    id: Annotated[int, Ge(0)] = 40
+    path: PathSettings = StillPath(kind="still")
+
+
+PropSettings = Annotated[ArucoCube | CharucoBoard | GroundTile, Field(discriminator="kind")]
+Path = StillPath | WavedPath | WaypointPath | CarriedPath
+
+
+@dataclass(frozen=True, eq=False)
+class Prop:
+    """A rigid thing with markers on it.
+
+    Attributes:
+        name, kind, dictionary: as in the scene.
+        marker_id: (M,) ids. corners_prop: (M, 4, 3) metres, in OpenCV's order of corners (top left, then clockwise).
+        chess_prop: (Q, 3) inner chessboard corners of a ChArUco board in OpenCV's order; (0, 3) otherwise.
+        vertices: (V, 3). uv: (V, 2) texture coordinates from the picture's top left. faces: (F, 3).
+        texture: (H, W, 3) uint8 RGB.
+        path: how it moves.
+    """
+
+    name: str
+    kind: str
+    dictionary: str
+    marker_id: Array
+    corners_prop: Array
+    chess_prop: Array
+    vertices: Array
+    uv: Array
+    faces: Array
+    texture: Array
+    path: Path
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("marker_id", np.int64), ("faces", np.int32), ("texture", np.uint8)):
+            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"Prop.{name}"))
+        for name in ("corners_prop", "chess_prop", "vertices", "uv"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64, f"Prop.{name}"))
+
+    @property
+    def points_prop(self) -> Array:
+        """(4 M + Q, 3) all points whose pixels the truth knows: marker corners, then chessboard corners."""
+        return np.concatenate([self.corners_prop.reshape(-1, 3), self.chess_prop])
+
+    @property
+    def normals_prop(self) -> Array:
+        """(4 M + Q, 3) outward unit normals of the sides those points are printed on."""
+        right = self.corners_prop[:, 1] - self.corners_prop[:, 0]
+        up = self.corners_prop[:, 0] - self.corners_prop[:, 3]
+        outward = np.cross(right, up)
+        outward = outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+        return np.concatenate([np.repeat(outward, 4, axis=0), np.tile([0.0, 0.0, 1.0], (len(self.chess_prop), 1))])
+
+
+def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
+    """Geometry and texture; raises ConfigError for a marker that does not fit or is not in its dictionary."""
+    if isinstance(prop, CharucoBoard):
+        return _board(prop)
+    if prop.marker_m >= prop.side_m:
+        raise ConfigError(f"prop {prop.name}: marker_m {prop.marker_m} leaves no white border inside side_m {prop.side_m}")
+    if isinstance(prop, GroundTile):
+        picture, half_uv = _marker_face(prop.name, prop.dictionary, prop.id, prop.side_m / prop.marker_m)
+        vertices, uv, faces = _plate(prop.side_m, prop.side_m, half_uv)
+        corners = _square(prop.marker_m / 2, np.array([0, 0, _PLATE_M / 2]), np.eye(3)[0], np.eye(3)[1])
+        return Prop(
+            prop.name, prop.kind, prop.dictionary, [prop.id], corners[None], np.zeros((0, 3)),
+            vertices, uv, faces, picture, prop.path,
+        )  # fmt: skip
+    return _cube(prop)
+
+
+def _cube(prop: ArucoCube) -> Prop:
+    half = prop.side_m / 2
+    ids = prop.first_id + np.arange(6)
+    pictures, vertices, uv, faces, corners = [], [], [], [], []
+    for i, (normal, right, up) in enumerate(_CUBE_FACES):
+        picture, half_uv = _marker_face(prop.name, prop.dictionary, int(ids[i]), prop.side_m / prop.marker_m)
+        pictures.append(picture)
+        vertices.append(_square(half, half * normal, right, up))
+        face_uv = np.array([[0.5 - half_uv, 0.5 - half_uv], [0.5 + half_uv, 0.5 - half_uv]])
+        square_uv = np.array([face_uv[0], face_uv[1], [0.5 + half_uv, 0.5 + half_uv], [0.5 - half_uv, 0.5 + half_uv]])
+        uv.append((square_uv + [i % 3, i // 3]) / [3, 2])
+        faces.append(np.array([[0, 2, 1], [0, 3, 2]]) + 4 * i)
+        corners.append(_square(prop.marker_m / 2, half * normal, right, up))
+    atlas, used = _power_of_two(np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])]))
+    return Prop(
+        prop.name, prop.kind, prop.dictionary, ids, np.array(corners), np.zeros((0, 3)),
+        np.concatenate(vertices), np.concatenate(uv) * used, np.concatenate(faces), atlas, prop.path,
+    )  # fmt: skip
+
+
+def _board(prop: CharucoBoard) -> Prop:
+    if prop.marker_m >= prop.square_m:
+        raise ConfigError(f"prop {prop.name}: marker_m {prop.marker_m} does not fit into square_m {prop.square_m}")
+    columns, rows = prop.squares
+    dictionary = _dictionary(prop.name, prop.dictionary, (columns * rows) // 2 - 1)
+    board = cv2.aruco.CharucoBoard((columns, rows), prop.square_m, prop.marker_m, dictionary)
+    square_px = max(48, 1536 // max(columns, rows))
+    picture = board.generateImage((columns * square_px, rows * square_px), marginSize=0)
+    margin_px = int(np.ceil(prop.margin_m / prop.square_m * square_px)) + 1
+    picture = np.pad(np.minimum(picture, _PAPER_WHITE), margin_px, constant_values=_PAPER_WHITE)
+    height, width = picture.shape
+    size_m = np.array([columns, rows]) * prop.square_m
+    full_m = size_m + 2 * prop.margin_m
+    half_uv = full_m / prop.square_m * square_px / np.array([width, height]) / 2
+    vertices, uv, faces = _plate(full_m[0], full_m[1], half_uv)
+    texture, used = _power_of_two(_rgb(picture))
+
+    # OpenCV's board has its origin at the top left, y down
+    def centred(points: Array) -> Array:
+        flat = np.asarray(points, np.float64)[..., :2] - size_m / 2
+        return np.stack([flat[..., 0], -flat[..., 1], np.full(flat.shape[:-1], _PLATE_M / 2)], axis=-1)
+
+    return Prop(
+        prop.name, prop.kind, prop.dictionary, board.getIds().ravel(), centred(np.array(board.getObjPoints())),
+        centred(board.getChessboardCorners()), vertices, uv * used, faces, texture, prop.path,
+    )  # fmt: skip
+
+
+def _square(half: float, centre: Array, right: Array, up: Array) -> Array:
+    """(4, 3) corners, top left first, then clockwise as seen from outside."""
+    return np.array([centre + half * (sx * right + sy * up) for sx, sy in ((-1, 1), (1, 1), (1, -1), (-1, -1))])
+
+
+def _plate(width_m: float, height_m: float, half_uv: Array | float) -> tuple[Array, Array, Array]:
+    """A thin box, printed on its +z side and plain elsewhere: vertices (24, 3), uv (24, 2), faces (12, 3)."""
+    half_m = np.array([width_m, height_m, _PLATE_M]) / 2
+    half_u, half_v = np.broadcast_to(half_uv, 2)
+    vertices, uv, faces = [], [], []
+    for i, (normal, right, up) in enumerate(_CUBE_FACES):
+        corners = np.array([normal + sx * right + sy * up for sx, sy in ((-1, 1), (1, 1), (1, -1), (-1, -1))])
+        vertices.append(corners * half_m)
+        printed = normal[2] > 0
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        # the unprinted sides show one white spot of the border
+        uv.append(0.5 + signs * [half_u, half_v] if printed else np.tile([0.5 - half_u, 0.5 - half_v], (4, 1)))
+        faces.append(np.array([[0, 2, 1], [0, 3, 2]]) + 4 * i)
+    return np.concatenate(vertices), np.concatenate(uv), np.concatenate(faces)
+
+
+def _marker_face(name: str, dictionary_name: str, marker_id: int, side_per_marker: float) -> tuple[Array, float]:
+    """Picture of a white square with a marker in its middle, and half the face's edge in texture coordinates."""
+    dictionary = _dictionary(name, dictionary_name, marker_id)
+    cells = dictionary.markerSize + 2
+    # an even number, so that the marker's centre is the face's
+    marker_px = int(_FACE_PX / side_per_marker / (2 * cells)) * 2 * cells
+    if marker_px < cells:
+        raise ConfigError(f"prop {name}: side_m is {side_per_marker:.0f} times marker_m, too much to draw; at most 25")
+    marker = dictionary.generateImageMarker(marker_id, marker_px)
+    face = np.full((_FACE_PX, _FACE_PX), _PAPER_WHITE, np.uint8)
+    first = (_FACE_PX - marker_px) // 2
+    face[first : first + marker_px, first : first + marker_px] = np.minimum(marker, _PAPER_WHITE)
+    return _rgb(face), marker_px * side_per_marker / _FACE_PX / 2
+
+
+def _dictionary(name: str, dictionary_name: str, highest_id: int) -> cv2.aruco.Dictionary:
+    if dictionary_name not in _DICTIONARIES:
+        raise ConfigError(f"prop {name}: dictionary: no {dictionary_name!r}; there are: {choices(_DICTIONARIES)}")
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name))
+    if highest_id >= len(dictionary.bytesList):
+        raise ConfigError(
+            f"prop {name}: {dictionary_name} has {len(dictionary.bytesList)} markers, marker {highest_id} is needed"
+        )
+    return dictionary
+
+
+def _power_of_two(picture: Array) -> tuple[Array, Array]:
+    """The picture padded to sides that halve without a rest, and the share (2,) of width and height it fills.
+
+    OpenGL draws small textures from ones halved again and again; a rest would move what is printed on them.
+    """
+    height, width = picture.shape[:2]
+    full_height, full_width = (1 << (side - 1).bit_length() for side in (height, width))
+    padding = ((0, full_height - height), (0, full_width - width), (0, 0))
+    return np.pad(picture, padding, constant_values=_PAPER_WHITE), np.array([width / full_width, height / full_height])
+
+
+def _rgb(grey: Array) -> Array:
+    return np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=-1)

@@ -1,0 +1,129 @@
+"""One frame of one camera: lens, rolling shutter, motion blur, sensor noise, and which points it sees."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+from posefuse.simulation.cameras import SensorSettings
+
+from .optics import Optics, SourceView, optics_of
+from .stage import Stage
+
+_MID_GREY = 118.0
+_PAD_PX = 2
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is exposed when, as one picture to draw.
+
+    Attributes:
+        first_row, last_row: rows of the image, last one excluded. after_s: since the frame's mid-exposure.
+        middle: whether it is the middle of those rows' exposure.
+    """
+
+    first_row: int
+    last_row: int
+    after_s: float
+    middle: bool
+
+
+def moments_of(sensor: SensorSettings, height: int) -> tuple[Moment, ...]:
+    """The pictures that make one frame: bands of a rolling shutter times samples of the exposure."""
+    bands = min(sensor.shutter_bands, height) if sensor.readout_s else 1
+    edges = np.round(np.linspace(0, height, bands + 1)).astype(int)
+    samples = sensor.blur_samples if sensor.exposure_s else 1
+    within = sensor.exposure_s * ((np.arange(samples) + 0.5) / samples - 0.5)
+    moments = []
+    for first, last in itertools.pairwise(edges):
+        row_share = ((first + last - 1) / 2) / max(height - 1, 1) - 0.5
+        for i, after in enumerate(within):
+            moments.append(Moment(int(first), int(last), float(sensor.readout_s * row_share + after), i == samples // 2))
+    return tuple(moments)
+
+
+class CameraShooter:
+    """Draws the frames of one camera on a stage."""
+
+    def __init__(self, camera: Camera, sensor: SensorSettings, stage: Stage) -> None:
+        self._camera, self._sensor, self._stage = camera, sensor, stage
+        self._optics = optics_of(camera)
+        self.moments = moments_of(sensor, camera.size_wh[1])
+
+    def shoot(
+        self, poses: Array, xyz_world: Array, possible: Array, flesh_m: Array, noise_seed: list[int]
+    ) -> tuple[Array, Array]:
+        """One frame.
+
+        Args:
+            poses: (moments, M, 7) world poses of all moving bodies.
+            xyz_world: (Q, 3) points to look for. possible: (Q,) which may be seen at all. flesh_m: (Q,), see `visibility`.
+            noise_seed: numbers the sensor noise is drawn from.
+
+        Returns:
+            image (H, W, 3) uint8 RGB and visible (Q,).
+        """
+        width, height = self._camera.size_wh
+        total = np.zeros((height, width, 3), np.float32)
+        count = np.zeros(height)
+        visible = np.zeros(len(xyz_world), bool)
+        row = np.nan_to_num(self._camera.project(xyz_world)[:, 1], nan=-1.0)
+        for moment, bodies in zip(self.moments, poses, strict=True):
+            self._stage.place(bodies)
+            band, view, depth = self._draw(moment)
+            total[moment.first_row : moment.last_row] += band
+            count[moment.first_row : moment.last_row] += 1
+            if moment.middle:
+                here = possible & (row >= moment.first_row - 0.5) & (row < moment.last_row - 0.5)
+                visible |= here & self._not_hidden(xyz_world, flesh_m, view, depth)
+        image = total / count[:, None, None]
+        return self._with_noise(image, noise_seed), visible
+
+    def _draw(self, moment: Moment) -> tuple[Array, SourceView, Array]:
+        """The rows of one moment (h, W, 3), and the ideal picture they come from with its depth."""
+        rows = slice(moment.first_row, moment.last_row)
+        view, map_px = _view_of_rows(self._optics, rows)
+        rgb, depth = self._stage.draw(view, self._camera.cam_from_world)
+        if map_px is None:
+            return rgb, view, depth
+        # outside what the lens shows the map is NaN, which is drawn black
+        outside = np.nan_to_num(map_px, nan=-10.0)
+        return cv2.remap(np.ascontiguousarray(rgb), outside[..., 0], outside[..., 1], cv2.INTER_LINEAR), view, depth
+
+    def _not_hidden(self, xyz_world: Array, flesh_m: Array, view: SourceView, depth: Array) -> Array:
+        xyz_cam = self._camera.cam_from_world @ xyz_world
+        ahead = np.maximum(xyz_cam[:, 2], 1e-6)
+        norm = xyz_cam[:, :2] / ahead[:, None]
+        column, row = np.round(view.px_from_norm(norm)).astype(int).T
+        surface = depth[np.clip(row, 0, view.height - 1), np.clip(column, 0, view.width - 1)]
+        # from depth along the axis to distance along the ray
+        before_m = (ahead - surface) * np.sqrt(1 + (norm**2).sum(axis=-1))
+        return before_m <= flesh_m
+
+    def _with_noise(self, image: Array, seed: list[int]) -> Array:
+        if self._sensor.noise_dn:
+            rng = np.random.default_rng(seed)
+            # photons: the variance grows with the light; a floor stays in the dark
+            spread = self._sensor.noise_dn * np.sqrt(0.25 + 0.75 * image / _MID_GREY)
+            image = image + spread * rng.standard_normal(image.shape, dtype=np.float32)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def _view_of_rows(optics: Optics, rows: slice) -> tuple[SourceView, Array | None]:
+    """The part of the ideal picture that image rows need, and the map into that part."""
+    view = optics.view
+    if optics.map_px is None:
+        return view.cut(0, rows.start, view.width, rows.stop - rows.start), None
+    map_px = optics.map_px[rows]
+    if not np.isfinite(map_px).any():
+        return view.cut(0, 0, 1, 1), map_px
+    low = np.maximum(np.floor(np.nanmin(map_px, axis=(0, 1))).astype(int) - _PAD_PX, 0)
+    high = np.minimum(np.ceil(np.nanmax(map_px, axis=(0, 1))).astype(int) + _PAD_PX + 1, [view.width, view.height])
+    part = view.cut(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
+    return part, map_px - low.astype(np.float32)

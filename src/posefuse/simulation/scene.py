@@ -1,0 +1,121 @@
+"""Scene files: everything a simulated session consists of, each key with its unit and default."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le
+from pydantic import Field
+
+from posefuse.core import ConfigError
+from posefuse.core.errors import choices
+from posefuse.foundation.settings import read_settings, settings
+
+from .body import BodySettings
+from .cameras import CameraSettings, placed_cameras
+from .motion import MotionSettings
+from .paths import CarriedPath
+from .props import PropSettings
+from .surroundings import OccluderSettings, RoomSettings
+
+
+@settings
+class PersonSettings:
+    """One person: a body and how it moves."""
+
+    body: BodySettings = BodySettings()
+    motion: MotionSettings
+
+
+@settings
+class H264Settings:
+    """One H.264 film per camera.
+
+    Attributes:
+        crf: x264's constant rate factor; 18 looks lossless, 28 is small.
+    """
+
+    kind: Literal["h264"]
+    crf: Annotated[int, Ge(0), Le(51)] = 23
+
+
+@settings
+class JpegSettings:
+    """One folder of JPEG images per camera, with a table of times.
+
+    Attributes:
+        quality: 1 to 100.
+    """
+
+    kind: Literal["jpeg"]
+    quality: Annotated[int, Ge(1), Le(100)] = 92
+
+
+RecordSettings = Annotated[H264Settings | JpegSettings, Field(discriminator="kind")]
+
+
+@settings
+class Scene:
+    """A whole scene.
+
+    Attributes:
+        duration_s: how long. start_s: session time at which it begins.
+        rate_hz: frames per second of cameras that do not say otherwise, and of the truth.
+        seed: of everything random that has no seed of its own.
+        record: how the cameras' frames are stored.
+    """
+
+    duration_s: Annotated[float, Gt(0), Le(7200)]
+    start_s: Annotated[float, Ge(0)] = 0.0
+    rate_hz: Annotated[float, Gt(0), Le(1000)] = 30.0
+    seed: Annotated[int, Ge(0)] = 0
+    cameras: CameraSettings
+    people: tuple[PersonSettings, ...] = ()
+    occluders: tuple[OccluderSettings, ...] = ()
+    props: tuple[PropSettings, ...] = ()
+    room: RoomSettings = RoomSettings()
+    record: RecordSettings = H264Settings(kind="h264")
+
+
+def read_scene(path: Path) -> Scene:
+    """Read a scene file (YAML or TOML); raises ConfigError in one line naming file, key, expected and got.
+
+    Motion files are looked for from the scene file's folder.
+    """
+    scene = with_motion_files(read_settings(path, Scene), lambda _, file: str(path.parent / file))
+    try:
+        check_scene(scene)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return scene
+
+
+def with_motion_files(scene: Scene, moved: Callable[[int, str], str]) -> Scene:
+    """The scene with the motion file of each person, where there is one, replaced by `moved(place of the person, file)`."""
+    people = []
+    for i, person in enumerate(scene.people):
+        file = getattr(person.motion, "file", None)
+        motion = person.motion if file is None else replace(person.motion, file=moved(i, file))
+        people.append(replace(person, motion=motion))
+    return replace(scene, people=tuple(people))
+
+
+def check_scene(scene: Scene) -> None:
+    """Raise ConfigError for names that are taken twice or stand for nothing, before anything is built."""
+    _check_unique("cameras: name", [camera.name for camera in placed_cameras(scene.cameras)])
+    _check_unique("props: name", [prop.name for prop in scene.props])
+    for prop in scene.props:
+        if isinstance(prop.path, CarriedPath) and prop.path.person >= len(scene.people):
+            raise ConfigError(
+                f"props: {prop.name}: path.person: no person {prop.path.person}; "
+                f"there are: {choices(str(i) for i in range(len(scene.people)))}"
+            )
+
+
+def _check_unique(what: str, names: list[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"{what}: used twice: {choices(twice)}; give each its own")

@@ -1,0 +1,291 @@
+"""A simulated session on disk, as `posefuse track` takes it, with the truth beside it.
+
+SESSION/rig.toml              the exact cameras
+SESSION/videos/<camera>.mp4   H.264 with the camera's own time stamps; or <camera>/ with images and timestamps.csv
+SESSION/scene.yaml            every setting, defaults written out
+SESSION/truth/truth.npz       `posefuse.formats.truth`
+SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the film)
+SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
+SESSION/INCOMPLETE            as long as something of the above is missing; simulating again resumes
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.formats.rig import write_rig
+from posefuse.formats.truth import read_arrays, write_arrays, write_truth
+from posefuse.formats.video import join_videos
+
+from .build import LiveScene, live_scene
+from .exact import flesh_of_points, prop_truth, seen_points, truth_with
+from .render.backend import working_backend
+from .render.model import RenderModel, render_model
+from .render.optics import optics_of
+from .render.shot import moments_of
+from .render.workers import RenderJob, RenderTask, image_name, render_all
+from .scene import H264Settings, Scene, with_motion_files
+
+Progress = Callable[[int, int], None]
+TIMES_FILE = "timestamps.csv"
+# frames of one task: what is lost when a session is interrupted
+_RUN = 30
+_RUN_OF_PICTURES = 240
+
+
+@dataclass(frozen=True)
+class SessionPaths:
+    """Where things are in a session folder."""
+
+    folder: Path
+
+    @property
+    def rig(self) -> Path:
+        """The exact cameras."""
+        return self.folder / "rig.toml"
+
+    @property
+    def videos(self) -> Path:
+        """One film or image folder per camera."""
+        return self.folder / "videos"
+
+    @property
+    def scene(self) -> Path:
+        """Every setting."""
+        return self.folder / "scene.yaml"
+
+    @property
+    def truth(self) -> Path:
+        """`core.Truth`."""
+        return self.folder / "truth" / "truth.npz"
+
+    @property
+    def shots(self) -> Path:
+        """True and stamped times of every frame."""
+        return self.folder / "truth" / "shots.npz"
+
+    @property
+    def props(self) -> Path:
+        """Exact poses and pixels of the props."""
+        return self.folder / "truth" / "props.npz"
+
+    @property
+    def incomplete(self) -> Path:
+        """Marks a session that is not finished."""
+        return self.folder / "INCOMPLETE"
+
+    @property
+    def parts(self) -> Path:
+        """Finished runs of frames of an unfinished session."""
+        return self.folder / "parts"
+
+    def film(self, camera: str) -> Path:
+        """The H.264 film of a camera."""
+        return self.videos / f"{camera}.mp4"
+
+
+def simulate(scene: Scene, out: Path, progress: Progress | None = None, processes: int | None = None) -> SessionPaths:
+    """Render a scene into the folder `out`, or go on where an interrupted run of the same scene stopped.
+
+    Args:
+        progress: called with (frames done, frames in all) after every run of frames.
+        processes: how many render at once; None takes one per core.
+
+    Raises:
+        ConfigError: the scene cannot be. InputError: `out` holds something else, or cannot be written.
+        DependencyError: no OpenGL, or the extra ``sim`` is missing.
+    """
+    paths = SessionPaths(Path(out))
+    _check_folder(paths, scene)
+    live = live_scene(scene)
+    optics = [optics_of(camera) for camera in live.rig]
+    backend = working_backend()
+    try:
+        _begin(paths, scene)
+        largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
+        job = _job(live, backend, (int(largest[0]), int(largest[1])))
+        _render(live, job, paths, progress, processes or os.cpu_count() or 1)
+        _finish(live, paths)
+    except OSError as error:
+        raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
+    return paths
+
+
+def model_of(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
+    """The scene as the renderer wants it; `largest_wh` is the largest ideal picture any camera needs."""
+    return render_model(live.bodies, live.boxes, live.props, live.scene.room, live.room_size_m, largest_wh, live.scene.seed)
+
+
+def body_poses(live: LiveScene, t_s: Array) -> Array:
+    """(T, M, 7) world poses of everything that moves, in the renderer's order: bones of all people, then props."""
+    parts = []
+    for bones in live.bones(t_s):
+        parts.append(np.concatenate([bones[..., :3, 3], wxyz_from_matrix(bones[..., :3, :3])], axis=-1))
+    for pose in live.prop_poses(t_s):
+        parts.append(np.concatenate([pose.xyz, pose.wxyz], axis=-1)[:, None])
+    return np.concatenate(parts, axis=1) if parts else np.zeros((len(t_s), 0, 7))
+
+
+def _check_folder(paths: SessionPaths, scene: Scene) -> None:
+    """Accept a new or empty folder, or an interrupted session of the same scene."""
+    if paths.incomplete.is_file():
+        if paths.scene.is_file() and paths.scene.read_text(encoding="utf-8") != _scene_text(scene):
+            raise InputError(f"{paths.folder}: holds an unfinished session of another scene; delete it or choose another folder")
+    elif paths.folder.exists() and (not paths.folder.is_dir() or any(paths.folder.iterdir())):
+        raise InputError(f"{paths.folder}: is not empty; delete it or choose another folder")
+
+
+def _begin(paths: SessionPaths, scene: Scene) -> None:
+    paths.folder.mkdir(parents=True, exist_ok=True)
+    paths.incomplete.write_text("This session is not finished. Simulate the same scene into this folder to go on.\n")
+    for folder in (paths.videos, paths.truth.parent, paths.parts):
+        folder.mkdir(exist_ok=True)
+    paths.scene.write_text(_scene_text(scene), encoding="utf-8")
+    with_motion_files(scene, lambda i, file: _copied(Path(file), paths.folder / _motion_name(i, file)))
+
+
+def _scene_text(scene: Scene) -> str:
+    """What scene.yaml says: every setting, motion files as the session holds them."""
+    return yaml.safe_dump(plain_settings(with_motion_files(scene, _motion_name)), sort_keys=False)
+
+
+def _motion_name(person: int, file: str) -> str:
+    return f"motion/{person}-{Path(file).name}"
+
+
+def _copied(file: Path, into: Path) -> str:
+    """Copy a motion file or folder, so that the session holds all it was made from."""
+    into.parent.mkdir(exist_ok=True)
+    if file.is_dir():
+        shutil.copytree(file, into, dirs_exist_ok=True)
+    else:
+        shutil.copyfile(file, into)
+    return str(into)
+
+
+def plain_settings(settings: Any) -> Any:
+    """Settings as plain values for YAML: mappings, lists, numbers, text."""
+    if dataclasses.is_dataclass(settings):
+        return {field.name: plain_settings(getattr(settings, field.name)) for field in dataclasses.fields(settings)}
+    if isinstance(settings, dict):
+        return {key: plain_settings(value) for key, value in settings.items()}
+    if isinstance(settings, (tuple, list)):
+        return [plain_settings(value) for value in settings]
+    return settings
+
+
+def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
+    return RenderJob(
+        model_of(live, largest_wh),
+        backend,
+        live.rig.cameras,
+        tuple(camera.sensor for camera in live.placed),
+        tuple(camera.sensor.rate_hz or live.scene.rate_hz for camera in live.placed),
+        flesh_of_points(live),
+        live.scene.record,
+        live.scene.seed,
+    )
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Frames `frames` of camera number `camera`, stored as `film` and `done`."""
+
+    camera: int
+    frames: slice
+    film: Path
+    done: Path
+
+
+def _runs(live: LiveScene, paths: SessionPaths) -> list[_Run]:
+    runs = []
+    for c, shots in enumerate(live.shots):
+        pictures = len(moments_of(live.placed[c].sensor, live.rig.cameras[c].size_wh[1]))
+        length = max(1, min(_RUN, _RUN_OF_PICTURES // pictures))
+        for i, first in enumerate(range(0, len(shots), length)):
+            name = f"{shots.camera}-{i:05d}"
+            film = paths.parts / f"{name}.mp4" if isinstance(live.scene.record, H264Settings) else paths.videos / shots.camera
+            runs.append(_Run(c, slice(first, min(first + length, len(shots))), film, paths.parts / f"{name}.npz"))
+    return runs
+
+
+def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Progress | None, processes: int) -> None:
+    runs = _runs(live, paths)
+    if not isinstance(live.scene.record, H264Settings):
+        for camera in live.rig:
+            (paths.videos / camera.name).mkdir(exist_ok=True)
+    total = sum(len(shots) for shots in live.shots)
+    missing = [run for run in runs if not run.done.is_file()]
+    done = total - sum(run.frames.stop - run.frames.start for run in missing)
+    if progress:
+        progress(done, total)
+    for frames in render_all(job, _tasks(live, missing), min(processes, max(1, len(missing)))):
+        done += frames
+        if progress:
+            progress(done, total)
+
+
+def _tasks(live: LiveScene, runs: list[_Run]) -> Iterator[RenderTask]:
+    for run in runs:
+        shots, camera = live.shots[run.camera], live.rig.cameras[run.camera]
+        t_s = shots.t_ns[run.frames] / 1e9
+        after_s = np.array([moment.after_s for moment in moments_of(live.placed[run.camera].sensor, camera.size_wh[1])])
+        poses = body_poses(live, (t_s[:, None] + after_s).ravel())
+        seen = seen_points(live, run.camera, run.frames)
+        yield RenderTask(
+            run.camera,
+            shots.seq[run.frames],
+            shots.stamp_ns[run.frames],
+            poses.reshape(len(t_s), len(after_s), *poses.shape[1:]),
+            seen.xyz_world,
+            seen.possible,
+            run.film,
+            run.done,
+        )
+
+
+def _finish(live: LiveScene, paths: SessionPaths) -> None:
+    runs = _runs(live, paths)
+    visible = []
+    for c, shots in enumerate(live.shots):
+        own = [run for run in runs if run.camera == c]
+        visible.append(np.concatenate([read_arrays(run.done)["visible"] for run in own]))
+        if isinstance(live.scene.record, H264Settings):
+            join_videos([run.film for run in own], paths.film(shots.camera))
+        else:
+            _write_times(paths.videos / shots.camera / TIMES_FILE, shots.stamp_ns)
+    write_rig(paths.rig, live.rig)
+    write_truth(paths.truth, truth_with(live, visible))
+    write_arrays(paths.shots, shot_arrays(live))
+    if live.props:
+        write_arrays(paths.props, prop_truth(live, visible))
+    shutil.rmtree(paths.parts)
+    paths.incomplete.unlink()
+
+
+def shot_arrays(live: LiveScene) -> dict[str, Array]:
+    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` what its film says."""
+    arrays: dict[str, Array] = {}
+    for i, shots in enumerate(live.shots):
+        arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}
+    return arrays
+
+
+def _write_times(path: Path, stamp_ns: Array) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["file", "t_s"])
+        table.writerows([image_name(int(t)), f"{t / 1e9:.9f}"] for t in stamp_ns)

@@ -1,0 +1,131 @@
+"""A simulated camera for the live pipeline: frames come at the pace of the clock, as from a real one.
+
+Either drawn as they fall due (`scene`), or read from a rendered session (`session`). A camera that cannot keep up loses
+frames, as real ones do: `seq` shows the gaps.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core import Frame, SourceError
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.formats.truth import read_arrays, read_truth
+from posefuse.formats.video import read_video
+
+from .build import LiveScene, live_scene
+from .exact import flesh_of_points, seen_points
+from .render.backend import working_backend
+from .render.optics import optics_of
+from .render.shot import CameraShooter
+from .render.stage import Stage
+from .scene import read_scene
+from .session import SessionPaths, body_poses, model_of
+
+# numbers (F,), stamps (F,) in ns, and the image of the frame at a place, asked for in order
+_Film = tuple[Array, Array, Callable[[int], Array]]
+
+
+@dataclass(frozen=True)
+class SimulatedConfig:
+    """One simulated camera.
+
+    Attributes:
+        path: a scene file, to draw frames as they fall due; or a session folder with H.264 films, to play them.
+        camera: its name.
+        paced: wait for the clock; False gives every frame as fast as it can be made.
+        zero_ns: monotonic time at which the session clock shows 0, so that several cameras agree; None is when the first
+            frame is asked for.
+    """
+
+    path: Path
+    camera: str
+    paced: bool = True
+    zero_ns: int | None = None
+
+    def build(self) -> SimulatedSource:
+        """Read the scene or session; raises SourceError for an unknown camera, InputError for unusable files."""
+        return SimulatedSource(self)
+
+
+class SimulatedSource:
+    """Frames of one simulated camera, stamped by its own clock. Ends with the scene; `frames` starts anew."""
+
+    def __init__(self, config: SimulatedConfig) -> None:
+        self._config = config
+        self.camera = config.camera
+        film = Path(config.path).is_dir()
+        names = self._open_session() if film else self._open_scene()
+        if config.camera not in names:
+            raise SourceError(f"{config.path}: no camera {config.camera!r}; there are: {choices(names)}")
+        self._index = names.index(config.camera)
+        self.size_wh = self._sizes_wh[self._index]
+        self._opened: Callable[[], AbstractContextManager[_Film]] = self._played if film else self._drawn
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames in time order; paced ones are skipped once the next one is due."""
+        with self._opened() as (seq, stamp_ns, image_at):
+            zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
+            for k, t_ns in enumerate(stamp_ns):
+                if self._config.paced:
+                    if k + 1 < len(seq) and time.monotonic_ns() - zero_ns > stamp_ns[k + 1]:
+                        continue
+                    time.sleep(max(0, zero_ns + int(t_ns) - time.monotonic_ns()) / 1e9)
+                image = image_at(k)
+                yield Frame(self.camera, int(seq[k]), int(t_ns), time.monotonic_ns() - zero_ns, image)
+
+    def close(self) -> None:
+        """Nothing stays open between calls of `frames`."""
+
+    def _open_scene(self) -> tuple[str, ...]:
+        self._live: LiveScene = live_scene(read_scene(Path(self._config.path)))
+        self._sizes_wh = [camera.size_wh for camera in self._live.rig]
+        return self._live.rig.names
+
+    def _open_session(self) -> tuple[str, ...]:
+        self._paths = SessionPaths(Path(self._config.path))
+        if self._paths.incomplete.is_file():
+            raise SourceError(f"{self._paths.folder}: the session is not finished; simulate its scene again to complete it")
+        rig = read_truth(self._paths.truth).rig
+        self._sizes_wh = [camera.size_wh for camera in rig]
+        return rig.names
+
+    @contextmanager
+    def _drawn(self) -> Iterator[_Film]:
+        """Frames drawn when asked for; OpenGL lives in the thread that asks."""
+        live, i = self._live, self._index
+        camera, shots = live.rig.cameras[i], live.shots[i]
+        view = optics_of(camera).view
+        stage = Stage(model_of(live, (view.width, view.height)), working_backend())
+        try:
+            shooter = CameraShooter(camera, live.placed[i].sensor, stage)
+            yield shots.seq, shots.stamp_ns, lambda k: shot_image(live, i, k, shooter)[0]
+        finally:
+            stage.close()
+
+    @contextmanager
+    def _played(self) -> Iterator[_Film]:
+        """Frames of a film, decoded in order."""
+        shots = read_arrays(self._paths.shots)
+        decoded = enumerate(read_video(self._paths.film(self.camera)))
+        yield (
+            shots[f"seq{self._index}"],
+            shots[f"stamp{self._index}_ns"],
+            lambda k: next(image for number, (_, image) in decoded if number == k),
+        )
+
+
+def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> tuple[Array, Array]:
+    """One frame of a scene as (H, W, 3) RGB, and which of its points (Q,) are visible; see `exact.SeenPoints`."""
+    t_s = live.shots[camera_index].t_ns[frame] / 1e9
+    poses = body_poses(live, t_s + np.array([moment.after_s for moment in shooter.moments]))
+    seen = seen_points(live, camera_index, slice(frame, frame + 1))
+    seed = [live.scene.seed, 41, camera_index, int(live.shots[camera_index].seq[frame])]
+    return shooter.shoot(poses, seen.xyz_world[0], seen.possible[0], flesh_of_points(live), seed)

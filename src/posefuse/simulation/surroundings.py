@@ -1,0 +1,173 @@
+"""Room, light and occluders of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+from pydantic import Field
+
+from posefuse.core import SE3, ConfigError
+from posefuse.core.arrays import Array, frozen
+from posefuse.foundation.settings import settings
+
+Point = tuple[float, float, float]
+Share = Annotated[float, Ge(0), Le(1)]
+Colour = tuple[Share, Share, Share]
+_TRIES = 1000
+
+
+@settings
+class RoomSettings:
+    """Floor, walls and light.
+
+    Attributes:
+        size_m: (x, y) of the floor about the origin; None makes it 1 m larger than what the cameras enclose.
+        height_m: of the walls.
+        floor: ``wood``, ``concrete``, ``tiles`` or ``plain``.
+        walls: ``office`` (panels, windows, pictures), ``plain`` or ``none`` (sky).
+        brightness: 1 is a well lit room.
+        shadows: whether the main light casts them.
+    """
+
+    size_m: tuple[Annotated[float, Gt(0)], Annotated[float, Gt(0)]] | None = None
+    height_m: Annotated[float, Gt(0)] = 3.6
+    floor: Literal["wood", "concrete", "tiles", "plain"] = "wood"
+    walls: Literal["office", "plain", "none"] = "office"
+    brightness: Annotated[float, Gt(0), Le(2)] = 1.0
+    shadows: bool = True
+
+
+@settings
+class BoxOccluder:
+    """A box that hides what is behind it.
+
+    Attributes:
+        position_m: its centre. size_m: its edges. yaw_deg: turned about the vertical.
+        colour: red, green, blue in [0, 1].
+    """
+
+    kind: Literal["box"]
+    position_m: Point
+    size_m: tuple[Annotated[float, Gt(0)], Annotated[float, Gt(0)], Annotated[float, Gt(0)]]
+    yaw_deg: float = 0.0
+    colour: Colour = (0.55, 0.45, 0.35)
+
+
+@settings
+class WallOccluder:
+    """A free-standing wall between two points of the floor."""
+
+    kind: Literal["wall"]
+    from_m: tuple[float, float]
+    to_m: tuple[float, float]
+    height_m: Annotated[float, Gt(0)] = 1.2
+    thickness_m: Annotated[float, Gt(0)] = 0.05
+    colour: Colour = (0.75, 0.75, 0.72)
+
+
+@settings
+class ClutterOccluder:
+    """Boxes at random on the floor.
+
+    Attributes:
+        count: how many. area_m: (x, y) of the rectangle about the origin they stand in.
+        keep_clear_m: radius about the origin that stays empty.
+        least_m, most_m: range of their edges. most_height_m: of their height.
+        seed: None takes the scene's.
+    """
+
+    kind: Literal["clutter"]
+    count: Annotated[int, Ge(1)] = 6
+    area_m: tuple[Annotated[float, Gt(0)], Annotated[float, Gt(0)]] = (6.0, 6.0)
+    keep_clear_m: Annotated[float, Ge(0)] = 1.5
+    least_m: Annotated[float, Gt(0)] = 0.2
+    most_m: Annotated[float, Gt(0)] = 0.6
+    most_height_m: Annotated[float, Gt(0)] = 1.2
+    seed: int | None = None
+
+
+OccluderSettings = Annotated[BoxOccluder | WallOccluder | ClutterOccluder, Field(discriminator="kind")]
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A solid box that stands still.
+
+    Attributes:
+        half_m: (3,) half of its edges. world_from_box: its pose. colour: (3,) in [0, 1].
+    """
+
+    half_m: Array
+    world_from_box: SE3
+    colour: Colour
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "half_m", frozen(self.half_m, np.float64, "Box.half_m"))
+
+    def contains(self, xyz_world: Array) -> Array:
+        """(...) whether points (..., 3) are inside."""
+        return np.asarray((np.abs(self.world_from_box.inverse() @ xyz_world) <= self.half_m).all(axis=-1))
+
+    def between(self, eye_world: Array, xyz_world: Array) -> Array:
+        """(...) whether the straight line from the eye (3,) to points (..., 3) meets the box (slab method)."""
+        box_from_world = self.world_from_box.inverse()
+        start = box_from_world @ np.asarray(eye_world)
+        way = box_from_world @ np.asarray(xyz_world) - start
+        with np.errstate(divide="ignore", invalid="ignore"):
+            near = (-self.half_m - start) / way
+            far = (self.half_m - start) / way
+        enter = np.fmax.reduce(np.minimum(near, far), axis=-1)
+        leave = np.fmin.reduce(np.maximum(near, far), axis=-1)
+        beside = ((way == 0) & (np.abs(start) > self.half_m)).any(axis=-1)
+        return np.asarray((enter <= leave) & (leave >= 0) & (enter <= 1) & ~beside)
+
+
+def boxes_of(occluders: tuple[BoxOccluder | WallOccluder | ClutterOccluder, ...], seed: int) -> tuple[Box, ...]:
+    """Every occluder as boxes, random ones drawn from the seed."""
+    boxes: list[Box] = []
+    for i, occluder in enumerate(occluders):
+        if isinstance(occluder, BoxOccluder):
+            boxes.append(_box(occluder.position_m, occluder.size_m, np.deg2rad(occluder.yaw_deg), occluder.colour))
+        elif isinstance(occluder, WallOccluder):
+            boxes.append(_wall(occluder))
+        else:
+            boxes.extend(_clutter(occluder, [seed if occluder.seed is None else occluder.seed, 21, i]))
+    return tuple(boxes)
+
+
+def _box(centre_m: Point, size_m: Point, yaw_rad: float, colour: Colour) -> Box:
+    return Box(np.array(size_m) / 2, SE3.from_rotvec([0.0, 0.0, float(yaw_rad)], np.array(centre_m)), colour)
+
+
+def _wall(wall: WallOccluder) -> Box:
+    (x0, y0), (x1, y1) = wall.from_m, wall.to_m
+    length = float(np.hypot(x1 - x0, y1 - y0))
+    centre = ((x0 + x1) / 2, (y0 + y1) / 2, wall.height_m / 2)
+    return _box(
+        centre, (max(length, wall.thickness_m), wall.thickness_m, wall.height_m), np.arctan2(y1 - y0, x1 - x0), wall.colour
+    )
+
+
+def _clutter(clutter: ClutterOccluder, seed: list[int]) -> list[Box]:
+    rng = np.random.default_rng(seed)
+    boxes: list[Box] = []
+    for _ in range(_TRIES):
+        if len(boxes) == clutter.count:
+            break
+        size = rng.uniform(clutter.least_m, max(clutter.least_m, clutter.most_m), 3)
+        size[2] = rng.uniform(clutter.least_m, max(clutter.least_m, clutter.most_height_m))
+        spot = rng.uniform(-0.5, 0.5, 2) * clutter.area_m
+        yaw, colour = rng.uniform(0, np.pi), rng.uniform(0.2, 0.8, 3)
+        if np.hypot(*spot) - np.hypot(size[0], size[1]) / 2 >= clutter.keep_clear_m:
+            centre = (float(spot[0]), float(spot[1]), float(size[2] / 2))
+            edges = (float(size[0]), float(size[1]), float(size[2]))
+            boxes.append(_box(centre, edges, yaw, (float(colour[0]), float(colour[1]), float(colour[2]))))
+    if len(boxes) < clutter.count:
+        raise ConfigError(
+            f"occluders: clutter: only {len(boxes)} of {clutter.count} boxes fit into area_m {clutter.area_m} outside "
+            f"keep_clear_m {clutter.keep_clear_m}; make the area larger or the clear circle smaller"
+        )
+    return boxes

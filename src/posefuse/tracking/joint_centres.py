@@ -1,0 +1,152 @@
+"""From what a 2D estimator marks to anatomical joint centres.
+
+A landmark network is consistent, but what it calls a hip is not the centre of the hip joint. The difference is close to
+constant in the body's own directions: each joint is moved by fixed lengths along directions built from the fused keypoints
+themselves (trunk, limb above, limb below), and by a little more or less as somebody's segments are longer or shorter than usual.
+The table is fitted elsewhere; see `bench/fit_joint_centres.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import field, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from posefuse.core import ConfigError, Pose3D, PoseSequence, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.foundation.settings import read_settings, settings
+
+from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions
+from .segments import SEGMENTS, segment_lengths
+
+Poses = TypeVar("Poses", Pose3D, PoseSequence)
+JOINTS = tuple(JOINT_DIRECTIONS)
+_DIRECTIONS = tuple((joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names)
+_FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])[:-1]
+# each round of the inverse leaves two fifths of the error or less: micrometres after these
+_INVERSE_ROUNDS = 12
+# people further from the average than those of the fit count as no further than this
+MOST_LONGER_M = 0.06
+
+
+@settings
+class JointCentres:
+    """Fitted offsets.
+
+    Attributes:
+        made_by: command and data of the fit, for people.
+        offsets: joint (without its side) -> direction (see `body_directions`) -> metres.
+        lengths: segment (see `segment_lengths`) -> metres, of the people of the fit on average.
+        by_length: joint -> direction -> segment -> metres more per metre that somebody's segment is longer than that.
+    """
+
+    made_by: str
+    offsets: dict[str, dict[str, float]]
+    lengths: dict[str, float] = field(default_factory=dict)
+    by_length: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+
+    @cached_property
+    def metres(self) -> Array:
+        """(D,) offset along each of the directions of `JOINT_DIRECTIONS` in a row."""
+        return np.array([self.offsets.get(joint, {}).get(name, 0.0) for joint, name in _DIRECTIONS])
+
+    @cached_property
+    def usual(self) -> Array:
+        """(S,) `lengths` in the order of `SEGMENTS`; NaN where not told."""
+        return np.array([self.lengths.get(segment, np.nan) for segment in SEGMENTS])
+
+    @cached_property
+    def slopes(self) -> Array:
+        """(D, S) `by_length` in these orders."""
+        told = [self.by_length.get(joint, {}).get(name, {}) for joint, name in _DIRECTIONS]
+        return np.array([[one.get(segment, 0.0) for segment in SEGMENTS] for one in told])
+
+
+def read_joint_centres(path: Path) -> JointCentres:
+    """Read a table; raises ConfigError naming the file, and the joint or direction that does not exist."""
+    return check_joint_centres(read_settings(path, JointCentres), str(path))
+
+
+def check_joint_centres(table: JointCentres, where: str) -> JointCentres:
+    """The table; raises ConfigError naming `where`, and the joint or direction that does not exist."""
+    _check_names(f"{where}: lengths", "segment", table.lengths, SEGMENTS)
+    for part, joints in (("offsets", table.offsets), ("by_length", table.by_length)):
+        _check_names(f"{where}: {part}", "joint", joints, JOINT_DIRECTIONS)
+        for joint, along in joints.items():
+            _check_names(f"{where}: {part}.{joint}", "direction", along, JOINT_DIRECTIONS[joint])
+    for joint, slopes in table.by_length.items():
+        for direction, segments in slopes.items():
+            _check_names(f"{where}: by_length.{joint}.{direction}", "segment", segments, table.lengths)
+    return table
+
+
+def _check_names(where: str, what: str, got: Iterable[str], known: Iterable[str]) -> None:
+    for name in got:
+        if name not in known:
+            raise ConfigError(f"{where}: no {what} {name!r}; there are: {choices(known)}")
+
+
+def to_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
+    """A finished recording with its joints at their centres; how long somebody's segments are is told by all of it."""
+    return at_joint_centres(sequence, table, _lengths(sequence.xyz_world, sequence.skeleton, table))
+
+
+def at_joint_centres(poses: Poses, table: JointCentres, lengths: Array) -> Poses:
+    """The poses with shoulders, elbows, wrists, hips, knees and ankles moved to their centres.
+
+    A joint stays where it is at instants at which a direction it needs is unknown (a keypoint is missing, or two coincide).
+    Covariances stay: the offsets count as constants.
+
+    Args:
+        lengths: (N, S) metres of each person's `SEGMENTS` between joint centres, or (S,) of everybody's; NaN where not known,
+            which counts as usual (`JointCentres.usual`).
+    """
+    return replace(poses, xyz_world=poses.xyz_world + _moves(poses.xyz_world, poses.skeleton, table, lengths))
+
+
+def from_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
+    """What the 2D estimator marks, given joint centres: the inverse of `to_joint_centres`."""
+    landmarks = sequence.xyz_world
+    for _ in range(_INVERSE_ROUNDS):
+        lengths = _lengths(landmarks, sequence.skeleton, table)
+        landmarks = sequence.xyz_world - _moves(landmarks, sequence.skeleton, table, lengths)
+    return replace(sequence, xyz_world=landmarks)
+
+
+def _lengths(landmarks: Array, skeleton: Skeleton, table: JointCentres) -> Array:
+    """(N, S) of landmarks (T, N, K, 3), between the joint centres of usual people: what the slopes are fitted to."""
+    return segment_lengths(landmarks + _moves(landmarks, skeleton, table, table.usual), skeleton)
+
+
+def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres, lengths: Array) -> Array:
+    """(..., K, 3) from landmarks (..., K, 3) to joint centres; nothing where a direction is unknown."""
+    longer = np.clip(np.nan_to_num(lengths - table.usual), -MOST_LONGER_M, MOST_LONGER_M)
+    return _moves_along(body_directions(xyz, skeleton), table.metres + longer @ table.slopes.T, skeleton)
+
+
+def _moves_along(known: Array, metres: Array, skeleton: Skeleton) -> Array:
+    """(..., K, 3) of directions (..., 2, D, 3) and metres (D,) or, of people, (N, D)."""
+    metres = metres[..., None, :, None]
+    along = np.where(metres == 0.0, 0.0, known * metres)
+    move = np.add.reduceat(along, _FIRST_DIRECTION, axis=-2)
+    moves = np.zeros((*known.shape[:-3], len(skeleton) + 1, 3))
+    moves[..., _columns(skeleton), :] = np.where(np.isfinite(move), move, 0.0)
+    return moves[..., :-1, :]
+
+
+@cache
+def _columns(skeleton: Skeleton) -> Array:
+    """(2, J) place of each side's joints on axis K; K where the skeleton lacks one."""
+    places = {name: k for k, name in enumerate(skeleton.keypoints)}
+    return np.array([[places.get(f"{side}_{joint}", len(places)) for joint in JOINTS] for side in SIDES])
+
+
+def directions(xyz: Array, skeleton: Skeleton, side: str) -> Mapping[str, Mapping[str, Array]]:
+    """Directions (..., 3) each joint of one side may be moved along, by joint and name, see `body_directions`."""
+    known = iter(np.moveaxis(body_directions(xyz, skeleton)[..., SIDES.index(side), :, :], -2, 0))
+    return {joint: {name: next(known) for name in names} for joint, names in JOINT_DIRECTIONS.items()}

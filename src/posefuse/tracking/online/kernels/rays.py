@@ -1,0 +1,115 @@
+"""One keypoint in one view: a ray, two rows, in units of its noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from posefuse.foundation.compiled import kernel
+
+
+@kernel()
+def ray(camera, point, h, slope):
+    """Ideal image point h (2,) of a world point and its derivative slope (2, 3); False behind the camera."""
+    X = camera[0] * point[0] + camera[1] * point[1] + camera[2] * point[2] + camera[9]
+    Y = camera[3] * point[0] + camera[4] * point[1] + camera[5] * point[2] + camera[10]
+    Z = camera[6] * point[0] + camera[7] * point[1] + camera[8] * point[2] + camera[11]
+    if not Z > 0.05:
+        return False
+    h[0], h[1] = X / Z, Y / Z
+    for a in range(3):
+        slope[0, a] = (camera[a] - h[0] * camera[6 + a]) / Z
+        slope[1, a] = (camera[3 + a] - h[1] * camera[6 + a]) / Z
+    return True
+
+
+@kernel()
+def whitened(white, slope, z, h, rows, error):
+    """rows (2, 3) = white slope, error (2,) = white (z - h)."""
+    dx, dy = z[0] - h[0], z[1] - h[1]
+    for i in range(2):
+        error[i] = white[i, 0] * dx + white[i, 1] * dy
+        for a in range(3):
+            rows[i, a] = white[i, 0] * slope[0, a] + white[i, 1] * slope[1, a]
+
+
+@kernel()
+def expected(rows, spread, noise):
+    """Three entries of the innovation covariance rows spread rows^T + noise."""
+    s00, s01, s11 = noise, 0.0, noise
+    for a in range(3):
+        t0, t1 = 0.0, 0.0
+        for d in range(3):
+            t0 += spread[a, d] * rows[0, d]
+            t1 += spread[a, d] * rows[1, d]
+        s00 += rows[0, a] * t0
+        s01 += rows[0, a] * t1
+        s11 += rows[1, a] * t1
+    return s00, s01, s11
+
+
+@kernel()
+def squared(s00, s01, s11, e0, e1):
+    """e^T S^-1 e of two rows."""
+    return (s11 * e0 * e0 - 2.0 * s01 * e0 * e1 + s00 * e1 * e1) / (s00 * s11 - s01 * s01)
+
+
+@kernel()
+def measure(table, corner, spacing, xy, sigma, z, white):
+    """Raw px (P, K, 2) with sigma (P, K) to ideal points z and whitening (P, K, 2, 2), through a table of ideal points.
+
+    table: (rows, columns, 2) at px corner + spacing * (column, row), read bilinearly; NaN outside and where the lens has
+    no inverse.
+    """
+    rows, columns, _ = table.shape
+    for p in range(len(xy)):
+        for i in range(xy.shape[1]):
+            z[p, i], white[p, i] = np.nan, 0.0
+            u, v = (xy[p, i, 0] - corner[0]) / spacing, (xy[p, i, 1] - corner[1]) / spacing
+            if not (u >= 0.0 and v >= 0.0 and u < columns - 1 and v < rows - 1 and sigma[p, i] > 0.0):
+                continue
+            a, b = int(u), int(v)
+            du, dv = u - a, v - b
+            t00, t01, t10, t11 = table[b, a], table[b, a + 1], table[b + 1, a], table[b + 1, a + 1]
+            x_u = ((t01[0] - t00[0]) * (1.0 - dv) + (t11[0] - t10[0]) * dv) / spacing
+            y_u = ((t01[1] - t00[1]) * (1.0 - dv) + (t11[1] - t10[1]) * dv) / spacing
+            x_v = ((t10[0] - t00[0]) * (1.0 - du) + (t11[0] - t01[0]) * du) / spacing
+            y_v = ((t10[1] - t00[1]) * (1.0 - du) + (t11[1] - t01[1]) * du) / spacing
+            det = (x_u * y_v - x_v * y_u) * sigma[p, i]
+            if not det > 0.0:
+                continue
+            for r in range(2):
+                z[p, i, r] = (t00[r] * (1.0 - du) + t01[r] * du) * (1.0 - dv) + (t10[r] * (1.0 - du) + t11[r] * du) * dv
+            white[p, i, 0, 0], white[p, i, 0, 1] = y_v / det, -x_v / det
+            white[p, i, 1, 0], white[p, i, 1, 1] = -y_u / det, x_u / det
+
+
+@kernel()
+def agreement(camera, means, sigmas, z, mirror, tolerance_m, support, share):
+    """How well the person expected at means (K, 3) explains each of P detections z (P, K, 2): filled (P,), (P,).
+
+    A keypoint supports by 1 less its squared miss at the body's depth over the tolerance (widened by what is uncertain);
+    left and right exchanged counts too, whichever is better.
+    """
+    for p in range(len(z)):
+        support[p], share[p] = 0.0, 0.0
+        for turn in range(2):
+            gain, agree, both = 0.0, 0, 0
+            for i in range(len(means)):
+                o = mirror[i] if turn == 1 else i
+                if not (math.isfinite(means[i, 0]) and math.isfinite(z[p, o, 0])):
+                    continue
+                depth = camera[6] * means[i, 0] + camera[7] * means[i, 1] + camera[8] * means[i, 2] + camera[11]
+                if not depth > 0.05:
+                    continue
+                both += 1
+                mx = camera[0] * means[i, 0] + camera[1] * means[i, 1] + camera[2] * means[i, 2] + camera[9]
+                my = camera[3] * means[i, 0] + camera[4] * means[i, 1] + camera[5] * means[i, 2] + camera[10]
+                miss2 = (mx - z[p, o, 0] * depth) ** 2 + (my - z[p, o, 1] * depth) ** 2
+                reach = tolerance_m + 2.0 * min(sigmas[i], tolerance_m)
+                if miss2 < reach * reach:
+                    agree += 1
+                    gain += 1.0 - miss2 / (reach * reach)
+            if gain > support[p]:
+                support[p], share[p] = gain, agree / both

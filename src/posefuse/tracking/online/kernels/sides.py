@@ -1,0 +1,58 @@
+"""Left and right exchanged, in a view or in the person."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from posefuse.foundation.compiled import kernel
+
+from .rays import expected, ray, squared, whitened
+from .state import GROUPS
+
+_FLIP_GAIN = 12.0  # least loss saved by exchanging a limb: noise does not exchange
+_FLIP_OBJECTION = 4.0  # least loss added by which a limb says that its own sides are right
+_FLIP_MOST = 16.0  # most a keypoint can say about it
+
+
+@kernel()
+def flipped_groups(camera, z, white, means, spreads, mirror, group, out):
+    """out (GROUPS,): which limbs fit clearly better with left and right exchanged."""
+    gain = np.zeros(GROUPS)
+    h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
+    for i in range(len(z)):
+        g, o = group[i], mirror[i]
+        if g < 0 or not (math.isfinite(z[i, 0]) and math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
+            continue
+        for turn in range(2):
+            k = i if turn == 0 else o
+            for a in range(3):
+                point[a] = means[i, a]
+            if not ray(camera, point, h, slope):
+                continue
+            whitened(white[k], slope, z[k], h, rows, error)
+            s00, s01, s11 = expected(rows, spreads[i], 1.0)
+            loss = min(squared(s00, s01, s11, error[0], error[1]), _FLIP_MOST)
+            gain[g] += loss if turn == 0 else -loss
+    # a body is exchanged as a whole when no limb objects: eyes and ears are too close together to tell by themselves
+    whole = gain.sum() > _FLIP_GAIN and gain.min() > -_FLIP_OBJECTION
+    for g in range(GROUPS):
+        out[g] = whole or gain[g] > _FLIP_GAIN
+
+
+@kernel()
+def exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g):
+    """Exchange left and right of one limb of the person."""
+    for i in range(len(mirror)):
+        o = mirror[i]
+        if group[i] == g and i < o:
+            kept_x, kept_cov, kept_share = x[i].copy(), cov[i].copy(), share[i].copy()
+            x[i], cov[i], share[i] = x[o], cov[o], share[o]
+            x[o], cov[o], share[o] = kept_x, kept_cov, kept_share
+            for c in range(seen.shape[1]):
+                seen[i, c], seen[o, c] = seen[o, c], seen[i, c]
+                square[i, c], square[o, c] = square[o, c], square[i, c]
+                precision[i, c], precision[o, c] = precision[o, c], precision[i, c]
+                for r in range(3):
+                    lasting[i, c, r], lasting[o, c, r] = lasting[o, c, r], lasting[i, c, r]

@@ -1,0 +1,173 @@
+"""Views into the motion models: one ray into a keypoint, all rays of a view into the body as a whole."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from posefuse.foundation.compiled import kernel
+from posefuse.tracking.matrix_kernels import inverse3
+
+from .motion import combined, normalise
+from .rays import expected, ray, squared, whitened
+
+_DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
+
+
+@kernel()
+def update(x, cov, share, rows, away, noise, common, outlier, gate):
+    """One ray into all models of a keypoint; `away` (M, 2) its error from each, `common` (3, 3) what the body adds to it.
+
+    Returns its squared distance from the model that expected it most; nothing is changed beyond `gate`.
+    """
+    m = len(share)
+    nearest = np.inf
+    for j in range(m):
+        s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
+        nearest = min(nearest, squared(s00, s01, s11, away[j, 0], away[j, 1]))
+    if not nearest <= gate:
+        return nearest
+    # beyond the knee a view is believed as if it were as noisy as it turned out to be
+    extra = max(nearest / outlier, 1.0) - 1.0
+    best = np.inf
+    for j in range(m):
+        s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
+        best = min(best, squared(s00 + extra, s01, s11 + extra, away[j, 0], away[j, 1]))
+    gain = np.empty((9, 2))
+    for j in range(m):
+        s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
+        s00 += extra
+        s11 += extra
+        det = s00 * s11 - s01 * s01
+        e0, e1 = away[j, 0], away[j, 1]
+        share[j] *= math.exp(0.5 * (best - squared(s00, s01, s11, e0, e1))) / math.sqrt(det)
+        for i in range(9):
+            t0, t1 = 0.0, 0.0
+            for a in range(3):
+                t0 += cov[j, i, a] * rows[0, a]
+                t1 += cov[j, i, a] * rows[1, a]
+            gain[i, 0] = (t0 * s11 - t1 * s01) / det
+            gain[i, 1] = (t1 * s00 - t0 * s01) / det
+            x[j, i] += gain[i, 0] * e0 + gain[i, 1] * e1
+        for i in range(9):
+            g0 = gain[i, 0] * s00 + gain[i, 1] * s01
+            g1 = gain[i, 0] * s01 + gain[i, 1] * s11
+            for a in range(i, 9):
+                cov[j, i, a] -= g0 * gain[a, 0] + g1 * gain[a, 1]
+                cov[j, a, i] = cov[j, i, a]
+    normalise(share)
+    return nearest
+
+
+@kernel()
+def doubt(cov):
+    """Make a keypoint's models (M, 9, 9) unsure where it is and how fast."""
+    for j in range(len(cov)):
+        for a in range(3):
+            cov[j, a, a] += _DOUBT_M**2
+            cov[j, 3 + a, 3 + a] += _DOUBT_M_S**2
+
+
+@kernel()
+def move_body(
+    camera, c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
+):  # fmt: skip
+    """What all keypoints of one view say together about where the body is: one measurement of its three coordinates.
+
+    Its information and pull are sums over the keypoints, each with what is uncertain about its own place against the body.
+    """
+    k, m = len(z), x.shape[1]
+    info, pull = np.zeros((3, 3)), np.zeros(3)
+    h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
+    for i in range(k):
+        o = mirror[i] if group[i] >= 0 and exchanged[group[i]] > 0.0 else i
+        if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
+            continue
+        for a in range(3):
+            drift = 0.0
+            for j in range(m):
+                drift += share[k, j] * x[k, j, 3 + a] + share[i, j] * x[i, j, 3 + a]
+            point[a] = means[k, a] + means[i, a] + late[o] * drift
+        if not ray(camera, point, h, slope):
+            continue
+        whitened(white[o], slope, z[o], h, rows, error)
+        keep = math.exp(-(t - seen[i, c]) / rules[5])
+        for r in range(2):
+            error[r] -= keep * (white[o, r, 0] * lasting[i, c, 0] + white[o, r, 1] * lasting[i, c, 1])
+        noise = 1.0 - (rules[4] - lasting[i, c, 2]) * keep * keep
+        s00, s01, s11 = expected(rows, spreads[i] + spreads[k], noise)
+        far = squared(s00, s01, s11, error[0], error[1])
+        if not far <= rules[1]:
+            continue
+        s00, s01, s11 = expected(rows, spreads[i], noise)
+        extra = max(far / rules[0], 1.0) - 1.0
+        s00, s11 = s00 + extra, s11 + extra
+        det = s00 * s11 - s01 * s01
+        for a in range(3):
+            g0 = (rows[0, a] * s11 - rows[1, a] * s01) / det
+            g1 = (rows[1, a] * s00 - rows[0, a] * s01) / det
+            pull[a] += g0 * error[0] + g1 * error[1]
+            for d in range(3):
+                info[a, d] += g0 * rows[0, d] + g1 * rows[1, d]
+    _pull(x[k], cov[k], share[k], means[k], info, pull)
+    combined(x[k], cov[k], share[k], means[k], spreads[k])
+
+
+@kernel()
+def _pull(x, cov, share, about, info, pull):
+    """A measurement of position by its information (3, 3), and pull (3,) at `about`, into all models of one point."""
+    m = len(share)
+    mix, inverse, gain, u = np.empty((3, 3)), np.empty((3, 3)), np.empty((9, 3)), np.empty(3)
+    likely = np.empty(m)
+    for j in range(m):
+        for a in range(3):
+            u[a] = pull[a]
+            for d in range(3):
+                u[a] -= info[a, d] * (x[j, d] - about[d])
+        for a in range(3):
+            for d in range(3):
+                mix[a, d] = 1.0 if a == d else 0.0
+                for e in range(3):
+                    mix[a, d] += info[a, e] * cov[j, e, d]
+        det = inverse3(mix, inverse)
+        for i in range(9):
+            for a in range(3):
+                gain[i, a] = 0.0
+                for d in range(3):
+                    gain[i, a] += cov[j, i, d] * inverse[d, a]
+        value = -0.5 * math.log(det)
+        for a in range(3):
+            away = x[j, a] - about[a]
+            value += pull[a] * away
+            for d in range(3):
+                value += 0.5 * u[a] * gain[a, d] * u[d] - 0.5 * away * info[a, d] * (x[j, d] - about[d])
+        likely[j] = value
+        top = cov[j, :3].copy()
+        for i in range(9):
+            for a in range(3):
+                x[j, i] += gain[i, a] * u[a]
+        for i in range(9):
+            for d in range(9):
+                for a in range(3):
+                    for e in range(3):
+                        cov[j, i, d] -= gain[i, a] * info[a, e] * top[e, d]
+        for i in range(9):
+            for d in range(i):
+                cov[j, i, d] = cov[j, d, i] = 0.5 * (cov[j, i, d] + cov[j, d, i])
+    best = likely.max()
+    for j in range(m):
+        share[j] *= math.exp(likely[j] - best)
+    normalise(share)
+
+
+@kernel()
+def learn_lasting(lasting, white, s00, s01, s11, error):
+    """What of an error is this camera's own and will be there in its next view too."""
+    det = s00 * s11 - s01 * s01
+    v = lasting[2]
+    g0, g1 = v * (s11 * error[0] - s01 * error[1]) / det, v * (s00 * error[1] - s01 * error[0]) / det
+    scale = white[0, 0] * white[1, 1] - white[0, 1] * white[1, 0]
+    lasting[0] += (white[1, 1] * g0 - white[0, 1] * g1) / scale
+    lasting[1] += (white[0, 0] * g1 - white[1, 0] * g0) / scale
+    lasting[2] = v - 0.5 * v * v * (s00 + s11) / det

@@ -1,0 +1,167 @@
+"""Recorded data: zero-lag smoothing, gaps, outliers."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from posefuse.core import Kind, PoseSequence
+from posefuse.core.arrays import Array
+from posefuse.foundation.settings import settings
+
+from .bones import hold_bones
+from .lasting import LASTING_S, LASTING_SHARE
+
+# |H| = 1 / (1 + (f / f0)^6) of the white-jerk smoother is 1 / sqrt(2) at this share of f0
+_HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
+# the model of the response holds while the sampled signal keeps away from its Nyquist frequency
+_RATE_SHARE = 0.35
+# median of a chi-square of 3 degrees of freedom
+_MEDIAN_CHI2 = 2.366
+_PASSES = 6
+
+
+@settings
+class SmoothSettings:
+    """How a recording is smoothed.
+
+    Attributes:
+        cutoff_hz: frequency at which motion keeps 1/sqrt(2) of its amplitude (-3 dB, no lag), at each keypoint's typical
+            noise; what is more uncertain is followed less. At most 0.35 of the frame rate, see `cutoff_hz`.
+        max_gap_s: longest time between two measurements that is bridged; such instants are marked INTERPOLATED.
+        outlier_sigma: a measurement this far from what the others say, in standard deviations, is left out.
+        lasting_share, lasting_s: share of a measurement's stated variance that lasts from frame to frame, and in what time it
+            fades by e: such an error is not averaged away, and the stated covariance says so. See `track.lasting`.
+        bones: hold bone lengths to what they were over the whole recording, as tightly as they were constant.
+        bone_sigma_m: the tightest a bone length is held.
+    """
+
+    cutoff_hz: Annotated[float, Gt(0)] = 6.0
+    max_gap_s: Annotated[float, Ge(0)] = 0.5
+    outlier_sigma: Annotated[float, Gt(0)] = 6.0
+    lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
+    lasting_s: Annotated[float, Gt(0)] = LASTING_S
+    bones: bool = True
+    bone_sigma_m: Annotated[float, Gt(0)] = 0.01
+
+
+def cutoff_hz(t_ns: Array, settings: SmoothSettings) -> float:
+    """The cut-off in force for these times: the one asked for, or 0.35 of the frame rate if that is less."""
+    if len(t_ns) < 2:
+        return settings.cutoff_hz
+    return min(settings.cutoff_hz, _RATE_SHARE / (float(np.median(np.diff(t_ns))) * 1e-9))
+
+
+def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
+    """The recording without its jitter, gaps up to `max_gap_s` bridged, nothing invented before or after.
+
+    Each keypoint is a point under white jerk, measured with its own covariance at its own times (irregular times are
+    fine): the exact posterior given all its measurements, past and future, so there is no lag. The strength of the jerk
+    is set so that at the keypoint's typical noise the response is that of `cutoff_hz`. Measurements the others
+    contradict are left out, and covariances grow by as much as the residuals exceed what they promise, and by what lasting
+    errors leave. Bone lengths then hold the keypoints of each instant together (`track.bones`).
+
+    Returns:
+        PoseSequence: kind SMOOTHED where measured, INTERPOLATED inside a bridged gap (n_views 0, reproj_px NaN;
+        covariance grown accordingly), MISSING elsewhere.
+    """
+    xyz, cov = np.full(sequence.xyz_world.shape, np.nan), np.full(sequence.cov_world.shape, np.nan)
+    lasting = np.zeros(sequence.cov_world.shape)
+    used = np.zeros(sequence.kind.shape, bool)
+    rate_hz = cutoff_hz(sequence.t_ns, settings)
+    for n in range(sequence.kind.shape[1]):
+        for k in range(sequence.kind.shape[2]):
+            point = np.ascontiguousarray(sequence.xyz_world[:, n, k]), np.ascontiguousarray(sequence.cov_world[:, n, k])
+            xyz[:, n, k], cov[:, n, k], used[:, n, k], lasting[:, n, k] = _smooth_point(sequence.t_ns, *point, rate_hz, settings)
+        if settings.bones and len(sequence.skeleton.bone_indices):
+            xyz[:, n], cov[:, n] = hold_bones(xyz[:, n], cov[:, n], used[:, n], sequence.skeleton, settings.bone_sigma_m)
+    # after the bones: they hold what the smoother knows, not how far all of it may be off together
+    cov += lasting
+    there = np.isfinite(xyz[..., 0])
+    kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
+    return PoseSequence(
+        sequence.t_ns,
+        sequence.skeleton,
+        sequence.person_id,
+        xyz,
+        cov,
+        np.where(used, sequence.reproj_px, np.nan),
+        np.where(used, sequence.n_views, 0),
+        kind,
+    )
+
+
+def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings: SmoothSettings) -> tuple[Array, ...]:
+    """Posterior mean (T, 3), covariance (T, 3, 3), which measurements (T,) went into it, what lasting errors add (T, 3, 3)."""
+    from . import smooth_kernels
+
+    measured = np.isfinite(z).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2))
+    mean, cov, lasting = np.full(z.shape, np.nan), np.full(noise.shape, np.nan), np.zeros(noise.shape)
+    if not measured.any():
+        return mean, cov, measured, lasting
+    t_s = (t_ns - t_ns[0]) * 1e-9
+    q = _jerk_density(t_s, noise[measured], rate_hz)
+    z, noise = np.where(measured[:, None], z, 0.0), np.where(measured[:, None, None], noise, 0.0)
+    gate = settings.outlier_sigma**2
+
+    def solve() -> tuple[Array, float]:
+        smooth_kernels.smooth_point(t_s, z, noise, measured & ~left_out, q, settings.max_gap_s, mean, cov)
+        miss = _contradiction(z, noise, mean, cov, measured, left_out)
+        told = np.isfinite(miss) & ~left_out
+        return miss, max(1.0, float(np.median(miss[told])) / _MEDIAN_CHI2) if told.any() else 1.0
+
+    left_out = np.zeros(len(z), bool)
+    miss, scale = solve()
+    for _ in range(_PASSES):
+        worst = _peaks(np.where(left_out, np.nan, miss)) & (miss > gate * scale)
+        if not worst.any():
+            break
+        left_out |= worst
+        miss, scale = solve()
+    # what only looked bad beside an outlier comes back
+    welcome = left_out & (miss < gate * scale)
+    if welcome.any():
+        left_out &= ~welcome
+        _, scale = solve()
+    used = measured & ~left_out
+    rate = 2 * np.pi * rate_hz / _HALF_POWER
+    told = np.isfinite(mean[:, 0])
+    smooth_kernels.add_lasting(
+        t_s, noise, used, told, rate, settings.lasting_share, settings.lasting_s, settings.max_gap_s, lasting
+    )  # fmt: skip
+    return mean, cov * scale, used, lasting * scale
+
+
+def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:
+    """q in m^2/s^5 for which a signal sampled with the typical noise passes 1/sqrt(2) at rate_hz.
+
+    The smoother's response is 1 / (1 + w^6 r dt / q): the quintic smoothing spline's.
+    """
+    variance = float(np.median(np.trace(noise, axis1=-2, axis2=-1))) / 3
+    step_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
+    return float((2 * np.pi * rate_hz / _HALF_POWER) ** 6 * variance * step_s)
+
+
+def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Array, left_out: Array) -> Array:
+    """(T,) squared distance of each measurement from what all others say, in units of its variance; NaN where none.
+
+    Residual and posterior of a linear model give it without leaving anything out: cov(z - mean) is noise - cov for a
+    measurement that went in, noise + cov for one that did not.
+    """
+    miss = np.full(len(z), np.nan)
+    sign = np.where(left_out, 1.0, -1.0)[:, None, None]
+    spread = np.where((measured & np.isfinite(mean[:, 0]))[:, None, None], noise + sign * cov, 0.0)
+    # alone in its run a measurement is its own posterior: nobody contradicts it
+    told = np.linalg.eigvalsh(spread)[:, 0] > 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
+    residual = (z - mean)[told]
+    miss[told] = (residual * np.linalg.solve(spread[told], residual[..., None])[..., 0]).sum(axis=-1)
+    return miss
+
+
+def _peaks(miss: Array) -> Array:
+    """Where a value is no less than its finite neighbours': an outlier makes those beside it look bad too."""
+    full = np.where(np.isfinite(miss), miss, -np.inf)
+    left, right = np.concatenate([[-np.inf], full[:-1]]), np.concatenate([full[1:], [-np.inf]])
+    return (full >= left) & (full >= right) & np.isfinite(miss)

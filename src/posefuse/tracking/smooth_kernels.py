@@ -1,0 +1,242 @@
+"""The compiled fixed-interval smoother of one point moving in space.
+
+State: position, velocity, acceleration in three axes (9); prior: white jerk of spectral density q (m^2/s^5), i.e. the
+quintic smoothing spline in state-space form. Forward Kalman filter, backward the modified Bryson-Frazier recursion
+(Bierman 1973), which never inverts a covariance, so a diffuse start and gaps do no harm.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from posefuse.foundation.compiled import kernel
+
+from .matrix_kernels import inverse3
+
+# standard deviations the filter starts with, far beyond any human motion: m, m/s, m/s^2
+START_SIGMA = (1.0, 60.0, 2000.0)
+
+# in units of its time scale: where the smoother's weight has fallen to less than a hundredth
+_REACH = 9.0
+
+
+@kernel()
+def _forward(matrix, dt):
+    """matrix (9, 9) <- F matrix, F the transition over dt."""
+    half = 0.5 * dt * dt
+    for j in range(matrix.shape[1]):
+        for i in range(3):
+            matrix[i, j] += dt * matrix[3 + i, j] + half * matrix[6 + i, j]
+            matrix[3 + i, j] += dt * matrix[6 + i, j]
+
+
+@kernel()
+def _backward(matrix, dt):
+    """matrix (9, m) <- F^T matrix."""
+    half = 0.5 * dt * dt
+    for j in range(matrix.shape[1]):
+        for i in range(3):
+            matrix[6 + i, j] += half * matrix[i, j] + dt * matrix[3 + i, j]
+            matrix[3 + i, j] += dt * matrix[i, j]
+
+
+@kernel()
+def _add_process(cov, dt, q):
+    d2 = dt * dt
+    for i in range(3):
+        cov[i, i] += q * d2 * d2 * dt / 20.0
+        cov[i, 3 + i] += q * d2 * d2 / 8.0
+        cov[3 + i, i] += q * d2 * d2 / 8.0
+        cov[i, 6 + i] += q * d2 * dt / 6.0
+        cov[6 + i, i] += q * d2 * dt / 6.0
+        cov[3 + i, 3 + i] += q * d2 * dt / 3.0
+        cov[3 + i, 6 + i] += q * d2 / 2.0
+        cov[6 + i, 3 + i] += q * d2 / 2.0
+        cov[6 + i, 6 + i] += q * dt
+
+
+@kernel()
+def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
+    """Predictions of every instant and what the measurements said about them."""
+    x, cov, s = np.zeros((9, 1)), np.zeros((9, 9)), np.empty((3, 3))
+    for i in range(3):
+        x[i, 0] = z[0, i]
+        for block in range(3):
+            cov[3 * block + i, 3 * block + i] = START_SIGMA[block] ** 2
+    for step in range(len(t)):
+        if step > 0:
+            dt = t[step] - t[step - 1]
+            _forward(x, dt)
+            _forward(cov, dt)
+            _forward(cov.T, dt)
+            _add_process(cov, dt, q)
+        xs[step], covs[step] = x[:, 0], cov
+        if not measured[step]:
+            continue
+        for i in range(3):
+            innovations[step, i] = z[step, i] - x[i, 0]
+            for j in range(3):
+                s[i, j] = cov[i, j] + noise[step, i, j]
+        inverse3(s, inverses[step])
+        gain = gains[step]
+        for i in range(9):
+            for j in range(3):
+                total = 0.0
+                for m in range(3):
+                    total += cov[i, m] * inverses[step, m, j]
+                gain[i, j] = total
+        for i in range(9):
+            for m in range(3):
+                x[i, 0] += gain[i, m] * innovations[step, m]
+        top = covs[step][:3]
+        for i in range(9):
+            for j in range(i, 9):
+                total = cov[i, j]
+                for m in range(3):
+                    total -= gain[i, m] * top[m, j]
+                cov[i, j] = cov[j, i] = total
+
+
+@kernel()
+def _absorb(gain, inverse, innovation, lam, big):
+    """Adjoint state of an instant after its measurement -> before it: lam (9, 1), big (9, 9) in place."""
+    u, w = np.empty((3, 9)), np.empty((3, 3))
+    for i in range(3):
+        pull = 0.0
+        for m in range(9):
+            pull += gain[m, i] * lam[m, 0]
+        for m in range(3):
+            pull += inverse[i, m] * innovation[m]
+        u[i, 0] = pull
+    for i in range(3):
+        lam[i, 0] -= u[i, 0]
+    for i in range(3):
+        for j in range(9):
+            total = 0.0
+            for m in range(9):
+                total += gain[m, i] * big[m, j]
+            u[i, j] = total
+    for i in range(3):
+        for j in range(3):
+            total = inverse[i, j]
+            for m in range(9):
+                total += u[i, m] * gain[m, j]
+            w[i, j] = total
+    for i in range(3):
+        for j in range(9):
+            big[i, j] -= u[i, j]
+            big[j, i] -= u[i, j]
+    for i in range(3):
+        for j in range(3):
+            big[i, j] += w[i, j]
+    # rounding that is not symmetric would grow from step to step
+    for i in range(9):
+        for j in range(i):
+            big[i, j] = big[j, i] = 0.5 * (big[i, j] + big[j, i])
+
+
+@kernel()
+def smooth_run(t, z, noise, measured, q, mean, cov):
+    """Smooth one uninterrupted run: t (T,) s, z (T, 3) m, noise (T, 3, 3), measured (T,) bool, the first one True.
+
+    Fills mean (T, 3) and cov (T, 3, 3).
+    """
+    count = len(t)
+    xs, covs, gains = np.empty((count, 9)), np.empty((count, 9, 9)), np.empty((count, 9, 3))
+    inverses, innovations = np.empty((count, 3, 3)), np.empty((count, 3))
+    _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations)
+    lam, big, half = np.zeros((9, 1)), np.zeros((9, 9)), np.empty((3, 9))
+    for back in range(count):
+        step = count - 1 - back
+        if measured[step]:
+            _absorb(gains[step], inverses[step], innovations[step], lam, big)
+        p = covs[step]
+        for i in range(3):
+            mean[step, i] = xs[step, i]
+            for j in range(9):
+                mean[step, i] -= p[i, j] * lam[j, 0]
+                half[i, j] = 0.0
+                for m in range(9):
+                    half[i, j] += p[i, m] * big[m, j]
+        for i in range(3):
+            for j in range(3):
+                cov[step, i, j] = p[i, j]
+                for m in range(9):
+                    cov[step, i, j] -= half[i, m] * p[m, j]
+        if step > 0:
+            dt = t[step] - t[step - 1]
+            _backward(lam, dt)
+            _backward(big, dt)
+            _backward(big.T, dt)
+
+
+@kernel()
+def smooth_point(t, z, noise, measured, q, max_gap, mean, cov):
+    """Smooth all runs of one point; a wait of more than max_gap between measurements ends a run. NaN outside runs."""
+    mean[:], cov[:] = np.nan, np.nan
+    first, last = -1, -1
+    for step in range(len(t) + 1):
+        here = step < len(t) and measured[step]
+        if first >= 0 and (step == len(t) or (here and t[step] - t[last] > max_gap)):
+            run = slice(first, last + 1)
+            smooth_run(t[run], z[run], noise[run], measured[run], q, mean[run], cov[run])
+            first = -1
+        if here:
+            if first < 0:
+                first = step
+            last = step
+
+
+@kernel()
+def _weight(x):
+    """The smoother's weight of a measurement x time scales away: the transform of 1 / (1 + w^6), but for a factor."""
+    x = abs(x)
+    turn = 0.5 * math.sqrt(3.0) * x
+    return math.exp(-x) + math.exp(-0.5 * x) * (math.cos(turn) + math.sqrt(3.0) * math.sin(turn))
+
+
+@kernel()
+def add_lasting(t, noise, measured, told, rate, share, lasts, max_gap, cov):
+    """cov (T, 3, 3), where `told` (T,), += what is not averaged away of noise (T, 3, 3) of which `share` lasts.
+
+    It fades by e within `lasts` s. rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave
+    sum w_i^2 where they are independent and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added.
+    Runs end as in `smooth_point`.
+    """
+    weights = np.empty(len(t))
+    first = 0
+    for step in range(len(t)):
+        if not told[step]:
+            continue
+        while (t[step] - t[first]) * rate > _REACH:
+            first += 1
+        total, end, last = 0.0, first, -1
+        for i in range(first, len(t)):
+            weights[i] = 0.0
+            if (t[i] - t[step]) * rate > _REACH:
+                break
+            end = i + 1
+            if not measured[i]:
+                continue
+            if last >= 0 and t[i] - t[last] > max_gap:
+                # another run: before this instant it does not count, after it the window ends
+                if i > step:
+                    break
+                weights[first:i] = 0.0
+                total = 0.0
+            last = i
+            weights[i] = _weight((t[i] - t[step]) * rate) / (noise[i, 0, 0] + noise[i, 1, 1] + noise[i, 2, 2])
+            total += weights[i]
+        kept, size = 0.0, 0.0
+        for i in range(first, end):
+            weights[i] /= total
+            size += abs(weights[i])
+            for j in range(first, i):
+                kept += 2.0 * weights[i] * weights[j] * math.exp((t[j] - t[i]) / lasts)
+        for i in range(first, end):
+            scale = share * max(kept, 0.0) * abs(weights[i]) / size
+            for a in range(3):
+                for b in range(3):
+                    cov[step, a, b] += scale * noise[i, a, b]

@@ -1,0 +1,177 @@
+import numpy as np
+import pytest
+
+from posefuse.association import AssociateSettings, associate
+from posefuse.core import SKELETONS, Detections2D, Kind, Pose3D, Rig, ShapeError
+
+COCO = SKELETONS["coco17"]
+PLACES = {"here": (0.0, 0.0), "beside": (0.3, 1.3), "far": (-1.6, -0.9)}
+
+
+@pytest.fixture(scope="session")
+def body() -> np.ndarray:
+    """(17, 3) keypoints of roughly a person's size and shape."""
+    rng = np.random.default_rng(3)
+    return rng.normal(size=(17, 3)) * [0.15, 0.2, 0.1] + np.linspace(1.6, 0.1, 17)[:, None] * [0, 0, 1]
+
+
+def crowd(body: np.ndarray, *names: str) -> np.ndarray:
+    return np.stack([body + [*PLACES[name], 0] for name in names])
+
+
+def detections(rig: Rig, people: np.ndarray, noise_px: float = 2.0, seed: int = 0, t_ns: int = 0) -> tuple[list, list]:
+    """What each camera reports, people in its own order, and who is who in it."""
+    rng = np.random.default_rng(seed)
+    reports, order = [], []
+    for camera in rig:
+        who = rng.permutation(len(people))
+        xy = camera.project(people[who]) + rng.normal(size=(len(people), 17, 2)) * noise_px
+        ones = np.ones(xy.shape[:-1])
+        box = np.concatenate([xy.min(axis=1), xy.max(axis=1)], axis=-1)
+        reports.append(Detections2D(camera.name, t_ns, COCO, xy, 0.8 * ones, 2 * ones, box))
+        order.append(who)
+    return reports, order
+
+
+def without(report: Detections2D, place: int) -> Detections2D:
+    keep = [i for i in range(len(report)) if i != place]
+    return Detections2D(
+        report.camera, report.t_ns, COCO, report.xy_img[keep], report.score[keep], report.sigma_px[keep], report.box_img[keep]
+    )
+
+
+def pose_of(people: np.ndarray, ids: list[int], t_ns: int = 0) -> Pose3D:
+    shape = people.shape[:2]
+    cov = np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3))
+    return Pose3D(t_ns, COCO, ids, people, cov, np.ones(shape), np.full(shape, 4), np.full(shape, Kind.FUSED))
+
+
+def assert_is(views, row: int, reports, order, person: int, cameras=None):
+    for c in range(len(reports)) if cameras is None else cameras:
+        place = int(np.flatnonzero(order[c] == person)[0])
+        np.testing.assert_array_equal(views.xy_img[row, c], reports[c].xy_img[place])
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 8])
+def test_a_lone_person_is_found_in_every_camera(ring_rig, body, count):
+    rig = ring_rig(count)
+    reports, order = detections(rig, crowd(body, "here"))
+    views = associate(reports, rig, AssociateSettings())
+    assert views.person_id.tolist() == [0]
+    assert_is(views, 0, reports, order, 0)
+    np.testing.assert_array_equal(views.sigma_px[0, 1], reports[1].sigma_px[0])
+
+
+@pytest.mark.parametrize("followed", [0, 1, 2])
+def test_the_one_already_followed_among_bystanders(ring_rig, body, followed):
+    rig = ring_rig(5)
+    people = crowd(body, "here", "beside", "far")
+    reports, order = detections(rig, people, t_ns=20_000_000)
+    views = associate(reports, rig, AssociateSettings(), pose_of(people[followed : followed + 1] + 0.03, [0]))
+    assert views.person_id.tolist() == [0]
+    assert_is(views, 0, reports, order, followed)
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_the_one_at_a_place(ring_rig, body, name):
+    rig = ring_rig(4)
+    reports, order = detections(rig, crowd(body, *PLACES))
+    views = associate(reports, rig, AssociateSettings(near_xy_m=PLACES[name]))
+    assert_is(views, 0, reports, order, list(PLACES).index(name))
+
+
+def test_the_one_most_views_agree_on(ring_rig, body):
+    rig = ring_rig(5)
+    reports, order = detections(rig, crowd(body, "here", "beside"))
+    for c in (0, 3):
+        reports[c] = without(reports[c], int(np.flatnonzero(order[c] == 0)[0]))
+    views = associate(reports, rig, AssociateSettings())
+    for c in (1, 2, 4):
+        assert_is(views, 0, reports, order, 1, [c])
+
+
+def test_everybody_gets_their_own_views_and_keeps_their_id(ring_rig, body):
+    rig = ring_rig(5)
+    people = crowd(body, *PLACES)
+    settings = AssociateSettings(max_people=4)
+    previous, names = None, {}
+    for step in range(4):
+        moved = people + step * np.array([0.03, -0.02, 0.0])
+        reports, order = detections(rig, moved, seed=step, t_ns=step * 33_000_000)
+        views = associate(reports, rig, settings, previous)
+        assert views.person_id.tolist() == [0, 1, 2]
+        for row in range(3):
+            place = int(np.argmin(np.abs(reports[0].xy_img - views.xy_img[row, 0]).sum(axis=(1, 2))))
+            who = int(order[0][place])
+            assert names.setdefault(row, who) == who
+            assert_is(views, row, reports, order, who)
+        previous = pose_of(moved[[names[row] for row in range(3)]], [0, 1, 2], step * 33_000_000)
+    assert sorted(names.values()) == [0, 1, 2]
+
+
+def test_a_camera_that_lost_the_person_gives_nothing(ring_rig, body):
+    rig = ring_rig(4)
+    reports, order = detections(rig, crowd(body, "here", "far"))
+    reports[2] = without(reports[2], int(np.flatnonzero(order[2] == 0)[0]))
+    views = associate(reports, rig, AssociateSettings(near_xy_m=PLACES["here"]))
+    assert np.isnan(views.xy_img[0, 2]).all()
+    assert (views.score[0, 2] == 0).all()
+    assert_is(views, 0, reports, order, 0, [0, 1, 3])
+
+
+def test_a_bystander_does_not_take_the_place_of_one_out_of_sight(ring_rig, body):
+    rig = ring_rig(4)
+    people = crowd(body, "here", "far")
+    reports, _ = detections(rig, people[1:], t_ns=100_000_000)
+    settings = AssociateSettings(lost_after_s=1.0)
+    before = pose_of(people[:1], [0])
+    assert associate(reports, rig, settings, before).person_id.tolist() == []
+    later, _ = detections(rig, people[1:], t_ns=1_100_000_000)
+    assert associate(later, rig, settings, before).person_id.tolist() == [0]
+
+
+def test_followed_by_a_single_camera(ring_rig, body):
+    rig = ring_rig(3)
+    people = crowd(body, "here")
+    reports, order = detections(rig, people)
+    reports[0], reports[2] = without(reports[0], 0), without(reports[2], 0)
+    assert associate(reports, rig, AssociateSettings()).person_id.tolist() == []
+    views = associate(reports, rig, AssociateSettings(), pose_of(people, [0]))
+    assert_is(views, 0, reports, order, 0, [1])
+    assert np.isnan(views.xy_img[0, [0, 2]]).all()
+
+
+def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
+    rig = ring_rig(4)
+    reports, _ = detections(rig, crowd(body, "here"))
+    one = reports[1]
+    reports[1] = Detections2D(
+        one.camera, 0, COCO, one.xy_img[:, COCO.mirror], one.score[:, COCO.mirror], one.sigma_px[:, COCO.mirror], one.box_img
+    )
+    views = associate(reports, rig, AssociateSettings())
+    np.testing.assert_array_equal(views.xy_img[0, 1], reports[1].xy_img[0])
+
+
+def test_nobody_anywhere(ring_rig):
+    rig = ring_rig(3)
+    views = associate([Detections2D.nobody(c.name, 5, COCO) for c in rig], rig, AssociateSettings())
+    assert views.person_id.tolist() == []
+    assert views.xy_img.shape == (0, 3, 17, 2)
+    assert views.t_ns == 5
+
+
+def test_nan_and_zero_scores_count_for_nothing(ring_rig, body):
+    rig = ring_rig(3)
+    reports, _ = detections(rig, crowd(body, "here"))
+    empty = np.full((1, 17, 2), np.nan)
+    reports[0] = Detections2D("cam00", 0, COCO, empty, np.full((1, 17), np.nan), np.full((1, 17), np.nan), np.zeros((1, 4)))
+    views = associate(reports, rig, AssociateSettings())
+    assert np.isnan(views.xy_img[0, 0]).all()
+    assert np.isfinite(views.xy_img[0, 1:]).all()
+
+
+def test_cameras_in_another_order_are_refused(ring_rig, body):
+    rig = ring_rig(3)
+    reports, _ = detections(rig, crowd(body, "here"))
+    with pytest.raises(ShapeError, match="in this order, got cam02, cam01, cam00"):
+        associate(reports[::-1], rig, AssociateSettings())

@@ -1,0 +1,190 @@
+"""A rig from a person alone: somebody who walks before four known cameras, as keypoints with noise."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
+from posefuse.calibration.person.settle import _ahead, calibrate_out_of_step, unplaced_clocks
+from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person, rough_rig, stature_m
+from posefuse.calibration.person.start import turned_inside_out
+from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.synthetic_walk import BODY, STATURE_M, walker
+from posefuse.calibration.synthetic_walk import watch_walker as watched
+from posefuse.core import SE3, CalibrationError, Detections2D, Rig
+
+
+def errors(rig: Rig, found: Rig, scaled: bool) -> tuple[float, float]:
+    """Largest distance in mm and angle in degrees, up to where the world is, and up to scale on request."""
+    one, other = (stacked([Poses.from_se3(camera.cam_from_world) for camera in r]) for r in (rig, found))
+    other = Poses(other.R, other.t * scale_of(one, other)) if scaled else other
+    metres, radians = camera_differences(one, other)
+    return float(metres.max() * 1e3), float(np.rad2deg(radians.max()))
+
+
+@pytest.fixture(scope="module")
+def found(lab: Any) -> PersonCalibration:
+    return calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(stature_m=STATURE_M))
+
+
+def test_a_walk_gives_the_rig_and_its_stature_the_scale(lab: Any, found: PersonCalibration) -> None:
+    millimetres, degrees = errors(lab.rig, found.rig, scaled=True)
+    assert millimetres < 8
+    assert degrees < 0.1
+    assert errors(lab.rig, found.rig, scaled=False)[0] < 0.02 * 4500
+    assert stature_m(BODY, found.xyz_world) == pytest.approx(STATURE_M, rel=1e-6)
+    ankles = found.xyz_world[:, BODY.indices(("left_ankle", "right_ankle")), 2]
+    assert np.quantile(ankles, 0.3) == pytest.approx(0, abs=0.06)
+    assert (found.rig.centres_world()[:, 2] > 1.5).all()
+
+
+def test_the_distance_of_two_cameras_gives_the_scale(lab: Any) -> None:
+    apart_m = float(np.linalg.norm(lab.rig["cam00"].centre_world - lab.rig["cam02"].centre_world))
+    rig = calibrate_from_person(
+        watched(lab.rig), lab.rig.cameras, KnownLength(cameras=("cam00", "cam02"), distance_m=apart_m)
+    ).rig
+    assert errors(lab.rig, rig, scaled=False)[0] < 10
+    with pytest.raises(CalibrationError, match=r"no camera 'cam09'.*cam00"):
+        calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(cameras=("cam00", "cam09"), distance_m=apart_m))
+
+
+def test_exchanged_sides_and_wild_keypoints_do_little_harm(lab: Any) -> None:
+    views, random = watched(lab.rig), np.random.default_rng(1)
+    turned = random.random(views.score.shape[:2]) < 0.1
+    xy = np.where(turned[..., None, None], views.xy_img[:, :, BODY.mirror], views.xy_img)
+    wild = random.random(views.score.shape) < 0.05
+    xy = np.where(wild[..., None], random.uniform(0, 480, xy.shape), xy)
+    rig = calibrate_from_person(replace(views, xy_img=xy), lab.rig.cameras, KnownLength(stature_m=STATURE_M)).rig
+    assert errors(lab.rig, rig, scaled=True)[0] < 15
+
+
+def test_only_the_ratios_of_the_stated_noise_count(lab: Any) -> None:
+    views = watched(lab.rig, seconds=4.0)
+    one, other = (rough(replace(views, sigma_px=k * views.sigma_px), lab.rig) for k in (1.0, 4.0))
+    np.testing.assert_array_equal(one.centres_world(), other.centres_world())
+    uneven = np.where(np.arange(len(BODY)) % 2, 1.0, 3.0)
+    assert not np.array_equal(
+        rough(replace(views, sigma_px=uneven * views.sigma_px), lab.rig).centres_world(), one.centres_world()
+    )
+
+
+def test_somebody_who_stays_in_one_place_far_away_is_not_turned_inside_out(ring_rig: Any) -> None:
+    """A mirrored body in a mirrored room fits nearly as well, and is what a solve may begin with."""
+    rig, t_s = ring_rig(4, radius_m=12.0), np.arange(10) / 2.0
+    body = walker(t_s, lap_rad_s=0.0).reshape(-1, 3)
+    norm = np.stack([camera.norm_from_px(camera.project(body)) for camera in rig])
+    focal = np.array([camera.K[0, 0] for camera in rig])
+    true = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
+    other = turned_inside_out(true, body, norm, focal, 0)
+    assert other is not None
+    assert camera_differences(true, other[0])[0].max() > 3
+    back = turned_inside_out(*other, norm, focal, 0)
+    assert back is not None
+    metres, radians = camera_differences(true, Poses(back[0].R, back[0].t * scale_of(true, back[0])))
+    assert metres.max() < 1.0
+    assert np.rad2deg(radians.max()) < 5
+
+
+def test_mirrored_videos_are_refused_by_name(lab: Any) -> None:
+    views, width = watched(lab.rig), lab.rig.cameras[0].size_wh[0]
+    flipped = replace(views, xy_img=views.xy_img * [-1, 1] + [width - 1, 0])
+    with pytest.raises(RefusedCalibration, match="nothing is mirrored: the person has left, front and up where they belong 0%"):
+        calibrate_from_person(flipped, lab.rig.cameras, KnownLength(stature_m=STATURE_M))
+
+
+def test_a_camera_that_sees_nobody_or_somebody_else_is_named(lab: Any) -> None:
+    views = watched(lab.rig)
+    length = KnownLength(stature_m=STATURE_M)
+    blind = views.xy_img.copy()
+    blind[3] = np.nan
+    with pytest.raises(RefusedCalibration, match=r"nobody found by cam03 \(0 of 48 frames\)"):
+        calibrate_from_person(replace(views, xy_img=blind), lab.rig.cameras, length)
+    other = views.xy_img.copy()
+    # somebody who follows half a lap behind looks much like the other from the other side
+    other[3] = lab.rig["cam03"].project(walker(views.t_ns / 1e9 + 3.0, (0.8, 0.5)))
+    with pytest.raises(RefusedCalibration, match="cam03 agrees worst"):
+        calibrate_from_person(replace(views, xy_img=other), lab.rig.cameras, length)
+
+
+def test_the_person_followed_is_the_large_one_and_then_the_near_one() -> None:
+    xy = np.stack([np.full((17, 2), 100.0), np.full((17, 2), 300.0), np.full((17, 2), np.nan)])
+    xy[0, :8] += 50
+    xy[1, :8] += 90
+    seen = Detections2D("a", 0, BODY, xy, np.ones((3, 17)) * [[0.9], [0.9], [0]], np.ones((3, 17)), np.zeros((3, 4)))
+    assert prominent(seen) == 1
+    assert prominent(seen, np.array([100.0, 100.0])) == 0
+    assert prominent(replace(seen, xy_img=np.full((3, 17, 2), np.nan))) is None
+    views = person_views(person_tracks({"a": [seen], "b": [replace(seen, camera="b", xy_img=xy[[2, 2, 0]])]}))
+    np.testing.assert_array_equal(views.xy_img[:, 0, 0], [[390, 390], [150, 150]])
+    assert views.sigma_px[0, 0, 0] == 1
+
+
+def rough(views: PersonViews, rig: Rig) -> Rig:
+    return rough_rig(views, rig.cameras, KnownLength(stature_m=STATURE_M))
+
+
+def test_somebody_who_stays_in_one_place_is_refused_and_a_line_will_do(lab: Any) -> None:
+    views, length = watched(lab.rig), KnownLength(stature_m=STATURE_M)
+    t_s = views.t_ns / 1e9
+
+    def seen(xyz: np.ndarray) -> PersonViews:
+        noise = np.random.default_rng(4).normal(0, 1, views.xy_img.shape)
+        return replace(views, xy_img=np.stack([camera.project(xyz) for camera in lab.rig]) + noise)
+
+    with pytest.raises(RefusedCalibration, match=r"the person walks about: the hips spread over 0\.\d\d m"):
+        calibrate_from_person(seen(walker(t_s, lap_rad_s=0.0)), lab.rig.cameras, length)
+    ahead = walker(t_s, lap_rad_s=0.0) + np.array([0, 0.15, 0]) * (t_s[:, None, None] - 6)
+    rig = calibrate_from_person(seen(ahead), lab.rig.cameras, length).rig
+    assert rig.world_set_by == "up along the body, floor under the feet"
+    assert errors(lab.rig, rig, scaled=True)[0] < 40
+
+
+def tracks_of(rig: Rig, offset_s: np.ndarray) -> list[PersonTrack]:
+    """Somebody on an ellipse in one sense, where an offset is nearly another place of the camera."""
+    random, stamps = np.random.default_rng(2), np.arange(120) / 12
+    seen = [camera.project(walker(stamps - offset)) for camera, offset in zip(rig, offset_s, strict=True)]
+    every = np.ones(seen[0].shape[:2])
+    return [
+        PersonTrack(name, BODY, np.round(stamps * 1e9), xy + random.normal(0, 1, xy.shape), 0.9 * every, every)
+        for name, xy in zip(rig.names, seen, strict=True)
+    ]
+
+
+def test_cameras_in_step_are_taken_so(lab: Any) -> None:
+    length, tracks = KnownLength(stature_m=STATURE_M), tracks_of(lab.rig, np.zeros(4))
+    assert unplaced_clocks(tracks, lab.rig.cameras, length, "auto", 1.0) is None
+    assert unplaced_clocks(tracks_of(lab.rig, np.array([0, 1, 2, 3.0])), lab.rig.cameras, length, "together", 1.0) is None
+
+
+@pytest.mark.slow
+def test_rig_and_clocks_come_from_the_person_alone(lab: Any) -> None:
+    length, late_s = KnownLength(stature_m=STATURE_M), np.array([0.0, 0.147, -0.11, 0.05])
+    tracks = tracks_of(lab.rig, late_s)
+    start = unplaced_clocks(tracks, lab.rig.cameras, length, "auto", 1.0)
+    assert start is not None
+    found, clocks = calibrate_out_of_step(tracks, lab.rig.cameras, length, start, with_drift=False)
+    np.testing.assert_allclose(clocks.offset_s, late_s, atol=0.004)
+    assert (np.abs(clocks.offset_s - late_s) <= 4 * clocks.offset_sigma_s).all()
+    assert errors(lab.rig, found.rig, scaled=True)[0] < 15
+    assert {"parts agree", "clocks of halves agree"} <= {check.name for check in found.report.checks}
+
+
+def test_rounds_that_creep_are_seen_to_their_end() -> None:
+    """Every round takes away the same share of what is missing."""
+    end, share = np.array([0.0, 0.2, -0.1]), 0.6
+    one, two, three = (ClockEstimate.known(end * (1 - share**n), 0.0) for n in (1, 2, 3))
+    np.testing.assert_allclose(_ahead((one, two), (two, three)).offset_s, end, atol=1e-9)
+    assert _ahead(None, (one, two)) is two
+
+
+def test_the_world_does_not_matter(lab: Any) -> None:
+    elsewhere = lab.rig.moved(SE3.from_rotvec([0.4, -0.3, 1.0], [2.0, 1.0, -0.5]))
+    views = watched(lab.rig, seconds=4.0)
+    one, other = (rough(views, rig) for rig in (lab.rig, elsewhere))
+    np.testing.assert_array_equal(one.centres_world(), other.centres_world())

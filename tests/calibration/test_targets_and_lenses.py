@@ -1,0 +1,156 @@
+"""Detection, intrinsics and printing: drawn images in, known lenses and lengths out; and the real boards."""
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsics
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import coverage, coverage_picture
+from posefuse.calibration.targets.detection import TargetDetector, observe, why_nothing
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
+from posefuse.calibration.targets.printing import board_sheet, cube_sheets, write_pdf
+from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
+from posefuse.core import CalibrationError, ConfigError, Rig
+from posefuse.formats.rig import read_rig
+from posefuse.sources import ImagesConfig
+
+BOARD = Charuco(5, 7, 0.05, 0.0375)
+
+
+def picture(target: Charuco | ArucoBoard, px_per_m: float, path: Path) -> np.ndarray:
+    """The printed page as a picture, by a renderer of its own."""
+    write_pdf(path / "board.pdf", [board_sheet(target, "a3")])
+    dpi = round(px_per_m * 0.0254)
+    subprocess.run(["pdftoppm", "-r", str(dpi), "-png", "-gray", str(path / "board.pdf"), str(path / "board")], check=True)
+    return cv2.imread(str(next(path.glob("board*.png"))), cv2.IMREAD_GRAYSCALE)
+
+
+needs_poppler = pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not on this machine")
+
+
+@needs_poppler
+@pytest.mark.parametrize("target", [BOARD, ArucoBoard(4, 5, 0.04, 0.01, first_id=3)])
+def test_a_printed_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path, target: Charuco | ArucoBoard) -> None:
+    grey = picture(target, 5000, tmp_path)
+    found = TargetDetector(target).detect(grey)
+    xyz = target.corners(0)[found.corner]
+    assert len(xyz) == len(target.corners(0))
+    # image x is board x, image y is board -y: nothing is mirrored
+    px_per_m = 127 / 0.0254
+    want = np.column_stack([xyz[:, 0], -xyz[:, 1]]) * px_per_m
+    np.testing.assert_allclose(found.xy_img - found.xy_img.mean(axis=0), want - want.mean(axis=0), atol=0.6)
+
+
+@needs_poppler
+def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
+    target = Markers(0.12)
+    write_pdf(tmp_path / "cube.pdf", cube_sheets(target))
+    subprocess.run(["pdftoppm", "-r", "127", "-png", "-gray", str(tmp_path / "cube.pdf"), str(tmp_path / "face")], check=True)
+    ids = []
+    for page in sorted(tmp_path.glob("face*.png")):
+        found = TargetDetector(target).detect(cv2.imread(str(page), cv2.IMREAD_GRAYSCALE))
+        ids += found.patch[::4].tolist()
+        assert np.linalg.norm(found.xy_img[1] - found.xy_img[0]) == pytest.approx(0.12 * 5000, abs=1.0)
+        assert found.xy_img[1, 0] > found.xy_img[0, 0]
+    assert ids == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_target_that_does_not_fit_the_page_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"page a4: a drawing of 250 x 350 mm does not fit"):
+        board_sheet(BOARD, "a4")
+    with pytest.raises(ConfigError, match="there are: DICT_4X4_100"):
+        Markers(0.1, "DICT_9X9")
+
+
+def drawn(target: Charuco) -> np.ndarray:
+    image = target.board().generateImage((500, 700), marginSize=0)
+    return cv2.copyMakeBorder(image, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
+
+
+def test_a_target_that_is_not_found_is_explained() -> None:
+    grey = drawn(BOARD)
+    assert len(TargetDetector(BOARD).detect(grey).xy_img) == 24
+    assert "mirrored" in why_nothing([cv2.flip(grey, 1)], BOARD)
+    assert "colours exchanged" in why_nothing([255 - grey], BOARD)
+    assert "DICT_4X4" in why_nothing([grey], replace(BOARD, dictionary="DICT_7X7_50"))
+    assert "no marker of any known dictionary" in why_nothing([np.full((200, 300), 128, np.uint8)], BOARD)
+    checks = cv2.resize(np.kron(np.indices((6, 8)).sum(axis=0) % 2, np.ones((8, 8))).astype(np.uint8) * 255, None, fx=5, fy=5)
+    page = cv2.copyMakeBorder(checks, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
+    assert "a board of 7 x 5 inner corners is there, the target says 6 x 5" in why_nothing([page], Chessboard(6, 5, 0.05))
+
+
+def test_the_same_id_twice_in_an_image_counts_for_nothing() -> None:
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 120)
+    page = np.full((300, 500), 255, np.uint8)
+    page[60:180, 60:180] = marker
+    page[100:220, 300:420] = marker
+    found = TargetDetector(Markers(0.1)).detect(page)
+    assert len(found.xy_img) == 0
+    assert found.doubled == (7,)
+
+
+@pytest.fixture(scope="module")
+def watched(ring_rig: Callable[..., Rig]) -> tuple[Rig, Observations]:
+    rig = ring_rig(1, radius_m=1.2, height_m=1.0, size_wh=(1280, 720), distortion=(-0.2, 0.06, 0.001, -0.0008, 0.0))
+    motion = Waving(seconds=30, rate_hz=5, centre_m=(0, 0, 1.0), reach_m=(0.5, 0.45, 0.25), seed=3)
+    return rig, observe_prop(rig, board(), Charuco(8, 6, 0.07, 0.05), motion, Faults(noise_px=0.2, missed=0))
+
+
+def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, Observations]) -> None:
+    rig, seen = watched
+    found = calibrate_intrinsics(seen, Charuco(8, 6, 0.07, 0.05))
+    true = [*rig.cameras[0].K[[0, 1, 0, 1], [0, 1, 2, 2]], *rig.cameras[0].distortion]
+    got = [*found.camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], *found.camera.distortion]
+    for name, value, want, sigma in zip(PARAMETERS, got, true, found.sigma, strict=True):
+        # a coefficient the views cannot carry is held at 0, with a standard error of 0
+        assert sigma == 0 or abs(value - want) < 5 * sigma, name
+    assert found.camera.K[0, 0] == pytest.approx(true[0], rel=0.003)
+    assert len(found.view_t_ns) <= 40
+
+
+def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, Observations]) -> None:
+    _, seen = watched
+    target = Charuco(8, 6, 0.07, 0.05)
+    times = np.unique(seen.t_ns)
+    with pytest.raises(CalibrationError, match="expected at least 4 views with 8 corners or more, got 2"):
+        calibrate_intrinsics(seen.rows(np.isin(seen.t_ns, times[:2])), target)
+    one = seen.rows(seen.t_ns == times[len(times) // 2])
+    alike = [replace(one, t_ns=one.t_ns + k, xy_img=one.xy_img + np.random.default_rng(k).normal(0, 0.2, one.xy_img.shape))
+             for k in range(12)]  # fmt: skip
+    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+    same = replace(one, **{name: np.concatenate([getattr(part, name) for part in alike]) for name in names})
+    with pytest.raises(RefusedCalibration, match="slants differ"):
+        calibrate_intrinsics(same, target)
+
+
+def test_coverage_guides_to_what_is_missing(watched: tuple[Rig, Observations], lab: Any) -> None:
+    _, seen = watched
+    now = coverage(seen)
+    assert 0 < now.share[0] <= 1
+    assert now.plus(now).cells.sum() == 2 * now.cells.sum()
+    assert re.search(r"cam00: \d+% covered; go to the \w+ \w+ of its image", now.advice())
+    assert coverage_picture(now.cells[0], (320, 180)).shape == (180, 320, 3)
+    several = coverage(lab.watch().rows(lab.watch().camera != 2))
+    assert several.advice() == "show the target to cam02"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "camera"), [(2, "cam_02"), (4, "cam_04")])
+def test_real_chessboards_give_the_reference_focal_length(shared_data: Path, number: int, camera: str) -> None:
+    folder = shared_data / "pose2sim_single" / "calibration"
+    target: Target = Chessboard(4, 7, 0.06)
+    seen = observe(ImagesConfig(folder / "intrinsics" / f"int_cam0{number}_img", camera).build(), target)
+    found = calibrate_intrinsics(seen, target).camera
+    reference = read_rig(folder / "Calib_qualisys.toml")[camera]
+    assert found.K[0, 0] == pytest.approx(reference.K[0, 0], rel=0.01)
+    assert found.K[1, 1] == pytest.approx(reference.K[1, 1], rel=0.01)

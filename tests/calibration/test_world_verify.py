@@ -1,0 +1,242 @@
+"""World frames, verification, clocks and the monitor on a rig that is known exactly."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.calibration.checks.verify import check_stature, verify
+from posefuse.calibration.extrinsics.target import world_checks
+from posefuse.calibration.extrinsics.world import (
+    FloorFromFeet,
+    FloorTile,
+    FloorUnderBody,
+    ThreePoints,
+    UpFromCameras,
+    triangulate,
+)
+from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
+from posefuse.core import SE3, CalibrationError, Rig
+from posefuse.health import rig_monitor as monitor
+
+TILE = Markers(0.4, ids=(40,))
+STILL = Waving(seconds=1.0, rate_hz=10.0, reach_m=(0, 0, 0), centre_m=(0, 0, 0), swings_hz=0.0)
+
+
+def tile_views(rig: Rig, world_from_tile: SE3) -> Any:
+    prop = {40: STILL.pose(np.zeros(1))[0].inverse() @ world_from_tile}
+    return observe_prop(rig, prop, TILE, STILL, Faults(noise_px=0.1, missed=0))
+
+
+def test_a_tile_sets_the_world(lab: Any) -> None:
+    world_from_tile = SE3.from_rotvec([0, 0, 0.7], [0.3, -0.2, 0.0])
+    elsewhere = lab.rig.moved(SE3.from_rotvec([0.4, -0.3, 1.0], [2.0, 1.0, -0.5]))
+    found = elsewhere.moved(FloorTile(tile_views(lab.rig, world_from_tile), TILE, 40).new_from_old(elsewhere))
+    wanted = lab.rig.moved(world_from_tile.inverse())
+    np.testing.assert_allclose(found.centres_world(), wanted.centres_world(), atol=0.02)
+    assert all(check.passed for check in world_checks(found, has_floor=True))
+
+
+def test_a_tile_face_down_puts_cameras_below_the_floor_and_is_refused(lab: Any) -> None:
+    upside_down = lab.rig.moved(SE3.from_rotvec([np.pi, 0, 0], [0, 0, 0]))
+    failed = {check.name for check in world_checks(upside_down, has_floor=True) if not check.passed}
+    assert failed == {"cameras are above the floor", "images are upright"}
+
+
+def test_a_tile_that_nobody_sees_or_that_moves_is_refused(lab: Any) -> None:
+    seen = tile_views(lab.rig, SE3.identity())
+    with pytest.raises(CalibrationError, match=r"target 41: no camera sees it; seen are: \[40\]"):
+        FloorTile(seen, TILE, 41).new_from_old(lab.rig)
+    pushed = replace(seen, xy_img=seen.xy_img + np.where(seen.t_ns[:, None] > 4e8, 30.0, 0.0))
+    with pytest.raises(CalibrationError, match=r"it moves in the images \(by \d+ px\)"):
+        FloorTile(pushed, TILE, 40).new_from_old(lab.rig)
+
+
+def test_three_points_set_the_world_and_check_the_scale(lab: Any) -> None:
+    points = np.array([[0, 0, 0], [1.5, 0, 0], [0.2, 1.0, 0]])
+    marked = {camera.name: camera.project(points) for camera in lab.rig}
+    elsewhere = lab.rig.moved(SE3.from_rotvec([0.4, -0.3, 1.0], [2.0, 1.0, -0.5]))
+    found = elsewhere.moved(ThreePoints(marked, 1.5).new_from_old(elsewhere))
+    np.testing.assert_allclose(found.centres_world(), lab.rig.centres_world(), atol=1e-6)
+    with pytest.raises(CalibrationError, match=r"origin to x measures 1\.500 m in the rig, 1\.400 m was given"):
+        ThreePoints(marked, 1.4).new_from_old(elsewhere)
+    line = {camera.name: camera.project(points * [1, 0.01, 1]) for camera in lab.rig}
+    with pytest.raises(CalibrationError, match="they lie on a line"):
+        ThreePoints(line).new_from_old(elsewhere)
+
+
+def test_the_floor_is_found_under_feet_that_are_lifted_half_of_the_time() -> None:
+    random = np.random.default_rng(1)
+    feet = np.column_stack([random.uniform(-2, 2, 600), random.uniform(-1, 1, 600), np.abs(random.normal(0, 0.12, 600))])
+    feet[::2, 2] = random.normal(0, 0.005, 300)
+    tilt = SE3.from_rotvec([0.5, 0.2, 0.0], [0.4, 0.1, 1.3])
+    new_from_old = FloorFromFeet(tilt @ feet, tilt @ np.array([[0, 0, 1.6]])).new_from_old(Rig)
+    up = (new_from_old @ tilt).matrix()[2]
+    assert np.rad2deg(np.arccos(up[2])) < 0.5
+    assert abs((new_from_old @ (tilt @ np.zeros(3)))[2]) < 0.02
+
+
+def test_feet_on_one_line_stand_on_a_floor_below_the_body() -> None:
+    random = np.random.default_rng(1)
+    feet = np.column_stack([random.uniform(-2, 2, 600), random.normal(0, 0.02, 600), np.abs(random.normal(0, 0.1, 600))])
+    feet[::2, 2] = 0
+    head = np.column_stack([random.uniform(-2, 2, 300), np.zeros(300), np.full(300, 1.6)])
+    tilt = SE3.from_rotvec([0.5, 0.2, 0.0], [0.4, 0.1, 1.3])
+    with pytest.raises(CalibrationError, match="the feet stay on one line"):
+        FloorFromFeet(tilt @ feet, tilt @ head).new_from_old(Rig)
+    new_from_old = FloorUnderBody(tilt @ feet, tilt @ head).new_from_old(Rig)
+    assert np.rad2deg(np.arccos((new_from_old @ tilt).matrix()[2, 2])) < 6
+    assert abs((new_from_old @ (tilt @ np.zeros(3)))[2]) < 0.02
+
+
+def test_without_a_floor_up_is_where_the_images_say(lab: Any) -> None:
+    tilted = lab.rig.moved(SE3.from_rotvec([1.0, 0.3, 0.2], [0, 1.0, 0]))
+    found = tilted.moved(UpFromCameras().new_from_old(tilted))
+    assert all(check.passed for check in world_checks(found, has_floor=False))
+    assert np.ptp(found.centres_world()[:, 2]) < 0.02
+
+
+def test_verification_measures_millimetres_and_finds_a_bumped_camera_and_a_wrong_scale(lab: Any) -> None:
+    target = Charuco(5, 7, 0.1, 0.075)
+    seen = observe_prop(lab.rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.2, seed=4))
+    true = verify(lab.rig, seen, target)
+    assert true.report.failed == ()
+    assert true.length_rms_m < 3e-3
+    assert true.scale == pytest.approx(1, abs=2e-3)
+    assert np.isfinite(true.cell_px).any(axis=(1, 2)).all()
+    cameras = list(lab.rig.cameras)
+    cameras[0] = replace(cameras[0], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[0].cam_from_world)
+    bumped = verify(Rig(tuple(cameras)), seen, target)
+    assert "reprojection" in {check.name for check in bumped.report.failed}
+    big = Rig(tuple(replace(c, cam_from_world=SE3(c.cam_from_world.wxyz, c.cam_from_world.xyz * 1.03)) for c in lab.rig))
+    assert "scale is right" in {check.name for check in verify(big, seen, target).report.failed}
+    assert not check_stature(1.5, 1.75).passed
+    assert check_stature(1.72, 1.75).passed
+
+
+def walk(t_s: np.ndarray) -> np.ndarray:
+    """(T, 6, 3) points that swing about a walking middle."""
+    middle = np.stack([1.2 * np.sin(0.8 * t_s), 0.9 * np.cos(0.8 * t_s), 1.0 + 0 * t_s], axis=-1)
+    swing = np.stack([np.sin(5 * t_s[:, None] + np.arange(6)) * 0.3, np.cos(3.1 * t_s[:, None] + np.arange(6)) * 0.25,
+                      np.tile(np.linspace(-0.8, 0.6, 6), (len(t_s), 1))], axis=-1)  # fmt: skip
+    return middle[:, None] + swing
+
+
+def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.Finding]:
+    random = np.random.default_rng(3)
+    state, found = monitor.start(rig), []
+    for k in range(round(seconds * 10)):
+        xy = pictures(k / 10) + random.normal(0, 1.5, (len(rig), 6, 2))
+        state, new = monitor.observe(state, rig, round(k * 1e8), xy)
+        found += new
+    return found
+
+
+def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
+    # a ring of four is its own mirror image, in which exchanged cables cannot be told apart
+    aside = replace(lab.rig.cameras[3], cam_from_world=lab.rig.cameras[3].cam_from_world @ SE3([1.0, 0, 0, 0], [0.7, 0.3, -0.5]))
+    rig = Rig((*lab.rig.cameras[:3], aside))
+    assert run_monitor(rig, lambda t: rig.project(walk(np.array([t]))[0])) == []
+    cameras = list(rig.cameras)
+    cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0, 0.03, 0], [0, 0, 0]) @ cameras[2].cam_from_world)
+    after = Rig(tuple(cameras))
+    bumped = run_monitor(rig, lambda t: (rig if t < 10 else after).project(walk(np.array([t]))[0]))
+    assert (bumped[0].kind, bumped[0].cameras) == ("bumped", ("cam02",))
+    assert 10 <= bumped[0].t_ns / 1e9 < 13
+
+    def exchanged(t: float) -> np.ndarray:
+        xy = rig.project(walk(np.array([t]))[0])
+        return xy if t < 10 else xy[[0, 3, 2, 1]]
+
+    swapped = run_monitor(rig, exchanged)
+    assert (swapped[0].kind, swapped[0].cameras) == ("swapped", ("cam01", "cam03"))
+
+    def lagging(t: float) -> np.ndarray:
+        xy = rig.project(walk(np.array([t]))[0])
+        if t >= 10:
+            xy[1] = rig.cameras[1].project(walk(np.array([t - 0.08]))[0])
+        return xy
+
+    late = run_monitor(rig, lagging)
+    assert (late[0].kind, late[0].cameras) == ("out of step", ("cam01",))
+    assert 10 <= late[0].t_ns / 1e9 < 14
+    assert "lag by about +" in late[0].detail
+
+
+def test_a_camera_that_looks_at_somebody_else_is_not_called_bumped(lab: Any) -> None:
+    def somebody_else(t: float) -> np.ndarray:
+        xy = lab.rig.project(walk(np.array([t]))[0])
+        if t >= 5:
+            xy[1] = lab.rig.cameras[1].project(walk(np.array([1.7 * t + 4]))[0] + [0.8, -0.7, 0.0])
+        return xy
+
+    assert run_monitor(lab.rig, somebody_else, seconds=11) == []
+
+
+@pytest.mark.parametrize(("reach_m", "turn_rad", "kinds"), [(0.0, 0.02, []), (0.0, 0.1, ["bumped"]), (1.0, 0.02, ["bumped"])])
+def test_who_stands_tells_of_gross_displacements_alone(lab: Any, reach_m: float, turn_rad: float, kinds: list[str]) -> None:
+    """What a network makes up for limbs that one view does not show stays as long as somebody stands; a walk tells it apart."""
+    start, still = walk(np.zeros(1))[0], [0.0, 0.0, 0.0]
+    cameras = list(lab.rig)
+    cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.0, turn_rad, 0.0], still) @ cameras[1].cam_from_world)
+    after = Rig(tuple(cameras))
+
+    def pictures(t: float) -> np.ndarray:
+        swing = 0.05 * np.sin(5 * t + np.arange(len(start)))[:, None]
+        return after.project(start + swing + reach_m * np.array([np.sin(t), np.cos(t), 0.0]))
+
+    assert [one.kind for one in run_monitor(lab.rig, pictures, seconds=9)] == kinds
+
+
+def test_a_camera_that_is_put_right_again_is_well_and_may_be_bumped_anew(lab: Any) -> None:
+    cameras = list(lab.rig.cameras)
+    cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)
+    after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.start(lab.rig)
+    told: list[tuple[float, str]] = []
+    for k in range(200):
+        rig = after if 40 <= k < 80 or k >= 140 else lab.rig
+        xy = rig.project(walk(np.array([k / 10]))[0]) + random.normal(0, 1.5, (len(rig), 6, 2))
+        was, (state, _) = state.findings, monitor.observe(state, lab.rig, round(k * 1e8), xy)
+        if len(was) != len(state.findings):
+            told.append((k / 10, "".join(one.kind for one in state.findings)))
+    assert [words for _, words in told] == ["bumped", "", "bumped"]
+    assert 4 < told[0][0] < 6
+    assert 8 < told[1][0] < 13
+    assert 14 < told[2][0] < 16
+
+
+def test_a_late_camera_stays_so_while_the_person_stands_still(lab: Any) -> None:
+    random, state, found = np.random.default_rng(4), monitor.start(lab.rig), []
+    for k in range(180):
+        there_s = min(k / 10, 9.0)
+        late_s = 0.1 if k >= 30 and there_s < 9.0 else 0.0
+        xy = lab.rig.project(walk(np.array([there_s]))[0])
+        xy[2] = lab.rig.cameras[2].project(walk(np.array([there_s - late_s]))[0])
+        state, new = monitor.observe(state, lab.rig, round(k * 1e8), xy + random.normal(0, 1.5, xy.shape))
+        found += new
+    assert [(one.kind, one.cameras) for one in found] == [("out of step", ("cam02",))]
+    assert [one.cameras for one in state.findings] == [("cam02",)]
+
+
+def test_triangulation_needs_two_views(lab: Any) -> None:
+    points = np.array([[0.1, 0.2, 0.9], [0.4, -0.3, 1.2]])
+    xy = lab.rig.project(points)
+    xy[1:, 1] = np.nan
+    found = triangulate(lab.rig, xy)
+    np.testing.assert_allclose(found[0], points[0], atol=1e-6)
+    assert np.isnan(found[1]).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_monitor_bears_points_on_the_horizon_and_cameras_that_see_nothing(lab: Any) -> None:
+    state, shape = monitor.start(lab.rig), (len(lab.rig), 6, 2)
+    far, nothing = np.full(shape, 1e200), np.full(shape, np.nan)
+    one_blind = lab.rig.project(walk(np.zeros(1))[0])
+    one_blind[2] = np.nan
+    for k in range(90):
+        state, _ = monitor.observe(state, lab.rig, k * 100_000_000, (far, nothing, one_blind)[k % 3])
+        assert all(np.isfinite(sums.information).all() and np.isfinite(sums.pull).all() for sums in state.sums)
+        assert np.isfinite([[sums.squares, sums.count] for sums in state.sums]).all()
+    assert state.findings == ()

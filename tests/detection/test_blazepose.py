@@ -1,0 +1,134 @@
+"""The default estimator on real images; skipped, by name, where its networks were never fetched."""
+
+import av
+import numpy as np
+import pytest
+
+from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
+from posefuse.detection import BlazePoseConfig, read_card, region_from_keypoints
+from posefuse.detection.blazepose.looks import Look, averaged
+from posefuse.detection.models import read_any_card
+
+CAMERA = "cam04"
+
+
+@pytest.fixture(scope="module")
+def detector(models):
+    return BlazePoseConfig(streams=1).build()
+
+
+@pytest.fixture(scope="module")
+def frame(shared_data) -> Frame:
+    with av.open(str(shared_data / "pose2sim_single" / "videos" / f"{CAMERA}.mp4")) as container:
+        image = next(container.decode(video=0)).to_ndarray(format="rgb24")
+    return Frame(CAMERA, 0, 0, 0, image)
+
+
+@pytest.fixture(scope="module")
+def seen(detector, frame):
+    return detector.detect([frame], [None])[0]
+
+
+def test_it_finds_the_man_where_openpose_does(detector, seen, shared_data):
+    from posefuse.detection import read_openpose_folder
+
+    assert isinstance(detector, Detector)
+    theirs = read_openpose_folder(shared_data / "pose2sim_single" / "openpose_json" / "cam04_json", CAMERA).frame(0, 0)
+    assert len(seen) >= 1
+    names = [f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "hip", "knee", "ankle")]
+    ours = seen.xy_img[0][detector.skeleton.indices(names)]
+    apart = np.linalg.norm(theirs.xy_img[:, theirs.skeleton.indices(names)] - ours, axis=-1)
+    assert np.nanmedian(apart, axis=1).min() < 0.05 * np.ptp(seen.xy_img[0, :, 1])
+    assert (seen.sigma_px > 0).all() and (seen.score > 0).all()
+
+
+def test_a_region_gives_the_same_man_and_an_empty_one_nobody(detector, frame, seen):
+    there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
+    nowhere = Region(np.array([80.0, 80.0]), 100.0)
+    (both,) = detector.detect([frame], [[nowhere, there]])
+    assert len(both) == 2
+    assert np.isnan(both.xy_img[0]).all() and not both.score[0].any() and np.isnan(both.sigma_px[0]).all()
+    assert np.median(np.linalg.norm(both.xy_img[1] - seen.xy_img[0], axis=-1)) < 5
+
+
+def test_frames_in_one_call_do_not_disturb_each_other(detector, frame, seen):
+    blank = Frame("other", 0, 0, 0, np.full((240, 320, 3), 90, np.uint8))
+    nobody, again, none_asked = detector.detect([blank, frame, frame], [None, None, []])
+    assert len(nobody) == 0 and len(none_asked) == 0
+    assert np.array_equal(again.xy_img, seen.xy_img)
+
+
+def test_an_image_on_its_side_is_searched_turned(detector, frame, seen):
+    turned = Frame(CAMERA, 0, 0, 0, np.ascontiguousarray(np.rot90(frame.image)))
+    (found,) = detector.detect([turned], [None])
+    assert len(found) >= 1
+    width = frame.image.shape[1]
+    back = np.stack([width - 1 - found.xy_img[0, :, 1], found.xy_img[0, :, 0]], axis=-1)
+    assert np.median(np.linalg.norm(back - seen.xy_img[0], axis=-1)) < 25
+
+
+def test_a_mirrored_image_gives_the_mirrored_man(detector, frame, seen):
+    there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
+    width = frame.image.shape[1]
+    mirrored = Frame(CAMERA, 0, 0, 0, np.ascontiguousarray(frame.image[:, ::-1]))
+    region = Region(np.array([width - 1 - there.centre_img[0], there.centre_img[1]]), there.side_px, -there.angle_rad)
+    (found,) = detector.detect([mirrored], [[region]])
+    back = found.xy_img[0][detector.skeleton.mirror] * [-1, 1] + [width - 1, 0]
+    (direct,) = detector.detect([frame], [[there]])
+    off = (back - direct.xy_img[0]) * 256 / there.side_px
+    # half a heatmap cell off, as between the two ways to count cells, would show as 4 px
+    assert abs(np.median(off[:, 0])) < 0.8
+    assert np.median(np.abs(off)) < 2.5
+
+
+def test_an_ensemble_that_looks_in_the_mirror_knows_no_left_and_right(tmp_path, frame, seen):
+    card = tmp_path / "both.toml"
+    card.write_text('kind = "landmark_ensemble"\nsummary = ""\nmembers = ["blazepose_full"]\nmirrored = true\n')
+    detector = BlazePoseConfig(landmarks=str(card)).build()
+    assert detector.joint_centres_file is None
+    there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
+    width = frame.image.shape[1]
+    mirrored = Frame(CAMERA, 0, 0, 0, np.ascontiguousarray(frame.image[:, ::-1]))
+    region = Region(np.array([width - 1 - there.centre_img[0], there.centre_img[1]]), there.side_px, -there.angle_rad)
+    (found,) = detector.detect([mirrored], [[region]])
+    (direct,) = detector.detect([frame], [[there]])
+    back = found.xy_img[0][detector.skeleton.mirror] * [-1, 1] + [width - 1, 0]
+    # what is left is the sampling of the crops
+    assert np.median(np.abs(back - direct.xy_img[0])) * 256 / there.side_px < 0.1
+    assert np.allclose(found.sigma_px[0][detector.skeleton.mirror], direct.sigma_px[0], rtol=0.3)
+    assert not np.array_equal(direct.xy_img, seen.xy_img)
+
+
+def test_looks_are_averaged_by_their_certainty_and_disagreement_is_doubt():
+    keypoints = np.zeros((2, 2))
+    sure = Look(0.9, keypoints, np.ones(2), np.array([1.0, 1.0]))
+    unsure = Look(0.8, keypoints + [3.0, 0.0], np.ones(2), np.array([2.0, 1e6]))
+    blind = Look(0.1, keypoints + 100, np.zeros(2), np.ones(2))
+    assert averaged([sure]) is sure
+    assert averaged([sure, blind]) is sure
+    both = averaged([sure, unsure, blind])
+    assert np.allclose(both.xy, [[0.6, 0.0], [0.0, 0.0]], atol=1e-6)
+    # two that agree are no surer than the surer of them; the first keypoint has 1.6 of their own variance, then disagreement
+    assert np.allclose(both.sigma_px**2, [0.8 * 1 + 0.2 * 4 + (0.8 * 0.36 + 0.2 * 5.76) / 2, 2.0])
+    assert both.presence == pytest.approx(0.85)
+
+
+def test_an_ensemble_is_not_a_network(tmp_path):
+    card = tmp_path / "both.toml"
+    card.write_text('kind = "landmark_ensemble"\nsummary = ""\nmembers = []\nmirrored = true\n')
+    with pytest.raises(ConfigError, match="members"):
+        read_any_card(card)
+    card.write_text(card.read_text().replace("[]", '["blazepose_full", "blazepose_persons"]'))
+    with pytest.raises(ModelError, match="expected one network, got an ensemble of blazepose_full, blazepose_persons"):
+        read_card(card)
+    with pytest.raises(ModelError, match="expected kind heatmap_landmarks, got person_ssd"):
+        BlazePoseConfig(landmarks=str(card)).build()
+
+
+def test_misuse_is_an_error(detector, frame, tmp_path):
+    with pytest.raises(ShapeError, match="regions for each of 1 frames"):
+        detector.detect([frame], [])
+    with pytest.raises(ModelError, match="expected kind person_ssd"):
+        BlazePoseConfig(persons="blazepose_full").build()
+    with pytest.raises(ModelError, match="no such archive"):
+        BlazePoseConfig(cache=tmp_path, models=tmp_path / "nowhere.whl").build()

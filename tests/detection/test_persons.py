@@ -1,0 +1,88 @@
+"""The person detector's outputs: drawn people come back as the regions they were made from."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import Region
+from posefuse.detection.blazepose.persons import regions_from_outputs
+from posefuse.detection.blazepose.search import stages
+from posefuse.detection.models import read_card
+from posefuse.detection.regions import crop_from_img
+
+CARD = read_card("blazepose_persons")
+SIDE = CARD.input.side_px
+FIRST_OF_LAST_GRID = 28 * 28 * 2 + 14 * 14 * 2
+
+
+def empty():
+    return np.zeros((2254, 12), np.float32), np.full((2254, 1), -9.0, np.float32)
+
+
+def draw(boxes, logits, anchor, hips, rim, logit=3.0, size=90.0):
+    """A person at anchor number `anchor` of the 7 x 7 grid; points in crop px from the corner."""
+    cell = anchor // 6
+    centre = (np.array([cell % 7, cell // 7]) + 0.5) * SIDE / 7
+    row = FIRST_OF_LAST_GRID + anchor
+    boxes[row, :4] = [*(hips - centre), size, size]
+    boxes[row, 4:] = np.concatenate([hips - centre, rim - centre, [0, 0], [0, 0]])
+    logits[row] = logit
+
+
+def found(boxes, logits, looked_at, least=0.5):
+    return regions_from_outputs(boxes, logits, CARD.decoding, looked_at, SIDE, least)
+
+
+@pytest.mark.parametrize("looked_at", [Region(np.array([111.5, 111.5]), 224.0), Region(np.array([320.0, 240.0]), 800.0, 0.7)])
+def test_a_drawn_person_comes_back_as_its_region(looked_at):
+    boxes, logits = empty()
+    hips, rim = np.array([100.0, 120.0]), np.array([110.0, 70.0])
+    draw(boxes, logits, 6 * 24 + 1, hips, rim)
+    ((score, region),) = found(boxes, logits, looked_at)
+    affine = crop_from_img(looked_at, SIDE)
+    back = affine[:, :2] @ region.centre_img + affine[:, 2]
+    scale = looked_at.side_px / SIDE
+    assert np.allclose(back, hips - 0.5, atol=1e-4)
+    assert region.side_px == pytest.approx(2.5 * np.linalg.norm(rim - hips) * scale, rel=1e-5)
+    assert region.angle_rad == pytest.approx(looked_at.angle_rad + np.arctan2(10, 50), abs=1e-5)
+    assert score == pytest.approx(1 / (1 + np.exp(-3.0)))
+
+
+def test_votes_for_one_person_are_merged_and_two_people_stay_two():
+    boxes, logits = empty()
+    one, other = np.array([60.0, 110.0]), np.array([170.0, 120.0])
+    draw(boxes, logits, 6 * 20, one, one - [0, 60], logit=2.0)
+    draw(boxes, logits, 6 * 20 + 1, one + [4, 0], one - [-4, 60], logit=2.0)
+    draw(boxes, logits, 6 * 26, other, other - [0, 50], logit=4.0)
+    people = found(boxes, logits, Region(np.array([111.5, 111.5]), 224.0))
+    assert len(people) == 2
+    assert np.allclose(people[0][1].centre_img, other - 0.5, atol=1e-4)
+    assert np.allclose(people[1][1].centre_img, one + [2, 0] - 0.5, atol=1e-4)
+
+
+def test_nobody_is_found_below_the_threshold():
+    boxes, logits = empty()
+    draw(boxes, logits, 70, np.array([90.0, 90.0]), np.array([90.0, 40.0]), logit=0.2)
+    looked_at = Region(np.array([111.5, 111.5]), 224.0)
+    assert found(boxes, logits, looked_at, least=0.6) == []
+    assert len(found(boxes, logits, looked_at, least=0.5)) == 1
+
+
+@pytest.mark.parametrize(("size_wh", "up_rad"), [((640, 480), 0.0), ((1080, 1920), -0.5), ((3840, 1000), 1.2)])
+def test_the_search_begins_with_the_whole_image_and_its_tiles_leave_no_gap(size_wh, up_rad):
+    plan = list(stages(size_wh, up_rad))
+    assert len(plan[0]) == 1 and plan[0][0].side_px == max(size_wh) and plan[0][0].angle_rad == 0
+    corners = np.array([[0, 0], [size_wh[0] - 1, 0], [0, size_wh[1] - 1], [size_wh[0] - 1, size_wh[1] - 1]])
+    for squares in plan[:2]:
+        for square in squares:
+            affine = crop_from_img(square, 1000)
+            seen = corners @ affine[:, :2].T + affine[:, 2]
+            assert seen.min() > -1 and seen.max() < 1000
+    assert len({round(square.angle_rad, 3) for squares in plan for square in squares}) >= 4
+    spread = np.random.default_rng(0).uniform([0, 0], size_wh, (500, 2))
+    for squares in plan[-2:]:
+        shown = np.zeros(len(spread), bool)
+        for square in squares:
+            affine = crop_from_img(square, 1000)
+            seen = spread @ affine[:, :2].T + affine[:, 2]
+            shown |= ((seen > 0) & (seen < 1000)).all(-1)
+        assert shown.mean() > 0.9

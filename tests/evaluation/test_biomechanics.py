@@ -1,0 +1,84 @@
+"""The biomechanist's files: all written, each readable by an independent reader, people and gaps handled."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from posefuse.core import DependencyError, PoseSequence, Recording
+from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
+from posefuse.formats.angles import read_angles
+from posefuse.formats.bvh import read_bvh
+from posefuse.formats.mot import read_mot
+from posefuse.kinematics import joints_from_poses
+
+
+@pytest.fixture
+def recording(ring_rig, figure_sequence):
+    frames = [{"left_knee": (40 + i, 0, 0), "left_hip": (20, 3, 4), "right_knee": (30, 0, 0)} for i in range(24)]
+    sequence = figure_sequence(frames, "anatomical23", sigma_m=0.004, rate_hz=30.0)
+    rig = ring_rig(3)
+    xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
+    score = np.isfinite(xy[..., 0]) * 1.0
+    return Recording(rig, sequence, xy, score, np.where(score > 0, 2.0, np.nan))
+
+
+@pytest.mark.parametrize("fit", ["none", "points", "rays"])
+def test_every_file_says_the_same(recording, tmp_path, fit):
+    chosen = BiomechanicsSettings(fit=fit)
+    made = write_biomechanics(recording, tmp_path, chosen)
+    assert {path.name for path in made} == {path.name for path in tmp_path.iterdir()}
+    _, joints = joints_of(recording, chosen)
+    knee = np.degrees(joints.angle_rad[:, 0, joints.joints.index("left_knee"), 0])
+    np.testing.assert_allclose(knee, 40 + np.arange(24), atol=1.0)
+    np.testing.assert_allclose(read_angles(tmp_path / "angles.csv")["left_knee.flexion_deg"], knee, rtol=1e-9)
+    np.testing.assert_allclose(read_mot(tmp_path / "angles.mot").column("left_knee_flexion"), knee, rtol=1e-8)
+    assert len(read_bvh(tmp_path / "skeleton.bvh")) == 24
+    assert "Knee flexion" in (tmp_path / "report.html").read_text()
+
+
+def test_ezc3d_finds_points_and_angles(recording, tmp_path):
+    import ezc3d
+
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
+    file = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))
+    labels = file["parameters"]["POINT"]["LABELS"]["value"]
+    joints = joints_from_poses(recording.poses)
+    assert "left_knee_angles" in file["parameters"]["POINT"]["ANGLES"]["value"]
+    stored = file["data"]["points"][0, labels.index("left_knee_angles")]
+    hip = file["data"]["points"][:3, labels.index("left_hip")].T
+    np.testing.assert_allclose(hip, recording.poses.xyz_world[:, 0, recording.poses.skeleton.index("left_hip")] * 1000, atol=1e-3)
+    knee = joints.angle_rad[:, 0, joints.joints.index("left_hip")]
+    np.testing.assert_allclose(file["data"]["points"][:3, labels.index("left_hip_angles")].T, np.degrees(knee), atol=1e-3)
+    np.testing.assert_allclose(stored, 40 + np.arange(24), atol=1.0)
+    assert "left_wrist_angles" not in labels
+
+
+def test_several_people_have_files_of_their_own(recording, tmp_path):
+    poses = recording.poses
+    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    two = {name: np.concatenate([getattr(poses, name)] * 2, axis=1) for name in names}
+    two["xyz_world"][:, 1] = np.nan
+    both = PoseSequence(poses.t_ns, poses.skeleton, [2, 7], *two.values())
+    views = {name: np.concatenate([getattr(recording, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
+    made = write_biomechanics(Recording(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
+    names = {path.name for path in made}
+    assert {"angles_2.mot", "skeleton_2.bvh"} <= names
+    assert not any("_7" in name for name in names)
+    assert "Not seen in any instant" in (tmp_path / "report.html").read_text()
+
+
+def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "opensim", None)
+    with pytest.raises(DependencyError, match="biomech"):
+        write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none", opensim=True))
+    assert not (tmp_path / "opensim").exists()
+
+
+def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
+    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    poses = recording.poses
+    one = PoseSequence(poses.t_ns[:1], poses.skeleton, poses.person_id, *(getattr(poses, name)[:1] for name in names))
+    views = {name: getattr(recording, name)[:1] for name in ("xy_img", "score", "sigma_px")}
+    made = write_biomechanics(Recording(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
+    assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}

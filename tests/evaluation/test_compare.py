@@ -1,0 +1,70 @@
+"""Comparing recordings: what was done to one of them is found, and what is left is what it differs by."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import InputError
+from posefuse.evaluation.compare import Tracks, compare, similarity
+
+NAMES = ("neck", "left_wrist", "right_wrist", "left_ankle", "right_ankle")
+
+
+def mover(rate_hz: float, duration_s: float = 8.0, start_s: float = 0.0) -> Tracks:
+    """Somebody who walks along a bent way swinging arms, sampled at any rate."""
+    t_s = start_s + np.arange(round(duration_s * rate_hz)) / rate_hz
+    phase = np.arange(len(NAMES)) * 1.3
+    swing = 0.3 * np.sin(2 * np.pi * 0.9 * t_s[:, None] + phase) + 0.1 * np.sin(2 * np.pi * 0.23 * t_s[:, None] + 2 * phase)
+    rest = np.array([[0, 0, 1.5], [0, 0.3, 1], [0, -0.3, 1], [0, 0.1, 0.1], [0, -0.1, 0.1]])
+    xyz = rest + np.stack([swing + 0.9 * t_s[:, None], 0.2 * t_s[:, None] ** 1.5 + 0 * swing, 0.1 * swing**2], axis=-1)
+    return Tracks(f"{rate_hz:g} Hz", NAMES, t_s, xyz)
+
+
+def test_offset_motion_and_scale_are_found_to_fractions_of_a_frame_between_rates() -> None:
+    a, b = mover(60), mover(100, start_s=0.4)
+    turn, shift, factor, late_s = Rotation.from_rotvec([0.2, -0.4, 1.9]).as_matrix(), np.array([3.0, -2.0, 0.4]), 1.03, 1.2345
+    moved = Tracks("b", NAMES, b.t_s - late_s, (b.xyz_m - shift) @ turn / factor)
+    found = compare(a, moved, scale=True)
+    assert found.alignment.offset_s == pytest.approx(late_s, abs=0.001)
+    assert found.alignment.scale == pytest.approx(factor, abs=1e-3)
+    np.testing.assert_allclose(found.alignment.rotation, turn, atol=2e-3)
+    assert found.errors.mpjpe_mm < 3
+    # without the scale it cannot fit as well
+    assert compare(a, moved).errors.mpjpe_mm > 2 * found.errors.mpjpe_mm
+
+
+def test_noise_is_what_is_left() -> None:
+    a = mover(50)
+    noisy = Tracks("noisy", NAMES, a.t_s, a.xyz_m + np.random.default_rng(0).normal(0, 0.01, a.xyz_m.shape))
+    found = compare(a, noisy, time=False)
+    assert found.errors.mpjpe_mm == pytest.approx(10 * np.sqrt(8 / np.pi), rel=0.05)
+
+
+def test_drift_shows_when_aligned_by_the_first_seconds_only() -> None:
+    a = mover(50)
+    walked = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(a.xyz_m.mean(1)[:, :2], axis=0), axis=-1))])
+    drifting = Tracks("b", NAMES, a.t_s, a.xyz_m + 0.02 * walked[:, None, None] * np.array([0.6, 0.8, 0]))
+    assert compare(a, drifting, time=False, space=False).drift_mm_per_m == pytest.approx(20, rel=1e-6)
+    assert compare(a, drifting, time=False, start_s=0.5).drift_mm_per_m > 10
+
+
+def test_gaps_are_bridged_briefly_and_never_outside() -> None:
+    a = mover(50, 2.0)
+    xyz = np.array(a.xyz_m)
+    xyz[10:15, 0], xyz[40:80, 1] = np.nan, np.nan
+    holed = Tracks("holed", NAMES, a.t_s, xyz)
+    at = holed.at(a.t_s)
+    assert np.isfinite(at[12, 0]).all() and np.isnan(at[60, 1]).all() and np.isfinite(at[60, 2]).all()
+    assert np.isnan(holed.at(np.array([-0.1, 2.5]))).all()
+
+
+def test_a_mirror_image_is_not_taken_for_a_rotation() -> None:
+    points = np.random.default_rng(1).normal(size=(30, 3))
+    rotation, _, _ = similarity(points * [1, 1, -1], points, scale=False)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_nothing_in_common_is_said_with_the_names() -> None:
+    a = mover(50)
+    with pytest.raises(InputError, match=r"neck.*tail|tail.*neck"):
+        compare(a, Tracks("other", ("tail",), a.t_s, a.xyz_m[:, :1]))

@@ -1,0 +1,75 @@
+"""Angle tables and OpenSim motion files: round trips, units at the door, errors that name the line."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, InputError, Joints
+from posefuse.formats.angles import read_angles, write_angles
+from posefuse.formats.mot import Motion, motion_from_joints, read_mot, write_mot
+
+
+@pytest.fixture
+def joints():
+    rng = np.random.default_rng(2)
+    angle = rng.normal(size=(4, 2, 3, 3))
+    angle[1, 0, 1, 2] = np.nan
+    angle[:, :, 2, 1] = np.nan
+    frames = SE3.identity((4, 2, 1))
+    names = (("flexion", "adduction", "rotation"),) * 3
+    t_ns = np.array([10, 20, 35, 40]) * 1_000_000
+    return Joints(t_ns, [3, 9], ("pelvis",), frames, ("left_hip", "left_knee", "neck"), names, angle, np.abs(angle) * 0.1)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_table_comes_back_in_degrees(tmp_path, joints, ending):
+    path = tmp_path / f"angles{ending}"
+    write_angles(path, joints)
+    back = read_angles(path)
+    np.testing.assert_array_equal(back["t_ns"], np.repeat(joints.t_ns, 2))
+    np.testing.assert_array_equal(back["person_id"], [3, 9] * 4)
+    flexion = back["left_knee.rotation_deg"].reshape(4, 2)
+    np.testing.assert_allclose(flexion, np.degrees(joints.angle_rad[:, :, 1, 2]), rtol=1e-12)
+    assert np.isnan(flexion[1, 0])
+    np.testing.assert_allclose(back["neck.flexion_sigma_deg"].reshape(4, 2), np.degrees(joints.sigma_rad[:, :, 2, 0]), rtol=1e-12)
+
+
+def test_a_motion_comes_back(tmp_path, joints):
+    motion = motion_from_joints(joints, person=1, name="second person")
+    assert "neck_adduction" not in motion.columns
+    assert motion.t_s[0] == 0
+    write_mot(tmp_path / "a.mot", motion)
+    back = read_mot(tmp_path / "a.mot")
+    assert back.name == "second person"
+    assert back.columns == motion.columns
+    assert back.in_degrees
+    np.testing.assert_allclose(back.values, motion.values, rtol=1e-9)
+    np.testing.assert_allclose(back.column("left_hip_flexion"), np.degrees(joints.angle_rad[:, 1, 0, 0]), rtol=1e-9)
+
+
+def test_radians_stay_radians(tmp_path):
+    write_mot(tmp_path / "a.sto", Motion("m", [0.0, 0.1], ("q",), [[1.0], [np.nan]], in_degrees=False))
+    back = read_mot(tmp_path / "a.sto")
+    assert not back.in_degrees
+    assert np.isnan(back.values[1, 0])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "endheader"),
+        ("m\nendheader\nfoo\tq\n0\t1\n", "line 3: expected the first column 'time', got foo"),
+        ("m\nendheader\ntime\tq\n0\t1\n0.1\n", "line 5: expected 2 numbers, got 1"),
+        ("m\nendheader\ntime\tq\n0\tx\n", "line 4: could not convert"),
+    ],
+)
+def test_broken_files_say_where(tmp_path, text, message):
+    (tmp_path / "b.mot").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_mot(tmp_path / "b.mot")
+
+
+def test_unknown_names_list_what_exists(tmp_path, joints):
+    with pytest.raises(InputError, match=r"no column 'knee'; there are: left_hip_flexion"):
+        motion_from_joints(joints).column("knee")
+    with pytest.raises(InputError, match=r"expected a file ending in .csv or .parquet"):
+        write_angles(tmp_path / "a.xls", joints)

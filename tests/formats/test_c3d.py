@@ -1,0 +1,99 @@
+"""C3D: against ezc3d itself, a file of a gait lab, and round trips."""
+
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+
+from posefuse.core import InputError, ShapeError
+from posefuse.formats.c3d import C3dData, read_c3d, write_c3d
+
+
+def some_points() -> C3dData:
+    rng = np.random.default_rng(1)
+    xyz = rng.normal(size=(7, 5, 3)) * [1, 2, 3]
+    xyz[2, 3] = np.nan
+    sigma = rng.uniform(0.001, 0.02, size=(7, 5))
+    angles = rng.normal(size=(7, 2, 3))
+    angles[4, 1] = np.nan
+    about = {"VERSION": "0.1.0", "PROVENANCE": "a long text, with blanks at odd places " * 20}
+    names = ("left_hip", "right_hip", "left_knee", "right_knee", "nose")
+    return C3dData(names, xyz, sigma, 29.97, ("left_hip_angles", "left_knee_angles"), angles, about)
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    data = some_points()
+    write_c3d(tmp_path / "a.c3d", data)
+    back = read_c3d(tmp_path / "a.c3d")
+    assert (back.names, back.angle_names) == (data.names, data.angle_names)
+    assert back.rate_hz == pytest.approx(data.rate_hz, rel=1e-6)
+    np.testing.assert_allclose(back.xyz_world, data.xyz_world, atol=1e-6)
+    np.testing.assert_allclose(back.angle_rad, data.angle_rad, atol=1e-6)
+    missing = ~np.isfinite(data.xyz_world).all(axis=-1)
+    np.testing.assert_allclose(back.sigma_m[~missing], data.sigma_m[~missing], atol=1.01e-4)
+    assert np.isnan(back.sigma_m[missing]).all()
+    assert back.about == data.about
+
+
+def test_what_ezc3d_sees(tmp_path: Path) -> None:
+    data = some_points()
+    write_c3d(tmp_path / "a.c3d", data)
+    file = ezc3d.c3d(str(tmp_path / "a.c3d"))
+    point = file["parameters"]["POINT"]
+    assert point["LABELS"]["value"] == [*data.names, *data.angle_names]
+    assert point["UNITS"]["value"] == ["mm"]
+    assert (point["X_SCREEN"]["value"], point["Y_SCREEN"]["value"]) == (["+X"], ["+Z"])
+    assert point["ANGLES"]["value"] == list(data.angle_names)
+    assert file["parameters"]["MANUFACTURER"]["SOFTWARE"]["value"] == ["posefuse"]
+    assert file["data"]["analogs"].shape[1] == 0
+    np.testing.assert_allclose(file["data"]["points"][:3, 1, 0], data.xyz_world[0, 1] * 1000, rtol=1e-6)
+    np.testing.assert_allclose(file["data"]["points"][:3, 5, 0], np.degrees(data.angle_rad[0, 0]), rtol=1e-6)
+    assert file["data"]["meta_points"]["residuals"][0, 3, 2] == -1
+    assert (np.delete(file["data"]["meta_points"]["residuals"][0, 3], 2) >= 0).all()
+
+
+def test_large_residuals_do_not_wrap(tmp_path: Path) -> None:
+    sigma = np.array([[0.001, 0.4], [0.02, 0.1]])
+    write_c3d(tmp_path / "a.c3d", C3dData(("a", "b"), np.ones((2, 2, 3)), sigma, 50.0))
+    np.testing.assert_allclose(read_c3d(tmp_path / "a.c3d").sigma_m, sigma, atol=0.4 / 255)
+
+
+def test_a_gait_labs_file(shared_data: Path) -> None:
+    data = read_c3d(shared_data / "btk" / "FunctionalWalk.c3d")
+    assert data.rate_hz == 120
+    assert len(data.xyz_world) == 438
+    assert "LKneeAngles" in data.angle_names
+    assert not {"LKneePower", "LKneeMoment", "LKneeAngles"} & set(data.names)
+    pelvis = data.xyz_world[:, data.names.index("LASI"), 2]
+    assert 0.7 < np.nanmedian(pelvis) < 1.2
+    knee = data.angle_rad[:, data.angle_names.index("LKneeAngles"), 0]
+    assert 0.5 < np.nanmax(knee) < 1.6
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    (tmp_path / "a.c3d").write_bytes(b"not a c3d file" * 100)
+    with pytest.raises(InputError, match=r"a\.c3d: cannot be read as C3D"):
+        read_c3d(tmp_path / "a.c3d")
+    with pytest.raises(InputError, match=r"none\.c3d: cannot be read as C3D"):
+        read_c3d(tmp_path / "none.c3d")
+    with pytest.raises(InputError, match="must be unique"):
+        write_c3d(tmp_path / "b.c3d", C3dData(("a", "a"), np.ones((2, 2, 3)), np.ones((2, 2)), 50.0))
+    with pytest.raises(InputError, match="POSEFUSE:CONFIG: too long"):
+        write_c3d(tmp_path / "b.c3d", C3dData(("a",), np.ones((2, 1, 3)), np.ones((2, 1)), 50.0, about={"CONFIG": "x" * 10**5}))
+    with pytest.raises(ShapeError, match="1 names"):
+        C3dData(("a",), np.ones((2, 2, 3)), np.ones((2, 2)), 50.0)
+    with pytest.raises(ShapeError, match="rate_hz: expected > 0"):
+        C3dData(("a",), np.ones((2, 1, 3)), np.ones((2, 1)), 0.0)
+    assert not (tmp_path / "b.c3d").exists()
+
+
+def test_units_that_are_unknown(tmp_path: Path) -> None:
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [100]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["a"]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["inch"]
+    file["data"]["points"] = np.ones((4, 1, 3))
+    file.write(str(tmp_path / "a.c3d"))
+    with pytest.raises(InputError, match="POINT:UNITS: expected one of mm, cm, m, got 'inch'"):
+        read_c3d(tmp_path / "a.c3d")

@@ -1,0 +1,101 @@
+"""A video whose size is not the calibrated one: what is told apart, what must be stated."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from posefuse.core import CalibrationError, Camera, Rig
+from posefuse.formats.rig import fit_camera_to_video, read_rig
+from posefuse.formats.rig.image_size import black_bars
+
+POINT = np.array([0.2, -0.3, 1.1])
+
+
+@pytest.fixture
+def camera(ring_rig: Callable[..., Rig]) -> Camera:
+    return ring_rig(1, size_wh=(1088, 1920), distortion=(0.1, -0.05, 0.001, 0.002)).cameras[0]
+
+
+def letterboxed(size_wh: tuple[int, int], bars: tuple[int, int, int, int]) -> np.ndarray:
+    left, top, right, bottom = bars
+    image = np.full((size_wh[1], size_wh[0], 3), 3, np.uint8)
+    inside = image[top : size_wh[1] - bottom, left : size_wh[0] - right]
+    inside[:] = np.random.default_rng(0).integers(60, 200, inside.shape)
+    return image
+
+
+def test_the_same_size_needs_nothing(camera: Camera) -> None:
+    assert fit_camera_to_video(camera, (1088, 1920)) is camera
+
+
+@pytest.mark.parametrize("size_wh", [(544, 960), (2176, 3840), (272, 480), (725, 1280)])
+def test_the_same_proportions_were_resampled(camera: Camera, size_wh: tuple[int, int]) -> None:
+    got = fit_camera_to_video(camera, size_wh)
+    factor = np.array(size_wh) / camera.size_wh
+    np.testing.assert_allclose(got.project(POINT) + 0.5, (camera.project(POINT) + 0.5) * factor)
+    assert got.size_wh == size_wh
+
+
+def test_a_stated_crop_or_scale_is_done(camera: Camera) -> None:
+    cropped = fit_camera_to_video(camera, (1080, 1920), crop=(8, 0))
+    np.testing.assert_allclose(cropped.project(POINT), camera.project(POINT) - [8, 0])
+    scaled = fit_camera_to_video(camera, (1080, 1920), scale=True)
+    np.testing.assert_allclose(scaled.project(POINT)[1], camera.project(POINT)[1])
+    assert scaled.project(POINT)[0] == pytest.approx((camera.project(POINT)[0] + 0.5) * 1080 / 1088 - 0.5)
+
+
+def test_bars_show_that_the_image_was_resampled_and_padded(camera: Camera) -> None:
+    got = fit_camera_to_video(camera, (1080, 1920), image=letterboxed((1080, 1920), (0, 7, 0, 7)))
+    factor = 1080 / 1088
+    expected = (camera.project(POINT) + 0.5) * factor - 0.5 + [0, (1920 - factor * 1920) / 2]
+    np.testing.assert_allclose(got.project(POINT), expected)
+    assert got.size_wh == (1080, 1920)
+
+
+def test_bars_at_the_sides_and_on_one_side_only(camera: Camera) -> None:
+    pillars = fit_camera_to_video(camera, (1920, 960), image=letterboxed((1920, 960), (688, 0, 688, 0)))
+    np.testing.assert_allclose(pillars.project(POINT), (camera.project(POINT) + 0.5) / 2 - 0.5 + [688, 0])
+    below = fit_camera_to_video(camera, (544, 1000), image=letterboxed((544, 1000), (0, 0, 0, 40)))
+    np.testing.assert_allclose(below.project(POINT), (camera.project(POINT) + 0.5) / 2 - 0.5)
+
+
+@pytest.mark.parametrize("bars", [(0, 0, 0, 0), (0, 30, 0, 30), (20, 0, 20, 0)])
+def test_what_the_image_does_not_show_must_be_stated(camera: Camera, bars: tuple[int, int, int, int]) -> None:
+    with pytest.raises(CalibrationError, match=r"1080x1920 px, calibrated at 1088x1920 px.*crop = \[left, top\].*scale = true"):
+        fit_camera_to_video(camera, (1080, 1920), image=letterboxed((1080, 1920), bars))
+
+
+def test_wrong_statements(camera: Camera) -> None:
+    with pytest.raises(CalibrationError, match="expected left from 0 to 8 and top from 0 to 0"):
+        fit_camera_to_video(camera, (1080, 1920), crop=(9, 0))
+    with pytest.raises(CalibrationError, match="left from 0 to -12"):
+        fit_camera_to_video(camera, (1100, 1920), crop=(0, 0))
+    with pytest.raises(CalibrationError, match="expected crop or scale, got both"):
+        fit_camera_to_video(camera, (1080, 1920), crop=(0, 0), scale=True)
+    with pytest.raises(CalibrationError, match="turned by 90 degrees"):
+        fit_camera_to_video(camera, (1920, 1088))
+
+
+def test_bars_are_measured_through_blur() -> None:
+    image = letterboxed((200, 120), (0, 9, 0, 11)).astype(float)
+    blurred = np.stack([np.convolve(column, [0.2, 0.6, 0.2], "same") for column in image[..., 1].T]).T
+    assert black_bars(np.repeat(blurred[..., None], 3, axis=2).astype(np.uint8)) == (0, 9, 0, 11)
+    assert black_bars(np.zeros((40, 30, 3), np.uint8)) == (0, 0, 0, 0)
+
+
+def test_the_real_videos_are_letterboxed_not_cropped(shared_data: Path) -> None:
+    """cam01 and cam02 are 1080 px wide for a calibration of 1088: black bars above and below say how they were made."""
+    folder = shared_data / "pose2sim_single"
+    rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
+    for name, camera in zip(("cam01", "cam02"), rig, strict=False):
+        with av.open(str(folder / "videos" / f"{name}.mp4")) as container:
+            image = next(container.decode(video=0)).to_ndarray(format="rgb24")
+        assert black_bars(image) == (0, 7, 0, 7)
+        fitted = fit_camera_to_video(camera, (1080, 1920), image=image)
+        assert fitted.K[0, 0] / camera.K[0, 0] == pytest.approx(1080 / 1088)
+        assert fitted.K[1, 1] / camera.K[1, 1] == pytest.approx(1080 / 1088)
+        middle = fitted.cam_from_world.inverse() @ np.array([0, 0, 3.0])
+        np.testing.assert_allclose((fitted.project(middle) + 0.5)[1] - 960, (camera.K[1, 2] + 0.5 - 960) * 1080 / 1088, atol=1e-6)

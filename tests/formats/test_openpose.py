@@ -1,0 +1,123 @@
+"""OpenPose folders: orders told apart, missing stays missing, one clear error for what is broken."""
+
+import json
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, InputError
+from posefuse.formats.openpose import read_openpose_folder
+
+
+def person(skeleton_name: str, seed: int = 0) -> np.ndarray:
+    """(K, 3) somebody standing, in the order of a skeleton."""
+    skeleton = SKELETONS[skeleton_name]
+    heights = {
+        "ankle": 400,
+        "heel": 410,
+        "toe": 410,
+        "knee": 320,
+        "hip": 230,
+        "wrist": 240,
+        "elbow": 170,
+        "shoulder": 100,
+        "neck": 90,
+    }
+    rng = np.random.default_rng(seed)
+    rows = []
+    for name in skeleton.keypoints:
+        across = {"left": 40, "right": -40}.get(name.split("_")[0], 0) * (2.5 if "wrist" in name or "elbow" in name else 1)
+        height = next((value for part, value in heights.items() if part in name), 40)
+        rows.append([300 + across, height, 0.8])
+    return np.array(rows) + rng.normal(0, 1, (len(rows), 3)) * [2, 2, 0.01]
+
+
+def write(folder, number, people):
+    folder.mkdir(exist_ok=True)
+    content = {"version": 1.3, "people": [{"pose_keypoints_2d": np.ravel(p).tolist()} for p in people]}
+    (folder / f"cam1_{number:012d}_keypoints.json").write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("name", ["body_25", "body_25b", "coco17"])
+def test_the_order_is_told_from_the_people(tmp_path, name):
+    write(tmp_path, 0, [])
+    write(tmp_path, 1, [person(name), person(name, 1)])
+    folder = read_openpose_folder(tmp_path, "cam1")
+    assert folder.skeleton.name == name and len(folder) == 2
+    nobody, two = folder.frames(rate_hz=50)
+    assert len(nobody) == 0 and len(two) == 2
+    assert two.t_ns == 20_000_000 and two.camera == "cam1"
+    assert np.allclose(two.xy_img[1], person(name, 1)[:, :2], atol=1e-3)
+    assert (two.box_img[0, :2] <= two.xy_img[0].min(0)).all()
+
+
+def test_eighteen_points_become_coco17(tmp_path):
+    coco = person("coco17")
+    names = ["nose", "neck"] + [f"{s}_{p}" for s in ("right", "left") for p in ("shoulder", "elbow", "wrist")]
+    names += [f"{s}_{p}" for s in ("right", "left") for p in ("hip", "knee", "ankle")]
+    names += ["right_eye", "left_eye", "right_ear", "left_ear"]
+    index = SKELETONS["coco17"].index
+    eighteen = np.array([[1, 2, 0.5] if name == "neck" else coco[index(name)] for name in names])
+    write(tmp_path, 0, [eighteen])
+    folder = read_openpose_folder(tmp_path, "cam1")
+    assert folder.skeleton.name == "coco17"
+    assert np.allclose(folder.frame(0, 0).xy_img[0], coco[:, :2], atol=1e-3)
+
+
+def test_a_keypoint_of_score_0_is_missing_and_noise_grows_as_the_score_falls(tmp_path):
+    points = person("body_25")
+    points[4] = 0
+    points[5, 2], points[6, 2] = 0.9, 0.3
+    write(tmp_path, 0, [points, np.zeros((25, 3))])
+    seen = read_openpose_folder(tmp_path, "cam1").frame(0, 0)
+    assert len(seen) == 1
+    assert np.isnan(seen.xy_img[0, 4]).all() and seen.score[0, 4] == 0 and np.isnan(seen.sigma_px[0, 4])
+    assert seen.sigma_px[0, 6] == pytest.approx(3 * seen.sigma_px[0, 5], rel=1e-4)
+
+
+def test_a_frame_without_a_file_shows_nobody(tmp_path):
+    write(tmp_path, 3, [person("body_25")])
+    folder = read_openpose_folder(tmp_path, "cam1")
+    assert folder.numbers == (3,)
+    assert len(folder.frame(4, 99)) == 0 and folder.frame(4, 99).t_ns == 99
+
+
+def test_broken_files_are_named(tmp_path):
+    good = tmp_path / "good"
+    write(good, 0, [person("body_25")])
+    (good / "cam1_000000000001_keypoints.json").write_text('{"people": [')
+    folder = read_openpose_folder(good, "cam1", SKELETONS["body_25"])
+    with pytest.raises(InputError, match=r"000000000001_keypoints\.json: not readable JSON"):
+        folder.frame(1, 0)
+    (good / "cam1_000000000001_keypoints.json").write_text('{"persons": []}')
+    with pytest.raises(InputError, match="expected people"):
+        folder.frame(1, 0)
+    write(good, 1, [person("coco17")])
+    with pytest.raises(InputError, match=r"expected 25 keypoints \(body_25\), got a person with 17"):
+        folder.frame(1, 0)
+
+
+def test_folders_that_cannot_be_are_named(tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        read_openpose_folder(tmp_path / "nowhere", "cam1")
+    with pytest.raises(InputError, match=r"expected one \.json per frame"):
+        read_openpose_folder(tmp_path, "cam1")
+    write(tmp_path / "empty", 0, [])
+    with pytest.raises(InputError, match="camera cam1: no person"):
+        read_openpose_folder(tmp_path / "empty", "cam1")
+    assert len(read_openpose_folder(tmp_path / "empty", "cam1", SKELETONS["body_25"]).frame(0, 0)) == 0
+    write(tmp_path / "odd", 0, [np.ones((21, 3))])
+    with pytest.raises(InputError, match="17, 18 or 25 keypoints, got 21"):
+        read_openpose_folder(tmp_path / "odd", "cam1")
+    write(tmp_path / "twice", 0, [person("body_25")])
+    (tmp_path / "twice" / "x_0.json").write_text('{"people": []}')
+    with pytest.raises(InputError, match="same frame number 0"):
+        read_openpose_folder(tmp_path / "twice", "cam1")
+
+
+def test_real_files(shared_data):
+    folder = read_openpose_folder(shared_data / "pose2sim_single" / "openpose_json" / "cam01_json", "cam01")
+    assert folder.skeleton.name == "body_25b" and len(folder) == 100
+    seen = list(folder.frames(60))
+    assert sum(len(one) > 0 for one in seen) >= 98
+    assert max(len(one) for one in seen) >= 2

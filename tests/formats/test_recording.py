@@ -1,0 +1,83 @@
+"""The result folder gives every bit back, and says what is wrong with one that cannot be."""
+
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import InputError, PoseSequence, Recording, Rig, Skeleton
+from posefuse.formats.recording import read_recording, write_recording
+from posefuse.formats.rig import write_rig
+
+SKELETON = Skeleton("three", ("left_hip", "right_hip", "nose"), (("left_hip", "right_hip"),))
+
+
+@pytest.fixture
+def recording(ring_rig: Callable[..., Rig]) -> Recording:
+    rng = np.random.default_rng(0)
+    T, N, C, K = 5, 2, 4, 3
+    xyz = rng.normal(size=(T, N, K, 3))
+    xyz[1, 0, 2] = np.nan
+    poses = PoseSequence(
+        np.array([0, 10, 25, 30, 44]) * 1_000_003, SKELETON, np.array([3, 7]), xyz, rng.normal(size=(T, N, K, 3, 3)),
+        rng.normal(size=(T, N, K)), rng.integers(0, 5, (T, N, K)), rng.integers(0, 5, (T, N, K)),
+    )  # fmt: skip
+    views = rng.normal(size=(T, N, C, K, 2)), rng.uniform(size=(T, N, C, K)), rng.uniform(size=(T, N, C, K))
+    return Recording(ring_rig(C), poses, *views, {"version": "0.1.0", "config": {"fuse": {"weights": "all"}}, "note": "ü"})
+
+
+def test_every_bit_comes_back(tmp_path: Path, recording: Recording) -> None:
+    made = write_recording(tmp_path, recording)
+    assert sorted(path.name for path in made) == sorted(path.name for path in tmp_path.iterdir())
+    back = read_recording(tmp_path)
+    assert back.rig.id == recording.rig.id
+    assert back.rig.world_set_by == recording.rig.world_set_by
+    assert back.provenance == recording.provenance
+    assert back.poses.skeleton == SKELETON
+    for field in fields(PoseSequence):
+        if field.name != "skeleton":
+            got, wanted = getattr(back.poses, field.name), getattr(recording.poses, field.name)
+            assert got.dtype == wanted.dtype
+            np.testing.assert_array_equal(got, wanted)
+    for name in ("xy_img", "score", "sigma_px"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(recording, name))
+
+
+def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_rig: Callable[..., Rig]) -> None:
+    with pytest.raises(InputError, match=r"not a posefuse result: there is no recording\.json"):
+        read_recording(tmp_path)
+    write_recording(tmp_path, recording)
+    about = json.loads((tmp_path / "recording.json").read_text())
+
+    def problem(changed: dict) -> str:
+        (tmp_path / "recording.json").write_text(json.dumps(changed))
+        with pytest.raises(InputError) as caught:
+            read_recording(tmp_path)
+        return str(caught.value)
+
+    assert "format version: expected 1, got 2" in problem(about | {"format_version": 2})
+    assert "not a posefuse result" in problem({"a": 1})
+    assert "rig_id is missing" in problem({key: value for key, value in about.items() if key != "rig_id"})
+    assert "does not fit together" in problem(about | {"skeleton": about["skeleton"] | {"keypoints": ["a"], "bones": []}})
+    assert "incomplete" in problem(about | {"skeleton": {"name": "three"}})
+    (tmp_path / "recording.json").write_text("{")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_recording(tmp_path)
+    (tmp_path / "recording.json").write_text(json.dumps(about))
+    assert read_recording(tmp_path).rig.id == recording.rig.id
+    write_rig(tmp_path / "rig.toml", ring_rig(4, radius_m=3.0))
+    with pytest.raises(InputError, match=r"rig\.toml is rig .*, the result was made with rig"):
+        read_recording(tmp_path)
+    write_rig(tmp_path / "rig.toml", recording.rig)
+    (tmp_path / "recording.npz").write_bytes(b"PK broken")
+    with pytest.raises(InputError, match=r"recording\.npz: cannot be read"):
+        read_recording(tmp_path)
+
+
+def test_provenance_must_be_plain(tmp_path: Path, recording: Recording) -> None:
+    with pytest.raises(InputError, match="provenance: expected plain JSON values"):
+        write_recording(tmp_path, replace(recording, provenance={"path": tmp_path}))
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,211 @@
+"""Every rig format: round trips, agreement with independent readers and with real files."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from posefuse.core import SE3, CalibrationError, Camera, Rig
+from posefuse.formats.rig import RIG_FORMATS, read_rig, write_rig
+
+PLACES = {
+    "toml": ["rig.toml"],
+    "caliscope": ["camera_array.toml"],
+    "qualisys": ["rig.qca.txt"],
+    "opencv": ["rig.yaml", "rig.yml", "rig.json", "cameras"],
+    "ros": ["camera_info"],
+}
+EVERY_PLACE = [(name, place) for name, places in PLACES.items() for place in places]
+GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "files"
+
+
+def same_cameras(a: Rig, b: Rig, atol: float = 1e-12) -> None:
+    assert a.names == b.names
+    for one, other in zip(a, b, strict=True):
+        assert one.size_wh == other.size_wh
+        assert one.model == other.model
+        assert one.readout_s == other.readout_s
+        np.testing.assert_allclose(one.K, other.K, rtol=1e-14)
+        np.testing.assert_allclose(one.cam_from_world.matrix4(), other.cam_from_world.matrix4(), atol=atol)
+        points = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.7]])
+        np.testing.assert_allclose(one.project(points), other.project(points), atol=1e-6)
+
+
+@st.composite
+def rigs(draw: st.DrawFn, fisheye: bool = True, lens_counts: tuple[int, ...] = (0, 4, 5, 8, 12, 14)) -> Rig:
+    """Rigs with every lens, skew, a rolling shutter and awkward names."""
+    seed = draw(st.integers(0, 2**32 - 1))
+    rng = np.random.default_rng(seed)
+    cameras = []
+    for i in range(draw(st.integers(1, 4))):
+        is_fisheye = fisheye and draw(st.booleans())
+        count = 4 if is_fisheye else draw(st.sampled_from(lens_counts))
+        K = np.array(
+            [[rng.uniform(300, 2000), rng.normal(), rng.uniform(100, 900)], [0, rng.uniform(300, 2000), 377.7], [0, 0, 1]]
+        )
+        pose = SE3(rng.normal(size=4), rng.normal(size=3) * 5)
+        lens = rng.normal(size=count) * 0.02
+        cameras.append(Camera(f"cam_{i}", (1280, 720 + i), K, pose, lens, "fisheye" if is_fisheye else "pinhole"))
+    return Rig(tuple(cameras), world_set_by='a test: "quoted"', residual_px=draw(st.sampled_from([float("nan"), 0.375])))
+
+
+@pytest.mark.parametrize(("format", "place"), EVERY_PLACE)
+@given(data=st.data())
+@hypothesis_settings(max_examples=12, deadline=None)
+def test_written_rigs_come_back(tmp_path_factory: pytest.TempPathFactory, format: str, place: str, data: st.DataObject) -> None:
+    rig = data.draw(rigs(False, (0, 4, 5)) if format == "qualisys" else rigs())
+    path = tmp_path_factory.mktemp("rig") / place
+    write_rig(path, rig, format)
+    back = read_rig(path)
+    assert back.id == rig.id
+    same_cameras(back, rig)
+    assert back.world_set_by == rig.world_set_by
+    np.testing.assert_equal(back.residual_px, rig.residual_px)
+
+
+def test_every_format_is_tested() -> None:
+    assert set(PLACES) == set(RIG_FORMATS)
+
+
+@pytest.mark.parametrize(("format", "place"), [entry for entry in EVERY_PLACE if entry[0] != "qualisys"])
+def test_a_rolling_shutter_is_kept(tmp_path: Path, ring_rig: Callable[..., Rig], format: str, place: str) -> None:
+    rig = Rig(tuple(replace(camera, readout_s=0.0123) for camera in ring_rig(3)))
+    write_rig(tmp_path / place, rig, format)
+    assert [camera.readout_s for camera in read_rig(tmp_path / place)] == [0.0123] * 3
+
+
+@pytest.mark.parametrize(("format", "place"), [entry for entry in EVERY_PLACE if entry[0] != "caliscope"])
+def test_awkward_names_and_orders_survive(tmp_path: Path, ring_rig: Callable[..., Rig], format: str, place: str) -> None:
+    new = ("metadata", 'left "front"', "left/front/", "Kamera 3 ü.", "1", "cam_metadata")
+    rig = ring_rig(6).renamed({f"cam{i:02d}": name for i, name in enumerate(new)})
+    write_rig(tmp_path / place, rig, format)
+    assert read_rig(tmp_path / place).names == new
+    assert read_rig(tmp_path / place).id == rig.id
+
+
+def test_toml_has_what_anipose_and_pose2sim_need(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
+    write_rig(tmp_path / "rig.toml", rig)
+    tables = tomllib.loads((tmp_path / "rig.toml").read_text())
+    assert list(tables) == ["cam00", "cam01", "cam02", "metadata"]
+    assert set(tables["cam01"]) >= {"name", "size", "matrix", "distortions", "rotation", "translation", "fisheye"}
+    assert tables["cam01"]["size"] == [640, 480]
+    assert np.shape(tables["cam01"]["rotation"]) == (3,)
+    assert set(tables["metadata"]) >= {"adjusted", "error"}
+
+
+def test_a_rotation_vector_turns_as_opencv_says(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    cv2 = pytest.importorskip("cv2")
+    rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
+    write_rig(tmp_path / "rig.toml", rig)
+    table = tomllib.loads((tmp_path / "rig.toml").read_text())["cam01"]
+    points = np.array([[0.3, -0.2, 1.1], [0.5, 0.4, 0.2]])
+    parts = (np.array(table[key], float) for key in ("rotation", "translation", "matrix", "distortions"))
+    seen, _ = cv2.projectPoints(points, *parts)
+    np.testing.assert_allclose(seen[:, 0], rig["cam01"].project(points), atol=1e-6)
+
+
+@pytest.mark.parametrize("place", ["rig.yaml", "rig.json"])
+def test_opencv_reads_our_files(tmp_path: Path, ring_rig: Callable[..., Rig], place: str) -> None:
+    cv2 = pytest.importorskip("cv2")
+    rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002, 0.03))
+    write_rig(tmp_path / place, rig, "opencv")
+    storage = cv2.FileStorage(str(tmp_path / place), cv2.FILE_STORAGE_READ)
+    for camera in rig:
+        node = storage.getNode(camera.name)
+        np.testing.assert_allclose(node.getNode("camera_matrix").mat(), camera.K, rtol=1e-14)
+        np.testing.assert_allclose(node.getNode("distortion_coefficients").mat().ravel(), camera.distortion)
+        np.testing.assert_allclose(node.getNode("R").mat(), camera.cam_from_world.matrix(), atol=1e-15)
+        assert int(node.getNode("image_width").real()) == 640
+
+
+@pytest.mark.parametrize("ending", ["yaml", "json"])
+def test_we_read_opencvs_files(tmp_path: Path, ring_rig: Callable[..., Rig], ending: str) -> None:
+    cv2 = pytest.importorskip("cv2")
+    rig = ring_rig(3, distortion=(1e-5, -0.05, 1e-7, 0.002, 0.03))
+    (tmp_path / "cameras").mkdir()
+    for camera in rig:
+        storage = cv2.FileStorage(str(tmp_path / "cameras" / f"{camera.name}.{ending}"), cv2.FILE_STORAGE_WRITE)
+        storage.write("image_width", camera.size_wh[0])
+        storage.write("image_height", camera.size_wh[1])
+        storage.write("cameraMatrix", camera.K)
+        storage.write("distCoeffs", camera.distortion.reshape(1, 5))
+        storage.write("rvec", camera.cam_from_world.rotvec().reshape(3, 1))
+        storage.write("tvec", camera.cam_from_world.xyz.reshape(3, 1))
+        storage.release()
+    assert read_rig(tmp_path / "cameras").id == rig.id
+
+
+def test_ros_files_are_what_ros_tools_write(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
+    write_rig(tmp_path / "info", rig, "ros")
+    content = yaml.safe_load((tmp_path / "info" / "cam01.yaml").read_text())
+    assert content["distortion_model"] == "plumb_bob"
+    assert content["distortion_coefficients"]["cols"] == 5
+    assert content["camera_matrix"] == {"rows": 3, "cols": 3, "data": rig["cam01"].K.ravel().tolist()}
+    assert content["projection_matrix"]["cols"] == 4
+    tf = content["tf"]["transform"]
+    np.testing.assert_allclose([tf["translation"][axis] for axis in "xyz"], rig["cam01"].centre_world)
+
+
+def test_qualisys_cannot_hold_everything(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    camera = ring_rig(1).cameras[0]
+    for changed in (replace(camera, readout_s=0.01), replace(camera, distortion=np.full(8, 0.01))):
+        with pytest.raises(CalibrationError, match=r"camera cam00: a Qualisys file cannot hold .*write a \.toml"):
+            write_rig(tmp_path / "rig.qca.txt", Rig((changed,)), "qualisys")
+    assert not list(tmp_path.iterdir())
+
+
+def test_pose2sims_toml_and_qualisys_original_are_one_rig(shared_data: Path) -> None:
+    folder = shared_data / "pose2sim_single" / "calibration"
+    toml, original = read_rig(folder / "Calib_qualisys.toml"), read_rig(folder / "Calib.qca.txt")
+    for one, other in zip(toml, original, strict=True):
+        assert one.size_wh == other.size_wh
+        np.testing.assert_allclose(one.K, other.K, rtol=1e-12)
+        np.testing.assert_allclose(one.cam_from_world.matrix4(), other.cam_from_world.matrix4(), atol=1e-12)
+        # Pose2Sim divides the distortion by 64 as well; the board test below says which is right
+        np.testing.assert_allclose(one.distortion * 64, other.distortion, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_qualisys_distortion_is_what_a_board_shows(shared_data: Path) -> None:
+    """Calibrating from photographs through the same lenses gives the file's coefficients, not a 64th of them."""
+    import cv2
+
+    folder = shared_data / "pose2sim_single" / "calibration"
+    rig = read_rig(folder / "Calib.qca.txt")
+    board = np.zeros((28, 3), np.float32)
+    board[:, :2] = np.mgrid[0:7, 0:4].T.reshape(-1, 2) * 0.06
+    for name in ("cam02", "cam03", "cam04"):
+        corners = []
+        for path in sorted((folder / "intrinsics" / f"int_{name}_img").glob("*.jpg")):
+            found, xy = cv2.findChessboardCornersSB(cv2.imread(str(path), 0), (7, 4), flags=cv2.CALIB_CB_EXHAUSTIVE)
+            corners += [xy] if found else []
+        flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_PRINCIPAL_POINT
+        _, _, lens, _, _ = cv2.calibrateCamera(
+            [board] * len(corners), corners, rig[name].size_wh, rig[name].K.copy(), np.zeros(4), flags=flags
+        )
+        np.testing.assert_allclose(lens.ravel()[0], rig[name].distortion[0], atol=0.01)
+        np.testing.assert_allclose(lens.ravel()[1], rig[name].distortion[1], atol=0.03)
+
+
+def test_caliscopes_own_file(shared_data: Path) -> None:
+    rig = read_rig(shared_data / "caliscope" / "post_optimization" / "camera_array.toml")
+    assert rig.names == ("cam_0", "cam_1", "cam_2", "cam_3")
+    np.testing.assert_allclose(rig["cam_2"].cam_from_world.xyz, [-0.23847883889454596, 0.18461082840729343, 1.1682943900670697])
+    assert rig["cam_0"].distortion[4] == 0.0665682301495769
+
+
+@pytest.mark.parametrize("path", sorted(GOLDEN.glob("rig*")) + [GOLDEN / "camera_array.toml"], ids=lambda path: path.name)
+def test_golden_files_still_read_as_they_did(path: Path) -> None:
+    facts = json.loads((GOLDEN / "facts.json").read_text())
+    same_cameras(read_rig(path), read_rig(GOLDEN / "rig.toml"), atol=1e-9)
+    assert read_rig(path).id == facts["rig_id"]

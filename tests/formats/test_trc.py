@@ -1,0 +1,139 @@
+"""TRC: round trips, real files of others, and files that are wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from posefuse.core import InputError, ShapeError
+from posefuse.formats.trc import TrcData, read_trc, write_trc
+
+GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "files" / "pose.trc"
+
+
+def some_points(times: int = 5, markers: int = 3, seed: int = 0) -> TrcData:
+    rng = np.random.default_rng(seed)
+    xyz = rng.normal(size=(times, markers, 3)) * [1, 2, 3]
+    xyz[times // 2, 0] = np.nan
+    return TrcData(tuple(f"marker {k}" for k in range(markers)), np.arange(times) / 120 + 0.5, xyz, 120.0)
+
+
+@given(times=st.integers(1, 6), markers=st.integers(1, 12), seed=st.integers(0, 10**6), units=st.sampled_from(["m", "mm"]))
+@hypothesis_settings(max_examples=30, deadline=None)
+def test_round_trip(tmp_path_factory: pytest.TempPathFactory, times: int, markers: int, seed: int, units: str) -> None:
+    data = some_points(times, markers, seed)
+    path = tmp_path_factory.mktemp("trc") / "a.trc"
+    write_trc(path, data, units)
+    back = read_trc(path)
+    assert back.names == data.names
+    assert back.rate_hz == data.rate_hz
+    np.testing.assert_allclose(back.t_s, data.t_s, atol=1e-6)
+    np.testing.assert_allclose(back.xyz_world, data.xyz_world, atol=1e-7)
+
+
+def test_axes_are_turned_at_the_door(tmp_path: Path) -> None:
+    data = TrcData(("a", "b"), np.array([0.0]), np.array([[[1.0, 2.0, 3.0], [-4.0, -5.0, -6.0]]]), 60.0)
+    write_trc(tmp_path / "a.trc", data, "mm")
+    cells = (tmp_path / "a.trc").read_text().splitlines()[6].split("\t")
+    # Y of the file is up: our Z
+    assert [float(cell) for cell in cells[2:5]] == [2000, 3000, 1000]
+
+
+def test_the_header_is_opensims(tmp_path: Path) -> None:
+    write_trc(tmp_path / "a.trc", some_points())
+    lines = (tmp_path / "a.trc").read_text().splitlines()
+    assert lines[0] == "PathFileType\t4\t(X/Y/Z)\ta.trc"
+    assert lines[2].split("\t") == ["120", "120", "5", "3", "m", "120", "1", "5"]
+    assert lines[3] == "Frame#\tTime\tmarker 0\t\t\tmarker 1\t\t\tmarker 2\t\t"
+    assert lines[4] == "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3"
+    assert lines[5] == ""
+    assert lines[8].split("\t")[2:5] == ["", "", ""]
+
+
+def test_opensim_reads_it(tmp_path: Path) -> None:
+    opensim = pytest.importorskip("opensim")
+    data = some_points()
+    write_trc(tmp_path / "a.trc", data, "mm")
+    table = opensim.TimeSeriesTableVec3(str(tmp_path / "a.trc"))
+    assert list(table.getColumnLabels()) == list(data.names)
+    row = table.getRowAtIndex(1)
+    np.testing.assert_allclose([row[1][i] / 1000 for i in range(3)], data.xyz_world[1, 1, [1, 2, 0]], atol=1e-6)
+    assert np.isnan(table.getRowAtIndex(2)[0][0])
+
+
+def test_real_references(shared_data: Path, tmp_path: Path) -> None:
+    files = sorted((shared_data / "pose2sim_single" / "reference").glob("*.trc"))
+    assert len(files) == 3
+    for path in files:
+        data = read_trc(path)
+        assert data.rate_hz == 60
+        assert data.xyz_world.shape == (100, len(data.names), 3)
+        heights = data.xyz_world[:, data.names.index("Nose"), 2]
+        assert 1.0 < heights.min() < heights.max() < 2.0
+        write_trc(tmp_path / "a.trc", data)
+        np.testing.assert_allclose(read_trc(tmp_path / "a.trc").xyz_world, data.xyz_world, atol=1e-7)
+
+
+def test_golden() -> None:
+    data = read_trc(GOLDEN)
+    assert data.names == ("left_hip", "right_hip")
+    np.testing.assert_array_equal(data.xyz_world[2, 1], [1.875, 2.0, 2.125])
+    assert np.isnan(data.xyz_world[1, 0]).all()
+
+
+def test_tabs_of_other_writers(tmp_path: Path) -> None:
+    write_trc(tmp_path / "a.trc", some_points())
+    lines = (tmp_path / "a.trc").read_text().splitlines()
+    odd = [*lines[:3], lines[3] + "\t\t\t", lines[4] + "\t", *[line + "\t\t" for line in lines[6:]], "", ""]
+    (tmp_path / "b.trc").write_bytes("\r\n".join(odd).encode())
+    np.testing.assert_array_equal(read_trc(tmp_path / "b.trc").xyz_world, read_trc(tmp_path / "a.trc").xyz_world)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("PathFileType", "Path", "not a TRC file"),
+        ("\tm\t", "\tinch\t", "units: expected one of m, mm, cm, got 'inch'; state them"),
+        ("DataRate", "Rate", "line 2: DataRate is missing"),
+        ("\t3\tm", "\t4\tm", "line 4: expected NumMarkers = 4 names, got 3"),
+        ("\n120\t", "\nfast\t", "DataRate: expected a number of Hz > 0, got 'fast'"),
+        ("\n2\t", "\n2\tx", "line 8: could not convert"),
+        ("\n2\t", "\n2\t1\t1\t", "line 8: expected 11 cells, got 13"),
+        ("\n2\t0.508333", "\n2\t", "line 8: expected a time, got ''"),
+    ],
+)
+def test_bad_files(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "a.trc"
+    write_trc(path, some_points())
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        read_trc(path)
+    assert str(path) in str(caught.value)
+
+
+def test_units_that_cannot_be(tmp_path: Path) -> None:
+    path = tmp_path / "a.trc"
+    data = some_points()
+    write_trc(path, data, "mm")
+    text = path.read_text()
+    path.write_text(text.replace("\tmm\t", "\tm\t", 1))
+    with pytest.raises(InputError, match=r"units 'm' .*units='mm'"):
+        read_trc(path)
+    np.testing.assert_allclose(read_trc(path, units="mm").xyz_world, data.xyz_world, atol=1e-7)
+    write_trc(path, data, "m")
+    path.write_text(path.read_text().replace("\tm\t", "\tmm\t", 1))
+    with pytest.raises(InputError, match=r"units 'mm' .*units='m'"):
+        read_trc(path)
+
+
+def test_names_and_shapes(tmp_path: Path) -> None:
+    with pytest.raises(ShapeError, match="2 names for 3 points"):
+        TrcData(("a", "b"), np.zeros(1), np.zeros((1, 3, 3)), 60.0)
+    with pytest.raises(InputError, match="must not be empty or hold tabs"):
+        write_trc(tmp_path / "a.trc", TrcData(("a\tb",), np.zeros(1), np.zeros((1, 1, 3)), 60.0))
+    assert not list(tmp_path.iterdir())

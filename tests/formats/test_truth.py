@@ -1,0 +1,67 @@
+"""The truth file: what is written is read, byte for byte the same for the same values."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, CameraTruth, InputError, Joints, Truth
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.formats.truth import read_truth, write_truth
+
+
+def _truth(ring_rig, joints: bool = True) -> Truth:
+    rng = np.random.default_rng(4)
+    rig = ring_rig(3, distortion=(-0.2, 0.05, 0.001, 0.002))
+    t_ns, frames = np.arange(5) * 40_000_000, (4, 6, 5)
+    views = tuple(
+        CameraTruth(name, np.arange(f) * 30_000_000 + 7, rng.uniform(0, 600, (f, 2, 23, 2)), rng.random((f, 2, 23)) > 0.5)
+        for name, f in zip(rig.names, frames, strict=True)
+    )
+    pose = SE3.from_rotvec(rng.normal(size=(5, 2, 4, 3)), rng.normal(size=(5, 2, 4, 3)))
+    angles = Joints(
+        t_ns, [3, 8], ("pelvis", "thigh", "shank", "foot"), pose, ("hip", "knee", "ankle"),
+        (("flexion", "adduction", "rotation"),) * 3, rng.normal(size=(5, 2, 3, 3)), np.zeros((5, 2, 3, 3)),
+    )  # fmt: skip
+    return Truth(rig, t_ns, ANATOMICAL23, [3, 8], rng.normal(size=(5, 2, 23, 3)), views, angles if joints else None)
+
+
+def test_read_gives_what_was_written(tmp_path: Path, ring_rig):
+    truth = _truth(ring_rig)
+    write_truth(tmp_path / "truth.npz", truth)
+    back = read_truth(tmp_path / "truth.npz")
+    assert back.rig.id == truth.rig.id and back.skeleton == truth.skeleton and back.rig.world_set_by == truth.rig.world_set_by
+    for name in ("t_ns", "person_id", "xyz_world"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(truth, name))
+    for a, b in zip(back.views, truth.views, strict=True):
+        np.testing.assert_array_equal(a.t_ns, b.t_ns)
+        np.testing.assert_array_equal(a.xy_img, b.xy_img)
+        np.testing.assert_array_equal(a.visible, b.visible)
+    assert (back.joints.segments, back.joints.joints) == (truth.joints.segments, truth.joints.joints)
+    assert back.joints.angle_names == truth.joints.angle_names
+    np.testing.assert_array_equal(back.joints.angle_rad, truth.joints.angle_rad)
+    np.testing.assert_allclose(back.joints.world_from_segment.wxyz, truth.joints.world_from_segment.wxyz, atol=1e-15)
+
+
+def test_without_joints(tmp_path: Path, ring_rig):
+    write_truth(tmp_path / "truth.npz", _truth(ring_rig, joints=False))
+    assert read_truth(tmp_path / "truth.npz").joints is None
+
+
+def test_same_values_same_bytes(tmp_path: Path, ring_rig):
+    for name in ("a.npz", "b.npz"):
+        write_truth(tmp_path / name, _truth(ring_rig))
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_other_files_are_refused_by_name(tmp_path: Path):
+    (tmp_path / "text.npz").write_text("no archive")
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    for name in ("text.npz", "other.npz", "missing.npz"):
+        with pytest.raises(InputError, match=name):
+            read_truth(tmp_path / name)
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path, ring_rig):
+    with pytest.raises(InputError, match="nowhere"):
+        write_truth(tmp_path / "nowhere" / "truth.npz", _truth(ring_rig))

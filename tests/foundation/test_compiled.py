@@ -1,0 +1,57 @@
+"""Kernels on disk go with the text of all kernel files, and nothing is lost where there is no place for them."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import posefuse
+from posefuse.foundation.compiled import fingerprint, kernel_files
+
+PACKAGE = Path(posefuse.__file__).parent
+USE = """
+import numpy as np
+from posefuse.tracking.smooth_kernels import inverse3
+out = np.empty((3, 3))
+inverse3(np.diag([1.0, 2.0, 4.0]), out)
+assert np.allclose(np.diag(out), [1.0, 0.5, 0.25])
+"""
+
+
+def use(cache: Path) -> None:
+    subprocess.run([sys.executable, "-c", USE], check=True, env={"POSEFUSE_CACHE": str(cache)})
+
+
+def test_kernels_stand_only_where_their_changes_are_noticed() -> None:
+    with_kernels = {path for path in PACKAGE.rglob("*.py") if re.search(r"^@(\w*kernel|njit|numba)\b", path.read_text(), re.M)}
+    assert len(with_kernels) >= 5
+    assert with_kernels <= set(kernel_files())
+
+
+def test_a_change_of_any_kernel_file_starts_anew(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "kernels").mkdir()
+    files = [tmp_path / "a" / "kernels.py", tmp_path / "a" / "kernels" / "lens.py", tmp_path / "a" / "fast_kernels.py"]
+    for path in files:
+        path.write_text("x = 1")
+    (tmp_path / "a" / "plain.py").write_text("x = 1")
+    assert kernel_files(tmp_path) == sorted(files)
+    seen = {fingerprint(files)}
+    for path in files:
+        path.write_text("x = 2")
+        seen.add(fingerprint(files))
+    assert len(seen) == 4
+
+
+def test_compiled_forms_are_kept_in_the_users_cache_and_few_old_ones(tmp_path: Path) -> None:
+    for old in range(9):
+        (tmp_path / "kernels" / f"old{old}").mkdir(parents=True)
+    use(tmp_path)
+    folder = tmp_path / "kernels" / fingerprint(kernel_files())
+    assert list(folder.rglob("*inverse3*.nbi"))
+    assert len(list((tmp_path / "kernels").iterdir())) == 4
+
+
+def test_no_place_to_keep_them_is_no_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    use(tmp_path / "file")

@@ -1,0 +1,166 @@
+"""Against a real roscore, in a network namespace that has nothing but loopback."""
+
+import json
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import DependencyError, InputError
+from posefuse.messages import ros1
+from posefuse.messages.ros_output import Health, RosOutput
+from posefuse.messages.topics import Several
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(scope="session")
+def ros1_python():
+    """(the interpreter ROS 1 runs with, the folder its modules are in)."""
+    roscore = shutil.which("roscore")
+    if roscore is None:
+        pytest.skip("ROS 1 is not installed (Debian: ros-base python3-rospy python3-tf2-ros python3-rosbag)")
+    python = Path(roscore).resolve().read_text().splitlines()[0].removeprefix("#!").split()[-1]
+    ask = "import rospy, rosbag, tf2_ros, os; print(os.path.dirname(os.path.dirname(rospy.__file__)))"
+    answer = subprocess.run([python, "-c", ask], capture_output=True, text=True)
+    if answer.returncode:
+        pytest.skip(f"ROS 1 is not complete: {answer.stderr.strip().splitlines()[-1]}")
+    return python, answer.stdout.strip()
+
+
+@pytest.fixture
+def alone(tmp_path):
+    """Starts programs in a namespace with only loopback; ends them all."""
+    if os.geteuid() != 0 or shutil.which("ip") is None:
+        pytest.skip("network namespaces need root and `ip` (Debian: iproute2)")
+    name = f"pfros{os.getpid()}"
+    made = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True)
+    if made.returncode:
+        pytest.skip(f"no network namespaces ({made.stderr.strip()})")
+    subprocess.run(["ip", "-n", name, "link", "set", "lo", "up"], check=True)
+    ros = {
+        "ROS_MASTER_URI": "http://127.0.0.1:11311",
+        "ROS_IP": "127.0.0.1",
+        "ROS_HOME": str(tmp_path),
+        "ROS_LOG_DIR": str(tmp_path),
+    }
+    running = []
+
+    def start(*command):
+        process = subprocess.Popen(
+            ["ip", "netns", "exec", name, *map(str, command)],
+            env=os.environ | ros,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        running.append(process)
+        return process
+
+    yield start
+    for process in reversed(running):
+        process.terminate()
+    for process in running:
+        process.communicate(timeout=20)
+    subprocess.run(["ip", "netns", "del", name], check=True)
+
+
+@pytest.fixture
+def pose_file(tmp_path, standing, ring_rig):
+    path = tmp_path / "pose.pickle"
+    path.write_bytes(pickle.dumps((standing(left_wrist=(0.25, 0.2, 1.1)), ring_rig(2))))
+    return path
+
+
+def test_plain_ros1_sees_tf_joints_cameras_and_diagnostics(alone, ros1_python, pose_file, ring_rig):
+    python, modules = ros1_python
+    alone("roscore")
+    deadline = time.monotonic() + 30
+    ready = "import rosgraph, sys; sys.exit(not rosgraph.is_master_online())"
+    while alone(python, "-c", ready).wait(20) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    alone(sys.executable, HERE / "ros1_talker.py", modules, pose_file)
+    out, err = alone(python, HERE / "ros1_listener.py").communicate(timeout=90)
+    assert out, err
+    found = json.loads(out)
+    np.testing.assert_allclose(found["tf"]["l_wrist_p1"][:3], [0.25, 0.2, 1.1], atol=1e-9)
+    camera = ring_rig(2)["cam01"]
+    np.testing.assert_allclose(found["tf"]["cam01_optical_frame"][:3], camera.centre_world, atol=1e-9)
+    assert found["joints"]["l_elbow_p1"] == pytest.approx(np.pi / 2)
+    assert found["stamp_ns"] == 5_000_000_000
+    np.testing.assert_array_equal(np.reshape(found["K"], (3, 3)), camera.K)
+    assert found["distortion_model"] == "plumb_bob"
+    # as `rosmsg md5 diagnostic_msgs/DiagnosticArray` prints it
+    assert found["diagnostics"] == [1, "60810da900de1dd6ddd437c3503511da"]
+    assert found["topics"]["/posefuse/markers"] == "visualization_msgs/MarkerArray"
+    assert found["topics"]["/humans/bodies/tracked"] == "hri_msgs/IdsList"
+
+
+def test_without_a_master_it_says_so(alone, ros1_python, pose_file):
+    out, err = alone(sys.executable, HERE / "ros1_talker.py", ros1_python[1], pose_file).communicate(timeout=60)
+    assert "SourceError ROS 1: no master answers at http://127.0.0.1:11311" in out, err
+
+
+def test_without_rospy_it_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosgraph", None)
+    with pytest.raises(DependencyError, match="python3-rospy"):
+        ros1.Ros1Node("x")
+
+
+def test_real_rosbag_reads_the_bag(tmp_path, ros1_python, standing, ring_rig):
+    path = tmp_path / "a.bag"
+    with ros1.BagRecorder(path) as recorder:
+        output = RosOutput(recorder, ring_rig(2, distortion=(0.1, 0.2, 0.3, 0.4)))
+        output.start(1_000_000_000)
+        output.step(standing())
+        output.diagnose(6_000_000_000, [Health("camera a", 2, "gone", {"age": "3 s"})])
+    program = (
+        "import json, rosbag, sys\n"
+        "bag = rosbag.Bag(sys.argv[1])\n"
+        "found = {topic: (msg, t.to_nsec()) for topic, msg, t in bag.read_messages()}\n"
+        "tf, t = found['/tf']; info = found['/posefuse/cam00/camera_info'][0]\n"
+        "skeleton = found['/humans/bodies/p1/skeleton2d'][0]\n"
+        "print(json.dumps([tf.transforms[0].child_frame_id, t, list(info.D), len(skeleton.skeleton),\n"
+        "      found['/posefuse/markers'][0].markers[2].text, found['/diagnostics'][0].status[0].values[0].value,\n"
+        "      found['/posefuse/pose'][0].skeleton]))\n"
+    )
+    run = subprocess.run([ros1_python[0], "-c", program, str(path)], capture_output=True, text=True)
+    assert run.stdout, run.stderr
+    assert json.loads(run.stdout) == ["body_p1", 5_000_000_000, [0.1, 0.2, 0.3, 0.4, 0.0], 18, "1", "3 s", "coco17"]
+
+
+CHECKSUMS = {
+    "hri_msgs/msg/IdsList": "84a63f55b5676f78b625e8a8bb809fe5",
+    "tf2_msgs/msg/TFMessage": "94810edda583a504dfda3829e70d7eec",
+    "sensor_msgs/msg/JointState": "3066dcd76a6cfaef579bd0f34173e9fd",
+    "sensor_msgs/msg/CameraInfo": "c9a58c1b0b154e0e6da7578cb991d214",
+    "visualization_msgs/msg/MarkerArray": "d155b9ce5188fbaf89745847fd5882d7",
+}
+
+
+@pytest.mark.parametrize("type_name", CHECKSUMS)
+def test_types_have_the_checksums_ros1_programs_expect(type_name):
+    assert ros1.ros1_types().generate_msgdef(type_name)[1] == CHECKSUMS[type_name]
+
+
+def test_several_outlets_get_the_same(tmp_path, kept, standing):
+    with ros1.BagRecorder(tmp_path / "a.bag") as recorder:
+        RosOutput(Several([kept, recorder])).step(standing())
+    from rosbags.rosbag1 import Reader
+
+    with Reader(tmp_path / "a.bag") as reader:
+        assert [c.topic for c, _, _ in reader.messages()] == [s.topic.name for s in kept.sent]
+
+
+def test_a_bag_is_never_written_over(tmp_path):
+    (tmp_path / "a.bag").write_bytes(b"x")
+    with pytest.raises(InputError, match="is there already"):
+        ros1.BagRecorder(tmp_path / "a.bag")
+    with pytest.raises(InputError, match="cannot be written"):
+        ros1.BagRecorder(tmp_path / "no" / "a.bag")

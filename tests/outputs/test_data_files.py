@@ -1,0 +1,128 @@
+"""Outputs of numbers, each read back by a reader that is not ours where there is one."""
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from posefuse import __version__
+from posefuse.core import InputError, PoseSequence, Recording, Sink
+from posefuse.formats.c3d import read_c3d
+from posefuse.formats.trc import read_trc
+from posefuse.outputs.c3d import C3dSink
+from posefuse.outputs.json import JsonSink
+from posefuse.outputs.tables import CsvSink, ParquetSink
+from posefuse.outputs.trc import TrcSink
+
+Make = Callable[..., Recording]
+
+
+@pytest.mark.parametrize("sink", [TrcSink(), C3dSink(), CsvSink(), ParquetSink(), JsonSink()], ids=lambda sink: sink.name)
+def test_they_keep_the_promise_of_a_sink(tmp_path: Path, make_recording: Make, sink: TrcSink) -> None:
+    built = sink.build()
+    assert isinstance(built, Sink)
+    made = built.write(make_recording(), tmp_path)
+    assert made == sorted(tmp_path.iterdir())
+
+
+def test_trc(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording(people=(4, 9))
+    for units in ("m", "mm"):
+        paths = TrcSink(units=units).write(recording, tmp_path)
+        assert [path.name for path in paths] == ["pose_person4.trc", "pose_person9.trc"]
+        for n, path in enumerate(paths):
+            data = read_trc(path)
+            assert data.rate_hz == pytest.approx(25)
+            np.testing.assert_allclose(data.t_s, recording.poses.t_ns / 1e9, atol=1e-6)
+            np.testing.assert_allclose(data.xyz_world, recording.poses.xyz_world[:, n], atol=1e-7)
+
+
+def test_c3d(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording()
+    [path] = C3dSink().write(recording, tmp_path)
+    data = read_c3d(path)
+    np.testing.assert_allclose(data.xyz_world, recording.poses.xyz_world[:, 0], atol=1e-6)
+    # root of the mean variance of 1, 4, 9 square centimetres
+    np.testing.assert_allclose(data.sigma_m[0], np.sqrt(14e-4 / 3), atol=1e-4)
+    assert data.about["RIG_ID"] == recording.rig.id
+    assert json.loads(data.about["PROVENANCE"])["config"] == {"fuse": "all"}
+    assert ezc3d.c3d(str(path))["parameters"]["POINT"]["RATE"]["value"][0] == pytest.approx(25)
+
+
+def test_c3d_refuses_uneven_times(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording()
+    t_ns = recording.poses.t_ns.copy()
+    t_ns[3:] += 20_000_000
+    uneven = replace(recording, poses=replace(recording.poses, t_ns=t_ns))
+    with pytest.raises(InputError, match=r"evenly spaced .* 0\.5 periods off 25 Hz: set rate_hz"):
+        C3dSink().write(uneven, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording(people=(4, 9))
+    [path] = CsvSink().write(recording, tmp_path)
+    comment, *lines = path.read_text().splitlines()
+    about = json.loads(comment.removeprefix("# posefuse "))
+    assert about["version"] == __version__
+    assert about["rig_id"] == recording.rig.id
+    rows = list(csv.DictReader(lines))
+    assert len(rows) == 7 * 2 * 5
+    row = rows[(3 * 2 + 1) * 5 + 2]
+    assert (row["t_s"], row["person"], row["keypoint"], row["kind"]) == ("2.12", "9", "right_shoulder", "fused")
+    np.testing.assert_array_equal([float(row[f"{axis}_m"]) for axis in "xyz"], recording.poses.xyz_world[3, 1, 2])
+    gone = rows[3 * 2 * 5]
+    assert (gone["x_m"], gone["sigma_m"], gone["reproj_px"], gone["n_views"], gone["kind"]) == ("", "", "", "0", "missing")
+
+
+def test_parquet_equals_csv_and_carries_provenance(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording(people=(4, 9))
+    [csv_path], [parquet_path] = (sink.write(recording, tmp_path) for sink in (CsvSink(), ParquetSink()))
+    table = pyarrow.parquet.read_table(parquet_path)
+    assert json.loads(table.schema.metadata[b"posefuse"])["config"] == {"fuse": "all"}
+    text = pyarrow.csv.read_csv(csv_path, pyarrow.csv.ReadOptions(skip_rows=1), None, None)
+    assert text.column_names == table.column_names
+    for name in table.column_names:
+        assert text[name].to_pylist() == table[name].to_pylist()
+    assert table["x_m"].null_count == 1
+
+
+def test_json(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording(people=(4, 9))
+    [path] = JsonSink().write(recording, tmp_path)
+    content = json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert content["provenance"]["version"] == __version__
+    assert content["columns"] == ["x_m", "y_m", "z_m", "sigma_m", "n_views", "reproj_px", "kind"]
+    assert len(content["instants"]) == 7
+    instant = content["instants"][3]
+    assert instant["t_s"] == 2.12
+    assert instant["people"]["4"][0] is None
+    x, y, z, sigma, views, reproj, kind = instant["people"]["9"][2]
+    np.testing.assert_allclose([x, y, z], recording.poses.xyz_world[3, 1, 2], atol=1e-6)
+    assert (sigma, views, reproj, kind) == (pytest.approx((14e-4 / 3) ** 0.5, abs=1e-6), 3, 1.5, "fused")
+
+
+def test_one_instant_is_enough(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording(times=1)
+    for sink in (TrcSink(), C3dSink(), CsvSink(), JsonSink()):
+        [path] = sink.write(recording, tmp_path)
+        assert path.stat().st_size > 0
+
+
+def test_nobody_at_all(tmp_path: Path, make_recording: Make) -> None:
+    full = make_recording()
+    poses = {name: getattr(full.poses, name)[:, :0] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+    empty = PoseSequence(full.poses.t_ns, full.poses.skeleton, np.zeros(0), **poses)
+    recording = Recording(full.rig, empty, full.xy_img[:, :0], full.score[:, :0], full.sigma_px[:, :0])
+    assert TrcSink().write(recording, tmp_path) == []
+    [path] = CsvSink().write(recording, tmp_path)
+    assert len(path.read_text().splitlines()) == 2
+    [path] = JsonSink().write(recording, tmp_path)
+    assert json.loads(path.read_text())["instants"][0]["people"] == {}

@@ -1,0 +1,209 @@
+"""Outputs one looks at: that the right things are in them, in the right place, at the right time."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.core import Kind, Recording, Sink
+from posefuse.outputs import FrameSink, write_outputs
+from posefuse.outputs.drawing import LEFT_RGB, MIDDLE_RGB, RIGHT_RGB, bone_colours, draw_skeleton, fitted, grid_for, view_tile
+from posefuse.outputs.frames import every_instant
+from posefuse.outputs.json import JsonSink
+from posefuse.outputs.overlay import OverlaySink
+from posefuse.outputs.overview import OverviewSink, best_instant
+from posefuse.outputs.stage3d import bystander, stage_picture
+
+Make = Callable[..., Recording]
+Frames = Callable[[Recording], Iterator]
+
+
+def film(path: Path) -> list[av.VideoFrame]:
+    with av.open(str(path)) as container:
+        return list(container.decode(video=0))
+
+
+def test_the_film_has_every_instant_at_its_time(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+    recording = make_recording(cameras=3)
+    [path] = write_outputs([OverlaySink(width_px=640, height_px=480).build()], recording, tmp_path, grey_frames(recording))
+    frames = film(path)
+    assert [round(frame.time * 1e9) for frame in frames] == (recording.poses.t_ns - recording.poses.t_ns[0]).tolist()
+    with av.open(str(path)) as container:
+        codec = container.streams.video[0].codec_context
+        assert (codec.name, codec.pix_fmt) == ("h264", "yuv420p")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_tiles_show_their_own_camera_and_missing_frames(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+    recording = make_recording(cameras=3)
+    write_outputs([OverlaySink(width_px=640, height_px=480)], recording, tmp_path, grey_frames(recording))
+    first, second = (frame.to_ndarray(format="rgb24") for frame in film(tmp_path / "overlay.mp4")[:2])
+    grid = grid_for([camera.size_wh for camera in recording.rig], (640, 480))
+    for c in range(3):
+        left, top = grid.corner(c)
+        corner = (slice(top + grid.tile_wh[1] - 12, top + grid.tile_wh[1] - 2), slice(left + 2, left + 12))
+        np.testing.assert_allclose(first[corner].mean(), 100 + c, atol=6)
+    # camera 0 has no frame at instant 1
+    assert second[grid.tile_wh[1] - 12 : grid.tile_wh[1] - 2, 2:12].mean() < 60
+
+
+def test_the_skeleton_lies_where_the_camera_projects_it(make_recording: Make) -> None:
+    recording = make_recording(cameras=3)
+    camera = recording.rig.cameras[1]
+    for factor in (1, 2):
+        tile_wh = (camera.size_wh[0] // factor, camera.size_wh[1] // factor)
+        image = np.zeros((camera.size_wh[1], camera.size_wh[0], 3), np.uint8)
+        tile = view_tile(replace(recording, score=np.zeros_like(recording.score)), 0, 1, image, tile_wh)
+        for keypoint, colour in (("left_hip", LEFT_RGB), ("right_shoulder", RIGHT_RGB), ("nose", MIDDLE_RGB)):
+            xyz = recording.poses.xyz_world[0, 0, recording.poses.skeleton.index(keypoint)]
+            x, y = np.round((camera.project(xyz) + 0.5) / factor - 0.5).astype(int)
+            np.testing.assert_allclose(tile[y, x], colour, atol=12)
+
+
+def test_raw_detections_and_gaps_are_marked(make_recording: Make) -> None:
+    recording = make_recording(cameras=3)
+    size = recording.rig.cameras[0].size_wh
+    image = np.zeros((size[1], size[0], 3), np.uint8)
+    moved = replace(recording, xy_img=recording.xy_img + 40)
+    tile = view_tile(moved, 0, 0, image, size)
+    x, y = np.round(moved.xy_img[0, 0, 0, 3]).astype(int)
+    assert tile[y, x].min() > 150
+    unseen = view_tile(moved, 0, 2, image, size)
+    assert unseen[y, x].max() == 0
+    # text on a dark ground names what is missing: more is written where a keypoint is
+    middle = len(recording.poses) // 2
+    assert (view_tile(recording, middle, 0, image, size)[25:60, :200] > 100).sum() > 100
+    assert (view_tile(recording, 0, 0, image, size)[25:60, :200] > 100).sum() == 0
+
+
+def test_what_is_not_measured_is_hollow(make_recording: Make) -> None:
+    skeleton = make_recording().poses.skeleton
+    xy = np.array([[30.0, 30], [100, 30], [30, 200], [100, 200], [180, 120]])
+    for kind, filled in ((Kind.FUSED, True), (Kind.SMOOTHED, True), (Kind.INTERPOLATED, False), (Kind.PREDICTED, False)):
+        tile = np.zeros((700, 300, 3), np.uint8)
+        draw_skeleton(tile, xy, np.full(5, kind), skeleton)
+        assert tile[30, 30].any() == filled
+    tile = np.zeros((700, 300, 3), np.uint8)
+    draw_skeleton(tile, np.full((5, 2), np.nan), np.full(5, Kind.MISSING), skeleton)
+    draw_skeleton(tile, np.full((5, 2), 1e12), np.full(5, Kind.FUSED), skeleton)
+    assert not tile.any()
+
+
+def test_colours_follow_the_side(make_recording: Make) -> None:
+    skeleton = make_recording().poses.skeleton
+    assert bone_colours(skeleton) == [MIDDLE_RGB, LEFT_RGB, RIGHT_RGB, MIDDLE_RGB]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 16])
+@pytest.mark.parametrize("size_wh", [(1920, 1080), (1080, 1920), (640, 480), (33, 17)])
+def test_tiles_fit_and_do_not_overlap(count: int, size_wh: tuple[int, int]) -> None:
+    grid = grid_for([size_wh] * count, (1280, 960))
+    assert grid.size_wh[0] <= 1280
+    assert grid.size_wh[1] <= 960
+    assert all(side % 2 == 0 for side in grid.size_wh)
+    assert grid.tile_wh[0] <= size_wh[0]
+    corners = [grid.corner(place) for place in range(count)]
+    assert len(set(corners)) == count
+    assert all(x + grid.tile_wh[0] <= grid.size_wh[0] and y + grid.tile_wh[1] <= grid.size_wh[1] for x, y in corners)
+
+
+def test_a_tile_keeps_the_images_shape() -> None:
+    image = np.full((100, 50, 3), 200, np.uint8)
+    tile, scale = fitted(image, (50, 100), (80, 80))
+    assert scale == 0.8
+    assert (tile[:, :40] == 200).all()
+    assert (tile[:, 40:] < 60).all()
+
+
+def test_overview(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+    recording = make_recording(cameras=3)
+    [path] = write_outputs([OverviewSink(width_px=640, height_px=480)], recording, tmp_path, grey_frames(recording))
+    picture = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+    grid = grid_for([camera.size_wh for camera in recording.rig], (640, 480))
+    assert picture.shape[0] == grid.size_wh[1]
+    assert picture.shape[1] > grid.size_wh[0]
+    assert abs(int(picture[grid.tile_wh[1] - 3, 3, 0]) - 100) < 3
+
+
+def test_the_best_instant_is_whole_and_near_the_middle(make_recording: Make) -> None:
+    recording = make_recording(times=7)
+    assert (recording.poses.kind[best_instant(recording)] == Kind.FUSED).all()
+    assert best_instant(recording) in (2, 4)
+
+
+def test_the_bystander_sees_everything(make_recording: Make) -> None:
+    recording = make_recording(cameras=5)
+    view = bystander(recording, 0, (400, 300))
+    points = np.concatenate([recording.rig.centres_world(), recording.poses.xyz_world[0].reshape(-1, 3)])
+    xy = view.project(points)
+    assert (xy > 0).all()
+    assert (xy < [400, 300]).all()
+    up = view.project(np.array([0, 0, 2.0])) - view.project(np.zeros(3))
+    assert up[1] < -20
+    assert abs(up[0]) < 1
+
+
+def test_uncertainty_is_drawn_to_scale(make_recording: Make) -> None:
+    recording = make_recording()
+    wide = replace(recording, poses=replace(recording.poses, cov_world=recording.poses.cov_world * 100))
+    narrow = replace(recording, poses=replace(recording.poses, cov_world=recording.poses.cov_world * 1e-6))
+    drawn = [
+        (stage_picture(r, 0, (400, 300)) != stage_picture(narrow, 0, (400, 300))).any(axis=-1).sum() for r in (recording, wide)
+    ]
+    assert drawn[0] < drawn[1]
+
+
+def test_nobody_in_the_picture(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording()
+    nobody = replace(
+        recording,
+        poses=replace(
+            recording.poses,
+            xyz_world=np.full_like(recording.poses.xyz_world, np.nan),
+            kind=np.zeros_like(recording.poses.kind),
+        ),
+    )
+    made = write_outputs([OverlaySink(width_px=320, height_px=240), OverviewSink()], nobody, tmp_path)
+    assert [path.name for path in made] == ["overlay.mp4", "overview.png"]
+
+
+def test_one_pass_feeds_all_outputs(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+    recording = make_recording()
+    asked = []
+
+    def counted() -> Iterator:
+        for t_ns, frames in grey_frames(recording):
+            asked.append(t_ns)
+            yield t_ns, frames
+
+    sinks = [JsonSink(), OverlaySink(width_px=320, height_px=240), OverviewSink(width_px=320, height_px=240)]
+    assert all(isinstance(sink, Sink) for sink in sinks)
+    assert [isinstance(sink, FrameSink) for sink in sinks] == [False, True, True]
+    made = write_outputs(sinks, recording, tmp_path, counted())
+    assert [path.name for path in made] == ["pose.json", "overlay.mp4", "overview.png"]
+    assert asked == recording.poses.t_ns.tolist()
+
+
+def test_a_pass_that_fails_leaves_no_film(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+    recording = make_recording()
+
+    def broken() -> Iterator:
+        yield from list(grey_frames(recording))[:3]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_outputs([OverlaySink(width_px=320, height_px=240), OverviewSink()], recording, tmp_path, broken())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_find_their_instant(make_recording: Make) -> None:
+    recording = make_recording(times=4, cameras=2)
+    t_ns = recording.poses.t_ns.tolist()
+    marks = [("early",), ("first",), ("third",), ("late",)]
+    times = [t_ns[0] - 30_000_000, t_ns[0] + 5_000_000, t_ns[2] - 15_000_000, t_ns[3] + 25_000_000]
+    got = dict(every_instant(recording, zip(times, marks, strict=True)))
+    assert got == {0: ("first",), 1: (None, None), 2: ("third",), 3: (None, None)}

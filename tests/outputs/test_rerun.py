@@ -1,0 +1,124 @@
+"""The Rerun recording, read back by Rerun's own tools; the viewer without a display."""
+
+import builtins
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import DependencyError, InputError, Recording
+from posefuse.formats.recording import write_recording
+from posefuse.outputs import view_recording, write_outputs
+from posefuse.outputs.rerun import RerunSink, _ellipsoids, open_in_viewer
+
+Make = Callable[..., Recording]
+needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra `viewer`")
+
+
+def rerun_tool(*arguments: str) -> str:
+    run = subprocess.run([sys.executable, "-m", "rerun", *arguments], capture_output=True, text=True, check=True)
+    return run.stdout + run.stderr
+
+
+@needs_rerun
+def test_reruns_own_tools_read_it(tmp_path: Path, make_recording: Make, grey_frames: Callable[[Recording], Iterator]) -> None:
+    recording = make_recording(people=(4, 9), cameras=3)
+    [path] = write_outputs([RerunSink(image_px=160).build()], recording, tmp_path, grey_frames(recording))
+    assert list(tmp_path.iterdir()) == [path]
+    assert "verified without error" in rerun_tool("rrd", "verify", str(path))
+    listing = rerun_tool("rrd", "print", str(path))
+    for entity in (
+        "/world/cameras/cam02/image",
+        "/world/cameras/cam00/detections",
+        "/world/cameras/cam01/skeleton",
+        "/world/people/9/bones",
+        "/world/people/4/uncertainty",
+        "/plots/reprojection_px/person_4",
+        "/plots/views/person_9",
+        "/about",
+    ):
+        assert entity in listing
+
+
+@needs_rerun
+def test_images_can_be_left_out(tmp_path: Path, make_recording: Make, grey_frames: Callable[[Recording], Iterator]) -> None:
+    recording = make_recording()
+    [path] = write_outputs([RerunSink(image_px=0)], recording, tmp_path, grey_frames(recording))
+    assert "/image" not in rerun_tool("rrd", "print", str(path))
+
+
+@needs_rerun
+def test_a_pass_that_fails_leaves_no_recording(tmp_path: Path, make_recording: Make) -> None:
+    def broken() -> Iterator:
+        raise KeyboardInterrupt
+        yield
+
+    with pytest.raises(KeyboardInterrupt):
+        write_outputs([RerunSink()], make_recording(), tmp_path, broken())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ellipsoids_are_the_covariance() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(6, 3, 3))
+    cov = root @ root.swapaxes(1, 2)
+    half, xyzw = _ellipsoids(cov)
+    x, y, z, w = xyzw.T
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    ).transpose(2, 0, 1)
+    axes = turn * half[:, None] / 3
+    np.testing.assert_allclose(axes @ axes.swapaxes(1, 2), cov, atol=1e-12)
+
+
+@needs_rerun
+def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording: Make) -> None:
+    recording = make_recording()
+    write_recording(tmp_path, recording)
+    shown: list[tuple[Path, bool]] = []
+    note = lambda path: shown.append((path, path.is_file()))  # noqa: E731
+    assert view_recording(tmp_path, open_viewer=note) == tmp_path
+    made, was_there = shown[0]
+    assert was_there
+    assert not made.exists()
+    [path] = RerunSink().write(recording, tmp_path)
+    assert view_recording(tmp_path, open_viewer=note) == path
+    assert shown[1] == (path, True)
+    with pytest.raises(InputError, match="not a posefuse result"):
+        view_recording(tmp_path / "nothing", open_viewer=note)
+
+
+@needs_rerun
+@pytest.mark.skipif(sys.platform != "linux", reason="displays are told by the environment on Linux only")
+def test_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(DependencyError, match=r"posefuse\[viewer\].* needs a display .*rerun --web-viewer recording\.rrd"):
+        open_in_viewer(tmp_path / "a.rrd")
+
+
+def test_without_rerun(tmp_path: Path, make_recording: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "rerun" else found(name, *rest))
+    monkeypatch.setattr(builtins, "__import__", _import_without_rerun(builtins.__import__))
+    for use in (RerunSink().build, lambda: RerunSink().write(make_recording(), tmp_path), lambda: view_recording(tmp_path)):
+        with pytest.raises(DependencyError, match=r"pip install 'posefuse\[viewer\]'"):
+            use()
+    assert list(tmp_path.iterdir()) == []
+
+
+def _import_without_rerun(real: Callable) -> Callable:
+    def imported(name: str, *rest: object, **more: object) -> object:
+        if name.split(".")[0] == "rerun":
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    return imported

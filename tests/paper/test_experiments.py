@@ -1,0 +1,93 @@
+"""Experiments and comparisons as a user runs them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.cli.comparing import plain_name, read_tracks
+from posefuse.cli.main import main
+from posefuse.core import InputError
+from posefuse.formats.trc import TrcData, write_trc
+
+NAMES = ("RShoulder", "LShoulder", "RWrist", "LWrist")
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours"),
+    [
+        ("RShoulder", "right_shoulder"), ("LBigToe", "left_big_toe"), ("jRightHip", "right_hip"), ("right hip", "right_hip"),
+        ("Hip", "mid_hip"), ("left_foot_index", "left_big_toe"), ("model:LKnee", "left_knee"), ("ankle.left", "left_ankle"),
+        ("Neck", "neck"),
+    ],
+)  # fmt: skip
+def test_names_of_other_systems_are_understood(theirs: str, ours: str) -> None:
+    assert plain_name(theirs) == ours
+
+
+@pytest.fixture
+def trc(tmp_path: Path) -> Path:
+    t_s = np.arange(120) / 60
+    xyz = np.random.default_rng(0).normal(size=(1, 4, 3)) + 0.3 * np.sin(3 * t_s[:, None, None] + np.arange(12).reshape(4, 3))
+    write_trc(tmp_path / "a.trc", TrcData(NAMES, t_s, xyz, 60.0))
+    return tmp_path / "a.trc"
+
+
+def test_a_file_compared_with_its_delayed_copy_of_another_kind(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a = read_tracks(trc)
+    assert "neck" in a.points and "mid_hip" not in a.points
+    csv = trc.with_name("b.csv")
+    lines = ["t_s," + ",".join(f"{name}_{axis}" for name in NAMES for axis in "xyz")]
+    lines += [f"{t + 0.1:.6f}," + ",".join(f"{v:.7f}" for v in row[:4].ravel()) for t, row in zip(a.t_s, a.xyz_m, strict=True)]
+    csv.write_text("\n".join(lines) + "\n")
+    assert main(["compare", str(trc), str(csv), "--json", "--out", str(trc.parent / "out")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["offset_s"] == pytest.approx(-0.1, abs=5e-4)
+    assert told["mean_mm"] < 0.5
+    assert json.loads((trc.parent / "out" / "compare.json").read_text())["mean_mm"] == told["mean_mm"]
+    assert "right shoulder" in (trc.parent / "out" / "compare.html").read_text()
+
+
+def test_a_result_is_the_same_as_each_of_its_files(
+    demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "result"
+    options = ["detector.name=oracle", f"detector.options.truth={demo_session / 'truth' / 'truth.npz'}", "end_s=1.0"]
+    track = ["track", str(demo_session), "--out", str(result), "--outputs", "trc,c3d,csv"]
+    assert main([*track, *(part for option in options for part in ("--set", option))]) == 0
+    for kind in ("trc", "c3d", "csv"):
+        capsys.readouterr()
+        [file] = result.glob(f"*.{kind}")
+        assert main(["compare", str(result), str(file), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["mean_mm"] < 0.01 and abs(told["offset_s"]) < 1e-4 and len(told["points"]) > 12
+
+
+def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
+    labels = ("Pelvis", "RightUpperLeg", "RightLowerLeg", "T8")
+    frames = "".join(
+        f'<frame time="{i * 10}" type="normal"><position>{" ".join(str(i + j) for j in range(12))}</position></frame>'
+        for i in range(3)
+    )
+    segments = "".join(f'<segment label="{label}" id="{i + 1}"/>' for i, label in enumerate(labels))
+    path = tmp_path / "suit.mvnx"
+    identity = '<frame type="identity"><position>0</position></frame>'
+    body = f"<subject><segments>{segments}</segments><frames>{identity}{frames}</frames></subject>"
+    path.write_text(f'<mvnx xmlns="http://www.xsens.com/mvn/mvnx">{body}</mvnx>')
+    tracks = read_tracks(path)
+    assert tracks.points == ("mid_hip", "right_hip", "right_knee")
+    np.testing.assert_allclose(tracks.t_s, [0, 0.01, 0.02])
+    np.testing.assert_allclose(tracks.xyz_m[1, 1], [4, 5, 6])
+    path.write_text("<mvnx>")
+    with pytest.raises(InputError, match=r"suit\.mvnx: not an MVNX file"):
+        read_tracks(path)
+
+
+def test_what_cannot_be_compared_is_said_in_one_line(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = trc.with_suffix(".xyz")
+    other.write_text("?")
+    assert main(["compare", str(trc), str(other)]) == 1
+    assert "result folder, .trc, .c3d, .csv or .mvnx" in capsys.readouterr().err
+    assert main(["compare", str(trc), str(trc.with_name("none.trc"))]) == 1
+    assert "no such file" in capsys.readouterr().err

@@ -1,0 +1,189 @@
+"""The paper's numbers are the paper's; suit, drift and studies behave as their physics says; pages stand alone."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from paper.scenes import paper
+from paper.scenes.drift import drift
+from paper.scenes.inertial import SuitNoise, standing_point, suit_joints
+from paper.scenes.page import Line, Page, bars, plot
+from paper.scenes.scaling import STUDIES, Setup, _errors, measure, run_study
+from paper.scenes.scenes import (
+    CHECK_SEEDS,
+    HALF_HIDDEN,
+    HIDDEN_JOINTS,
+    PATHS,
+    half_hidden_scene,
+    path_scene,
+    scene_name,
+    static_scene,
+    walking_scene,
+)
+
+from posefuse.core import ConfigError, Truth
+from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
+from posefuse.simulation.exact import truth_of
+
+QUIET = SuitNoise(0, 0, 20, 0, 0, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def walker() -> Truth:
+    pytest.importorskip("anny")
+    return truth_of(path_scene("circle", 20.0))
+
+
+def pelvis(truth: Truth) -> np.ndarray:
+    return pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, ["mid_hip"])[:, 0]
+
+
+@pytest.mark.parametrize("case", ["free", "occluded"])
+def test_the_papers_columns_average_to_what_the_paper_prints(case: str) -> None:
+    for weights, column in paper.STATIC[case].items():
+        assert tuple(column) == PAPER14.keypoints
+        # the paper's own joints are rounded to 0.01
+        assert np.mean([mean for mean, _ in column.values()]) == pytest.approx(paper.STATIC_AVERAGE[case][weights], abs=0.02)
+
+
+def test_reported_scenes_share_no_body_with_any_fit() -> None:
+    bodies = [person.body.random_seed for seed in (1, *CHECK_SEEDS) for scene in
+              (static_scene(True, seed), walking_scene(seed)) for person in scene.people]  # fmt: skip
+    assert all(body is None or not 7000 <= body <= 7207 for body in bodies)
+    assert half_hidden_scene("screen").people[0].body.random_seed is None
+    assert len({scene_name("x", scene) for scene in (static_scene(True), static_scene(False), *map(path_scene, PATHS))}) == 5
+
+
+def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> np.ndarray:
+    return suit_joints(truth, noise, seed)[:, PAPER14.keypoints.index("mid_hip")]
+
+
+def test_screens_hide_the_left_half_from_the_two_cameras_before_it_alone() -> None:
+    pytest.importorskip("anny")
+    seen = {}
+    for case in HALF_HIDDEN:
+        truth = truth_of(half_hidden_scene(case, 2.0))
+        joints = truth.skeleton.indices(HIDDEN_JOINTS)
+        other = truth.skeleton.indices([joint.replace("left", "right") for joint in HIDDEN_JOINTS])
+        before = [camera.centre_world[0] > 0 for camera in truth.rig]
+        visible = np.array([view.visible[:, 0].mean(axis=0) for view in truth.views])
+        seen[case] = (visible[before][:, joints].max(), visible[before][:, other].mean(), visible[np.invert(before)])
+    assert seen["free"][0] > 0.9
+    for case in ("screen", "false_arm"):
+        assert seen[case][0] == 0
+        np.testing.assert_allclose(seen[case][1], seen["free"][1], atol=0.05)
+        np.testing.assert_array_equal(seen[case][2], seen["free"][2])
+
+
+def test_a_perfect_suit_stays_near_the_truth_and_noise_takes_it_away(walker: Truth) -> None:
+    quiet = drift(suit_pelvis(walker, QUIET), pelvis(walker))
+    # what is left is that a foot takes its weight between two samples
+    assert quiet.walked_m[-1] > 15
+    noisy = np.mean([drift(suit_pelvis(walker, seed=s), pelvis(walker)).end_m for s in range(8)])
+    assert quiet.end_m < 0.5 * noisy
+
+
+def test_a_perfect_suit_has_the_true_posture_and_a_noisy_one_errs_more_the_longer_the_chain(walker: Truth) -> None:
+    true = pick_keypoints(walker.xyz_world[:, 0], walker.skeleton, PAPER14.keypoints)
+    hip = PAPER14.keypoints.index("mid_hip")
+
+    def off(suit: np.ndarray) -> dict[str, float]:
+        apart = np.linalg.norm((suit - suit[:, [hip]]) - (true - true[:, [hip]]), axis=-1)
+        return dict(zip(PAPER14.keypoints, apart.mean(axis=0), strict=True))
+
+    assert max(off(suit_joints(walker, QUIET)).values()) < 1e-9
+    noisy = [off(suit_joints(walker, seed=s)) for s in range(8)]
+    mean = {joint: np.mean([one[joint] for one in noisy]) for joint in PAPER14.keypoints}
+    for chain in (("neck", "left_shoulder", "left_elbow", "left_wrist"), ("right_hip", "right_knee", "right_ankle")):
+        assert sorted(chain, key=mean.__getitem__) == list(chain)
+
+
+def test_the_suit_is_the_same_for_a_seed_and_differs_between_seeds(walker: Truth) -> None:
+    np.testing.assert_array_equal(suit_joints(walker, seed=3), suit_joints(walker, seed=3))
+    assert not np.allclose(suit_joints(walker, seed=3), suit_joints(walker, seed=4))
+    with pytest.raises(ConfigError, match="left_ankle"):
+        k = COCO17.indices(["nose", "left_hip"])
+        views = tuple(replace(v, xy_img=v.xy_img[:, :, k], visible=v.visible[:, :, k]) for v in walker.views)
+        few = replace(COCO17, keypoints=("nose", "left_hip"), bones=())
+        suit_joints(replace(walker, skeleton=few, xyz_world=walker.xyz_world[:, :, k], views=views, joints=None))
+
+
+def test_the_slowest_point_stands() -> None:
+    still, moving = np.zeros((20, 3)), np.cumsum(np.full((20, 3), 0.05), axis=0)
+    assert (standing_point(np.stack([moving, still, moving * 2], axis=1)) == 1).all()
+
+
+def test_drift_is_the_slope_over_the_way() -> None:
+    truth = np.stack([np.linspace(0, 10, 200), np.zeros(200)], axis=-1)
+    found = drift(truth + 0.013 * np.linspace(0, 10, 200)[:, None] * [0, 1], truth)
+    assert found.mm_per_m == pytest.approx(13, rel=1e-6)
+    assert found.end_m == pytest.approx(0.013 * 9.5, rel=0.02)
+
+
+def test_studies_get_worse_where_they_must() -> None:
+    pytest.importorskip("anny")
+    good, outliers = measure(Setup(outlier_share=0.0), 1.0), measure(Setup(outlier_share=0.3), 1.0)
+    assert measure(Setup(cameras=12, outlier_share=0.0), 1.0).robust_mm < good.robust_mm < outliers.robust_mm
+    assert measure(Setup(rotation_deg=1.0, outlier_share=0.0), 1.0).robust_mm > 1.5 * good.robust_mm
+    study = run_study("offset", quick=True)
+    assert study.x == (0, 66) and study.errors[0].robust_mm < study.errors[1].robust_mm
+
+
+def test_weights_are_compared_on_the_points_that_both_give() -> None:
+    joints = len(PAPER14.keypoints)
+    robust, score = np.full((4, 1, joints), 10.0), np.full((4, 1, joints), 12.0)
+    robust[0], score[0] = 100.0, np.nan
+    errors = _errors(robust, score)
+    assert errors.robust_mm == pytest.approx(32.5)
+    assert (errors.robust_same_mm, errors.score_same_mm) == (10.0, 12.0)
+    assert (errors.robust_found, errors.score_found) == (1.0, 0.75)
+
+
+def test_studies_cover_what_can_go_wrong() -> None:
+    assert set(STUDIES) >= {"cameras", "radius", "resolution", "rotation", "offset", "dropped", "outliers"}
+
+
+def test_paths_are_as_long_and_as_fine_as_asked() -> None:
+    scene = path_scene("circle", 5.0, 30.0)
+    assert (scene.duration_s, scene.rate_hz) == (5.0, 30.0)
+    assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (40.0, 15.0)
+    assert scene_name("x", scene) != scene_name("x", path_scene("circle"))
+
+
+def test_a_bars_parts_are_as_long_as_their_values() -> None:
+    svg = bars("means", "ms", {"one": [1.0, 3.0], "two <b>": [0.0, 2.0]}, ("first", "second"))
+    widths = [float(w) for w in re.findall(r'class="f\d" x="[\d.]+" y="\d+" width="([\d.]+)" height="14"', svg)]
+    assert (
+        len(widths) == 4
+        and widths[1] == pytest.approx(3 * widths[0], abs=0.2)
+        and widths[3] == pytest.approx(2 * widths[0], abs=0.2)
+    )
+    assert ">4.0</text>" in svg and "two &lt;b&gt;" in svg and svg.count(">second</text>") == 1
+
+
+def test_spikes_stand_apart_and_wide_plots_are_twice_as_wide() -> None:
+    x, y = np.array([0, 0, np.nan, 1, 1, np.nan]), np.array([0, 5, np.nan, 0, 7, np.nan])
+    svg = plot("p", "s", "ms", [Line("a", x, y, spikes=True)], wide=True, window=(0, 2, 0, 10))
+    assert 'viewBox="0 0 840' in svg and 'class="plot wide"' in svg
+    [path] = re.findall(r'class="line s0 spike" d="([^"]+)"', svg)
+    assert path.count("M") == 2 and path.count("L") == 2
+    # half of the window's width lies between the spikes, and the second is as high against the first as 7 against 5
+    points = np.array(re.findall(r"([\d.]+) ([\d.]+)", path), float)
+    assert points[2, 0] - points[0, 0] == pytest.approx((840 - points[0, 0] - 12) / 2, abs=0.2)
+    assert (points[2, 1] - points[3, 1]) / (points[0, 1] - points[1, 1]) == pytest.approx(7 / 5, abs=0.01)
+
+
+def test_a_page_needs_no_other_file_and_shows_what_it_is_given(tmp_path: Path) -> None:
+    page = Page("A <title>")
+    page.section("First", "a & b")
+    page.table(["joint", "mm"], [["neck", 12.345], ["hip", float("nan")]])
+    gap = np.array([0, 1, np.nan, 3.0])
+    page.plots([plot("curve", "s", "mm", [Line("a line", np.arange(4.0), gap), Line("dots", np.arange(4.0), gap, dots=True)])])
+    page.pictures({"a picture": np.zeros((8, 12, 3), np.uint8)})
+    text = page.write(tmp_path / "page.html").read_text()
+    assert "12.3" in text and "–" in text and "A &lt;title&gt;" in text and "a &amp; b" in text
+    assert not re.search(r'(src|href)="(?!data:)', text) and "<script" not in text
+    assert text.count("<circle") == 3 and re.search(r'd="M\S+ \S+ L\S+ \S+ M\S+ \S+"', text)
+    assert "NaN" not in text and "nan" not in text

@@ -1,0 +1,60 @@
+"""Settings: every default once, every wrong key or value one line that says what is allowed."""
+
+import argparse
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from posefuse.core import ConfigError
+from posefuse.pipeline.config import TrackConfig, read_config
+
+
+def test_overrides_go_on_top_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "posefuse.toml"
+    path.write_text('start_s = 1.5\n[fuse]\nweights = "score"\n[cameras.left]\noffset_s = 0.02\n')
+    config = read_config(path, ["fuse.score_threshold=0.3", "end_s=4", "cameras.right.video=a b.mp4"])
+    assert (config.start_s, config.end_s) == (1.5, 4.0)
+    assert (config.fuse.weights, config.fuse.score_threshold) == ("score", 0.3)
+    assert config.cameras["left"].offset_s == 0.02
+    assert config.cameras["right"].video == "a b.mp4"
+    assert read_config(None, []) == TrackConfig()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "parts"),
+    [
+        (["colour=red"], ["unknown key 'colour'", "fuse"]),
+        (["fuse.weight=all"], ["unknown key 'fuse.weight'", "weights", "score_threshold"]),
+        (["fuse.weights=best"], ["fuse.weights", "'best'", "robust"]),
+        (["cameras.left.vid=a"], ["unknown key 'cameras.left.vid'", "video"]),
+        (["rate_hz=-5"], ["rate_hz", "greater than 0", "-5"]),
+        (["rate_hz"], ["expected KEY=VALUE"]),
+        (["start_s=1", "start_s.more=2"], ["start_s is a value"]),
+    ],
+)
+def test_a_wrong_setting_names_itself_and_what_is_allowed(overrides: list[str], parts: list[str]) -> None:
+    with pytest.raises(ConfigError) as caught:
+        read_config(None, overrides)
+    assert "\n" not in str(caught.value)
+    for part in parts:
+        assert part in str(caught.value)
+
+
+def test_a_broken_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "posefuse.toml"
+    path.write_text("fuse = [")
+    with pytest.raises(ConfigError, match=r"posefuse\.toml: not valid TOML"):
+        read_config(path, [])
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_config(tmp_path / "none.toml", [])
+
+
+@pytest.mark.parametrize("command", ["track", "live", "experiment"])
+def test_networks_is_short_for_the_setting(command: str) -> None:
+    parser = argparse.ArgumentParser()
+    import_module(f"posefuse.cli.commands.{command}").add_arguments(parser)
+    needed = {"track": ["here", "--out", "there"], "live": ["rig.toml"], "experiment": ["walking"]}[command]
+    args = parser.parse_args([*needed, "--set", "detector.options.streams=1", "--networks", "blazepose_best"])
+    options = read_config(None, args.overrides).detector.options
+    assert options == {"streams": 1, "landmarks": "blazepose_best"}

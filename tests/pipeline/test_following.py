@@ -1,0 +1,127 @@
+"""Following people through a recording: when views are told where to look, and when whole images are searched."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from posefuse.association import AssociateSettings
+from posefuse.core import Detections2D, Pose3D, Rig, SourceError
+from posefuse.core.skeleton import COCO17
+from posefuse.fusion import FuseSettings
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.following import follow
+from posefuse.pipeline.images import Instant, common_timeline
+
+K = len(COCO17)
+PERIOD_NS = 33_333_333
+
+
+class Stage:
+    """People on a stage, seen perfectly by every camera that looks where they are or searches; keeps count of its searches."""
+
+    skeleton = COCO17
+
+    def __init__(self, rig: Rig, present: dict[int, range], blind: tuple[int, ...] = (), count: int = 30) -> None:
+        rng = np.random.default_rng(2)
+        self.rig, self.present, self.blind, self.count = rig, present, blind, count
+        self.people = {p: rng.normal(size=(K, 3)) * [0.2, 0.2, 0.4] + [1.5 * p, 0, 1] for p in present}
+        self.searches: list[int] = []
+
+    def __iter__(self) -> Iterator[Instant]:
+        for i in range(self.count):
+            yield Instant(i * PERIOD_NS, lambda pose, i=i: self.look(i, pose))
+
+    def xyz(self, i: int) -> dict[int, np.ndarray]:
+        return {p: body + [0.02 * i, 0, 0] for p, body in self.people.items() if i in self.present[p]}
+
+    def look(self, i: int, pose: Pose3D | None) -> list[Detections2D]:
+        if pose is None:
+            self.searches.append(i)
+        return [self.view(i, c, pose) for c in range(len(self.rig))]
+
+    def view(self, i: int, c: int, pose: Pose3D | None) -> Detections2D:
+        here = self.xyz(i)
+        if pose is None:
+            shown = [] if c in self.blind else [here[p] for p in here]
+        else:
+            shown = [self.near(here, told) for told in pose.xyz_world]
+        xy = np.array([self.rig.cameras[c].project(xyz) for xyz in shown]).reshape(-1, K, 2)
+        score = np.isfinite(xy[..., 0]).astype(float)
+        sigma = np.where(score > 0, 1.5, np.nan)
+        return Detections2D(self.rig.names[c], i * PERIOD_NS, COCO17, xy, score, sigma, np.zeros((len(xy), 4)))
+
+    @staticmethod
+    def near(here: dict[int, np.ndarray], told: np.ndarray) -> np.ndarray:
+        for xyz in here.values():
+            if np.linalg.norm(np.nanmean(told - xyz, axis=0)) < 0.3:
+                return xyz
+        return np.full((K, 3), np.nan)
+
+
+def followed(stage: Stage, people: int = 1) -> list:
+    settings = AssociateSettings(max_people=people)
+    return list(follow(stage, COCO17, stage.rig, settings, FuseSettings(), StageClock()))
+
+
+def test_one_search_then_the_pose_tells_every_view_where_to_look(ring_rig) -> None:
+    stage = Stage(ring_rig(4), {0: range(30)})
+    seen = followed(stage)
+    assert stage.searches == [0]
+    for i, one in enumerate(seen):
+        assert np.allclose(one.pose.xyz_world[0], stage.xyz(i)[0], atol=1e-4)
+        assert (one.pose.n_views == 4).all()
+
+
+def test_views_whose_search_finds_nobody_contribute_from_the_first_instant(ring_rig) -> None:
+    seen = followed(Stage(ring_rig(4), {0: range(30)}, blind=(1, 3)))
+    assert (seen[0].pose.n_views == 4).all()
+    assert np.isfinite(seen[0].views.xy_img).all()
+
+
+def test_somebody_lost_is_searched_at_once_then_now_and_then(ring_rig) -> None:
+    stage = Stage(ring_rig(4), {0: range(8)}, count=30)
+    seen = followed(stage)
+    assert [len(one.pose.person_id) for one in seen[:8]] == [1] * 8
+    assert stage.searches[1] == 8
+    assert len(stage.searches) <= 1 + 1 + (30 - 8) // 5 + 1
+
+
+def test_somebody_who_returns_is_followed_again_under_the_same_name(ring_rig) -> None:
+
+    stage = Stage(ring_rig(4), {0: range(30)})
+    stage.present = {0: [*range(6), *range(12, 30)]}
+    seen = followed(stage)
+    assert [len(one.pose.person_id) for one in seen[6:11]] == [0] * 5
+    back = [i for i, one in enumerate(seen) if i >= 12 and len(one.pose.person_id)]
+    assert back[0] <= 12 + 5
+    assert {int(one.pose.person_id[0]) for one in seen if len(one.pose.person_id)} == {0}
+
+
+def test_a_second_person_who_enters_is_found_while_the_first_is_followed(ring_rig) -> None:
+    stage = Stage(ring_rig(5), {0: range(30), 1: range(10, 30)})
+    seen = followed(stage, people=2)
+    assert [len(one.pose.person_id) for one in seen[:10]] == [1] * 10
+    assert all(len(one.pose.person_id) == 2 for one in seen[16:])
+    assert len(stage.searches) < 12
+
+
+def test_nobody_at_all_is_no_error_and_not_searched_every_time(ring_rig) -> None:
+    stage = Stage(ring_rig(3), {0: range(0)}, count=20)
+    seen = followed(stage)
+    assert [len(one.pose.person_id) for one in seen] == [0] * 20
+    assert len(stage.searches) == 4
+
+
+def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> None:
+    slow, fast = np.arange(0, 20) * 40_000_000 + 3_000_000, np.arange(10, 40) * 20_000_000
+    line = common_timeline({"slow": slow, "fast": fast}, None, None, None)
+    assert line.period_ns == 20_000_000
+    assert (line.start_ns - fast[0]) % line.period_ns == 0
+    assert line.start_ns <= slow[0] + line.period_ns // 2
+    last_ns = line.start_ns + (line.count - 1) * line.period_ns
+    assert abs(last_ns - max(slow[-1], fast[-1])) <= line.period_ns // 2
+    part = common_timeline({"slow": slow, "fast": fast}, 10.0, 0.3, 0.5)
+    assert (part.period_ns, part.count) == (100_000_000, 3)
+    with pytest.raises(SourceError, match=r"from 5\.0 to 6\.0 s; the recording runs from 0\.003"):
+        common_timeline({"slow": slow, "fast": fast}, None, 5.0, 6.0)

@@ -1,0 +1,95 @@
+"""A session folder is understood by convention, and what cannot be told apart is an error that says what to do."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from posefuse.core import CalibrationError, InputError
+from posefuse.formats.rig import write_rig
+from posefuse.pipeline.config import CameraInput, TrackConfig
+from posefuse.pipeline.session import find_session
+
+
+@pytest.fixture
+def session(tmp_path: Path, ring_rig) -> Path:
+    write_rig(tmp_path / "rig.toml", ring_rig(3).renamed({"cam00": "cam_01", "cam01": "cam_02", "cam02": "cam_10"}))
+    return tmp_path
+
+
+def touch(folder: Path, names: Iterable[str]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).touch()
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["cam_01.mp4", "cam_02.mp4", "cam_10.mp4"],
+        ["Cam1.avi", "cam02.MP4", "cam10.mkv"],
+        ["trial3_cam01.mp4", "trial3_cam02.mp4", "trial3_cam10.mp4"],
+        ["1.mp4", "2.mp4", "10.mp4"],
+    ],
+)
+@pytest.mark.parametrize("place", [".", "videos"])
+def test_videos_find_their_cameras_whatever_the_spelling(session: Path, names: list[str], place: str) -> None:
+    touch(session / place, names)
+    found = find_session(session, TrackConfig())
+    assert [(entry.camera, entry.path.name) for entry in found.inputs] == list(zip(found.rig.names, names, strict=True))
+    assert {entry.kind for entry in found.inputs} == {"videos"}
+    assert found.notes == ()
+
+
+def test_images_and_pose_folders(session: Path) -> None:
+    for name in ("cam_01", "cam_02", "cam_10"):
+        touch(session / "images" / name, ["0001.jpg", "0002.jpg"])
+        touch(session / "openpose_json" / f"{name}_json", ["a.0000.json"])
+    assert {entry.kind for entry in find_session(session, TrackConfig()).inputs} == {"images"}
+    poses = find_session(session, TrackConfig(input="pose2d"))
+    assert [entry.path.name for entry in poses.inputs] == ["cam_01_json", "cam_02_json", "cam_10_json"]
+
+
+def test_a_calibrated_camera_without_data_is_left_aside_and_said(session: Path) -> None:
+    touch(session, ["cam_01.mp4", "cam_10.mp4"])
+    found = find_session(session, TrackConfig())
+    assert found.rig.names == ("cam_01", "cam_10")
+    assert found.notes == ("camera cam_02: calibrated, but no videos found; left aside",)
+
+
+def test_the_config_names_skips_and_overrules(session: Path) -> None:
+    touch(session, ["cam_01.mp4", "cam_02.mp4", "extra.mp4"])
+    cameras = {"cam_10": CameraInput(video="extra.mp4", offset_s=0.25), "cam_02": CameraInput(skip=True)}
+    found = find_session(session, TrackConfig(cameras=cameras))
+    assert [(entry.camera, entry.path.name) for entry in found.inputs] == [("cam_01", "cam_01.mp4"), ("cam_10", "extra.mp4")]
+    assert found.inputs[1].settings.offset_s == 0.25
+
+
+def refused(session: Path, config: TrackConfig = TrackConfig()) -> str:  # noqa: B008 - a frozen value
+    with pytest.raises((InputError, CalibrationError)) as caught:
+        find_session(session, config)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
+    assert "no videos or images or pose2d found" in refused(session)
+    touch(session, ["cam_01.mp4"])
+    assert "at least 2 calibrated cameras, got 1" in refused(session)
+    touch(session, ["cam_02.mp4", "somebody.mp4"])
+    message = refused(session)
+    assert "somebody.mp4" in message and "cam_01, cam_02, cam_10" in message and "[cameras.cam_01]" in message
+    (session / "somebody.mp4").unlink()
+    touch(session, ["trial_cam_02.mp4"])
+    assert "second one for camera cam_02" in refused(session)
+    assert "no camera cam_99" in refused(session, TrackConfig(cameras={"cam_99": CameraInput(video="x.mp4")}))
+    assert "no such file" in refused(session, TrackConfig(cameras={"cam_01": CameraInput(video="x.mp4")}))
+    both = TrackConfig(cameras={"cam_01": CameraInput(video="cam_01.mp4", images="y")})
+    assert "one of video, images, pose2d, got 2" in refused(session, both)
+    assert "no such calibration file" in refused(session, TrackConfig(rig="none.toml"))
+    assert "no such session folder" in refused(tmp_path / "nowhere")
+    (session / "INCOMPLETE").touch()
+    assert "unfinished" in refused(session)
+    (session / "INCOMPLETE").unlink()
+    (session / "rig.toml").unlink()
+    assert "no calibration file" in refused(session)

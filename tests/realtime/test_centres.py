@@ -1,0 +1,177 @@
+"""Joint centres live: what goes out has moved, what the views are told has not, and a recording says by which table."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.cli.replay import difference_m, replayed
+from posefuse.core import Detections2D, MessageError, Pose3D
+from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.detection import read_card
+from posefuse.messages.intake import decode, encode
+from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.joint_centres import Centring, centres_from_message, message_from_centres
+from posefuse.realtime.messages import Centres
+from posefuse.realtime.outputs import OutputPlan
+from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.session import new_board, ready_tracker
+from posefuse.realtime.sinks import RecordSink
+from posefuse.tracking import JointCentres, at_joint_centres, read_joint_centres
+from posefuse.tracking.segments import segment_lengths
+
+K = len(BLAZEPOSE33)
+FULL = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+PERIOD_NS = 10_000_000
+BEGIN_NS = 1_700_000_000_000_000_000
+
+
+class Kept:
+    """Outlets that keep what they are offered."""
+
+    def __init__(self) -> None:
+        self.offered: list[tuple] = []
+
+    def offer(self, kind: str, *values: object) -> None:
+        self.offered.append((kind, *values))
+
+
+class Still:
+    """A tracker of somebody who stands still."""
+
+    health: dict = {}  # noqa: RUF012 - never written
+
+    def __init__(self, xyz: np.ndarray) -> None:
+        self._xyz = xyz
+
+    def at(self, t_ns: int) -> Pose3D:
+        ones = np.ones((1, K))
+        return Pose3D(
+            t_ns, BLAZEPOSE33, np.zeros(1), self._xyz[None], np.tile(np.eye(3) * 1e-4, (1, K, 1, 1)), ones, 4 * ones, ones
+        )
+
+
+@pytest.fixture
+def somebody() -> np.ndarray:
+    return np.random.default_rng(5).normal(size=(K, 3)) * 0.3 + [0, 0, 1.0]
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_what_goes_out_is_at_joint_centres_and_the_views_are_told_landmarks(ring_rig, somebody, wanted) -> None:
+    rig, kept, tracker = ring_rig(3), Kept(), Still(somebody)
+    board = new_board(rig)
+    fusion = Fusion(rig, tracker, board, SessionClock.begin(), kept, Centring(rig.names, wanted))
+    fusion.tick(BEGIN_NS, PERIOD_NS)
+    fusion.take(Centres(rig.names, FULL))
+    fusion.tick(BEGIN_NS + 5 * PERIOD_NS, PERIOD_NS)
+    before, after = (values[1] for values in kept.offered if values[0] == "pose")
+    expected = at_joint_centres(before, FULL, FULL.usual).xyz_world if wanted else before.xyz_world
+    np.testing.assert_array_equal(before.xyz_world[0], somebody)
+    np.testing.assert_array_equal(after.xyz_world, expected)
+    np.testing.assert_array_equal(board.read().xyz_world[0], somebody)
+    assert (np.abs(after.xyz_world - before.xyz_world).max() > 0.01) == wanted
+    assert fusion.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
+    # the table belongs to the views, wanted or not
+    assert [values[2] for values in kept.offered if values[0] == "centres"] == [Centres(rig.names, FULL)]
+
+
+def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) -> None:
+    pose, other = Still(somebody).at(0), JointCentres(made_by="another", offsets={"hip": {"up": 0.05}})
+    centring = Centring("abc", wanted=True)
+    centring.learn(Centres(("c", "stranger"), FULL))
+    np.testing.assert_array_equal(centring.moved(pose).xyz_world, at_joint_centres(pose, FULL, FULL.usual).xyz_world)
+    centring.learn(Centres(("a",), None))
+    centring.learn(Centres(("b",), other))
+    np.testing.assert_array_equal(centring.moved(pose).xyz_world, at_joint_centres(pose, other, other.usual).xyz_world)
+    assert centring.made_by == {"b": "another", "c": FULL.made_by}
+
+
+def test_the_table_of_one_who_is_followed_for_long_counts_by_length(somebody) -> None:
+    """And to be told the same table again does not make anybody a stranger; another one does."""
+    centring, tracker = Centring("ab", wanted=True), Still(somebody)
+    centring.learn(Centres(("a",), FULL))
+    shown = [centring.moved(tracker.at(i * PERIOD_NS)).xyz_world for i in range(3000)]
+    usual = at_joint_centres(tracker.at(0), FULL, FULL.usual).xyz_world
+    lengths = segment_lengths(np.broadcast_to(usual, (10, 1, K, 3)), BLAZEPOSE33)
+    known = at_joint_centres(tracker.at(0), FULL, lengths).xyz_world
+    np.testing.assert_array_equal(shown[0], usual)
+    assert np.abs(known - usual).max() > 0.005
+    assert np.abs(known - shown[-1]).max() < 0.0005
+    assert np.abs(np.diff(shown, axis=0)).max() < 0.2 * np.abs(known - usual).max()
+    centring.learn(Centres(("b",), read_joint_centres(read_card("blazepose_full").joint_centres_file)))
+    assert np.abs(centring.moved(tracker.at(3000 * PERIOD_NS)).xyz_world - shown[-1]).max() < 0.0001
+    centring.learn(Centres(("a",), replace(FULL, made_by="another")))
+    np.testing.assert_array_equal(centring.moved(tracker.at(3001 * PERIOD_NS)).xyz_world, usual)
+
+
+@pytest.mark.parametrize("table", [FULL, JointCentres(made_by="x", offsets={"hip": {"up": 0.01}}), None])
+def test_a_table_comes_back_from_the_network(table) -> None:
+    msg = message_from_centres(Centres(("cam00", "cam02"), table), BEGIN_NS)
+    assert centres_from_message(decode(encode(msg), msg.__msgtype__, 2**18)) == Centres(("cam00", "cam02"), table)
+
+
+SMALL = JointCentres(
+    made_by="x", offsets={"hip": {"up": 0.01}}, lengths={"thigh": 0.4}, by_length={"hip": {"up": {"thigh": 0.1}}}
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"joint": ["tail"]}, "no joint 'tail'"),
+        ({"direction": ["sideways"]}, "no direction 'sideways'"),
+        ({"segment": ["tail"]}, "no segment 'tail'"),
+        ({"slope_segment": ["shank"]}, "no segment 'shank'"),
+        ({"slope_joint": ["tail"]}, "no joint 'tail'"),
+        ({"offset_m": np.array([np.nan])}, "offset_m: nan cannot be"),
+        ({"offset_m": np.array([7.0])}, "offset_m: 7 cannot be"),
+        ({"length_m": np.array([-0.4])}, "length_m: -0.4 cannot be"),
+        ({"slope": np.array([np.inf])}, "slope: inf cannot be"),
+        ({"slope": np.array([-2.0])}, "slope: -2 cannot be"),
+        ({"offset_m": np.zeros(2)}, "as many names as numbers"),
+        ({"direction": []}, "as many names as numbers"),
+        ({"slope_joint": []}, "as many names as numbers"),
+        ({"joint": 600 * ["hip"], "direction": 600 * ["up"], "offset_m": np.zeros(600)}, "512 at most"),
+        ({"joint": 2 * ["hip"], "direction": 2 * ["up"], "offset_m": np.zeros(2)}, "each name once"),
+        ({"cameras": []}, "1 to 512 cameras, got 0"),
+        ({"cameras": 600 * ["cam00"]}, "1 to 512 cameras, got 600"),
+    ],
+)
+def test_a_table_that_makes_no_sense_is_refused(change, words) -> None:
+    msg = message_from_centres(Centres(("cam00",), SMALL), BEGIN_NS)
+    assert centres_from_message(msg).table == SMALL
+    for field, value in change.items():
+        setattr(msg, field, value)
+    with pytest.raises(MessageError, match=words):
+        centres_from_message(msg)
+
+
+def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, somebody, tmp_path: Path) -> None:
+    rig, config = ring_rig(3), LiveConfig()
+    path, clock = tmp_path / "live.mcap", SessionClock.begin()
+    sink = RecordSink(OutputPlan(rig, clock, record=path, notes=notes_of(rig, config)))
+    tracker, centring = ready_tracker(rig, BLAZEPOSE33, config), Centring(rig.names, wanted=True)
+    told = Centres(rig.names, FULL)
+    sink.take("centres", (BEGIN_NS, told))
+    centring.learn(told)
+    for i in range(30):
+        t_ns = BEGIN_NS + i * PERIOD_NS
+        camera = rig.cameras[i % 3]
+        xy, ones = camera.project(somebody)[None], np.ones((1, K))
+        view = Detections2D(camera.name, t_ns, BLAZEPOSE33, xy, ones, ones, np.zeros((1, 4)))
+        sink.take("view", (view, {}))
+        tracker.add(view)
+        sink.take("pose", (centring.moved(tracker.at(t_ns)), {}, None))
+    sink.close()
+    pairs = list(replayed(path, rig, config))
+    assert len(pairs) == 30 and len(pairs[-1][0].person_id) == 1
+    assert max(difference_m(pose, again) for pose, again in pairs) == 0.0
+    np.testing.assert_array_equal(pairs[-1][0].cov_world, pairs[-1][1].cov_world)
+    # what was learnt on the way counts
+    usual = at_joint_centres(tracker.at(BEGIN_NS + 29 * PERIOD_NS), FULL, FULL.usual)
+    assert difference_m(usual, pairs[-1][1]) > 0.001
+    landmarks = replace(config, joint_centres=False)
+    assert max(difference_m(pose, again) for pose, again in replayed(path, rig, landmarks)) > 0.01

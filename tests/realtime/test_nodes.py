@@ -1,0 +1,129 @@
+"""One session on two machines, here two processes on the loopback device."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, Detections2D
+from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.joint_centres import message_from_centres
+from posefuse.realtime.messages import Centres, Seen
+from posefuse.realtime.network_intake import NetworkIntake
+from posefuse.tracking import JointCentres
+
+pytestmark = pytest.mark.realtime
+
+pytest.importorskip("cyclonedds")
+# apart from what tests of `wire` use, and from another run on this machine
+DOMAIN = 10 + os.getpid() % 80
+PATIENCE_S = 120.0
+
+
+def node(part: str, session: Path, *options: str) -> subprocess.Popen:
+    command = [sys.executable, "-m", "posefuse.cli.main", "node", part, str(session / "rig.toml"), "--json"]
+    command += ["--local-only", "--domain", str(DOMAIN), *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def told(running: subprocess.Popen, words: str) -> str:
+    """What it has said up to the line with those words."""
+    said = ""
+    for line in running.stderr:
+        said += line
+        if words in line:
+            return said
+    raise AssertionError(f"never said {words!r}: {said}")
+
+
+def stopped(running: subprocess.Popen) -> dict:
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=60)
+    assert running.returncode == 0, err
+    return json.loads(out)
+
+
+def wait_until_heard(views: dict[str, int], poses: int) -> None:
+    """Listen beside the nodes until so many views of each camera, and poses with somebody in them, have come."""
+    from posefuse.messages import topics
+    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.intake import Intake
+    from posefuse.messages.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, pose_from_message
+
+    end = time.monotonic() + PATIENCE_S
+    with RosNode("listener", Network(DOMAIN, local_only=True)) as listener:
+        seen, made = listener.reader(topics.DETECTIONS), listener.reader(topics.POSE)
+        view_intake, pose_intake = Intake(DETECTIONS_TYPE, detections_from_message), Intake(POSE_TYPE, pose_from_message)
+        while max(poses, *views.values()) > 0:
+            assert time.monotonic() < end, f"still to come: {views}, {poses} poses"
+            listener.wait(0.2)
+            for sample in seen.take():
+                views[view_intake.take(sample.raw)[0].camera] -= 1
+            poses -= sum(len(pose_intake.take(sample.raw)[0].person_id) > 0 for sample in made.take())
+
+
+def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> None:
+    oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={demo_session / 'truth' / 'truth.npz'}"]
+    # played again and again: a slow machine may need any time to begin
+    shared = ["--zero", str(time.time()), "--loop", "10", *oracle]
+    nodes = [node("fusion", demo_session)]
+    try:
+        for name, cameras in (("a", ("cam00", "cam02")), ("b", ("cam01", "cam03"))):
+            sources = [part for camera in cameras for part in ("--source", f"{camera}=sim:{demo_session}")]
+            nodes.append(node("camera", demo_session, "--name", name, *shared, *sources))
+        for running, words in zip(nodes, ("first view", "in process", "in process"), strict=True):
+            told(running, words)
+        wait_until_heard(dict.fromkeys(("cam00", "cam01", "cam02", "cam03"), 60), poses=60)
+        figures, *sent = [stopped(running) for running in nodes]
+    finally:
+        for running in nodes:
+            running.kill()
+    assert figures["poses_with_people"] > 50
+    assert all(camera["used"] > 20 for camera in figures["cameras"].values())
+    assert figures["messages"]["refused"] == 0
+    assert all(count > 20 for one in sent for count in one["sent"].values())
+
+
+def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
+    from posefuse.messages import topics
+    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.messages import message_from_detections
+
+    skeleton = SKELETONS["coco17"]
+    network = Network(DOMAIN + 1, local_only=True)
+    intake = NetworkIntake(ring_rig(2), network, SessionClock.begin())
+    try:
+        with RosNode("stranger", network) as stranger:
+            table = Centres(("cam00",), JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}}))
+            stranger.publish(topics.JOINT_CENTRES, message_from_centres(table, time.time_ns()), time.time_ns())
+            writer = stranger.writer(topics.DETECTIONS)
+            end = time.monotonic() + 20
+            while (
+                not (intake.intake.counts.refused and intake.strangers and intake.intake.counts.accepted > 6)
+                and time.monotonic() < end
+            ):
+                for camera in ("cam00", "elsewhere"):
+                    view = Detections2D.nobody(camera, time.time_ns(), skeleton)
+                    stranger.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
+                broken = Detections2D(
+                    "cam01", time.time_ns(), skeleton, np.full((1, 17, 2), np.nan), np.full((1, 17), 7.0),
+                    np.ones((1, 17)), np.zeros((1, 4)),
+                )  # fmt: skip
+                stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
+                time.sleep(0.05)
+            assert writer.readers() > 0
+        skeleton_told = intake.first_skeleton(1.0)
+        got = [*intake.centres, *intake.messages()]
+    finally:
+        intake.close()
+    assert "elsewhere" in intake.strangers
+    assert "scores in 0..1" in intake.intake.counts.last_refusal
+    assert skeleton_told == skeleton
+    assert [told for told in got if isinstance(told, Centres)] == [table]
+    assert {seen.detections.camera for seen in got if isinstance(seen, Seen)} == {"cam00"}

@@ -1,0 +1,131 @@
+"""The rig watched beside a live session: views at their own times, what is found of them, and the process that does it."""
+
+import os
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, Detections2D, Rig, Truth
+from posefuse.formats.truth import read_truth
+from posefuse.health.common_times import CommonInstants
+from posefuse.health.rig_monitor import telling_points
+from posefuse.realtime.rig_watch import RigWatch, Watcher, watching
+
+S = 1_000_000_000
+RATE_HZ = 30.0
+PHASE_S = (0.0, 0.011, 0.023, 0.029)
+
+
+@pytest.fixture(scope="module")
+def truth(demo_session: Path) -> Truth:
+    return read_truth(demo_session / "truth" / "truth.npz")
+
+
+def line(t_ns: int) -> np.ndarray:
+    """(2, 2) points that move evenly."""
+    return np.array([[100.0, 50.0], [200.0, 80.0]]) + np.array([[30.0, -10.0], [0.0, 4.0]]) * t_ns / S
+
+
+def test_views_are_read_at_common_instants_wherever_they_lie() -> None:
+    instants, rng = CommonInstants(("a", "b")), np.random.default_rng(1)
+    times = [("ab"[c], int(t_ns)) for c in range(2) for t_ns in np.cumsum(rng.integers(20_000_000, 120_000_000, 60))]
+    read = []
+    for name, t_ns in sorted(times, key=lambda one: one[1]):
+        instants.add(name, t_ns, line(t_ns), np.ones(2, bool))
+        read += list(instants.ready())
+    assert len(read) > 20
+    assert (np.diff([t_ns for t_ns, _ in read]) == S // 10).all()
+    for t_ns, xy in read:
+        known = np.isfinite(xy).all(axis=(1, 2))
+        np.testing.assert_allclose(xy[known], np.stack([line(t_ns)] * known.sum()), atol=1e-9)
+    assert np.isfinite([xy for _, xy in read[2:]]).all()
+
+
+def test_a_camera_that_is_silent_is_nan_and_one_that_is_ahead_pushes_nobody() -> None:
+    instants, read = CommonInstants(("a", "b", "c")), []
+    for step in range(90):
+        for name, ahead_ns in (("a", 0), ("b", 0), ("c", 3600 * S)):
+            if name != "b" or step < 30:
+                t_ns = step * S // 30
+                instants.add(name, t_ns + ahead_ns, line(t_ns), np.ones(2, bool))
+        read += list(instants.ready())
+    assert read[-1][0] == 24 * S // 10
+    assert all(np.isfinite(xy[0]).all() and np.isnan(xy[2]).all() for _, xy in read[5:])
+    assert np.isfinite(read[5][1][1]).all()
+    assert np.isnan(read[-1][1][1]).all()
+
+
+def test_nothing_is_read_across_a_gap_nor_where_a_point_was_not_seen() -> None:
+    back, gaps = CommonInstants(("a", "b")), {}
+    for t_ns in (*range(0, S, S // 30), *range(2 * S, 3 * S, S // 30)):
+        back.add("a", t_ns, line(t_ns), np.ones(2, bool))
+        back.add("b", t_ns, line(t_ns), np.array([True, False]))
+        gaps |= dict(back.ready())
+    assert any(t_ns < S for t_ns in gaps)
+    assert any(t_ns > 2 * S for t_ns in gaps)
+    assert not any(S < t_ns < 2 * S for t_ns in gaps)
+    assert all(np.isnan(xy[1, 1]).all() for xy in gaps.values())
+
+
+def test_memory_stays_bounded() -> None:
+    instants = CommonInstants(("a", "b"))
+    for step in range(2000):
+        instants.add("a", step * S // 30, line(0), np.ones(2, bool))
+    assert len(instants._views["a"]) <= 256
+
+
+def fed(watcher: Watcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:
+    """Kinds found by camera, after the clip was shown as cameras at `rig` see it, each at times of its own."""
+    told = telling_points(truth.skeleton.keypoints)
+    stays = np.random.default_rng(5).normal(0, 4.0, (len(rig), len(truth.skeleton), 2))
+    times_s = (truth.t_ns - truth.t_ns[0]) / 1e9
+    for step in range(round(seconds * RATE_HZ)):
+        for c, camera in enumerate(rig):
+            t_s = begin_s + step / RATE_HZ + PHASE_S[c]
+            # to and fro, so that nobody jumps
+            there_s = abs((t_s + times_s[-1]) % (2 * times_s[-1]) - times_s[-1])
+            i = min(int(there_s * RATE_HZ), len(times_s) - 2)
+            share = (there_s - times_s[i]) * RATE_HZ
+            xyz = truth.xyz_world[i, 0] + share * (truth.xyz_world[i + 1, 0] - truth.xyz_world[i, 0])
+            watcher.add(camera.name, round((1000 + t_s) * S), (camera.project(xyz) + stays[c])[told], np.ones(len(told)))
+        known = watcher.look()
+    return {name: verdict.state for name, verdict in known.ill.items()}
+
+
+def test_a_bumped_camera_is_found_among_cameras_that_do_not_wait_for_each_other(truth: Truth) -> None:
+    rig, watcher = truth.rig, Watcher(truth.rig, clocks=False)
+    assert fed(watcher, truth, rig, 0.0, 5.0) == {}
+    cameras = list(rig.cameras)
+    cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0.02, 0.01, 0.0], np.zeros(3)) @ cameras[2].cam_from_world)
+    assert fed(watcher, truth, Rig(tuple(cameras)), 5.0, 5.0) == {rig.names[2]: "bumped"}
+    assert fed(watcher, truth, rig, 10.0, 6.0) == {}
+
+
+def test_two_cameras_are_not_watched(truth: Truth) -> None:
+    two = Rig(truth.rig.cameras[:2])
+    with watching(two, clocks=False) as watch:
+        assert watch is None
+    turned = replace(two.cameras[0], cam_from_world=SE3.from_rotvec([0.0, 0.1, 0.1], np.zeros(3)) @ two.cameras[0].cam_from_world)
+    assert fed(Watcher(two, clocks=False), truth, Rig((turned, two.cameras[1])), 0.0, 4.0) == {}
+
+
+def test_a_watch_that_is_killed_is_said_and_ends_nothing(truth: Truth) -> None:
+    view = Detections2D.nobody("cam00", 5 * S, truth.skeleton)
+    with RigWatch(truth.rig, clocks=True) as watch:
+        pid = int(watch.whereabouts().split()[-1])
+        assert watch.timed(view, 1) is view
+        assert watch.trouble == ""
+        os.kill(pid, signal.SIGKILL)
+        end_s = time.monotonic() + 20
+        while not watch.trouble and time.monotonic() < end_s:
+            assert watch.timed(view, 1).t_ns == view.t_ns
+            watch.hear()
+            time.sleep(0.02)
+    assert f"process {pid} ended" in watch.trouble
+    with RigWatch(truth.rig, clocks=False) as watch:
+        pid = int(watch.whereabouts().split()[-1])
+    assert not Path(f"/proc/{pid}").exists()

@@ -1,0 +1,426 @@
+"""The parts of the live pipeline that are values: no process, no clock."""
+
+import itertools
+import multiprocessing
+import re
+import threading
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from posefuse.cli.live_report import write_report
+from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
+from posefuse.health.cameras import Monitor, Verdict
+from posefuse.realtime.board import Board
+from posefuse.realtime.capture import Capture, Caught, LiveInput, pick
+from posefuse.realtime.channel import Channel, ChannelClosed
+from posefuse.realtime.faults import Fault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
+from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.latency import Histogram, Latencies, Way
+from posefuse.realtime.messages import CameraState, Seen
+from posefuse.realtime.processes import Groups, _Member, ended
+from posefuse.realtime.scheduling import expected_gain
+from posefuse.realtime.session import News
+from posefuse.sources.live.stream import StampClock
+
+S = 1_000_000_000
+SKELETON = Skeleton("five", ("a", "b", "c", "d", "e"))
+PERIOD_NS = S // 30
+
+
+def pose_at(t_ns: int, people: int = 2, seed: int = 3) -> Pose3D:
+    rng = np.random.default_rng(seed)
+    k = len(SKELETON)
+    root = rng.normal(size=(people, k, 3, 3)) * 0.03
+    cov = root @ np.swapaxes(root, -1, -2) + 1e-5 * np.eye(3)
+    xyz = rng.normal(size=(people, k, 3)) * 0.4 + [0, 0, 1.0]
+    ones = np.ones((people, k))
+    return Pose3D(t_ns, SKELETON, np.arange(people), xyz, cov, ones, 4 * ones, ones)
+
+
+def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> Seen:
+    return Seen(Detections2D.nobody(camera, t_ns, SKELETON), None, received_ns, received_ns, received_ns, still)
+
+
+# --- what is expected next
+
+
+def test_the_board_gives_back_what_was_written() -> None:
+    board = Board(multiprocessing.get_context("spawn"), 3)
+    assert board.read().t_ns == 0
+    assert board.read().xyz_world.shape[0] == 0
+    pose, velocity = pose_at(7 * S), np.full((2, 5, 3), 0.5)
+    board.write(pose, velocity, np.array([1.0, 2.0, 3.0]))
+    told = board.read()
+    np.testing.assert_array_equal(told.xyz_world, pose.xyz_world)
+    np.testing.assert_array_equal(told.gain, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(told.at(7 * S + S // 10), pose.xyz_world + 0.05)
+
+
+def test_gain_is_the_entropy_a_frame_takes_away(ring_rig) -> None:
+    rig, pose = ring_rig(3), pose_at(0, people=1)
+    sigma = np.array([2.0, 3.0, 5.0])
+    gain = expected_gain(pose, rig, sigma)
+    for c, camera in enumerate(rig):
+        lost = 0.0
+        for xyz, cov in zip(pose.xyz_world[0], pose.cov_world[0], strict=True):
+            step = 1e-6
+            jacobian = np.stack(
+                [(camera.project(xyz + step * e) - camera.project(xyz - step * e)) / (2 * step) for e in np.eye(3)], 1
+            )
+            after = np.linalg.inv(np.linalg.inv(cov) + jacobian.T @ jacobian / sigma[c] ** 2)
+            lost += 0.5 * np.log(np.linalg.det(cov) / np.linalg.det(after))
+        assert gain[c] == pytest.approx(lost, rel=1e-5)
+
+
+def test_gain_does_not_depend_on_the_world_frame(ring_rig) -> None:
+    rig, pose = ring_rig(4), pose_at(0)
+    turn = SE3(np.array([0.5, 0.5, -0.5, 0.5]), np.array([1.0, -2.0, 0.3]))
+    rotation = turn.matrix()
+    moved = replace(pose, xyz_world=turn @ pose.xyz_world, cov_world=rotation @ pose.cov_world @ rotation.T)
+    np.testing.assert_allclose(
+        expected_gain(moved, rig.moved(turn), np.full(4, 2.0)), expected_gain(pose, rig, np.full(4, 2.0)), rtol=1e-9
+    )
+
+
+def test_who_is_out_of_the_picture_or_known_exactly_is_worth_nothing(ring_rig) -> None:
+    rig, pose = ring_rig(2), pose_at(0)
+    away = replace(pose, xyz_world=pose.xyz_world + [0, 0, 50.0])
+    np.testing.assert_array_equal(expected_gain(away, rig, np.ones(2)), [0, 0])
+    sure = replace(pose, cov_world=pose.cov_world * 1e-9)
+    assert expected_gain(sure, rig, np.ones(2)).max() < 1e-3 * expected_gain(pose, rig, np.ones(2)).min()
+
+
+# --- which camera is ill
+
+
+def run_frames(monitor: Monitor, cameras: dict[str, tuple[int, int]], start_ns: int, seconds: float) -> dict[str, list]:
+    """Frames at 30 Hz; `cameras` says by how much a stamp is off, and 1 when the image stands still."""
+    used: dict[str, list] = {name: [] for name in cameras}
+    for i in range(round(seconds * 30)):
+        for name, (off_ns, still) in cameras.items():
+            t_ns = start_ns + i * PERIOD_NS
+            used[name].append(monitor.admit(seen_at(name, t_ns + off_ns, t_ns + 20_000_000, still * (i + 1)), t_ns + 40_000_000))
+    return used
+
+
+def test_healthy_cameras_are_used_and_untouched() -> None:
+    monitor = Monitor(("a", "b"))
+    used = run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 100 * S, 2)
+    assert all(view is not None for view in used["a"] + used["b"])
+    assert [view.t_ns for view in used["a"]][:2] == [100 * S, 100 * S + PERIOD_NS]
+    assert {v.state for v in monitor.judge(102 * S, {}).values()} == {"ok"}
+
+
+def test_a_frozen_camera_is_left_out_and_named_and_comes_back() -> None:
+    monitor = Monitor(("a", "b"))
+    run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 100 * S, 1)
+    used = run_frames(monitor, {"a": (0, 1), "b": (0, 0)}, 101 * S, 2)
+    assert used["a"][-1] is None
+    assert used["b"][-1] is not None
+    verdicts = monitor.judge(103 * S, {})
+    assert (verdicts["a"].state, verdicts["b"].state) == ("frozen", "ok")
+    back = run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 103 * S, 0.1)
+    assert back["a"][0] is not None
+    assert monitor.judge(103 * S + S // 10, {})["a"].state == "ok"
+
+
+def test_when_nothing_moves_anywhere_no_camera_is_blamed_away() -> None:
+    monitor = Monitor(("a", "b"))
+    used = run_frames(monitor, {"a": (0, 1), "b": (0, 1)}, 100 * S, 3)
+    assert used["a"][-1] is not None
+    assert used["b"][-1] is not None
+
+
+@pytest.mark.parametrize("jump_s", [3600, -3600, 2])
+def test_a_clock_that_jumps_is_refused_named_and_put_right(jump_s: int) -> None:
+    monitor = Monitor(("a", "b"))
+    run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 100 * S, 1)
+    used = run_frames(monitor, {"a": (jump_s * S, 0), "b": (0, 0)}, 101 * S, 1)["a"]
+    assert used[0] is None
+    assert monitor.judge(101 * S + S // 2, {})["a"].state == "clock"
+    # back by itself, at the times the camera had before
+    assert [view.t_ns for view in used[-2:]] == [101 * S + 28 * PERIOD_NS, 101 * S + 29 * PERIOD_NS]
+    assert monitor.judge(104 * S, {})["a"].state != "clock"
+
+
+def test_frames_that_are_late_for_a_moment_are_refused_and_no_clock_is_put_right() -> None:
+    monitor = Monitor(("a", "b"))
+    run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 100 * S, 1)
+    used = run_frames(monitor, {"a": (-S, 0), "b": (0, 0)}, 102 * S, 2)["a"]
+    assert used == [None] * 60
+    verdict = monitor.judge(104 * S, {})["a"]
+    assert (verdict.state, verdict.text) == ("late", "frames come 1.0 s later than usual; they are not used")
+    assert monitor.refused("a") == {"late": 60}
+    back = run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 104 * S, 0.1)["a"]
+    assert [view.t_ns for view in back] == [104 * S + i * PERIOD_NS for i in range(3)]
+    # a clock that was set back stays so
+    assert run_frames(monitor, {"a": (-S, 0), "b": (0, 0)}, 106 * S, 4)["a"][-1].t_ns == 106 * S + 119 * PERIOD_NS
+
+
+def test_a_flood_is_cut_off_and_named() -> None:
+    monitor = Monitor(("a",))
+    used = [monitor.admit(seen_at("a", 100 * S + i * 10_000, 100 * S + i * 10_000), 100 * S + i * 10_000) for i in range(5000)]
+    assert 0 < sum(view is not None for view in used) < 500
+    assert monitor.judge(100 * S + S // 10, {})["a"].state == "flood"
+    assert monitor.refused("a")["flood"] == sum(view is None for view in used)
+
+
+def test_silence_ends_and_dead_processes_are_named() -> None:
+    monitor = Monitor(("a", "b", "c"))
+    run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
+    monitor.told(CameraState("b", "ended", "the source has ended", 30, 30, 0, 0), 101 * S)
+    verdicts = monitor.judge(103 * S, {"c": "process 1 ended by signal SIGKILL"})
+    assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
+    assert "SIGKILL" in verdicts["c"].text
+    assert {event.camera for event in monitor.events} == {"a", "b", "c"}
+
+
+def test_all_that_changes_is_told_however_long_a_session_runs() -> None:
+    monitor, said = Monitor(("a",)), []
+    news = News(SimpleNamespace(monitor=monitor, watch=None), 0, said.append)
+    for second in range(1200):
+        monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
+        news.tell(second * S)
+    assert len(said) == monitor.event_count > len(monitor.events)
+    assert said[-1] == "1199.00 s  camera a: dead: process 1 ended"
+
+
+def test_counts_go_on_when_a_process_was_started_again() -> None:
+    monitor = Monitor(("a",))
+    for captured in (10, 40, 5, 9):
+        monitor.told(CameraState("a", "running", "", captured, captured, 1, 0), captured * S)
+    source = monitor.source("a")
+    assert source is not None
+    assert (source.captured, source.replaced) == (49, 2)
+
+
+def test_strangers_are_not_used() -> None:
+    assert Monitor(("a",)).admit(seen_at("x", S, S), S) is None
+
+
+# --- where the time went
+
+
+def test_quantiles_agree_with_numpy_to_a_bin() -> None:
+    values = np.random.default_rng(5).gamma(3.0, 9.0, 5000)
+    histogram = Histogram()
+    for value in values:
+        histogram.add(float(value))
+    for share in (0.5, 0.95, 0.99):
+        assert histogram.quantile_ms(share) == pytest.approx(np.quantile(values, share), abs=0.25)
+    assert histogram.figures()["mean"] == pytest.approx(values.mean())
+    assert np.isnan(Histogram().quantile_ms(0.5))
+
+
+def test_stages_add_up_to_the_total() -> None:
+    latencies = Latencies(("a", "b"))
+    latencies.view_out(Way("a", 0, 3_000_000, 5_000_000, 14_000_000, 15_000_000), 21_000_000)
+    figures = latencies.figures()["cameras_ms"]
+    spans = {stage: row["mean"] for stage, row in figures["a"].items()}
+    assert spans == {"capture": 3.0, "wait": 2.0, "2D": 9.0, "fuse": 1.0, "output": 6.0, "total": 21.0}
+    assert figures["b"]["total"]["n"] == 0
+
+
+def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
+    latencies = Latencies(("a", "b"))
+    for i in range(100):
+        late_ns = 900_000_000 if i == 50 else 30_000_000
+        for name in ("a", "b"):
+            latencies.view_out(Way(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b"), id="r"))
+    figures = {"latency": latencies.figures(), "events": []}
+    write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
+    page = (tmp_path / "latency.html").read_text()
+    blue, red = re.findall(r'stroke="#36c" d="([^"]*)"', page), re.findall(r'stroke="#c33" d="([^"]*)"', page)
+    assert [path.count("M") for path in blue] == [99, 99]
+    assert [path.count("M") for path in red] == [1, 1]
+    assert page.count("60 ms") == 2 and "highest 900.0 ms" in page
+
+
+# --- between processes
+
+
+def test_a_channel_keeps_messages_whole_and_is_bounded() -> None:
+    one, two = Channel.pair()
+    assert two.receive() is None
+    assert one.send({"x": 1}) and one.send(b"y" * 50_000)
+    assert two.receive() == {"x": 1}
+    assert len(two.receive()) == 50_000
+    sent = 0
+    while one.send(b"z" * 10_000):
+        sent += 1
+        assert sent < 10_000
+    assert not one.send(b"z" * 10_000)
+    while two.receive() is not None:
+        sent -= 1
+    assert sent == 0
+    one.close()
+    with pytest.raises(ChannelClosed):
+        two.receive()
+    with pytest.raises(ChannelClosed):
+        two.send(1)
+
+
+# --- what the user says
+
+
+def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
+    rig = ring_rig(4)
+    film = demo_session / "videos" / "cam01.mp4"
+    entries = inputs_from_arguments([f"cam01=video:{film}", "cam00=rtsp://host/s", "cam03=usb:/dev/video7@640x480@30"], rig)
+    assert [(entry.camera, entry.kind, entry.reopen) for entry in entries] == [
+        ("cam00", "rtsp", True), ("cam01", "video", False), ("cam03", "usb", True)
+    ]  # fmt: skip
+    assert len(inputs_from_arguments([f"sim:{demo_session}"], rig)) == 4
+    oak, realsense = inputs_from_arguments(["cam01=realsense:A1@1280x720@15", "cam00=oak:any"], rig)
+    assert (oak.config.serial, oak.config.size, oak.reopen) == ("any", "640x480", True)
+    assert (realsense.config.serial, realsense.config.size) == ("A1", "1280x720@15")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["cam9=video:x.mp4"], ("cam9", "cam00, cam01")),
+        (["cam00=webcam:0"], ("webcam", "usb")),
+        (["video:x.mp4"], ("CAMERA=KIND:WHERE",)),
+        (["cam00=video:x.mp4", "cam00=video:y.mp4"], ("already",)),
+    ],
+)
+def test_a_source_that_cannot_be_meant_says_what_there_is(ring_rig, arguments: list[str], words: tuple[str, ...]) -> None:
+    with pytest.raises(SourceError) as raised:
+        inputs_from_arguments(arguments, ring_rig(2))
+    assert all(word in str(raised.value) for word in words)
+
+
+def test_a_source_of_another_size_than_calibrated_is_refused(ring_rig, demo_session) -> None:
+    rig = ring_rig(2, size_wh=(1280, 720))
+    [entry] = inputs_from_arguments([f"cam01=video:{demo_session / 'videos' / 'cam01.mp4'}"], rig)
+    with pytest.raises(SourceError, match="640x480 px, it was calibrated at 1280x720"):
+        entry.open(rig["cam01"])
+
+
+def test_the_frame_worth_most_is_taken_and_only_the_newest_waits(ring_rig) -> None:
+    rig, news = ring_rig(2), threading.Condition()
+    captures = [Capture(LiveInput(camera.name, "test", None, False), camera, news) for camera in rig]
+    assert pick(captures, lambda _: 1.0) is None
+    frames = [Frame("cam00", i, i * PERIOD_NS, 0, np.zeros((4, 4, 3), np.uint8)) for i in range(3)]
+    for frame in frames:
+        captures[0].put(Caught(frame, 0))
+    captures[1].put(Caught(replace(frames[0], camera="cam01"), 0))
+    order = [pick(captures, lambda capture: float(capture.entry.camera == "cam01")) for _ in range(2)]
+    assert [taken[1].frame.camera for taken in order if taken] == ["cam01", "cam00"]
+    assert order[1][1].frame is frames[2]
+    assert pick(captures, lambda _: 1.0) is None
+    state = captures[0].state()
+    assert (state.captured, state.used, state.replaced) == (3, 1, 2)
+
+
+def test_faults_are_read_and_happen(ring_rig) -> None:
+    rig = ring_rig(2)
+    assert faults_from_arguments(["cam01=freeze@3-6"], rig) == {"cam01": (Fault("freeze", 3.0, 6.0),)}
+    with pytest.raises(ConfigError, match="melt"):
+        faults_from_arguments(["cam01=melt@3"], rig)
+    frames = [Frame("a", i, i * PERIOD_NS, 0, np.full((4, 4, 3), i, np.uint8)) for i in range(3)]
+    frozen = list(disturbed(iter(frames), [Fault("freeze", 0.0, 1e9)], begun_s=0.0))
+    assert [int(frame.image[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
+    assert [frame.t_ns + wrong.off_ns for frame, wrong in frozen] == [frame.t_ns for frame in frames]
+    jumped = disturbed(iter(frames), [Fault("jump", 0.0, 1e9)], begun_s=0.0)
+    assert [wrong for _, wrong in jumped] == [Wrong(3600 * S)] * 3
+    assert [wrong for _, wrong in disturbed(iter(frames), [Fault("bump", 0.0, 1e9)], begun_s=0.0)] == [Wrong(bumped=True)] * 3
+
+
+def test_a_bump_moves_what_is_seen_as_a_turned_camera_would_see_it(ring_rig) -> None:
+    camera, xyz = ring_rig(3).cameras[1], np.random.default_rng(0).normal(size=(1, 5, 3)) * 0.4 + [0, 0, 1.0]
+    ones = np.ones((1, 5))
+    view = Detections2D(camera.name, 0, SKELETON, camera.project(xyz), ones, ones, np.zeros((1, 4)))
+    after = seen_by_bumped(view, camera)
+    np.testing.assert_allclose(after.xy_img, bumped(camera).project(xyz), atol=1e-3)
+    assert 5 < np.abs(after.xy_img - view.xy_img).max() < 50
+    region = Region(after.xy_img[0, 2], 80.0)
+    np.testing.assert_allclose(before_bump(region, camera).centre_img, view.xy_img[0, 2], atol=1e-3)
+
+
+def test_what_the_rig_watch_finds_is_told_unless_something_worse_is_wrong() -> None:
+    monitor = Monitor(("a", "b", "c"))
+    run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
+    ill = {"a": Verdict("bumped", "a looks beside"), "b": Verdict("bumped")}
+    verdicts = monitor.judge(101 * S, {"b": "process 1 ended"}, ill)
+    assert [verdicts[name].state for name in "abc"] == ["bumped", "dead", "ok"]
+    assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
+    assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "bumped"), ("a", "ok")]
+
+
+def test_a_film_begins_again_at_every_turn(ring_rig, demo_session) -> None:
+    [entry] = inputs_from_arguments([f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"], ring_rig(2))
+    capture = Capture(replace(entry, loop_s=0.3), ring_rig(2)["cam00"], threading.Condition())
+    capture.begin(time.monotonic_ns())
+    taken, end_s = [], time.monotonic() + 20
+    while len({caught.later_ns for caught in taken}) < 3 and time.monotonic() < end_s:
+        time.sleep(0.01)
+        taken += [caught] if (caught := capture.take()) else []
+    capture.close()
+    turns = {caught.later_ns for caught in taken}
+    assert len(turns) == 3
+    assert all(later_ns % (3 * S // 10) == 0 for later_ns in turns)
+    assert all(caught.frame.t_ns < 3 * S // 10 for caught in taken)
+    times = [caught.frame.t_ns + caught.later_ns for caught in taken]
+    assert times == sorted(times)
+
+
+# --- times of streams
+
+
+def test_stamps_are_placed_at_the_least_delay_and_follow_drift() -> None:
+    rng = np.random.default_rng(2)
+    delay_ns, drift = 30_000_000, 100e-6
+    clock = StampClock(delay_ns)
+    errors = []
+    for i in range(60 * 30):
+        true_ns = 1000 * S + i * PERIOD_NS
+        stamp_ns = round(i * PERIOD_NS * (1 + drift)) + 5 * S
+        arrived_ns = true_ns + delay_ns + int(rng.exponential(15e6))
+        errors.append(clock.placed(stamp_ns, arrived_ns) - true_ns)
+    assert np.abs(errors[300:]).max() < 3_000_000
+
+
+def test_times_of_streams_only_go_forward() -> None:
+    clock = StampClock(0)
+    times = [clock.placed(stamp, arrived) for stamp, arrived in ((100, 1000), (50, 1010), (None, 1005), (None, 900))]
+    assert all(later > earlier for earlier, later in itertools.pairwise(times))
+
+
+class SlowToDie:
+    """A killed process that the system has not come round to ending."""
+
+    killed = False
+
+    def join(self, timeout_s: float) -> None: ...
+
+    def is_alive(self) -> bool:
+        return True
+
+    def kill(self) -> None:
+        self.killed = True
+
+    def close(self) -> None:
+        raise ValueError("Cannot close a process while it is still running.")
+
+
+def test_a_process_that_a_busy_machine_has_not_ended_yet_is_no_error() -> None:
+    process = SlowToDie()
+    ended(process, 0.0)
+    assert process.killed
+
+
+def test_a_hung_process_that_is_still_dying_is_started_again_later() -> None:
+    """Closing it at once raised, and took the whole session along."""
+    process = SlowToDie()
+    member = _Member(plan=None, channel=None, process=process)
+    Groups._restart(object.__new__(Groups), member)
+    assert process.killed
+    assert member.process is process
+    assert member.again_at_s > time.monotonic()

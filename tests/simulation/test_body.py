@@ -1,0 +1,224 @@
+"""The body model: forward kinematics, anatomy, truth about angles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import SKELETONS, ConfigError
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.simulation.body import ANGLE_NAMES, JOINTS, SEGMENTS, Body, BodySettings, build_body, rotation_of
+from posefuse.simulation.body.angles import angles_of, joint_segments
+
+pytest.importorskip("anny", reason="the extra 'sim' is not installed")
+KEYPOINTS = SKELETONS["anatomical23"]
+HINGES = {"shoulder": ("spine01", "upperarm01"), "elbow": ("upperarm02", "lowerarm01"), "wrist": ("lowerarm02", "wrist"),
+          "hip": ("root", "upperleg01"), "knee": ("upperleg02", "lowerleg01"), "ankle": ("lowerleg02", "foot")}  # fmt: skip
+FLIP = np.array([1.0, -1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return build_body(BodySettings(sex=0.3, age_years=41, height_m=1.71, weight_kg=63, muscle=0.6))
+
+
+def random_turns(body: Body, count: int, size_rad: float = 0.6, seed: int = 5) -> dict[str, np.ndarray]:
+    """World turns of every bone: each turned a little against its parent."""
+    rng = np.random.default_rng(seed)
+    turns: dict[str, np.ndarray] = {}
+    for name, parent in zip(body.bone_names, body.bone_parent, strict=True):
+        local = Rotation.from_rotvec(rng.uniform(-size_rad, size_rad, (count, 3)) / np.sqrt(3)).as_matrix()
+        turns[name] = local if parent < 0 else turns[body.bone_names[parent]] @ local
+    return turns
+
+
+def anny_out(body: Body, pose: np.ndarray, parameterization: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and bone poses of anny itself for our bone poses, in our axes."""
+    import torch
+
+    from posefuse.simulation.body import mesh
+
+    model, _ = mesh._model()
+    sliders = mesh._solved_sliders(body.settings)
+    rest = mesh._anny_rest(sliders)["rest_bone_poses"][0].numpy()
+    axes, origin = mesh._OURS_FROM_ANNY, (mesh._OURS_FROM_ANNY @ rest[0, :3, 3]) - body.world_from_bone_rest[0, :3, 3]
+    theirs = pose.copy()
+    theirs[..., :3, 3] += origin
+    theirs[..., :3, :] = axes.T @ theirs[..., :3, :]
+    with torch.no_grad():
+        out = model(pose_parameters=torch.as_tensor(theirs), phenotype_kwargs=sliders, pose_parameterization=parameterization)
+    poses = out["bone_poses"].numpy().copy()
+    poses[..., :3, :] = axes @ poses[..., :3, :]
+    poses[..., :3, 3] -= origin
+    return out["vertices"].numpy() @ axes.T - origin, poses
+
+
+def test_skin_is_anny_s_own(body: Body) -> None:
+    pose = body.pose(random_turns(body, 3), np.array([[0.4, -1.1, 0.8], [0, 0, 1.0], [2, 1, 0.5]]))
+    vertices, _ = anny_out(body, pose, "world")
+    assert np.abs(body.vertices(pose) - vertices).max() < 1e-5
+
+
+def test_kinematics_are_anny_s_own_when_bones_turn_about_their_heads(body: Body) -> None:
+    heads = replace(body, bone_centre=body.world_from_bone_rest[:, :3, 3])
+    pose = heads.pose(random_turns(body, 3), np.array([[0.4, -1.1, 0.8], [0, 0, 1.0], [2, 1, 0.5]]))
+    vertices, poses = anny_out(heads, pose, "world-orient")
+    assert np.abs(pose - poses).max() < 1e-5
+    assert np.abs(heads.vertices(pose) - vertices).max() < 1e-5
+
+
+def test_rest_keypoints_are_anny_s_regressor(body: Body) -> None:
+    import anny
+
+    from posefuse.simulation.body import mesh
+
+    regressor = anny.KeypointsRegressor.coco(mesh._model()[0], labels=list(KEYPOINTS.keypoints))
+    expected = regressor.regression_weights.numpy() @ body.vertices_rest
+    assert np.allclose(body.keypoints(body.world_from_bone_rest[None])[0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("joint", HINGES)
+@pytest.mark.parametrize(("side", "letter"), [("left", "L"), ("right", "R")])
+def test_joint_centre_is_fixed_in_both_segments(body: Body, joint: str, side: str, letter: str) -> None:
+    turns = random_turns(body, 6, size_rad=1.5)
+    if joint == "shoulder":
+        # the girdle is no part of the shoulder's proximal side here
+        turns |= dict.fromkeys((f"clavicle.{letter}", f"shoulder01.{letter}"), turns["spine01"])
+    if joint == "hip":
+        turns[f"pelvis.{letter}"] = turns["root"]
+    for half in ("upperarm", "lowerarm", "upperleg", "lowerleg"):
+        turns[f"{half}02.{letter}"] = turns[f"{half}01.{letter}"]
+    pose = body.pose(turns, np.zeros((6, 3)))
+    point = body.keypoints(pose)[:, KEYPOINTS.index(f"{side}_{joint}")]
+    moved = body.moved_from_rest(pose)
+    for bone in HINGES[joint]:
+        name = bone if bone in body.bone_names else f"{bone}.{letter}"
+        local = np.einsum(
+            "tij,tj->ti", np.linalg.inv(moved[:, body.bone(name)])[:, :3, :3], point - moved[:, body.bone(name), :3, 3]
+        )
+        assert np.abs(local - body.points_rest[f"{side}_{joint}"]).max() < 1e-9
+
+
+def test_body_is_mirror_symmetric(body: Body) -> None:
+    for name, point in body.points_rest.items():
+        other = KEYPOINTS.keypoints[KEYPOINTS.mirror[KEYPOINTS.index(name)]]
+        assert np.allclose(point, body.points_rest[other] * FLIP, atol=2e-3), name
+    angles = body.angles(body.world_from_bone_rest[None])[0]
+    for joint in JOINTS:
+        if joint.startswith("left_"):
+            assert np.allclose(angles[JOINTS.index(joint)], angles[JOINTS.index("right_" + joint[5:])], atol=np.deg2rad(0.5))
+
+
+def test_stands_on_the_floor_facing_x(body: Body) -> None:
+    assert body.vertices_rest[:, 2].min() == pytest.approx(0.0, abs=1e-12)
+    hips = (body.points_rest["left_hip"] + body.points_rest["right_hip"]) / 2
+    assert np.allclose(hips[:2], 0.0, atol=1e-12)
+    assert body.points_rest["nose"][0] > body.points_rest["left_ear"][0]
+    assert body.points_rest["left_hip"][1] > 0 > body.points_rest["right_hip"][1]
+
+
+def test_skin_weights_and_colours(body: Body) -> None:
+    assert np.allclose(body.bone_weight.sum(axis=1), 1.0)
+    assert (np.bincount(body.colour_group, minlength=len(body.colour_names)) > 100).all()
+    assert body.colours.shape == (len(body.colour_names), 3)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_angles_come_back(joint: str) -> None:
+    rng = np.random.default_rng(1)
+    angles = rng.uniform(-1.2, 1.2, (20, 3))
+    if joint.endswith("shoulder"):
+        angles[:, 1] = np.abs(angles[:, 1]) + 0.1
+    assert np.allclose(angles_of(joint, rotation_of(joint, angles)), angles, atol=1e-12)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_truth_gives_back_an_imposed_rotation(body: Body, joint: str) -> None:
+    wanted = np.deg2rad([33.0, 21.0, -14.0])
+    parent, child = joint_segments(joint)
+    rest = body.segment_axes
+    world = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]).as_matrix()
+    imposed = world @ rest[SEGMENTS.index(parent)] @ rotation_of(joint, wanted) @ rest[SEGMENTS.index(child)].T
+    turns = dict.fromkeys(body.bone_names, world[None])
+    bone = body.bone_names[body.segment_bone[SEGMENTS.index(child)]]
+    for b, name in enumerate(body.bone_names):
+        line, up = [name], b
+        while body.bone_parent[up] >= 0:
+            up = body.bone_parent[up]
+            line.append(body.bone_names[up])
+        if bone in line:
+            turns[name] = imposed[None]
+    pose = body.pose(turns, np.array([[0.3, 1.7, 0.9]]))
+    assert np.allclose(body.angles(pose)[0, JOINTS.index(joint)], wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("joint", "angle", "moves", "towards"),
+    [
+        ("right_hip", 0, "right_knee", [1, 0, 0]), ("left_hip", 0, "left_knee", [1, 0, 0]),
+        ("right_hip", 1, "right_knee", [0, 1, 0]), ("left_hip", 1, "left_knee", [0, -1, 0]),
+        ("right_knee", 0, "right_ankle", [-1, 0, 0]), ("left_knee", 0, "left_ankle", [-1, 0, 0]),
+        ("right_ankle", 0, "right_big_toe", [0, 0, 1]), ("left_ankle", 2, "left_big_toe", [0, -1, 0]),
+        ("right_ankle", 2, "right_big_toe", [0, 1, 0]), ("trunk", 0, "nose", [1, 0, 0]), ("trunk", 1, "nose", [0, -1, 0]),
+        ("neck", 2, "nose", [0, 1, 0]), ("right_elbow", 0, "right_wrist", [1, 0, 0]),
+    ],
+)  # fmt: skip
+def test_positive_angles_mean_what_they_are_called(body: Body, joint: str, angle: int, moves: str, towards: list[int]) -> None:
+    def point(value: float) -> np.ndarray:
+        axes = {"pelvis": np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])}
+        for j in JOINTS:
+            parent, child = joint_segments(j)
+            angles = np.zeros(3)
+            if j == joint:
+                angles[angle] = value
+            axes[child] = axes[parent] @ rotation_of(j, angles)
+        turns = {"root": np.eye(3)[None]}
+        for segment, frame in axes.items():
+            s = SEGMENTS.index(segment)
+            turns[body.bone_names[body.segment_bone[s]]] = (frame @ body.segment_axes[s].T)[None]
+        return body.keypoints(body.pose(turns, np.zeros((1, 3))))[0, KEYPOINTS.index(moves)]
+
+    assert (point(0.15) - point(0.0)) @ np.array(towards) > 0.005
+
+
+def test_names_fit() -> None:
+    assert len(JOINTS) == len(ANGLE_NAMES) == 14
+    assert all(len(names) == 3 for names in ANGLE_NAMES)
+
+
+def test_stature_and_weight_are_met() -> None:
+    body = build_body(BodySettings(sex="female", height_m=1.58, weight_kg=52.0))
+    assert np.ptp(body.vertices_rest[:, 2]) == pytest.approx(1.58, abs=2e-3)
+    corners = body.vertices_rest[body.faces]
+    volume = abs(np.einsum("fi,fi->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])) / 6
+    assert volume * 980 == pytest.approx(52.0, abs=0.5)
+
+
+def test_impossible_body_says_what_is_possible() -> None:
+    with pytest.raises(ConfigError, match=r"weight_kg: expected \d+\.\d+ to \d+\.\d+ kg .* got 190\.00 kg"):
+        build_body(BodySettings(height_m=1.7, weight_kg=190))
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ({"heigth_m": 1.7}, "unknown key 'heigth_m'; there are: .*height_m"),
+        ({"height_m": 170}, "height_m: .*less than or equal to 2.3, got 170"),
+        ({"sex": "m"}, "sex"),
+        ({"shirt": "red"}, "shirt: .*got 'red'"),
+    ],
+)
+def test_bad_settings_are_named(content: dict, text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        settings_from_mapping(content, BodySettings, "scene.yaml")
+
+
+def test_same_seed_same_body() -> None:
+    one, same, other = (build_body(BodySettings(random_seed=seed)) for seed in (3, 3, 4))
+    assert one.vertices_rest.tobytes() == same.vertices_rest.tobytes()
+    assert np.array_equal(one.colours, same.colours)
+    assert one.settings != other.settings
+    kept = build_body(BodySettings(random_seed=3, height_m=1.66))
+    assert kept.settings.height_m == 1.66
+    assert kept.settings.hair == one.settings.hair

@@ -1,0 +1,116 @@
+"""The truth about 2D: exact pixels triangulate back to the exact points, rolling shutters included."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import Rig
+from posefuse.simulation import Scene
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse.simulation.exact import prop_truth, seen_points, visible_by_shapes
+from posefuse.simulation.paths import StillPath, WavedPath
+from posefuse.simulation.props import ArucoCube, CharucoBoard
+
+_CAMERAS = (
+    PlacedCamera(name="tilted", position_m=(3.2, 0.4, 2.5), roll_deg=37, image=ImageSettings(size_px=(1280, 720))),
+    PlacedCamera(
+        name="bent", position_m=(-1.5, 3.1, 0.4),
+        image=ImageSettings(size_px=(640, 480), distortion=(-0.31, 0.12, 0.003, -0.002, -0.02)),
+    ),
+    PlacedCamera(
+        name="fish", position_m=(-2.8, -1.9, 1.7), roll_deg=-90,
+        image=ImageSettings(
+            size_px=(900, 901), lens="fisheye", distortion=(0.03, -0.01, 0.002, 0.0),
+            K=((420.0, 0, 450.0), (0, 421.0, 449.0), (0, 0, 1.0)),
+        ),
+    ),
+    PlacedCamera(name="small", position_m=(1.0, -3.5, 2.0), image=ImageSettings(size_px=(320, 200))),
+)  # fmt: skip
+
+
+def _scene(sensor: SensorSettings = SensorSettings(), path=WavedPath(kind="waved", speed_mps=2.5)) -> Scene:  # noqa: B008
+    cameras = tuple(
+        PlacedCamera(**{name: getattr(c, name) for name in ("name", "position_m", "roll_deg", "image")}, sensor=sensor)
+        for c in _CAMERAS
+    )
+    return Scene(
+        duration_s=2, rate_hz=10, cameras=ListedCameras(kind="list", cameras=cameras),
+        props=(CharucoBoard(kind="charuco_board", path=path),),
+    )  # fmt: skip
+
+
+def _triangulated(rig: Rig, xy_img: np.ndarray) -> np.ndarray:
+    """(F, Q, 3) linear least squares over the views (C, F, Q, 2), by hand."""
+    norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
+    poses = np.stack([camera.cam_from_world.matrix4()[:3] for camera in rig])
+    rows = norm[..., None] * poses[:, None, None, None, 2] - poses[:, None, None, :2]
+    a = np.moveaxis(rows, 0, 2).reshape(*norm.shape[1:3], -1, 4)
+    return np.stack([np.linalg.lstsq(m[:, :3], -m[:, 3], rcond=None)[0] for m in a.reshape(-1, *a.shape[2:])]).reshape(
+        *norm.shape[1:3], 3
+    )
+
+
+def test_exact_pixels_triangulate_to_the_exact_points():
+    live = live_scene(_scene())
+    seen = [seen_points(live, c, slice(0, 20)) for c in range(4)]
+    xyz = _triangulated(live.rig, np.stack([one.xy_img for one in seen]))
+    assert np.linalg.norm(xyz - seen[0].xyz_world, axis=-1).max() < 1e-7
+
+
+def test_a_rolling_shutter_is_seen_by_every_point_at_its_own_row():
+    readout_s = 0.03
+    live = live_scene(_scene(SensorSettings(readout_s=readout_s)))
+    prop = live.props[0]
+    for c, camera in enumerate(live.rig):
+        seen = seen_points(live, c, slice(3, 8))
+        row_share = seen.xy_img[..., 1] / (camera.size_wh[1] - 1) - 0.5
+        t_s = live.shots[c].t_ns[3:8, None] / 1e9 + readout_s * row_share
+        for q in (0, 17, 60):
+            pose = live.prop_poses(t_s[:, q])[0]
+            inside = seen.possible[:, q]
+            there = np.stack([pose[i] @ prop.points_prop[q] for i in range(5)])
+            # a parabola through three moments of the readout
+            assert np.linalg.norm(there - seen.xyz_world[:, q], axis=-1)[inside].max(initial=0) < 2e-4
+    frozen = seen_points(live_scene(_scene()), 0, slice(3, 8))
+    assert np.nanmax(np.abs(frozen.xy_img - seen_points(live, 0, slice(3, 8)).xy_img)) > 1
+
+
+def test_printed_points_are_possible_only_from_the_front():
+    for roll_deg, expected in ((0.0, True), (180.0, False)):
+        live = live_scene(_scene(path=StillPath(kind="still", position_m=(0, 0, 0.3), roll_deg=roll_deg)))
+        assert seen_points(live, 0, slice(0, 1)).possible.all() == expected
+        assert visible_by_shapes(live, 0, slice(0, 1)).any() == expected
+
+
+def test_prop_truth_agrees_with_itself():
+    live = live_scene(_scene())
+    visible = [visible_by_shapes(live, c, slice(0, 20)) for c in range(4)]
+    arrays = prop_truth(live, visible)
+    from posefuse.core import SE3
+
+    for c, camera in enumerate(live.rig):
+        pose = SE3(arrays[f"prop0_view{c}_wxyz"], arrays[f"prop0_view{c}_xyz"])
+        expected = np.stack([camera.project(pose[f] @ arrays["prop0_points_prop"]) for f in range(20)])
+        np.testing.assert_allclose(arrays[f"prop0_view{c}_xy_img"], expected, atol=1e-9)
+
+
+def test_a_waved_cube_stays_in_its_box_and_moves_at_about_its_speed():
+    path = WavedPath(kind="waved", centre_m=(0.2, -0.1, 1.0), extent_m=(1.8, 1.2, 0.8), speed_mps=0.7, turn_dps=60.0)
+    scene = Scene(duration_s=60, rate_hz=30, cameras=_scene().cameras, props=(ArucoCube(kind="aruco_cube", path=path),))
+    live = live_scene(scene)
+    t_s = live.t_ns / 1e9
+    pose = live.prop_poses(t_s)[0]
+    assert (np.abs(pose.xyz - [0.2, -0.1, 1.0]) <= np.array([0.9, 0.6, 0.4]) + 1e-9).all()
+    speed = np.linalg.norm(np.gradient(pose.xyz, t_s, axis=0), axis=-1)
+    assert speed.mean() == pytest.approx(0.7, rel=0.5)
+    # calibration needs it seen from all sides: every face looks up at some time
+    up = pose.matrix()[:, 2]
+    assert (up.max(axis=0) > 0.6).all() and (up.min(axis=0) < -0.6).all()
+    turn = (pose[np.arange(len(t_s) - 1)].inverse() @ pose[np.arange(1, len(t_s))]).rotvec()
+    assert np.rad2deg(np.linalg.norm(turn, axis=-1)).mean() * 30 == pytest.approx(60.0, rel=0.9)
+
+
+def test_the_same_seed_moves_alike_and_another_does_not():
+    one, two = live_scene(_scene()), live_scene(_scene())
+    t_s = np.linspace(0, 2, 7)
+    np.testing.assert_array_equal(one.prop_poses(t_s)[0].xyz, two.prop_poses(t_s)[0].xyz)

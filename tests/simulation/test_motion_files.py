@@ -1,0 +1,257 @@
+"""Motions from files: BVH, TRC, posefuse results."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
+from posefuse.formats.bvh import read_bvh
+from posefuse.formats.recording import write_recording
+from posefuse.formats.trc import TrcData, write_trc
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.simulation.body import SEGMENTS, Body, BodySettings, build_body
+from posefuse.simulation.motion import MotionSettings, Person, build_person
+
+pytest.importorskip("anny", reason="the extra 'sim' is not installed")
+KEYPOINTS = SKELETONS["anatomical23"]
+WORLD_FROM_FILE = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+# name, parent, offset in centimetres; arms and legs askew in the rest pose
+JOINTS = [
+    ("Hips", None, (0, 0, 0)), ("LeftUpLeg", "Hips", (10, -4, 1)), ("LeftLeg", "LeftUpLeg", (9, -39, 2)),
+    ("LeftFoot", "LeftLeg", (3, -41, -3)), ("LeftToeBase", "LeftFoot", (1, -7, 14)), ("RightUpLeg", "Hips", (-10, -4, 1)),
+    ("RightLeg", "RightUpLeg", (-9, -39, 2)), ("RightFoot", "RightLeg", (-3, -41, -3)),
+    ("RightToeBase", "RightFoot", (-1, -7, 14)), ("Spine", "Hips", (0, 12, 0)), ("Chest", "Spine", (0, 20, 1)),
+    ("Neck", "Chest", (0, 22, 0)), ("Head", "Neck", (0, 9, 2)), ("LeftShoulder", "Chest", (4, 16, 0)),
+    ("LeftArm", "LeftShoulder", (13, 2, -1)), ("LeftForeArm", "LeftArm", (26, -9, 0)), ("LeftHand", "LeftForeArm", (23, -9, 4)),
+    ("RightShoulder", "Chest", (-4, 16, 0)), ("RightArm", "RightShoulder", (-13, 2, -1)),
+    ("RightForeArm", "RightArm", (-26, -9, 0)), ("RightHand", "RightForeArm", (-23, -9, 4)),
+]  # fmt: skip
+DIRECTIONS = [
+    ("Leg", "UpLeg", "thigh"), ("Foot", "Leg", "shank"), ("ForeArm", "Arm", "upper_arm"), ("Hand", "ForeArm", "forearm"),
+]  # fmt: skip
+
+
+def bvh_text(frames: np.ndarray, names: dict[str, str] | None = None) -> str:
+    """A BVH file of the joints above: frames (T, 3 + 3 J) of root position and ZXY degrees."""
+    renamed = names or {}
+    lines = ["HIERARCHY"]
+
+    def block(name: str, depth: int) -> None:
+        pad = "  " * depth
+        _, parent, offset = next(j for j in JOINTS if j[0] == name)
+        lines.append(f"{pad}{'JOINT' if parent else 'ROOT'} {renamed.get(name, name)}")
+        place = "" if parent else "Xposition Yposition Zposition "
+        lines.extend([f"{pad}{{", f"{pad}  OFFSET {offset[0]} {offset[1]} {offset[2]}"])
+        lines.append(f"{pad}  CHANNELS {3 if parent else 6} {place}Zrotation Xrotation Yrotation")
+        children = [j[0] for j in JOINTS if j[1] == name]
+        for child in children:
+            block(child, depth + 1)
+        if not children:
+            lines.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET 0 1 0", f"{pad}  }}"])
+        lines.append(f"{pad}}}")
+
+    block("Hips", 0)
+    lines += ["MOTION", f"Frames: {len(frames)}", "Frame Time: 0.02"]
+    return "\n".join(lines + [" ".join(f"{v:.6f}" for v in frame) for frame in frames]) + "\n"
+
+
+def frames(count: int = 40, size_deg: float = 25.0) -> np.ndarray:
+    t = np.arange(count)[:, None] * 0.02
+    rng = np.random.default_rng(2)
+    columns = 3 + 3 * len(JOINTS)
+    angles = size_deg * np.sin(2 * np.pi * t * rng.uniform(0.2, 1.0, columns) + rng.uniform(0, 6, columns))
+    angles[:, :3] = np.stack([20 * t[:, 0], 95 + 0 * t[:, 0], 60 * t[:, 0]], axis=-1)
+    return angles
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return build_body(BodySettings(sex=0.7, age_years=50))
+
+
+def person(body: Body, **content: object) -> Person:
+    return build_person(body, settings_from_mapping(content, MotionSettings, "scene.yaml"), 1)
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "motion.bvh"
+    path.write_text(text)
+    return str(path)
+
+
+def test_bvh_keeps_segment_directions(tmp_path: Path, body: Body) -> None:
+    file = written(tmp_path, bvh_text(frames()))
+    data = read_bvh(file)
+    times = np.arange(len(data)) * data.frame_s
+    state = person(body, kind="bvh", file=file).at(times)
+    _, position = data.world()
+    rotation = state.world_from_segment.matrix()
+    for side in ("Left", "Right"):
+        for lower, upper, segment in DIRECTIONS:
+            line = position[:, data.names.index(side + upper)] - position[:, data.names.index(side + lower)]
+            theirs = line / np.linalg.norm(line, axis=-1, keepdims=True) @ WORLD_FROM_FILE.T
+            ours = rotation[:, SEGMENTS.index(f"{side.lower()}_{segment}"), :, 1]
+            assert np.abs(ours - theirs).max() < 1e-6, (side, segment)
+
+
+def test_bvh_path_is_scaled_by_leg_length(tmp_path: Path, body: Body) -> None:
+    file = written(tmp_path, bvh_text(frames()))
+    data = read_bvh(file)
+    state = person(body, kind="bvh", file=file, position_m=(2.0, -1.0)).at([0.0, 0.78])
+    hips = state.keypoints_world[:, KEYPOINTS.indices(["left_hip", "right_hip"])].mean(axis=1)
+    assert np.allclose(hips[0, :2], [2.0, -1.0], atol=1e-9)
+    _, position = data.world()
+    theirs = position[[0, 39]][:, [data.names.index("LeftUpLeg"), data.names.index("RightUpLeg")]].mean(axis=1)
+    leg = np.linalg.norm([9, -39, 2]) + np.linalg.norm([3, -41, -3])
+    points = body.points_rest
+    ours = sum(np.linalg.norm(points[f"left_{a}"] - points[f"left_{b}"]) for a, b in (("hip", "knee"), ("knee", "ankle")))
+    assert np.allclose((hips[1] - hips[0])[:2], (WORLD_FROM_FILE @ (theirs[1] - theirs[0]))[:2] * ours / leg, atol=1e-6)
+
+
+@pytest.mark.parametrize("rest", ["tpose", "askew"])
+def test_bvh_rest_pose_stands_upright(tmp_path: Path, body: Body, rest: str) -> None:
+    still = np.zeros((3, 3 + 3 * len(JOINTS)))
+    still[:, 1] = 95
+    if rest == "askew":
+        still[:, 5] = 30.0
+    state = person(body, kind="bvh", file=written(tmp_path, bvh_text(still)), heading_deg=90).at([0.0])
+    rotation = state.world_from_segment.matrix()[0]
+    for segment in ("pelvis", "thorax", "head"):
+        assert np.allclose(rotation[SEGMENTS.index(segment)], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-9), segment
+    assert np.allclose(rotation[SEGMENTS.index("left_foot"), :, 1], [0, 0, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.4])
+def test_bvh_start_and_end(tmp_path: Path, body: Body, start: float) -> None:
+    file = written(tmp_path, bvh_text(frames()))
+    plain = person(body, kind="bvh", file=file).at([start, 0.78, 0.0])
+    later = person(body, kind="bvh", file=file, start_s=start).at([0.0, 30.0, -30.0])
+    assert np.allclose(plain.keypoints_world[[0, 1, 2]], later.keypoints_world, atol=1e-9)
+    again = person(body, kind="bvh", file=file, loop=True).at([0.1, 0.1 + 0.78, 0.1 - 0.78])
+    assert np.allclose(again.keypoints_world[0], again.keypoints_world[1:], atol=1e-9)
+
+
+def test_bvh_feet_stay_above_the_floor(tmp_path: Path, body: Body) -> None:
+    state = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames(80, 18.0)))).at(np.arange(0, 1.6, 0.05))
+    assert body.vertices(state.world_from_bone)[..., 2].min() > -5e-3
+
+
+def test_cmu_file(shared_data: Path, body: Body) -> None:
+    file = str(shared_data / "motion" / "cmu" / "01_01.bvh")
+    state = person(body, kind="bvh", file=file).at(np.arange(0, 20, 0.2))
+    lowest = body.vertices(state.world_from_bone)[..., 2].min(axis=1)
+    assert lowest.min() > -5e-3
+    assert np.median(lowest) < 0.02
+    head = state.keypoints_world[:, KEYPOINTS.index("nose"), 2]
+    assert np.median(head) > 0.8 * np.ptp(body.vertices_rest[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("names", "text"),
+    [
+        ({"LeftForeArm": "Banana"}, "joint for the left forearm: expected one of leftforearm, .*; there are: Hips, .*Banana"),
+        ({"RightLeg": "RightArm", "RightArm": "RightLeg"}, "broken hierarchy: expected joint 'RightLeg' below 'RightUpLeg'"),
+    ],
+)
+def test_bvh_with_unusable_joints(tmp_path: Path, body: Body, names: dict[str, str], text: str) -> None:
+    file = written(tmp_path, bvh_text(frames(), names))
+    with pytest.raises(InputError, match=f"motion.bvh: {text}"):
+        person(body, kind="bvh", file=file)
+
+
+@pytest.mark.parametrize(("style", "prefix"), [("mixamo", "mixamorig:"), ("spaced", "figure: ")])
+def test_bvh_name_prefixes(tmp_path: Path, body: Body, style: str, prefix: str) -> None:
+    renamed = {name: prefix.strip() + name for name, *_ in JOINTS}
+    plain = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames()))).at([0.3])
+    other = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames(), renamed))).at([0.3])
+    assert np.array_equal(plain.world_from_bone, other.world_from_bone), style
+
+
+@pytest.fixture(scope="module")
+def squat(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Times and keypoints of somebody who squats facing +Y."""
+    times = np.arange(0, 4, 1 / 50)
+    state = person(body, kind="squat", heading_deg=90, position_m=(0.4, -0.7)).at(times)
+    return times, state.keypoints_world
+
+
+MARKERS = {
+    "openpose": {n: n.replace("left_", "L").replace("right_", "R").title().replace("_", "") for n in KEYPOINTS.keypoints},
+    "plain": {n: n for n in KEYPOINTS.keypoints},
+}
+
+
+@pytest.mark.parametrize("style", MARKERS)
+def test_trc_moves_the_body_as_recorded(tmp_path: Path, body: Body, squat: tuple[np.ndarray, np.ndarray], style: str) -> None:
+    times, points = squat
+    names = [MARKERS[style][n] for n in KEYPOINTS.keypoints]
+    if style == "openpose":
+        names = [n.replace("Lh", "LH").replace("Rh", "RH") for n in names]
+    write_trc(tmp_path / "squat.trc", TrcData(tuple(names), times, points, 50.0))
+    state = person(body, kind="trc", file=str(tmp_path / "squat.trc")).at(times)
+    error = np.linalg.norm(state.keypoints_world - points, axis=-1)
+    limbs = KEYPOINTS.indices([f"{s}_{j}" for s in ("left", "right") for j in ("hip", "knee", "ankle")])
+    assert np.median(error[:, limbs]) < 3e-3
+    assert np.median(error) < 25e-3
+
+
+def test_trc_gaps_are_closed_and_missing_markers_named(tmp_path: Path, body: Body, squat: tuple[np.ndarray, np.ndarray]) -> None:
+    times, points = squat
+    holes = points.copy()
+    holes[20:24, KEYPOINTS.index("left_knee")] = np.nan
+    write_trc(tmp_path / "holes.trc", TrcData(KEYPOINTS.keypoints, times, holes, 50.0))
+    state = person(body, kind="trc", file=str(tmp_path / "holes.trc")).at(times)
+    assert np.isfinite(state.keypoints_world).all()
+    few = tuple(n.replace("left_knee", "marker7") for n in KEYPOINTS.keypoints)
+    write_trc(tmp_path / "few.trc", TrcData(few, times, points, 50.0))
+    with pytest.raises(InputError, match=r"few.trc: expected points for left_knee; there are: nose, .*marker7"):
+        person(body, kind="trc", file=str(tmp_path / "few.trc"))
+    holes[:, KEYPOINTS.index("left_knee")] = np.nan
+    write_trc(tmp_path / "none.trc", TrcData(KEYPOINTS.keypoints, times, holes, 50.0))
+    with pytest.raises(InputError, match=r"none.trc: left_knee: expected at least one finite position, got none"):
+        person(body, kind="trc", file=str(tmp_path / "none.trc"))
+
+
+def test_real_trc(shared_data: Path, body: Body) -> None:
+    folder = shared_data / "pose2sim_single" / "reference"
+    file = next(folder.glob("*butterworth.trc"))
+    state = person(body, kind="trc", file=str(file)).at(np.arange(0, 1.6, 0.05))
+    assert body.vertices(state.world_from_bone)[..., 2].min() > -5e-3
+    left, right = (state.keypoints_world[:, KEYPOINTS.index(f"{s}_ankle"), 2] for s in ("left", "right"))
+    assert np.abs(left - right).max() > 0.25, "he lifts one leg"
+
+
+def recording(times: np.ndarray, people: dict[int, np.ndarray], rig) -> Recording:
+    xyz = np.stack(list(people.values()), axis=1)
+    t, n, k = xyz.shape[:3]
+    poses = PoseSequence(
+        (times * 1e9).astype(np.int64), KEYPOINTS, np.array(list(people)), xyz, np.zeros((t, n, k, 3, 3)), np.zeros((t, n, k)),
+        np.full((t, n, k), 2), np.zeros((t, n, k)),
+    )  # fmt: skip
+    views = (t, n, len(rig), k)
+    return Recording(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
+
+
+def test_result_animates_a_person(tmp_path: Path, body: Body, squat: tuple[np.ndarray, np.ndarray], ring_rig) -> None:
+    times, points = squat
+    seldom = points + [1.0, 0, 0]
+    seldom[: len(times) // 2] = np.nan
+    write_recording(tmp_path, recording(times, {4: seldom, 9: points}, ring_rig(2)))
+    state = person(body, kind="result", file=str(tmp_path)).at(times)
+    knees = KEYPOINTS.indices(["left_knee", "right_knee"])
+    assert np.median(np.linalg.norm(state.keypoints_world - points, axis=-1)[:, knees]) < 3e-3
+    moved = person(body, kind="result", file=str(tmp_path), person=9, position_m=(5.0, 5.0)).at(times)
+    assert np.allclose(moved.keypoints_world[:, knees, 2], state.keypoints_world[:, knees, 2])
+    with pytest.raises(InputError, match="person: no person 3; there are: 4, 9"):
+        person(body, kind="result", file=str(tmp_path), person=3)
+
+
+def test_turns_between_frames_are_the_shortest(tmp_path: Path, body: Body) -> None:
+    two = np.zeros((2, 3 + 3 * len(JOINTS)))
+    two[:, 1] = 95
+    two[1, 3 + 3] = 40.0
+    state = person(body, kind="bvh", file=written(tmp_path, bvh_text(two))).at([0.0, 0.01, 0.02])
+    thigh = Rotation.from_matrix(state.world_from_segment.matrix()[:, SEGMENTS.index("left_thigh")])
+    assert np.rad2deg((thigh[0].inv() * thigh[1]).magnitude()) == pytest.approx(20.0, abs=1e-4)

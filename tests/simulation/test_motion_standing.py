@@ -1,0 +1,156 @@
+"""Motions on planted feet."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, ConfigError
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.simulation.body import JOINTS, SEGMENTS, Body, BodySettings, build_body
+from posefuse.simulation.motion import MotionSettings, Person, build_person
+
+pytest.importorskip("anny", reason="the extra 'sim' is not installed")
+KEYPOINTS = SKELETONS["anatomical23"]
+FEET = ("left_ankle", "right_ankle", "left_big_toe", "right_big_toe", "left_heel", "right_heel")
+STANDING = ("tpose", "idle", "reach", "squat", "wave")
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return build_body(BodySettings(sex="female", age_years=27))
+
+
+def person(body: Body, seed: int = 7, **content: object) -> Person:
+    return build_person(body, settings_from_mapping(content, MotionSettings, "scene.yaml"), seed)
+
+
+def point(state, name: str) -> np.ndarray:
+    return state.keypoints_world[:, KEYPOINTS.index(name)]
+
+
+def angle(state, joint: str, which: int) -> np.ndarray:
+    return np.rad2deg(state.angle_rad[:, JOINTS.index(joint), which])
+
+
+def test_tpose_arms_are_exactly_horizontal_and_straight(body: Body) -> None:
+    state = person(body, kind="tpose", position_m=(1.5, -0.5), heading_deg=90).at([0.0, 12.0])
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        shoulder, elbow, wrist = (point(state, f"{side}_{j}") for j in ("shoulder", "elbow", "wrist"))
+        assert np.allclose(shoulder[:, 2], wrist[:, 2], atol=1e-9)
+        assert np.allclose(shoulder[:, 2], elbow[:, 2], atol=1e-9)
+        # facing +Y, the right arm points along +X
+        assert np.allclose((wrist - shoulder)[:, 1], 0.0, atol=1e-9)
+        assert ((wrist - shoulder)[:, 0] * sign > 0.4).all()
+        assert np.allclose(angle(state, f"{side}_shoulder", 1), 90.0, atol=1e-6)
+        assert np.allclose(angle(state, f"{side}_elbow", 0), 0.0, atol=1e-6)
+    hips = (point(state, "left_hip") + point(state, "right_hip")) / 2
+    assert np.allclose(hips[:, :2], [1.5, -0.5], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", STANDING)
+def test_feet_stay_and_stand_on_the_floor(body: Body, kind: str) -> None:
+    state = person(body, kind=kind, heading_deg=-40).at(np.linspace(-1.0, 9.0, 60))
+    for name in FEET:
+        # the heel's skin is pulled a little by the shank
+        limit = 1e-9 if name.endswith("ankle") else 2e-3
+        assert np.ptp(point(state, name), axis=0).max() < limit, name
+    lowest = body.vertices(state.world_from_bone[::6])[..., 2].min(axis=1)
+    assert (np.abs(lowest) < 1e-3).all()
+
+
+@pytest.mark.parametrize("kind", STANDING)
+def test_same_seed_same_bytes_and_any_order_of_times(body: Body, kind: str) -> None:
+    times = np.array([0.0, 3.3, 1.1, -0.4])
+    one, same = (person(body, kind=kind).at(times) for _ in range(2))
+    assert one.world_from_bone.tobytes() == same.world_from_bone.tobytes()
+    assert one.angle_rad.tobytes() == same.angle_rad.tobytes()
+    alone = person(body, kind=kind).at([1.1])
+    assert np.allclose(alone.keypoints_world[0], one.keypoints_world[2], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["idle", "reach", "wave"])
+def test_other_seed_other_motion(body: Body, kind: str) -> None:
+    one, other = (person(body, seed=seed, kind=kind).at([1.0, 2.0]) for seed in (1, 2))
+    assert np.abs(one.keypoints_world - other.keypoints_world).max() > 1e-3
+
+
+@pytest.mark.parametrize("kind", STANDING)
+def test_motion_is_smooth(body: Body, kind: str) -> None:
+    step = 1e-3
+    state = person(body, kind=kind).at(np.arange(0.0, 6.0, step))
+    speed = np.linalg.norm(np.diff(state.keypoints_world, axis=0), axis=-1) / step
+    assert speed.max() < 6.0
+    jump = np.abs(np.diff(state.keypoints_world, 2, axis=0)).max() / step**2
+    assert jump < 200.0
+
+
+def test_idle_sways_by_millimetres(body: Body) -> None:
+    state = person(body, kind="idle").at(np.arange(0, 60, 0.1))
+    sway = np.std((point(state, "left_hip") + point(state, "right_hip")) / 2, axis=0)
+    assert (sway[:2] > 1e-3).all()
+    assert (sway[:2] < 2e-2).all()
+    still = person(body, kind="idle", sway=0).at(np.arange(0, 6, 0.1))
+    assert np.ptp(still.keypoints_world, axis=0).max() < 1e-9
+
+
+def test_squat_reaches_its_depth_over_the_feet(body: Body) -> None:
+    state = person(body, kind="squat", period_s=2.0, knee_flexion_deg=100).at(np.linspace(0, 2, 41))
+    for side in ("left", "right"):
+        knee = angle(state, f"{side}_knee", 0)
+        assert knee.max() == pytest.approx(100, abs=2)
+        assert knee.min() < 10
+    assert angle(state, "left_hip", 0).max() > 70
+    middle = state.keypoints_world[20]
+    feet_x = [middle[KEYPOINTS.index(n), 0] for n in ("left_heel", "left_big_toe")]
+    trunk = middle[[KEYPOINTS.index(n) for n in ("left_hip", "left_shoulder", "left_knee")], 0].mean()
+    assert feet_x[0] < trunk < feet_x[1]
+
+
+def test_squat_is_mirror_symmetric(body: Body) -> None:
+    state = person(body, kind="squat").at(np.linspace(0, 3, 9))
+    mirrored = state.keypoints_world[:, KEYPOINTS.mirror] * [1, -1, 1]
+    assert np.abs(mirrored - state.keypoints_world).max() < 5e-3
+    for joint in JOINTS:
+        if joint.startswith("left_"):
+            other = state.angle_rad[:, JOINTS.index("right_" + joint[5:])]
+            assert np.abs(np.rad2deg(state.angle_rad[:, JOINTS.index(joint)] - other)).max() < 1.0, joint
+
+
+def test_reach_comes_far_and_differs_each_time(body: Body) -> None:
+    state = person(body, kind="reach", period_s=2.0).at(np.arange(0, 12, 2.0) + 0.42 * 2.0)
+    arm = [np.linalg.norm(point(state, a) - point(state, b), axis=-1) for a, b in
+           (("right_shoulder", "right_wrist"), ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"))]  # fmt: skip
+    assert (arm[0] / (arm[1] + arm[2]) > 0.7).all()
+    assert ((point(state, "right_wrist") - point(state, "right_shoulder"))[:, 0] > 0.2).all()
+    assert np.ptp(point(state, "right_wrist"), axis=0).max() > 0.1
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_wave_holds_the_hand_up_on_its_side(body: Body, side: str) -> None:
+    state = person(body, kind="wave", side=side).at(np.linspace(0, 3, 30))
+    assert (point(state, f"{side}_wrist")[:, 2] > point(state, f"{side}_shoulder")[:, 2] + 0.1).all()
+    assert np.ptp(point(state, f"{side}_wrist"), axis=0).max() > 0.1
+    other = "left" if side == "right" else "right"
+    assert (point(state, f"{other}_wrist")[:, 2] < point(state, f"{other}_elbow")[:, 2]).all()
+
+
+def test_segments_and_angles_belong_together(body: Body) -> None:
+    state = person(body, kind="reach").at([0.9])
+    rotation = state.world_from_segment.matrix()[0]
+    thigh, shank = (rotation[SEGMENTS.index(f"left_{s}")] for s in ("thigh", "shank"))
+    bend = np.rad2deg(np.arccos(np.clip(thigh[:, 1] @ shank[:, 1], -1, 1)))
+    assert bend == pytest.approx(angle(state, "left_knee", 0)[0], abs=1e-6)
+    assert np.allclose(state.world_from_segment.xyz[0, SEGMENTS.index("left_shank")], point(state, "left_knee")[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ({"kind": "dance"}, "dance"),
+        ({"kind": "squat", "period_s": 0}, r"period_s: .*greater than 0, got 0"),
+        ({"kind": "wave", "side": "top"}, "side"),
+        ({"kind": "idle", "sway": -1}, "sway"),
+    ],
+)
+def test_bad_settings_are_named(content: dict, text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        settings_from_mapping(content, MotionSettings, "scene.yaml")

@@ -1,0 +1,245 @@
+"""Walking: feet that do not slide, the asked speed, human joint angles."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, ConfigError
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.simulation.body import JOINTS, Body, BodySettings, build_body
+from posefuse.simulation.motion import MotionSettings, PersonState, build_person
+
+pytest.importorskip("anny", reason="the extra 'sim' is not installed")
+KEYPOINTS = SKELETONS["anatomical23"]
+HZ = 120.0
+PATHS = {
+    "circle": ({"shape": "circle", "radius_m": 1.5}, 1.35),
+    "clockwise": ({"shape": "circle", "radius_m": 1.0, "clockwise": True, "centre_m": (3.0, -2.0)}, 0.9),
+    "line": ({"shape": "line", "start_m": (-2.0, 0.5), "end_m": (2.5, 1.5)}, 1.2),
+    "turning": ({"shape": "back_forth", "start_m": (-1.5, 0.0), "end_m": (1.5, 0.0)}, 1.0),
+    "sideways": ({"shape": "back_forth", "start_m": (-1.5, 0.2), "end_m": (1.5, 0.2), "facing": "sideways"}, 0.9),
+    "random": ({"shape": "random", "low_m": (-2.0, -1.5), "high_m": (2.0, 1.5)}, 1.1),
+}
+
+
+@dataclass
+class Walk:
+    t_s: np.ndarray
+    state: PersonState
+    speed_mps: float
+    body: Body
+
+    def point(self, name: str) -> np.ndarray:
+        return self.state.keypoints_world[:, KEYPOINTS.index(name)]
+
+    def angle(self, joint: str, which: int = 0) -> np.ndarray:
+        return np.rad2deg(self.state.angle_rad[:, JOINTS.index(joint), which])
+
+    @property
+    def hips(self) -> np.ndarray:
+        return (self.point("left_hip") + self.point("right_hip")) / 2
+
+
+def walk(body: Body, path: dict, speed_mps: float, times: np.ndarray, seed: int = 3) -> Walk:
+    content = {"kind": "walk", "path": path, "speed_mps": speed_mps}
+    person = build_person(body, settings_from_mapping(content, MotionSettings, "scene.yaml"), seed)
+    return Walk(times, person.at(times), speed_mps, body)
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return build_body(BodySettings(sex=0.4))
+
+
+@pytest.fixture(scope="module", params=PATHS)
+def walked(request: pytest.FixtureRequest, body: Body) -> Walk:
+    path, speed = PATHS[request.param]
+    return walk(body, path, speed, np.arange(-2.0, 14.0, 1 / HZ))
+
+
+@pytest.fixture(scope="module")
+def circle(body: Body) -> Walk:
+    return walk(body, *PATHS["circle"], np.arange(0.0, 20.0, 1 / HZ))
+
+
+def held(track: np.ndarray, height_m: float) -> list[slice]:
+    """Stretches of at least a twentieth of a second in which a point stays low and hardly moves."""
+    speed = np.linalg.norm(np.gradient(track, 1 / HZ, axis=0), axis=-1)
+    still = (speed < 0.08) & (track[:, 2] < height_m)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    return [slice(a, b) for a, b in edges.reshape(-1, 2) if b - a > HZ / 20]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_planted_feet_do_not_slide(walked: Walk, side: str) -> None:
+    toe, heel = walked.point(f"{side}_big_toe"), walked.point(f"{side}_heel")
+    stances = held(toe, 0.04)
+    assert len(stances) >= 3
+    # from the whole foot on the floor to the toe's leaving it, whatever the heel does
+    assert max(np.ptp(toe[s, :2], axis=0).max() for s in stances) < 5e-3
+    flats = [s for s in held(heel, 0.06) if s.stop - s.start > HZ / 10]
+    assert len(flats) >= 3
+    assert max(np.ptp(heel[s, :2], axis=0).max() for s in flats) < 5e-3
+
+
+def test_there_is_always_a_planted_foot(walked: Walk) -> None:
+    planted = np.zeros(len(walked.t_s), bool)
+    for name in ("left_big_toe", "right_big_toe", "left_heel", "right_heel"):
+        for stance in held(walked.point(name), 0.06):
+            planted[stance] = True
+    assert planted[10:-10].mean() > 0.97
+
+
+def test_feet_stay_above_the_floor(walked: Walk) -> None:
+    lowest = walked.body.vertices(walked.state.world_from_bone[::67])[..., 2].min(axis=1)
+    assert lowest.min() > -5e-3
+    assert lowest.max() < 5e-3
+
+
+def test_nothing_jumps(walked: Walk) -> None:
+    acceleration = np.linalg.norm(np.diff(walked.state.keypoints_world, 2, axis=0), axis=-1) * HZ**2
+    joints = [KEYPOINTS.index(f"{s}_{j}") for s in ("left", "right") for j in ("hip", "shoulder", "elbow", "wrist")]
+    assert acceleration[:, joints].max() < 40.0
+    assert np.percentile(acceleration, 99.9) < 150.0
+
+
+def test_knees_bend_one_way(walked: Walk) -> None:
+    for side in ("left", "right"):
+        assert walked.angle(f"{side}_knee").min() > 1.0
+        assert np.abs(walked.angle(f"{side}_knee", 1)).max() < 1e-6
+
+
+def test_circle_speed_radius_and_heading(circle: Walk) -> None:
+    radius = np.linalg.norm(circle.hips[:, :2], axis=-1)
+    assert np.abs(radius - 1.5).max() < 0.04
+    turned = np.unwrap(np.arctan2(circle.hips[:, 1], circle.hips[:, 0]))
+    speed = (turned[-1] - turned[0]) * 1.5 / (circle.t_s[-1] - circle.t_s[0])
+    assert speed == pytest.approx(1.35, rel=0.02)
+    across = circle.point("left_hip") - circle.point("right_hip")
+    # walking counter-clockwise the left hip is on the inside
+    assert np.sum(across[:, :2] * circle.hips[:, :2], axis=-1).max() < 0
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.0, 1.6])
+def test_straight_speed_is_as_asked(body: Body, speed: float) -> None:
+    way = walk(body, {"shape": "line", "start_m": (0, 0), "end_m": (0, 9)}, speed, np.arange(0, 9 / speed, 1 / HZ))
+    on = (way.hips[:, 1] > 2.5) & (way.hips[:, 1] < 6.5)
+    track, times = way.hips[on, 1], way.t_s[on]
+    assert (track[-1] - track[0]) / (times[-1] - times[0]) == pytest.approx(speed, rel=0.02)
+
+
+def test_line_starts_and_ends_standing(body: Body) -> None:
+    way = walk(body, *PATHS["line"], np.array([-5.0, 0.0, 20.0, 30.0]))
+    assert np.allclose(way.hips[:2, :2], [-2.0, 0.5], atol=0.03)
+    assert np.allclose(way.hips[2:, :2], [2.5, 1.5], atol=0.03)
+    assert np.allclose(way.state.keypoints_world[2], way.state.keypoints_world[3], atol=1e-9)
+    feet = way.point("left_ankle")[2] - way.point("right_ankle")[2]
+    ahead = np.array([4.5, 1.0]) / np.hypot(4.5, 1.0)
+    assert abs(feet[:2] @ ahead) < 0.03
+
+
+def test_joint_ranges_are_human(body: Body) -> None:
+    way = walk(body, {"shape": "line", "start_m": (0, 0), "end_m": (12, 0)}, 1.35, np.arange(3.0, 7.0, 1 / HZ))
+    for side in ("left", "right"):
+        hip, knee, ankle = (way.angle(f"{side}_{j}") for j in ("hip", "knee", "ankle"))
+        assert 35 < np.ptp(hip) < 55
+        assert hip.min() < -5
+        assert 55 < knee.max() < 70
+        assert knee.min() < 10
+        assert 25 < np.ptp(ankle) < 50
+        arm = way.point(f"{side}_elbow") - way.point(f"{side}_shoulder")
+        assert 20 < np.ptp(np.rad2deg(np.arctan2(arm[:, 0], -arm[:, 2]))) < 50
+    assert 0.02 < np.ptp(way.hips[:, 2]) < 0.06
+    # the arm goes forward with the other side's leg
+    arm = way.point("left_wrist")[:, 0] - way.hips[:, 0]
+    assert np.corrcoef(arm, way.point("right_ankle")[:, 0] - way.hips[:, 0])[0, 1] > 0.7
+
+
+def test_half_a_cycle_later_is_the_mirror_image(body: Body) -> None:
+    times = np.arange(4.0, 6.5, 1 / HZ)
+    way = walk(body, {"shape": "line", "start_m": (0, 0), "end_m": (12, 0)}, 1.2, times)
+    left, right = (way.angle(f"{side}_knee") for side in ("left", "right"))
+    shifts = np.arange(30, 90)
+    gaps = [np.abs(left[s:] - right[:-s]).max() for s in shifts]
+    assert min(gaps) < 3.0
+
+
+def test_step_length_grows_with_speed_and_leg(body: Body) -> None:
+    def step_m(who: Body, speed: float) -> float:
+        way = walk(who, {"shape": "line", "start_m": (0, 0), "end_m": (9, 0)}, speed, np.arange(2, 6, 1 / HZ))
+        places = [way.point("left_ankle")[s, 0].mean() for s in held(way.point("left_heel"), 0.06)]
+        return float(np.median(np.diff(np.unique(np.round(places, 1)))) / 2)
+
+    child = build_body(BodySettings(age_years=9, height_m=1.3))
+    assert step_m(body, 0.8) < step_m(body, 1.5)
+    assert step_m(child, 1.2) < step_m(body, 1.2)
+
+
+def test_sideways_faces_one_way_and_never_crosses(body: Body) -> None:
+    way = walk(body, *PATHS["sideways"], np.arange(0, 12, 1 / HZ))
+    assert (way.point("nose")[:, 1] > way.hips[:, 1]).all()
+    # facing +Y the left foot stays on the -X side
+    assert (way.point("right_ankle")[:, 0] - way.point("left_ankle")[:, 0] > 0.08).all()
+    assert np.ptp(way.hips[:, 0]) == pytest.approx(3.0, abs=0.05)
+
+
+def test_random_way_stays_in_its_area(body: Body) -> None:
+    way = walk(body, *PATHS["random"], np.arange(0, 60, 0.1))
+    assert (way.hips[:, :2] > [-2.0, -1.5]).all()
+    assert (way.hips[:, :2] < [2.0, 1.5]).all()
+
+
+def test_same_seed_same_bytes(body: Body) -> None:
+    times = np.array([5.0, -1.0, 0.3])
+    one, same, other = (walk(body, *PATHS["random"], times, seed).state.world_from_bone for seed in (3, 3, 4))
+    assert one.tobytes() == same.tobytes()
+    assert np.abs(one - other).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ({"path": {"shape": "circle"}, "speed_mps": 0}, "speed_mps: .*greater than or equal to 0.2, got 0"),
+        ({"path": {"shape": "circle"}, "speed_mps": -1}, "speed_mps"),
+        ({"path": {"shape": "square"}}, "square"),
+        ({"path": {"shape": "circle", "radius_m": 0.1}}, "radius_m"),
+    ],
+)
+def test_bad_settings_are_named(content: dict, text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        settings_from_mapping({"kind": "walk"} | content, MotionSettings, "scene.yaml")
+
+
+@pytest.mark.parametrize(
+    ("path", "speed", "text"),
+    [
+        ({"shape": "line", "start_m": (0, 0), "end_m": (0.5, 0)}, 1.0, "end_m: expected at least 1.0 m from start_m, got 0.50 m"),
+        ({"shape": "circle", "radius_m": 0.5}, 2.0, r"speed_mps: expected at most 1.12 m/s on a circle .* got 2.0"),
+        ({"shape": "random", "low_m": (0, 0), "high_m": (1, 5)}, 1.0, "high_m: expected at least 2 m beyond low_m"),
+    ],
+)  # fmt: skip
+def test_paths_that_cannot_be_walked(body: Body, path: dict, speed: float, text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        walk(body, path, speed, np.zeros(1))
+
+
+def test_short_legs_cannot_walk_as_fast() -> None:
+    child = build_body(BodySettings(age_years=7, height_m=1.2))
+    with pytest.raises(
+        ConfigError, match=r"speed_mps: expected at most 1\.\d\d m/s for a hip height of 0\.\d\d m \(faster is running"
+    ):
+        walk(child, {"shape": "line", "start_m": (0, 0), "end_m": (5, 0)}, 2.0, np.zeros(1))
+
+
+@pytest.mark.parametrize("settings", [BodySettings(age_years=5), BodySettings(height_m=2.0), BodySettings(random_seed=1)])
+def test_every_body_walks(settings: BodySettings) -> None:
+    who = build_body(settings)
+    fastest = 0.98 * np.sqrt(0.5 * 9.81 * who.points_rest["left_hip"][2])
+    for speed in (0.3, float(min(fastest, 2.2))):
+        way = walk(who, {"shape": "line", "start_m": (0, 0), "end_m": (9, 0)}, speed, np.arange(1.0, 4.0, 0.025))
+        lowest = who.vertices(way.state.world_from_bone[::9])[..., 2].min(axis=1)
+        assert np.abs(lowest).max() < 5e-3
+        for side in ("left", "right"):
+            assert way.angle(f"{side}_knee").min() > 1.0
+            assert way.angle(f"{side}_knee").max() < 95.0

@@ -1,0 +1,59 @@
+"""Are the pictures good enough? The real network looks at a simulated person from every side."""
+
+import os
+
+import numpy as np
+import pytest
+
+from posefuse.core import Frame
+from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
+from posefuse.detection import default_cards, status
+from posefuse.detection.blazepose import BlazePoseConfig
+from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.simulation import Scene
+from posefuse.simulation.body import BodySettings
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import ImageSettings, RingCameras
+from posefuse.simulation.exact import seen_points
+from posefuse.simulation.motion.settings import WaveSettings
+from posefuse.simulation.render.shot import CameraShooter
+from posefuse.simulation.render.stage import Stage
+from posefuse.simulation.scene import PersonSettings
+from posefuse.simulation.session import model_of
+from posefuse.simulation.source import shot_image
+
+_LIMBS = tuple(
+    f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+)
+
+
+@pytest.fixture(scope="module")
+def network():
+    cache = default_cache_dir(os.environ)
+    missing = [card.name for card in default_cards() if status(card, cache) != "ready"]
+    if missing:
+        pytest.skip(f"networks not fetched yet: {', '.join(missing)} (posefuse models)")
+    return BlazePoseConfig(streams=1).build()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("sex", ["female", "male"])
+def test_the_network_finds_the_person_from_every_side(sex, network, backend):
+    person = PersonSettings(body=BodySettings(sex=sex), motion=WaveSettings(kind="wave", heading_deg=15))
+    ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
+    live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
+    stage = Stage(model_of(live, (640, 480)), backend)
+    frames, truth = [], []
+    for c, camera in enumerate(live.rig):
+        image, visible = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))
+        frames.append(Frame(camera.name, 0, 0, 0, image))
+        truth.append(np.where(visible[:, None], seen_points(live, c, slice(0, 1)).xy_img[0], np.nan))
+    stage.close()
+    found = network.detect(frames, [None] * 8)
+    assert [len(one) for one in found] == [1] * 8
+    expected = pick_keypoints(np.stack(truth), ANATOMICAL23, _LIMBS)
+    seen = pick_keypoints(np.stack([one.xy_img[0] for one in found]), network.skeleton, _LIMBS)
+    error_px = np.linalg.norm(seen - expected, axis=-1)
+    # the person is some 250 px tall: a left for a right would be off by more than 20 px
+    assert np.nanmedian(error_px) < 6
+    assert np.nanquantile(error_px, 0.9) < 15

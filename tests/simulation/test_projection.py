@@ -1,0 +1,100 @@
+"""The rendered picture against `Camera.project`: the pixel convention, the lens, the pose, to parts of a pixel."""
+
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.core import ConfigError
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera
+from posefuse.simulation.paths import StillPath
+from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile
+from posefuse.simulation.render.optics import optics_of
+from posefuse.simulation.scene import Scene
+from posefuse.simulation.surroundings import RoomSettings
+
+LENSES = {
+    "ideal": ImageSettings(size_px=(640, 480)),
+    "bent": ImageSettings(size_px=(640, 480), distortion=(-0.28, 0.09, 0.002, -0.003, -0.01)),
+    "pincushion": ImageSettings(size_px=(800, 450), distortion=(0.15, -0.02, 0.0, 0.001)),
+    "odd K": ImageSettings(size_px=(643, 361), K=((560.0, 0.0, 300.3), (0.0, 610.0, 170.8), (0.0, 0.0, 1.0))),
+    "fisheye": ImageSettings(
+        size_px=(720, 540), lens="fisheye", distortion=(0.02, -0.01, 0.001, 0.0),
+        K=((330.0, 0.0, 352.0), (0.0, 332.0, 275.0), (0.0, 0.0, 1.0)),
+    ),
+}  # fmt: skip
+
+
+def _scene(image: ImageSettings, prop) -> Scene:
+    camera = PlacedCamera(name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image)
+    plain = RoomSettings(floor="plain", walls="plain", shadows=False)
+    return Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(prop,), room=plain)
+
+
+def _refined(grey: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    return cv2.cornerSubPix(grey, guess.astype(np.float32).reshape(-1, 1, 2).copy(), (3, 3), (-1, -1), stop)[:, 0]
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("lens", LENSES)
+def test_chessboard_corners_are_where_project_says(lens, shoot):
+    path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
+    live, image, visible = shoot(
+        _scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path))
+    )
+    prop, camera = live.props[0], live.rig.cameras[0]
+    chess = live.prop_poses(np.zeros(1))[0][0] @ prop.chess_prop
+    expected = camera.project(chess)
+    assert visible[-len(chess) :].all()
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    error = _refined(grey, expected) - expected
+    # a shift of half a pixel, or a lens that bends the wrong way, is far outside this
+    assert np.abs(error).max() < 0.2
+    assert np.linalg.norm(error.mean(axis=0)) < 0.05
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    "prop",
+    [
+        ArucoCube(
+            kind="aruco_cube", side_m=0.5, marker_m=0.36, path=StillPath(kind="still", position_m=(0.1, 0, 0.6), yaw_deg=-8)
+        ),
+        GroundTile(kind="ground_tile", path=StillPath(kind="still", position_m=(0, 0, 0.8))),
+    ],
+    ids=["cube", "tile"],
+)
+def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, shoot):
+    live, image, visible = shoot(_scene(LENSES["bent"], prop))
+    made, camera = live.props[0], live.rig.cameras[0]
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, made.dictionary))
+    search = cv2.aruco.DetectorParameters()
+    search.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, search).detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    expected = camera.project(live.prop_poses(np.zeros(1))[0][0] @ made.points_prop).reshape(-1, 4, 2)
+    shown = visible.reshape(-1, 4).all(axis=1)
+    assert set(ids.ravel()) == set(made.marker_id[shown])
+    for found, marker in zip(corners, ids.ravel(), strict=True):
+        assert np.abs(found[0] - expected[list(made.marker_id).index(marker)]).max() < 0.5
+
+
+@pytest.mark.gl
+def test_a_camera_that_moves_half_a_pixel_shows_it(shoot):
+    """The measurement of the corners is able to fail: a principal point off by half a pixel is seen as such."""
+    path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
+    live, image, _ = shoot(_scene(LENSES["ideal"], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)))
+    expected = (
+        live.rig.cameras[0].cropped(0.5, 0.0, (640, 480)).project(live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop)
+    )
+    error = _refined(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), expected) - expected
+    assert error.mean(axis=0) == pytest.approx([0.5, 0.0], abs=0.08)
+
+
+def test_a_lens_that_sees_behind_the_image_plane_is_refused_by_name():
+    wide = ImageSettings(
+        size_px=(800, 800), lens="fisheye", K=((220.0, 0, 400.0), (0, 220.0, 400.0), (0, 0, 1.0)), distortion=(0, 0, 0, 0)
+    )
+    live = live_scene(_scene(wide, GroundTile(kind="ground_tile")))
+    with pytest.raises(ConfigError, match=r"camera eye: its lens sees .* longer focal length"):
+        optics_of(live.rig.cameras[0])

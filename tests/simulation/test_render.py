@@ -1,0 +1,150 @@
+"""One frame: shutter, exposure, noise, and the backends."""
+
+import dataclasses
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.core import DependencyError
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse.simulation.exact import seen_points
+from posefuse.simulation.paths import WaypointPath
+from posefuse.simulation.props import CharucoBoard
+from posefuse.simulation.render import backend as backends
+from posefuse.simulation.render.shot import moments_of
+from posefuse.simulation.scene import Scene
+from posefuse.simulation.surroundings import RoomSettings
+
+_SPEED_MPS = 3.0
+
+
+def _scene(seed: int = 0, **sensor) -> Scene:
+    """A board that flies sideways past a camera which looks straight at it."""
+    camera = PlacedCamera(
+        name="eye", position_m=(0.0, 0.0, 2.6), look_at_m=(0.0, 0.0, 0.9),
+        image=ImageSettings(size_px=(400, 300)), sensor=SensorSettings(**sensor),
+    )  # fmt: skip
+    way = WaypointPath(kind="waypoints", waypoints_m=((-1.5, 0.0, 0.9), (0.0, 0.0, 0.9), (1.5, 0.0, 0.9)), speed_mps=_SPEED_MPS)
+    board = CharucoBoard(kind="charuco_board", squares=(5, 7), square_m=0.14, marker_m=0.05, path=way)
+    room = RoomSettings(floor="plain", walls="plain", shadows=False)
+    return Scene(
+        duration_s=1, rate_hz=20, seed=seed, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,), room=room
+    )
+
+
+def _refined(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return cv2.cornerSubPix(grey, guess.astype(np.float32).reshape(-1, 1, 2).copy(), (4, 4), (-1, -1), stop)[:, 0]
+
+
+@pytest.mark.gl
+def test_a_rolling_shutter_shears_what_moves_as_the_truth_says(shoot):
+    rolling = _scene(readout_s=0.03, shutter_bands=60)
+    frame = 10
+    live, image, _ = shoot(rolling, frame)
+    chess = slice(-len(live.props[0].chess_prop), None)
+    expected = seen_points(live, 0, slice(frame, frame + 1)).xy_img[0, chess]
+    frozen = seen_points(live_scene(_scene()), 0, slice(frame, frame + 1)).xy_img[0, chess]
+    # the top and the bottom of the picture are seen at different moments
+    assert np.ptp((expected - frozen)[:, 0]) > 8
+    error = _refined(image, expected) - expected
+    assert np.abs(error).max() < 0.5
+    assert np.linalg.norm(error.mean(axis=0)) < 0.1
+
+
+@pytest.mark.gl
+def test_exposure_smears_along_the_motion_only(shoot):
+    live, sharp, _ = shoot(_scene(), 10)
+    _, smeared, _ = shoot(_scene(exposure_s=0.03, blur_samples=9), 10)
+    corners = seen_points(live, 0, slice(10, 11)).xy_img[0]
+    (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
+    board = (slice(top, bottom), slice(left + 20, right - 20))
+    along, across = (
+        [np.square(np.diff(image[board].astype(float).mean(axis=2), axis=axis)).mean() for image in (sharp, smeared)]
+        for axis in (1, 0)
+    )
+    assert along[1] / along[0] < 0.6 * across[1] / across[0]
+    assert along[1] < 0.3 * along[0]
+
+
+@pytest.mark.gl
+def test_noise_has_its_size_and_its_seed(shoot):
+    images = [shoot(_scene(seed, noise_dn=4.0))[1] for seed in (1, 1, 2)]
+    clean = shoot(_scene(1))[1]
+    np.testing.assert_array_equal(images[0], images[1])
+    assert not np.array_equal(images[0], images[2])
+    inner = (clean > 30) & (clean < 220)
+    expected = 4.0 * np.sqrt(0.25 + 0.75 * clean / 118)
+    assert ((images[0].astype(float) - clean) / expected)[inner].std() == pytest.approx(1.0, rel=0.03)
+
+
+def test_moments_cover_the_rows_once_and_the_readout_symmetrically():
+    moments = moments_of(SensorSettings(readout_s=0.02, shutter_bands=7, exposure_s=0.01, blur_samples=3), 101)
+    rows = np.concatenate([np.arange(m.first_row, m.last_row) for m in moments if m.middle])
+    np.testing.assert_array_equal(rows, np.arange(101))
+    after = np.array([m.after_s for m in moments])
+    assert after.mean() == pytest.approx(0, abs=2e-4)
+    assert np.ptp(after) < 0.02 + 0.01
+    assert len(moments_of(SensorSettings(), 480)) == 1
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", backends.BACKENDS)
+def test_each_backend_draws_or_is_skipped_by_name(name, backend):
+    code = f"""
+import numpy as np
+from posefuse.simulation.render import backend as b
+from posefuse.simulation.cameras import *
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.scene import Scene
+from posefuse.simulation.session import model_of
+from posefuse.simulation.render.stage import Stage
+from posefuse.simulation.render.optics import optics_of
+live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
+stage = Stage(model_of(live, (64, 48)), {name!r})
+stage.place(np.zeros((0, 7)))
+image, depth = stage.draw(optics_of(live.rig.cameras[0]).view, live.rig.cameras[0].cam_from_world)
+stage.close()
+print(int(image.mean()), round(float(depth[40, 32]), 2))
+"""
+    reason = backends._why_not(name)
+    if reason is not None:
+        pytest.skip(f"{name} does not work here: {reason}")
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    brightness, depth_m = run.stdout.split()
+    assert 60 < int(brightness) < 220
+    assert 3.0 < float(depth_m) < 5.0
+
+
+def test_without_opengl_the_error_names_the_packages(monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(backends, "_why_not", lambda name: "cannot open shared object file")
+    backends._first_working.cache_clear()
+    try:
+        with pytest.raises(DependencyError, match=r"egl: cannot open.*osmesa: cannot open.*libegl1 .*libosmesa6"):
+            backends.working_backend()
+    finally:
+        backends._first_working.cache_clear()
+
+
+def test_without_the_extra_the_error_names_it(monkeypatch):
+    monkeypatch.setattr(backends, "_why_not", lambda name: "ModuleNotFoundError: No module named 'mujoco'")
+    backends._first_working.cache_clear()
+    try:
+        with pytest.raises(DependencyError, match=r"pip install 'posefuse\[sim\]'"):
+            backends.working_backend()
+    finally:
+        backends._first_working.cache_clear()
+
+
+@pytest.mark.gl
+def test_two_stages_of_one_process_do_not_disturb_each_other(shoot):
+    first = shoot(_scene(1))[1]
+    shoot(dataclasses.replace(_scene(2), props=()))
+    np.testing.assert_array_equal(shoot(_scene(1))[1], first)

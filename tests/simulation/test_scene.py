@@ -1,0 +1,132 @@
+"""Scene files: what is read, and what is refused with file, key, expected and got."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from posefuse.core import ConfigError
+from posefuse.formats.truth import read_truth
+from posefuse.simulation import Scene, read_scene
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import ListedCameras, PlacedCamera, RingCameras
+from posefuse.simulation.motion.settings import CirclePath, TPoseSettings, WalkSettings
+from posefuse.simulation.scene import PersonSettings
+from posefuse.simulation.session import plain_settings
+from posefuse.simulation.surroundings import BoxOccluder, RoomSettings
+
+_EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "scenes").glob("*.yaml"))
+
+
+def _read(tmp_path: Path, text: str) -> Scene:
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    return read_scene(path)
+
+
+def test_there_are_examples():
+    assert {"demo", "tpose_8cam", "tpose_8cam_occluded", "walk_4cam", "paths_circle"} <= {path.stem for path in _EXAMPLES}
+
+
+@pytest.mark.parametrize("path", _EXAMPLES, ids=lambda path: path.stem)
+def test_examples_are_valid_and_written_settings_read_back_equal(path, tmp_path):
+    scene = read_scene(path)
+    assert _read(tmp_path, yaml.safe_dump(plain_settings(scene))) == scene
+
+
+def test_the_papers_walking_scene_is_the_papers():
+    scene = read_scene(next(path for path in _EXAMPLES if path.stem == "walk_4cam"))
+    assert (scene.duration_s, scene.rate_hz, scene.cameras.count, scene.cameras.radius_m) == (60, 30, 4, 4.5)
+    assert scene.people[0].motion.speed_mps == 1.35
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("duration_s: 1\ncameras: {kind: ring}\ncolour: red", r"scene\.yaml: unknown key 'colour'; there are: .*duration_s"),
+        (
+            "duration_s: 1\ncameras: {kind: ring, count: 0}",
+            r"scene\.yaml: cameras\.ring\.count: .*greater than or equal to 1, got 0",
+        ),
+        ("duration_s: 1\nrate_hz: 0\ncameras: {kind: ring}", r"scene\.yaml: rate_hz: .*greater than 0, got 0"),
+        ("duration_s: 1\ncameras: {kind: sphere}", r"scene\.yaml: cameras: .*'ring'.*'corners'.*'list'.*got"),
+        ("duration_s: 5 s\ncameras: {kind: ring}", r"scene\.yaml: duration_s: .*number.*got '5 s'"),
+        ("cameras: {kind: ring}", r"scene\.yaml: duration_s: missing"),
+        ("duration_s: 1\ncameras: {kind: ring, image: {width: 640}}", r"unknown key '.*image\.width'"),
+        ("duration_s: 1\ncameras: {kind: ring, sensor: {drop_fraction: 1.0}}", r"drop_fraction: .*less than 1, got 1.0"),
+        ("duration_s: 1\ncameras: {kind: list, cameras: []}", r"cameras: .*at least 1 item"),
+        (
+            "duration_s: 1\ncameras: {kind: list, cameras: [{name: a, position_m: [1, 0, 2]}, {name: a, position_m: [2, 0, 2]}]}",
+            r"scene\.yaml: cameras: name: used twice: a",
+        ),
+        (
+            "duration_s: 1\ncameras: {kind: ring}\nprops: [{kind: aruco_cube, path: {kind: carried, person: 2}}]",
+            r"props: cube: path\.person: no person 2; there are: none",
+        ),
+        ("[1, 2]", r"scene\.yaml: expected keys with values at the top, got list"),
+    ],
+)
+def test_wrong_files_are_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message) as caught:
+        _read(tmp_path, text)
+    assert "\n" not in str(caught.value)
+
+
+def _eye(position_m: tuple[float, float, float]) -> ListedCameras:
+    return ListedCameras(kind="list", cameras=(PlacedCamera(name="eye", position_m=position_m, look_at_m=(0.0, 0.0, 0.2)),))
+
+
+_RING = Scene(duration_s=1.0, cameras=RingCameras(kind="ring"))
+_MAN = PersonSettings(motion=TPoseSettings(kind="tpose"))
+_FAR = PersonSettings(motion=WalkSettings(kind="walk", path=CirclePath(shape="circle", radius_m=6.0)))
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (
+            dataclasses.replace(_RING, cameras=_eye((0.0, 0.1, 1.3)), people=(_MAN,)),
+            r"camera eye: stands at \(0.00, 0.10, 1.30\) m, inside or touching people\.0 at 0.0 s; keep 0.25 m",
+        ),
+        (dataclasses.replace(_RING, people=(_FAR,)), r"people\.0: leaves the floor of .* at 0.0 s; make room.size_m larger"),
+    ],
+)
+def test_people_are_kept_from_cameras_and_on_the_floor(scene, message):
+    with pytest.raises(ConfigError, match=message):
+        live_scene(scene)
+
+
+def test_cameras_are_kept_out_of_boxes_and_walls():
+    box = BoxOccluder(kind="box", position_m=(2.0, 0.0, 1.0), size_m=(0.6, 0.6, 0.6))
+    with pytest.raises(ConfigError, match=r"camera eye: stands at .* inside box 0 of the occluders"):
+        live_scene(dataclasses.replace(_RING, cameras=_eye((2.1, 0.1, 1.2)), occluders=(box,)))
+    small = RoomSettings(size_m=(3.0, 8.0))
+    with pytest.raises(ConfigError, match=r"camera cam00: stands at .* outside the room of \(3.00, 8.00\) m"):
+        live_scene(dataclasses.replace(_RING, room=small))
+    live_scene(dataclasses.replace(_RING, room=dataclasses.replace(small, walls="none")))
+
+
+def test_marker_settings_that_cannot_be_are_refused(tmp_path):
+    base = "duration_s: 1\ncameras: {kind: ring}\nprops: [{kind: aruco_cube, %s}]"
+    for text, message in (
+        ("marker_m: 0.3", r"prop cube: marker_m 0.3 leaves no white border inside side_m 0.2"),
+        ("dictionary: DICT_9X9", r"prop cube: dictionary: no 'DICT_9X9'; there are: .*DICT_4X4_50"),
+        ("first_id: 47", r"prop cube: DICT_4X4_50 has 50 markers, marker 50 is needed"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            live_scene(_read(tmp_path, base % text))
+
+
+@pytest.mark.gl
+def test_the_bundled_clip_is_the_demo_scene_of_today():
+    """When this fails, `make demo-clip` renders it anew."""
+    pytest.importorskip("anny", reason="the extra sim (anny) is not installed")
+    bundled = _EXAMPLES[0].parents[1] / "demo"
+    scene = read_scene(bundled / "scene.yaml")
+    assert scene == read_scene(bundled.parent / "scenes" / "demo.yaml")
+    live, truth = live_scene(scene), read_truth(bundled / "truth" / "truth.npz")
+    assert live.rig.id == truth.rig.id
+    np.testing.assert_allclose(live.keypoints(truth.t_ns[::50] / 1e9), truth.xyz_world[::50], atol=1e-4)

@@ -1,0 +1,228 @@
+"""A rendered session on disk: what is in it, that it repeats, that it survives interruption."""
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from posefuse.core import InputError, SourceError
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.formats.rig import read_rig
+from posefuse.formats.truth import read_arrays, read_truth
+from posefuse.simulation import Scene, read_scene, simulate, truth_of
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
+from posefuse.simulation.motion.settings import IdleSettings, TPoseSettings
+from posefuse.simulation.paths import CarriedPath
+from posefuse.simulation.props import ArucoCube
+from posefuse.simulation.render.optics import optics_of
+from posefuse.simulation.render.stage import Stage
+from posefuse.simulation.scene import JpegSettings, PersonSettings
+from posefuse.simulation.session import body_poses, model_of
+from posefuse.simulation.source import SimulatedConfig
+from posefuse.simulation.surroundings import BoxOccluder
+from posefuse.sources.images import ImagesConfig
+from posefuse.sources.video import VideoConfig
+
+pytestmark = pytest.mark.gl
+
+_CAMERAS = RingCameras(
+    kind="ring",
+    count=3,
+    radius_m=3.0,
+    image=ImageSettings(size_px=(200, 150)),
+    sensor=SensorSettings(noise_dn=2.0),
+    overrides={
+        "cam01": CameraOverride(
+            roll_deg=15,
+            image=ImageSettings(size_px=(160, 120), horizontal_fov_deg=75, distortion=(-0.2, 0.05, 0.001, 0.0)),
+            sensor=SensorSettings(rate_hz=20, offset_s=0.3, jitter_s=0.003, drop_fraction=0.1),
+        )
+    },
+)
+_SCENE = Scene(
+    duration_s=0.5,
+    start_s=1.0,
+    rate_hz=10,
+    seed=5,
+    cameras=_CAMERAS,
+    people=(
+        PersonSettings(motion=IdleSettings(kind="idle", position_m=(0.3, 0.2), heading_deg=40)),
+        PersonSettings(motion=TPoseSettings(kind="tpose", position_m=(-0.7, -0.3))),
+    ),
+    occluders=(BoxOccluder(kind="box", position_m=(1.2, 0.6, 0.5), size_m=(0.3, 0.5, 1.0)),),
+    props=(ArucoCube(kind="aruco_cube", path=CarriedPath(kind="carried", person=1, side="left")),),
+)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory, backend) -> Path:
+    folder = tmp_path_factory.mktemp("simulated") / "session"
+    simulate(_SCENE, folder, processes=1)
+    return folder
+
+
+def test_films_carry_the_cameras_own_times_and_the_truth_the_true_ones(session):
+    truth = read_truth(session / "truth" / "truth.npz")
+    shots = read_arrays(session / "truth" / "shots.npz")
+    for i, view in enumerate(truth.views):
+        film = VideoConfig(session / "videos" / f"{view.camera}.mp4", view.camera).build()
+        assert film.size_wh == truth.rig.cameras[i].size_wh
+        stamps = np.array([frame.t_ns for frame in film.frames()])
+        np.testing.assert_allclose(stamps, shots[f"stamp{i}_ns"], atol=501)
+        np.testing.assert_array_equal(view.t_ns, shots[f"t{i}_ns"])
+    offset_s = (shots["stamp1_ns"] - shots["t1_ns"]) / 1e9
+    np.testing.assert_allclose(offset_s, 0.3, atol=1e-8)
+
+
+def test_the_rig_file_is_the_rig(session):
+    assert read_rig(session / "rig.toml").id == read_truth(session / "truth" / "truth.npz").rig.id
+
+
+def test_the_written_scene_is_the_scene(session):
+    assert read_scene(session / "scene.yaml") == _SCENE
+
+
+def test_nothing_marks_a_finished_session_as_unfinished(session):
+    assert sorted(path.name for path in session.iterdir()) == ["rig.toml", "scene.yaml", "truth", "videos"]
+
+
+def test_truth_without_rendering_differs_in_visibility_only(session):
+    rendered, quick = read_truth(session / "truth" / "truth.npz"), truth_of(_SCENE)
+    np.testing.assert_array_equal(rendered.xyz_world, quick.xyz_world)
+    np.testing.assert_array_equal(rendered.joints.angle_rad, quick.joints.angle_rad)
+    for a, b in zip(rendered.views, quick.views, strict=True):
+        np.testing.assert_array_equal(a.xy_img, b.xy_img)
+    # capsules are not a mesh, and the quick truth lets the cube hide nothing
+    agree = np.concatenate([(a.visible == b.visible).ravel() for a, b in zip(rendered.views, quick.views, strict=True)])
+    assert agree.mean() > 0.85
+
+
+def test_visible_joints_lie_on_their_person_and_hidden_ones_exist(session, backend):
+    live, truth = live_scene(_SCENE), read_truth(session / "truth" / "truth.npz")
+    optics = [optics_of(camera) for camera in live.rig]
+    largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
+    stage = Stage(model_of(live, (int(largest[0]), int(largest[1]))), backend)
+    inside = []
+    for camera, view, lens in zip(live.rig, truth.views, optics, strict=True):
+        for f, t_ns in enumerate(view.t_ns):
+            stage.place(body_poses(live, np.array([t_ns / 1e9]))[0])
+            people = stage.draw_people(lens.view, camera.cam_from_world)
+            # a margin of a pixel: joints at the silhouette's edge fall between pixels
+            masks = [cv2.dilate((people == n).astype(np.uint8), np.ones((3, 3))) for n in range(2)]
+            for n in range(2):
+                norm = camera.norm_from_px(view.xy_img[f, n][view.visible[f, n]])
+                column, row = np.round(lens.view.px_from_norm(norm)).astype(int).T
+                inside += list(masks[n][row, column])
+    stage.close()
+    assert len(inside) > 400
+    assert np.mean(inside) == 1.0
+    assert 0.05 < np.mean([~view.visible for view in truth.views[:1]]) < 0.8
+
+
+def test_a_joint_behind_the_box_is_hidden_and_the_same_joint_without_the_box_is_not(shoot):
+    camera = RingCameras(kind="ring", count=1, radius_m=3.0, first_angle_deg=0, image=ImageSettings(size_px=(160, 120)))
+    alone = dataclasses.replace(_SCENE, people=_SCENE.people[:1], props=(), occluders=(), cameras=camera)
+    wall = BoxOccluder(kind="box", position_m=(1.3, 0.1, 0.6), size_m=(0.1, 2.4, 1.2))
+    _, _, shown = shoot(alone)
+    _, _, hidden = shoot(dataclasses.replace(alone, occluders=(wall,)))
+    knees = ANATOMICAL23.indices(["left_knee", "right_knee"])
+    assert shown[knees].all() and not hidden[knees].any()
+    assert shown[ANATOMICAL23.index("nose")] and hidden[ANATOMICAL23.index("nose")]
+
+
+def test_props_are_known_in_every_view(session):
+    props, truth = read_arrays(session / "truth" / "props.npz"), read_truth(session / "truth" / "truth.npz")
+    assert props["names"].tolist() == ["cube"] and props["kinds"].tolist() == ["aruco_cube"]
+    assert props["prop0_view1_visible"].any() and not props["prop0_view1_visible"].all()
+    wrist = truth.xyz_world[:, 1, ANATOMICAL23.index("left_wrist")]
+    np.testing.assert_allclose(np.linalg.norm(props["prop0_xyz"] - wrist, axis=-1), 0.18, atol=1e-6)
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_the_same_seed_gives_the_same_bytes_with_any_number_of_processes_and_after_an_interruption(session, tmp_path):
+    class Interruption(Exception):
+        pass
+
+    def interrupt(done: int, total: int) -> None:
+        if 0 < done < total:
+            raise Interruption
+
+    calls = []
+    folder = tmp_path / "again"
+    with pytest.raises(Interruption):
+        simulate(_SCENE, folder, interrupt, processes=2)
+    assert (folder / "INCOMPLETE").is_file() and not (folder / "rig.toml").exists()
+    simulate(_SCENE, folder, lambda done, total: calls.append((done, total)), processes=2)
+    first, total = calls[0]
+    assert 0 < first < total and calls[-1] == (total, total)
+    assert _contents(folder) == _contents(session)
+
+
+def test_a_folder_with_something_else_is_left_alone(session, tmp_path):
+    (tmp_path / "mine.txt").write_text("precious")
+    with pytest.raises(InputError, match="is not empty; delete it or choose another folder"):
+        simulate(_SCENE, tmp_path)
+    with pytest.raises(InputError, match="is not empty"):
+        simulate(_SCENE, session)
+    assert (tmp_path / "mine.txt").read_text() == "precious"
+
+
+def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_path):
+    (tmp_path / "INCOMPLETE").touch()
+    (tmp_path / "scene.yaml").write_text("duration_s: 3\ncameras: {kind: ring}\n")
+    with pytest.raises(InputError, match="unfinished session of another scene"):
+        simulate(_SCENE, tmp_path)
+
+
+def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
+    """Relative files count from the scene file, and the session can be moved."""
+    from posefuse.simulation import session as sessions
+    from posefuse.simulation.motion.settings import BvhSettings
+
+    (tmp_path / "walk.bvh").write_text("HIERARCHY")
+    person = PersonSettings(motion=BvhSettings(kind="bvh", file="walk.bvh"))
+    text = sessions.plain_settings(dataclasses.replace(_SCENE, people=(person, person), props=()))
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(text))
+    scene = read_scene(tmp_path / "scene.yaml")
+    assert scene.people[0].motion.file == str(tmp_path / "walk.bvh")
+    sessions._begin(sessions.SessionPaths(tmp_path / "session"), scene)
+    (tmp_path / "session").rename(tmp_path / "moved")
+    (tmp_path / "walk.bvh").unlink()
+    again = read_scene(tmp_path / "moved" / "scene.yaml")
+    assert Path(again.people[1].motion.file).read_text() == "HIERARCHY"
+
+
+def test_image_folders_are_read_with_their_times(tmp_path, backend):
+    scene = dataclasses.replace(_SCENE, record=JpegSettings(kind="jpeg"), duration_s=0.3, people=(), props=())
+    paths = simulate(scene, tmp_path / "images", processes=1)
+    frames = list(ImagesConfig(paths.videos / "cam01", "cam01").build().frames())
+    stamps = read_arrays(paths.shots)["stamp1_ns"]
+    np.testing.assert_allclose([frame.t_ns for frame in frames], stamps, atol=1)
+    assert frames[0].size_wh == (160, 120)
+
+
+def test_a_live_camera_draws_what_the_film_shows(session):
+    scene = session / "scene.yaml"
+    drawn = list(SimulatedConfig(scene, "cam02", paced=False).build().frames())
+    played = list(SimulatedConfig(session, "cam02", paced=False).build().frames())
+    assert [frame.seq for frame in drawn] == [frame.seq for frame in played] == list(range(5))
+    for a, b in zip(drawn, played, strict=True):
+        assert abs(a.t_ns - b.t_ns) <= 501
+        assert np.abs(a.image.astype(int) - b.image).mean() < 6
+
+
+def test_a_paced_camera_never_gives_a_frame_before_its_time(session):
+    frames = list(SimulatedConfig(session, "cam00").build().frames())
+    assert frames and all(frame.received_ns >= frame.t_ns for frame in frames)
+
+
+def test_an_unknown_camera_is_refused_with_the_names_there_are(session):
+    with pytest.raises(SourceError, match="no camera 'cam7'; there are: cam00, cam01, cam02"):
+        SimulatedConfig(session, "cam7").build()

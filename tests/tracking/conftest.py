@@ -1,0 +1,112 @@
+"""A person of 17 points who moves as told, seen by cameras that do not wait for each other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from posefuse.association import AssociateSettings, associate
+from posefuse.core import Detections2D, Pose3D, Rig
+from posefuse.core.skeleton import COCO17
+from posefuse.fusion import FuseSettings, fuse
+from posefuse.tracking.online import LiveSettings, Tracker, build_tracker
+
+# the left side of someone who faces +x; y to the left, z up
+_LEFT = {
+    "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
+    "wrist": (0.12, 0.28, 0.90), "hip": (0.0, 0.10, 0.93), "knee": (0.03, 0.11, 0.50), "ankle": (0.0, 0.11, 0.09),
+}  # fmt: skip
+SIGMA_PX = 2.0
+
+
+def _standing() -> np.ndarray:
+    xyz = np.empty((len(COCO17), 3))
+    for i, name in enumerate(COCO17.keypoints):
+        side, _, part = name.partition("_")
+        xyz[i] = (0.12, 0.0, 1.62) if name == "nose" else np.array(_LEFT[part]) * (1, 1 if side == "left" else -1, 1)
+    return xyz
+
+
+@dataclass(frozen=True)
+class World:
+    """Cameras, and where the 17 points are at a time in seconds."""
+
+    rig: Rig
+    place: Callable[[float], np.ndarray]
+
+    def view(self, c: int, t_s: float, rng: np.random.Generator | None = None, sigma_px: float = SIGMA_PX) -> Detections2D:
+        """What camera number c sees; exact without `rng`."""
+        xy = seen(self.rig, c, self.place(t_s), rng, sigma_px)
+        return detections(self.rig.cameras[c].name, t_s, xy, sigma_px=sigma_px)
+
+    def views(self, seconds: float, seed: int | None = 0, rate_hz: float = 30.0, start_s: float = 0.0) -> list[Detections2D]:
+        """Every camera's views in the order of their own times, phases apart; exact when seed is None."""
+        rng = None if seed is None else np.random.default_rng(seed)
+        times = [
+            (start_s + (i + c / len(self.rig)) / rate_hz, c) for i in range(int(seconds * rate_hz)) for c in range(len(self.rig))
+        ]
+        return [self.view(c, t_s, rng) for t_s, c in sorted(times)]
+
+    def tracker(self, **settings: object) -> Tracker:
+        """With association and fusion of one instant as `app` has them."""
+        live = LiveSettings(**settings)  # type: ignore[arg-type]
+        people = AssociateSettings(max_people=live.max_people)
+
+        def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
+            return fuse(associate(together, self.rig, people, previous), self.rig, FuseSettings(), previous)
+
+        return build_tracker(self.rig, COCO17, live, solve)
+
+    def error_m(self, pose: Pose3D, person: int = 0) -> np.ndarray:
+        """(K,) distances from the truth at the pose's time."""
+        return np.linalg.norm(pose.xyz_world[person] - self.place(pose.t_ns / 1e9), axis=-1)
+
+
+def seen(rig: Rig, c: int, xyz: np.ndarray, rng: np.random.Generator | None, sigma_px: float = SIGMA_PX) -> np.ndarray:
+    """(K, 2) px of points in a camera, with noise."""
+    xy = rig.cameras[c].project(xyz)
+    return xy if rng is None else xy + rng.normal(0, sigma_px, xy.shape)
+
+
+def detections(camera: str, t_s: float, *people_xy: np.ndarray, sigma_px: float = SIGMA_PX) -> Detections2D:
+    """Several people in one view."""
+    xy = np.array(people_xy)
+    sizes = xy.shape[:2]
+    box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=1)
+    score = np.where(np.isfinite(xy[..., 0]), 0.9, 0.0)
+    return Detections2D(camera, round(t_s * 1e9), COCO17, xy, score, np.full(sizes, sigma_px), box)
+
+
+def _walk(t_s: float) -> np.ndarray:
+    """Ahead at 1.2 m/s from one side of the ring to the other, arms and legs swinging."""
+    xyz = _standing()
+    for name, reach_m, sign in (("wrist", 0.25, 1), ("elbow", 0.12, 1), ("knee", 0.12, -1), ("ankle", 0.25, -1)):
+        for side in (1, -1):
+            swing = sign * side * reach_m * np.sin(2 * np.pi * 0.9 * t_s)
+            xyz[COCO17.index(("left_" if side > 0 else "right_") + name), 0] += swing
+    return xyz + (1.2 * t_s - 1.5, 0.0, 0.0)
+
+
+@pytest.fixture(scope="session")
+def world(ring_rig: Callable[..., Rig]) -> Callable[..., World]:
+    """Builder: cameras (default 4), motion ``walk``, ``stand`` or a function of time."""
+
+    def build(cameras: int = 4, motion: str | Callable[[float], np.ndarray] = "walk", **rig: object) -> World:
+        motions = {"walk": _walk, "stand": lambda t_s: _standing()}
+        return World(ring_rig(cameras, **rig), motions[motion] if isinstance(motion, str) else motion)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def told() -> Callable[..., Detections2D]:
+    """(camera, t_s, *people_xy) -> Detections2D."""
+    return detections
+
+
+@pytest.fixture(scope="session")
+def flipped() -> Callable[[Detections2D], Detections2D]:
+    """The same view with left and right exchanged."""
+    turn = COCO17.mirror
+    return lambda view: replace(view, xy_img=view.xy_img[:, turn], score=view.score[:, turn], sigma_px=view.sigma_px[:, turn])

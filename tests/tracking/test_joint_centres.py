@@ -1,0 +1,241 @@
+"""Joint centres beside landmarks: offsets move with the body, mirror with it, and never invent a point."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import ConfigError, Kind, PoseSequence, Recording
+from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.detection import read_card
+from posefuse.tracking import (
+    JointCentres,
+    at_joint_centres,
+    from_joint_centres,
+    read_joint_centres,
+    to_joint_centres,
+    views_at_joint_centres,
+)
+from posefuse.tracking.joint_centres import JOINTS, SIDES, directions
+from posefuse.tracking.segments import segment_lengths
+
+T, N, K = 4, 2, len(BLAZEPOSE33)
+LEG = ("hip", "knee", "ankle", "heel", "foot_index")
+EVERY = JointCentres(
+    made_by="a test",
+    offsets={
+        joint: {name: 0.01 * (i + 1) for i, name in enumerate(known)}
+        for joint, known in directions(np.full((K, 3), np.nan), BLAZEPOSE33, "left").items()
+    },
+)
+
+
+def people(seed: int = 3) -> PoseSequence:
+    rng = np.random.default_rng(seed)
+    shape = (T, N, K)
+    cov = np.broadcast_to(np.diag([1.0, 2.0, 3.0]) * 1e-4, (*shape, 3, 3))
+    return PoseSequence(
+        np.arange(T) * 10**7, BLAZEPOSE33, np.arange(N), rng.normal(size=(*shape, 3)), cov, np.ones(shape), np.full(shape, 4),
+        np.full(shape, Kind.FUSED),
+    )  # fmt: skip
+
+
+def standing() -> np.ndarray:
+    """(K, 3) facing +x, left is +y, hands ahead, left knee bent backwards a little."""
+    xyz = np.full((K, 3), np.nan)
+    for side, y in (("left", 1.0), ("right", -1.0)):
+        for name, point in {
+            "shoulder": (0, 0.2 * y, 1.4), "elbow": (0, 0.2 * y, 1.1), "wrist": (0.25, 0.2 * y, 1.1),
+            "index": (0.33, 0.17 * y, 1.1), "pinky": (0.33, 0.24 * y, 1.1), "hip": (0, 0.1 * y, 0.9), "knee": (0, 0.1 * y, 0.5),
+            "ankle": (0, 0.1 * y, 0.1), "heel": (-0.05, 0.1 * y, 0), "foot_index": (0.2, 0.1 * y, 0),
+        }.items():  # fmt: skip
+            xyz[BLAZEPOSE33.index(f"{side}_{name}")] = point
+    return xyz
+
+
+def test_directions_of_somebody_standing_are_what_their_names_say() -> None:
+    for side, out in (("left", [0, 1, 0]), ("right", [0, -1, 0])):
+        known = directions(standing(), BLAZEPOSE33, side)
+        for joint in ("shoulder", "hip"):
+            np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
+            np.testing.assert_allclose(known[joint]["up"], [0, 0, 1], atol=1e-12)
+            np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
+        np.testing.assert_allclose(known["shoulder"]["raising"], 0, atol=1e-12)
+        for joint in ("knee", "ankle"):
+            np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
+            np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
+        np.testing.assert_allclose(known["hip"]["sinking"], 0, atol=1e-12)
+        np.testing.assert_allclose(known["knee"]["bend"], 0, atol=1e-12)
+        np.testing.assert_allclose(known["elbow"]["bend"], [1, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(known["elbow"]["lowering"], 0, atol=1e-12)
+        np.testing.assert_allclose(known["wrist"]["palm"], [0, -out[1], 0], atol=1e-12)
+        np.testing.assert_allclose(known["ankle"]["foot"], [1, 0, 0], atol=1e-12)
+
+
+def test_a_raised_arm_counts_as_far_as_it_points_outward() -> None:
+    xyz = standing()
+    xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.5, 1.4]
+    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["elbow"]["lowering"], [0, 0, -1], atol=1e-12)
+    xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.4, 1.2]
+    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -np.sqrt(0.5), 0], atol=1e-12)
+
+
+def test_moving_the_world_moves_the_result() -> None:
+    before = people()
+    turn, shift = Rotation.from_rotvec([0.3, -1.2, 0.7]).as_matrix(), np.array([2.0, -1.0, 0.5])
+    moved = replace(before, xyz_world=before.xyz_world @ turn.T + shift)
+    expected = to_joint_centres(before, EVERY).xyz_world @ turn.T + shift
+    np.testing.assert_allclose(to_joint_centres(moved, EVERY).xyz_world, expected, atol=1e-12)
+
+
+def test_a_mirror_image_gives_the_mirror_image() -> None:
+    before = people()
+
+    def mirrored(xyz: np.ndarray) -> np.ndarray:
+        return xyz[:, :, BLAZEPOSE33.mirror] * [1, -1, 1]
+
+    after = to_joint_centres(replace(before, xyz_world=mirrored(before.xyz_world)), EVERY).xyz_world
+    np.testing.assert_allclose(after, mirrored(to_joint_centres(before, EVERY).xyz_world), atol=1e-12)
+
+
+def test_offsets_are_added_in_full_and_only_to_joints() -> None:
+    before = replace(people(), xyz_world=np.tile(standing(), (T, N, 1, 1)))
+    table = JointCentres(made_by="a test", offsets={"hip": {"up": -0.02, "outward": 0.005}, "wrist": {"forearm": -0.03}})
+    move = to_joint_centres(before, table).xyz_world - before.xyz_world
+    expected = np.zeros((K, 3))
+    for side, y in (("left", 1.0), ("right", -1.0)):
+        expected[BLAZEPOSE33.index(f"{side}_hip")] = [0, 0.005 * y, -0.02]
+        expected[BLAZEPOSE33.index(f"{side}_wrist")] = [-0.03, 0, 0]
+    there = np.isfinite(before.xyz_world)
+    np.testing.assert_allclose(move[there], np.broadcast_to(expected, move.shape)[there], atol=1e-12)
+
+
+def test_a_joint_without_its_directions_stays_and_a_missing_one_stays_missing() -> None:
+    before = people()
+    xyz = np.array(before.xyz_world)
+    knee, hip = BLAZEPOSE33.index("left_knee"), BLAZEPOSE33.index("left_hip")
+    xyz[1, 0, knee] = np.nan
+    after = to_joint_centres(replace(before, xyz_world=xyz), EVERY)
+    assert np.isnan(after.xyz_world[1, 0, knee]).all()
+    np.testing.assert_array_equal(after.xyz_world[1, 0, hip], xyz[1, 0, hip])
+    assert not np.allclose(after.xyz_world[2, 0, hip], xyz[2, 0, hip])
+    np.testing.assert_array_equal(after.cov_world, before.cov_world)
+    np.testing.assert_array_equal(after.kind, before.kind)
+
+
+def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
+    card = read_card("blazepose_full")
+    assert card.decoding.joint_centres
+    table = read_joint_centres(card.folder / card.decoding.joint_centres)
+    assert set(table.offsets) == set(JOINTS)
+    before = replace(people(), xyz_world=np.tile(standing(), (T, N, 1, 1)))
+    columns = BLAZEPOSE33.indices([f"{side}_{joint}" for side in SIDES for joint in JOINTS])
+    moved = np.linalg.norm(to_joint_centres(before, table).xyz_world - before.xyz_world, axis=-1)[..., columns]
+    assert (moved > 0.0005).all() and (moved < 0.05).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('made_by = "x"\n[offsets.tail]\nup = 0.1\n', ["tail", "shoulder", "ankle"]),
+        ('made_by = "x"\n[offsets.hip]\nsideways = 0.1\n', ["sideways", "outward", "offsets.hip"]),
+        ('made_by = "x"\n[offsets.hip]\nup = "much"\n', ["offsets.hip.up", "much"]),
+        ('made_by = "x"\n[offsets]\n[lengths]\nnose = 0.1\n', ["lengths", "nose", "thigh"]),
+        ('made_by = "x"\n[offsets]\n[by_length.hip.up]\nthigh = 0.1\n', ["by_length.hip.up", "thigh"]),
+    ],
+)
+def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, words: list[str]) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        read_joint_centres(path)
+    assert "wrong.toml" in str(caught.value) and "\n" not in str(caught.value)
+    assert all(word in str(caught.value) for word in words)
+
+
+def somebody_standing() -> PoseSequence:
+    """Landmarks of people standing, turned and moved a little from instant to instant."""
+    turns = Rotation.from_euler("z", np.linspace(0, 1, T * N)[:, None]).as_matrix().reshape(T, N, 3, 3)
+    return replace(people(), xyz_world=np.einsum("tnij,kj->tnki", turns, standing()) + [0.1, -0.2, 0.0])
+
+
+LONG_LEGS = JointCentres(
+    made_by="a test", offsets={"knee": {"thigh": 0.01}}, lengths={"thigh": 0.4}, by_length={"knee": {"thigh": {"thigh": 0.5}}}
+)
+
+
+@pytest.mark.parametrize(("thigh_m", "expected_m"), [(0.39, 0.01), (0.41, 0.02), (0.36, -0.005), (0.59, 0.04)])
+def test_offsets_grow_with_the_length_of_a_segment(thigh_m: float, expected_m: float) -> None:
+    """By half of what the thigh, from its joint centres, is longer than usual; nobody is taken for longer than 60 mm more."""
+    xyz = standing()
+    for side in SIDES:
+        hip, knee = (BLAZEPOSE33.index(f"{side}_{joint}") for joint in ("hip", "knee"))
+        xyz[knee] = xyz[hip] - [0, 0, thigh_m]
+    many, few = (over_time(xyz, count) for count in (10, 9))
+    expected = [0, 0, -expected_m]
+    np.testing.assert_allclose(
+        (to_joint_centres(many, LONG_LEGS).xyz_world - many.xyz_world)[:, 0, knee] - expected, 0, atol=1e-12
+    )
+    move = (to_joint_centres(few, LONG_LEGS).xyz_world - few.xyz_world)[:, 0, knee]  # which do not tell lengths
+    np.testing.assert_allclose(move - [0, 0, -0.01], 0, atol=1e-12)
+
+
+def test_one_pose_is_moved_as_a_recording_of_the_same_lengths() -> None:
+    """Lengths that are not known count as usual."""
+    many = over_time(np.stack([standing(), 1.1 * standing()]), 12)
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    usual = at_joint_centres(many, table, table.usual)
+    lengths = segment_lengths(usual.xyz_world, BLAZEPOSE33)
+    one = at_joint_centres(many.at(3), table, lengths)
+    np.testing.assert_array_equal(one.xyz_world, to_joint_centres(many, table).xyz_world[3])
+    assert np.nanmax(np.abs(one.xyz_world - usual.xyz_world[3])) > 0.001
+    unknown = at_joint_centres(many.at(3), table, np.full(lengths.shape, np.nan))
+    np.testing.assert_array_equal(unknown.xyz_world, usual.xyz_world[3])
+
+
+def test_each_person_has_lengths_of_their_own() -> None:
+    short, tall = standing(), 1.1 * standing()
+    both = np.stack([short, tall])
+    together = to_joint_centres(over_time(both, 12), LONG_LEGS).xyz_world
+    for n, person in enumerate(both):
+        np.testing.assert_allclose(together[:, n], to_joint_centres(over_time(person, 12), LONG_LEGS).xyz_world[:, 0], atol=1e-12)
+
+
+def over_time(xyz: np.ndarray, count: int) -> PoseSequence:
+    """The same people (N, K, 3) or person (K, 3) at many instants."""
+    all_xyz = np.broadcast_to(xyz.reshape(-1, K, 3), (count, xyz.size // (3 * K), K, 3))
+    ones = np.ones(all_xyz.shape[:3])
+    cov = np.broadcast_to(np.eye(3) * 1e-4, (*ones.shape, 3, 3))
+    return PoseSequence(np.arange(count) * 10**7, BLAZEPOSE33, np.arange(ones.shape[1]), all_xyz, cov, ones, ones, ones)
+
+
+def test_there_and_back_is_where_it_was() -> None:
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    before = somebody_standing()
+    there = to_joint_centres(before, table)
+    assert np.nanmax(np.abs(there.xyz_world - before.xyz_world)) > 0.01
+    np.testing.assert_allclose(from_joint_centres(there, table).xyz_world, before.xyz_world, atol=1e-4)
+
+
+def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
+    """Also where left and right are exchanged in one view, and at an instant without 3D."""
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    landmarks, rig = somebody_standing(), ring_rig(3)
+    centres = to_joint_centres(landmarks, table)
+    seen, expected = (np.stack([c.project(one.xyz_world) for c in rig], axis=2) for one in (landmarks, centres))
+    knee, legs = BLAZEPOSE33.index("left_knee"), [i for i, k in enumerate(BLAZEPOSE33.keypoints) if k.endswith(LEG)]
+    mixed = seen.copy()
+    mixed[1, 0, 2][legs] = seen[1, 0, 2][BLAZEPOSE33.mirror[legs]]
+    known = np.array(centres.xyz_world)
+    known[2, 1, knee] = np.nan
+    score = np.isfinite(seen[..., 0]) * 1.0
+    recording = Recording(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
+    moved = views_at_joint_centres(recording, table)
+    known_px = np.isfinite(seen[..., 0])
+    known_px[2, 1] = False  # the thigh's directions are unknown there
+    np.testing.assert_allclose(moved.xy_img[known_px], expected[known_px], atol=0.02)
+    np.testing.assert_allclose(moved.xy_img[2, 1, :, knee], expected[2, 1, :, knee], atol=0.5)
+    assert np.abs(seen[2, 1, :, knee] - expected[2, 1, :, knee]).max() > 1.0

@@ -1,0 +1,277 @@
+"""The asynchronous tracker: right at the time it is asked for, honest about it, and not misled."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from posefuse.core import ConfigError, Kind, ShapeError
+from posefuse.core.skeleton import BODY_25, COCO17
+from posefuse.tracking.lasting import LASTING_S, LASTING_SHARE
+from posefuse.tracking.online import TRACKERS, LiveSettings
+
+LATE_S = 0.07
+# where no error lasts from frame to frame
+FRESH = {"lasting_share": 0.0, "learnt_share": 0.0}
+
+
+def run(world, views, seconds, from_s=0.5, late_s=LATE_S, **settings):
+    """Poses at 100 Hz from `from_s` on, every view coming late_s late."""
+    tracker, poses, waiting = world.tracker(**settings), [], list(views)
+    for tick in range(int(seconds * 100)):
+        t_ns = tick * 10_000_000
+        while waiting and waiting[0].t_ns + late_s * 1e9 <= t_ns:
+            tracker.add(waiting.pop(0))
+        pose = tracker.at(t_ns)
+        if t_ns >= from_s * 1e9:
+            poses.append(pose)
+    return tracker, poses
+
+
+def mean_error_m(world, poses):
+    return float(np.nanmean([world.error_m(pose) for pose in poses]))
+
+
+def test_a_walking_person_is_where_the_truth_is_at_output_time(world):
+    w = world()
+    _, poses = run(w, w.views(2.2), 2.2)
+    _, latest = run(w, w.views(2.2), 2.2, tracker="latest")
+    assert all(pose.person_id.tolist() == [0] for pose in poses)
+    assert mean_error_m(w, poses) < 0.5 * mean_error_m(w, latest)
+    assert mean_error_m(w, poses) < 0.04
+
+
+def test_at_rest_it_is_no_worse_than_the_latest_views(world):
+    """With errors that last from frame to frame as much as the settings say; views older than those add nothing new."""
+    w = world(motion="stand")
+    errors = {name: [] for name in TRACKERS}
+    for seed in range(3):
+        views = with_lasting_errors(w.views(2.0, seed=None), np.random.default_rng(seed))
+        for name in TRACKERS:
+            errors[name].append(mean_error_m(w, run(w, views, 2.0, tracker=name)[1]))
+    assert np.mean(errors["asynchronous"]) <= 1.02 * np.mean(errors["latest"])
+
+
+def with_lasting_errors(views, rng):
+    """Noise of the stated size, of which a part wanders as `track.lasting` says."""
+    wandering, told = {}, []
+    for view in views:
+        fresh = rng.standard_normal(view.xy_img.shape)
+        before_ns, slow = wandering.get(view.camera, (view.t_ns, fresh))
+        keep = np.exp(-(view.t_ns - before_ns) * 1e-9 / LASTING_S)
+        slow = keep * slow + np.sqrt(1 - keep**2) * fresh
+        wandering[view.camera] = view.t_ns, slow
+        white = rng.standard_normal(view.xy_img.shape)
+        errors = np.sqrt(LASTING_SHARE) * slow + np.sqrt(1 - LASTING_SHARE) * white
+        told.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
+    return told
+
+
+def test_what_the_whole_body_does_is_learnt_from_all_keypoints_together(world):
+    """In free fall all accelerate alike: the vertical speed is known many times better than from one keypoint's views."""
+    stand = world(motion="stand").place(0)
+
+    def leap(t_s):
+        t = np.mod(t_s, 1.0)
+        return stand + np.array([0.0, 0.0, 1.0]) * np.where(t < 0.5, 2.45 * t - 9.81 * t**2 / 2, 0.0)
+
+    w = world(motion=leap)
+    names = ("nose", "left_wrist", "right_hip")
+    shown = COCO17.indices(names)
+    together, alone = [], []
+    for seed in range(3):
+        views = w.views(2.2, seed)
+        # born of the whole person
+        few = [view if view.t_ns < 0.3e9 else keep_only(view, names) for view in views]
+        for told, errors in ((views, together), (few, alone)):
+            errors += [w.error_m(pose)[shown].mean() for pose in run(w, told, 2.2, from_s=1.0)[1]]
+    assert np.nanmean(together) < 0.9 * np.nanmean(alone)
+
+
+def keep_only(view, names):
+    """The same view, other keypoints unseen."""
+    gone = np.ones(len(COCO17), bool)
+    gone[COCO17.indices(list(names))] = False
+    xy, score = view.xy_img.copy(), view.score.copy()
+    xy[:, gone], score[:, gone] = np.nan, 0.0
+    return replace(view, xy_img=xy, score=score)
+
+
+def test_exact_views_of_steady_motion_leave_nothing_but_rounding(world):
+    stand = world(motion="stand").place(0)
+    w = world(motion=lambda t_s: stand + np.array([0.8, 0.3, 0.0]) * (t_s - 1.0))
+    _, poses = run(w, w.views(2.0, seed=None), 2.0, from_s=1.5)
+    assert np.nanmax([w.error_m(pose) for pose in poses]) < 0.01
+
+
+# at rest it always reckons with a movement about to begin, so it states more than it errs
+@pytest.mark.parametrize(("motion", "least", "most"), [("stand", 0.75, 3.0), ("walk", 1.5, 4.5)])
+def test_covariance_is_honest(world, motion, least, most):
+    w = world(motion=motion)
+    nees = []
+    for seed in range(3):
+        _, poses = run(w, w.views(2.2, seed), 2.2, **FRESH)
+        for pose in poses[::7]:
+            error = pose.xyz_world[0] - w.place(pose.t_ns / 1e9)
+            nees += list(np.einsum("ki,kij,kj->k", error, np.linalg.inv(pose.cov_world[0]), error))
+    assert least < np.mean(nees) < most
+
+
+@pytest.mark.parametrize("motion", ["stand", "walk"])
+def test_covariance_is_honest_about_errors_that_last(world, motion):
+    """With errors that last as much as the settings say."""
+    w = world(motion=motion)
+    nees = []
+    for seed in range(2):
+        views = with_lasting_errors(w.views(2.2, seed=None), np.random.default_rng(seed))
+        for pose in run(w, views, 2.2)[1][::5]:
+            error = pose.xyz_world[0] - w.place(pose.t_ns / 1e9)
+            nees += list(np.einsum("ki,kij,kj->k", error, np.linalg.inv(pose.cov_world[0]), error))
+    assert 1.5 < np.mean(nees) < 4.5
+
+
+def test_who_moved_lately_is_expected_to_move_again(world):
+    """Both stand still now; what may begin before the next view tells of itself is as strong as what there was lately."""
+    stand = world(motion="stand").place(0)
+
+    def shaken(t_s):
+        return stand + np.array([0.12, 0.0, 0.0]) * np.sin(2 * np.pi * 1.5 * min(t_s, 2.0))
+
+    wide = {}
+    for name, motion in (("moved", shaken), ("stood", lambda t_s: stand)):
+        w = world(motion=motion)
+        tracker, _ = run(w, w.views(2.6), 2.6, late_s=0.0)
+        now, ahead = (tracker.at(t_ns).cov_world[0] for t_ns in (2_600_000_000, 2_700_000_000))
+        wide[name] = [np.sqrt(np.trace(cov, axis1=-2, axis2=-1).mean()) for cov in (now, ahead)]
+    assert wide["moved"][0] < 1.2 * wide["stood"][0]
+    assert wide["moved"][1] > 1.2 * wide["stood"][1]
+
+
+def test_the_body_has_as_many_motion_models_as_its_keypoints(world):
+    one = LiveSettings().body_models[:1]
+    with pytest.raises(ConfigError, match=r"track.body_models: expected 4, as many as track.motion_models, got 1"):
+        world().tracker(body_models=one)
+
+
+def test_one_camera_alone_helps_and_is_unsure_along_its_rays(world):
+    w = world()
+    views = w.views(2.2)
+    late_views = [v for v in views if v.t_ns < 1e9 or v.camera == "cam00"]
+    _, alone = run(w, late_views, 1.8)
+    _, blind = run(w, [v for v in views if v.t_ns < 1e9], 1.8)
+    at = -20
+    assert np.nanmedian(w.error_m(alone[at])) < np.nanmedian(w.error_m(blind[at]))
+    wide = np.linalg.eigh(alone[at].cov_world[0])
+    ray = alone[at].xyz_world[0] - w.rig.cameras[0].centre_world
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    assert np.median(np.abs((wide.eigenvectors[:, :, 2] * ray).sum(-1))) > 0.9
+    sigmas = [np.sqrt(np.median(np.linalg.eigvalsh(pose.cov_world[0])[:, 2])) for pose in (alone[55], alone[80], alone[105])]
+    assert sigmas[0] < sigmas[1] < sigmas[2]
+
+
+def test_without_views_it_grows_unsure_then_lets_go(world):
+    w = world()
+    tracker, _ = run(w, w.views(1.0), 1.1, lost_after_s=0.6)
+    poses = [tracker.at(round(t_s * 1e9)) for t_s in (1.05, 1.2, 1.4, 1.55)]
+    traces = [np.trace(pose.cov_world[0], axis1=-2, axis2=-1) for pose in poses]
+    assert all((b > a).all() for a, b in pairwise(traces))
+    assert (poses[0].kind == Kind.FUSED).all()
+    assert (poses[0].n_views[0] == 4).all()
+    assert (poses[-1].kind == Kind.PREDICTED).all()
+    assert np.isnan(poses[-1].reproj_px).all()
+    assert len(tracker.at(1_800_000_000).person_id) == 0
+
+
+def test_flipped_views_are_put_right_and_shown(world, flipped):
+    w = world()
+    views = [flipped(v) if v.camera == "cam01" else v for v in w.views(2.0)]
+    # born of the first two views, one of them flipped, the person may have to be turned round first
+    tracker, poses = run(w, views, 2.0, from_s=0.7)
+    _, clean = run(w, w.views(2.0), 2.0, from_s=0.7)
+    assert mean_error_m(w, poses) < 1.1 * mean_error_m(w, clean)
+    shares = {name: one.flipped_share for name, one in tracker.health.items()}
+    assert shares["cam01"] > 0.8
+    assert max(share for name, share in shares.items() if name != "cam01") < 0.35
+
+
+def test_a_person_who_was_born_mirrored_is_turned_round(world, flipped):
+    w = world()
+    views = [flipped(v) if v.t_ns < 3e8 else v for v in w.views(2.2)]
+    _, poses = run(w, views, 2.2)
+    assert np.nanmax(w.error_m(poses[-1])) < 0.1
+
+
+def test_a_camera_that_was_knocked_cannot_pull_and_is_named(world):
+    w = world()
+    knocked = world(motion=lambda t_s: w.place(t_s) + (0.0, 0.45, 0.3))
+    views = [knocked.view(2, v.t_ns / 1e9, np.random.default_rng(i)) if v.camera == "cam02" else v
+             for i, v in enumerate(w.views(2.0))]  # fmt: skip
+    tracker, poses = run(w, views, 2.0, **FRESH)
+    _, without = run(w, [v for v in w.views(2.0) if v.camera != "cam02"], 2.0, **FRESH)
+    assert mean_error_m(w, poses) < 1.15 * mean_error_m(w, without)
+    health = tracker.health
+    assert health["cam02"].unclaimed > 40 or health["cam02"].gated_share > 0.5
+    assert health["cam00"].gated_share < 0.05
+    assert health["cam00"].innovation_sigmas < 1.3
+
+
+def test_wild_keypoints_do_not_pull(world):
+    w = world()
+    rng = np.random.default_rng(5)
+    views = []
+    for v in w.views(2.0):
+        xy = v.xy_img.copy()
+        wild = rng.random(len(COCO17)) < 0.08
+        xy[0, wild] += rng.uniform(-120, 120, (int(wild.sum()), 2))
+        views.append(type(v)(v.camera, v.t_ns, COCO17, xy, v.score, v.sigma_px, v.box_img))
+    _, poses = run(w, views, 2.0)
+    _, clean = run(w, w.views(2.0), 2.0)
+    assert mean_error_m(w, poses) < 1.35 * mean_error_m(w, clean)
+
+
+def test_who_leaves_is_dropped_and_may_return(world):
+    w = world(motion="stand")
+    away = [v for v in w.views(3.0) if not 1e9 < v.t_ns < 2e9]
+    _, poses = run(w, away, 3.0, lost_after_s=0.5)
+    there = {round(pose.t_ns / 1e7): len(pose.person_id) for pose in poses}
+    assert there[100] == 1
+    assert there[180] == 0
+    assert there[260] == 1
+    assert poses[-1].person_id.tolist() == [0]
+
+
+def test_two_people_keep_their_names_and_a_bystander_has_none(world, told):
+    w = world(motion="stand")
+    body = w.place(0)
+    places = [body + (0.0, -0.9, 0.0), body + (0.0, 0.9, 0.0), body + (1.6, 0.0, 0.0)]
+    rng = np.random.default_rng(2)
+    views = []
+    for v in w.views(1.5):
+        c = w.rig.names.index(v.camera)
+        shown = [w.rig.cameras[c].project(p) + rng.normal(0, 2, (len(COCO17), 2)) for p in places]
+        order = rng.permutation(2 if v.t_ns < 0.3e9 else 3)
+        views.append(told(v.camera, v.t_ns / 1e9, *(shown[i] for i in order)))
+    _, poses = run(w, views, 1.5, max_people=2)
+    centres = np.array([np.nanmean(pose.xyz_world, axis=1) for pose in poses])
+    assert centres.shape[1] == 2
+    assert (np.ptp(centres, axis=0) < 0.05).all()
+    assert sorted(np.sign(centres[0, :, 1])) == [-1, 1]
+
+
+def test_bent_lenses_are_undone(world):
+    w = world(distortion=(-0.25, 0.08, 0.001, -0.002, 0.0))
+    _, poses = run(w, w.views(2.0), 2.0)
+    straight = world()
+    _, plain = run(straight, straight.views(2.0), 2.0)
+    assert mean_error_m(w, poses) < 1.2 * mean_error_m(straight, plain)
+
+
+def test_unknown_cameras_and_other_skeletons_are_named(world, told):
+    w = world()
+    tracker = w.tracker()
+    with pytest.raises(ShapeError, match=r"no camera 'cam9' in the rig; there are: cam00, cam01"):
+        tracker.add(told("cam9", 0.0, np.zeros((17, 2))))
+    other = type(w.view(0, 0.0)).nobody("cam00", 0, BODY_25)
+    with pytest.raises(ShapeError, match="camera cam00: expected skeleton coco17, got body_25"):
+        tracker.add(other)

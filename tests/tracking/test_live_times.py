@@ -1,0 +1,210 @@
+"""Times as data: order of arrival, replays, clocks that jump, floods."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, Detections2D
+from posefuse.core.skeleton import COCO17
+from posefuse.tracking.online import TRACKERS
+
+HOUR_NS = 3_600_000_000_000
+
+
+def same(one, two, tolerance=0.0):
+    assert one.person_id.tolist() == two.person_id.tolist()
+    for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind"):
+        np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=0, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize("name", TRACKERS)
+def test_a_replay_says_the_same(world, name):
+    w = world()
+    views = w.views(1.0)
+    poses = []
+    for _ in range(2):
+        tracker = w.tracker(tracker=name)
+        for view in views:
+            tracker.add(view)
+        poses.append(tracker.at(1_050_000_000))
+    same(*poses)
+
+
+def test_asking_changes_nothing(world):
+    w = world()
+    quiet, asked = w.tracker(), w.tracker()
+    for view in w.views(1.0):
+        quiet.add(view)
+        asked.add(view)
+        asked.at(view.t_ns + 30_000_000)
+    same(quiet.at(1_050_000_000), asked.at(1_050_000_000))
+
+
+def test_the_order_of_arrival_does_not_matter_within_the_buffer(world):
+    w = world()
+    views = w.views(1.5)
+    rng = np.random.default_rng(3)
+    first = [v for v in views if v.t_ns < 4e8]
+    rest = [v for v in views if v.t_ns >= 4e8]
+    late = sorted(rest, key=lambda v: v.t_ns + rng.uniform(0, 2e8))
+    assert [v.t_ns for v in late] != [v.t_ns for v in rest]
+    trackers = [w.tracker(), w.tracker()]
+    for tracker, order in zip(trackers, (first + rest, first + late), strict=True):
+        for view in order:
+            tracker.add(view)
+    one, two = (tracker.at(1_560_000_000) for tracker in trackers)
+    same(one, two, tolerance=1e-9)
+    assert all(figures.late == 0 for figures in trackers[1].health.values())
+
+
+def test_views_older_than_the_buffer_are_counted_and_change_nothing(world):
+    w = world()
+    tracker = w.tracker()
+    views = w.views(1.0)
+    for view in views:
+        tracker.add(view)
+    before = tracker.at(1_050_000_000)
+    tracker.add(replace(w.view(0, 0.40001, np.random.default_rng(1)), camera="cam00"))
+    assert tracker.health["cam00"].late == 1
+    same(before, tracker.at(1_050_000_000))
+
+
+def test_moving_the_world_moves_the_people(world):
+    w = world()
+    turn = SE3(np.array([0.9, 0.1, -0.2, 0.3]) / np.linalg.norm([0.9, 0.1, -0.2, 0.3]), np.array([3.0, -2.0, 0.5]))
+    moved = type(w)(w.rig.moved(turn), lambda t_s: turn @ w.place(t_s))
+    plain, other = w.tracker(), moved.tracker()
+    for view in w.views(1.2):
+        plain.add(view)
+        other.add(view)
+    here, there = plain.at(1_250_000_000), other.at(1_250_000_000)
+    np.testing.assert_allclose(turn @ here.xyz_world, there.xyz_world, atol=1e-5)
+    rotation = turn.matrix()
+    np.testing.assert_allclose(rotation @ here.cov_world @ rotation.T, there.cov_world, atol=1e-6)
+
+
+def test_a_clock_that_jumps_an_hour_is_ignored_and_named(world):
+    w = world()
+    clean, tracker = w.tracker(), w.tracker()
+    for view in w.views(1.5):
+        jumps = view.camera == "cam03" and view.t_ns > 5e8
+        tracker.add(replace(view, t_ns=view.t_ns + HOUR_NS) if jumps else view)
+        if not jumps:
+            clean.add(view)
+    same(tracker.at(1_550_000_000), clean.at(1_550_000_000))
+    assert tracker.health["cam03"].ahead == 30
+    assert tracker.health["cam03"].age_s > 0.9
+    back = w.tracker()
+    for view in w.views(1.5):
+        back.add(replace(view, t_ns=view.t_ns - HOUR_NS) if view.camera == "cam03" and view.t_ns > 5e8 else view)
+    same(back.at(1_550_000_000), clean.at(1_550_000_000))
+    assert back.health["cam03"].late == 30
+
+
+def test_a_first_camera_an_hour_ahead_is_outvoted(world):
+    w = world()
+    tracker = w.tracker()
+    for view in w.views(1.0):
+        tracker.add(replace(view, t_ns=view.t_ns + HOUR_NS) if view.camera == "cam00" else view)
+    pose = tracker.at(1_000_000_000)
+    assert pose.person_id.tolist() == [0]
+    assert np.nanmax(w.error_m(pose)) < 0.15
+    ages_s = [tracker.health[name].age_s for name in w.rig.names]
+    assert np.isnan(ages_s[0]) and (np.array(ages_s[1:]) >= 0).all()
+
+
+def test_when_all_cameras_jump_time_went_on(world):
+    w = world(motion="stand")
+    tracker = w.tracker()
+    for view in w.views(0.6):
+        tracker.add(view)
+    for view in w.views(0.6):
+        tracker.add(replace(view, t_ns=view.t_ns + HOUR_NS))
+    pose = tracker.at(HOUR_NS + 650_000_000)
+    assert pose.person_id.tolist() == [0]
+    assert np.nanmax(np.linalg.norm(pose.xyz_world[0] - w.place(0), axis=-1)) < 0.1
+
+
+@pytest.mark.parametrize("name", TRACKERS)
+def test_the_same_moment_twice_counts_once(world, name):
+    w = world()
+    once, twice = w.tracker(tracker=name), w.tracker(tracker=name)
+    for view in w.views(0.8):
+        once.add(view)
+        twice.add(view)
+        twice.add(view)
+    same(once.at(850_000_000), twice.at(850_000_000))
+    assert sum(one.repeated for one in twice.health.values()) == len(w.views(0.8))
+
+
+def test_a_flood_is_refused_and_memory_stays_bounded(world):
+    w = world()
+    tracker = w.tracker()
+    for view in w.views(0.8):
+        tracker.add(view)
+    flood = [w.view(1, 0.8 + i * 1e-5) for i in range(3000)]
+    for view in flood:
+        tracker.add(view)
+    assert tracker.health["cam01"].crowded > 2900
+    assert len(tracker.at(840_000_000).person_id) == 1
+
+
+@pytest.mark.parametrize("name", TRACKERS)
+def test_nobody_and_nothing_finite_are_no_one(world, told, name):
+    w = world()
+    tracker = w.tracker(tracker=name)
+    assert len(tracker.at(0).person_id) == 0
+    for i, camera in enumerate(w.rig.names):
+        tracker.add(Detections2D.nobody(camera, i * 1_000_000, COCO17))
+        blank = told(camera, 0.05 + i * 1e-3, np.full((17, 2), 5.0))
+        tracker.add(
+            replace(blank, xy_img=np.full((1, 17, 2), np.nan), score=np.zeros((1, 17)), sigma_px=np.full((1, 17), np.nan))
+        )
+    assert len(tracker.at(100_000_000).person_id) == 0
+
+
+def test_missing_keypoints_are_missing_and_come_when_they_are_seen(world):
+    w = world(motion="stand")
+    wrist = COCO17.index("left_wrist")
+    tracker = w.tracker()
+    for view in w.views(1.6):
+        if view.t_ns < 8e8:
+            xy, score = view.xy_img.copy(), view.score.copy()
+            xy[0, wrist], score[0, wrist] = np.nan, 0.0
+            view = replace(view, xy_img=xy, score=score)
+        elif view.t_ns < 8.4e8:
+            assert np.isnan(tracker.at(790_000_000).xyz_world[0, wrist]).all()
+        tracker.add(view)
+    assert w.error_m(tracker.at(1_600_000_000))[wrist] < 0.05
+
+
+def test_a_view_without_stated_noise_is_used(world):
+    w = world(motion="stand")
+    tracker = w.tracker()
+    for view in w.views(1.0):
+        tracker.add(replace(view, sigma_px=np.full((1, len(COCO17)), np.nan)))
+    assert np.nanmax(w.error_m(tracker.at(1_000_000_000))) < 0.1
+
+
+def test_a_rolling_shutter_is_known(world):
+    stand = world(motion="stand").place(0)
+    w = world(motion=lambda t_s: stand + np.array([0.0, 2.0, 0.0]) * (t_s - 0.7))
+    rolling = type(w)(replace(w.rig, cameras=tuple(replace(camera, readout_s=0.03) for camera in w.rig)), w.place)
+    errors = {}
+    for name, rig in (("known", rolling), ("unknown", w)):
+        tracker = rig.tracker()
+        for view in w.views(1.4, seed=None):
+            tracker.add(_rolled(w, view, 0.03))
+        errors[name] = np.nanmean(w.error_m(tracker.at(1_400_000_000)))
+    assert errors["known"] < 0.4 * errors["unknown"]
+
+
+def _rolled(w, view, readout_s):
+    """The view with every keypoint where it is when its row is exposed."""
+    camera = w.rig[view.camera]
+    xy = view.xy_img[0].astype(float)
+    for _ in range(4):
+        after_s = readout_s * (xy[:, 1] / (camera.size_wh[1] - 1) - 0.5)
+        xy = np.array([camera.project(w.place(view.t_ns / 1e9 + after)[i]) for i, after in enumerate(after_s)])
+    return replace(view, xy_img=xy[None])

@@ -1,0 +1,121 @@
+"""Left and right over time: confused stretches are put right, clean motion is left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, Kind, PoseSequence
+from posefuse.core.skeleton import COCO17
+from posefuse.tracking import sides_like, steady_sides
+
+T, N, K = 90, 2, len(COCO17)
+LEFT_LEG = COCO17.indices(["left_hip", "left_knee", "left_ankle"])
+RIGHT_LEG = COCO17.mirror[LEFT_LEG]
+LEFT_ARM = COCO17.indices(["left_shoulder", "left_elbow", "left_wrist"])
+
+
+def walkers(noise_m: float = 0.004) -> PoseSequence:
+    """Two people whose legs and arms swing past each other 30 cm to either side, at 30 Hz."""
+    rng = np.random.default_rng(5)
+    t_s = np.arange(T) / 30
+    xyz = np.tile(rng.normal(size=(1, N, K, 3)) * 0.05 + [0, 0, 1], (T, 1, 1, 1))
+    xyz[..., 0] += t_s[:, None, None] + np.array([0.0, 5.0])[:, None]
+    swing = 0.3 * np.sin(2 * np.pi * 0.9 * t_s)[:, None, None]
+    for limb, sign in ((LEFT_LEG, 1), (RIGHT_LEG, -1), (LEFT_ARM, -1), (COCO17.mirror[LEFT_ARM], 1)):
+        share = np.array([0.1, 0.6, 1.0])
+        xyz[:, :, limb, 0] += sign * swing * share
+        xyz[:, :, limb, 1] += 0.1 if limb is LEFT_LEG or limb is LEFT_ARM else -0.1
+    xyz += rng.normal(size=xyz.shape) * noise_m
+    shape = xyz.shape[:-1]
+    return PoseSequence(
+        (t_s * 1e9).astype(np.int64), COCO17, np.arange(N), xyz, np.broadcast_to(np.eye(3) * noise_m**2, (*shape, 3, 3)),
+        np.arange(T * N * K, dtype=float).reshape(shape), np.full(shape, 4), np.full(shape, Kind.FUSED),
+    )  # fmt: skip
+
+
+def exchanged(sequence: PoseSequence, instants: slice, person: int, limb: np.ndarray) -> PoseSequence:
+    order = np.arange(K)
+    order[limb], order[COCO17.mirror[limb]] = COCO17.mirror[limb], limb
+    arrays = {name: np.array(getattr(sequence, name)) for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+    for array in arrays.values():
+        array[instants, person] = array[instants, person][:, order]
+    return replace(sequence, **arrays)
+
+
+def same(a: PoseSequence, b: PoseSequence) -> bool:
+    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    return all(np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in names)
+
+
+@pytest.mark.parametrize("limb", [LEFT_LEG, LEFT_ARM], ids=["legs", "arms"])
+@pytest.mark.parametrize("instants", [slice(12, 19), slice(40, 41), slice(0, 6), slice(80, 90)])
+def test_a_confused_stretch_is_put_right_with_all_that_belongs_to_it(limb: np.ndarray, instants: slice) -> None:
+    clean = walkers()
+    confused = exchanged(clean, instants, 1, limb)
+    assert not same(confused, clean)
+    assert same(steady_sides(confused), clean)
+
+
+def test_clean_motion_is_left_alone_even_with_gaps() -> None:
+    clean = walkers()
+    assert same(steady_sides(clean), clean)
+    xyz = np.array(clean.xyz_world)
+    xyz[30:34, 0] = np.nan
+    xyz[:, 1, LEFT_LEG[2]] = np.nan
+    holed = replace(clean, xyz_world=xyz)
+    assert same(steady_sides(holed), holed)
+
+
+def test_it_does_not_depend_on_where_the_world_is() -> None:
+    confused = exchanged(walkers(), slice(12, 19), 0, LEFT_LEG)
+    new_from_old = SE3.from_rotvec([0.4, -1.0, 0.3], [3.0, -2.0, 1.0])
+    moved = replace(confused, xyz_world=new_from_old @ confused.xyz_world)
+    assert np.allclose(steady_sides(moved).xyz_world, new_from_old @ steady_sides(confused).xyz_world)
+
+
+def test_two_instants_tell_nothing() -> None:
+    clean = walkers()
+    arrays = {name: getattr(clean, name)[:2] for name in ("t_ns", "xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+    short = exchanged(replace(clean, **arrays), slice(1, 2), 0, LEFT_LEG)
+    assert same(steady_sides(short), short)
+
+
+def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
+    rig, reference = ring_rig(3), walkers()
+    rng = np.random.default_rng(1)
+    true_xy = np.stack([camera.project(reference.xyz_world) for camera in rig], axis=2) + rng.normal(size=(T, N, 3, K, 2))
+    score = rng.uniform(0.5, 1, (T, N, 3, K))
+    sigma = rng.uniform(1, 3, (T, N, 3, K))
+    seen = [np.array(true_xy), np.array(score), np.array(sigma)]
+    wrong = slice(8, 17)  # the legs are well apart
+    for plane in seen:
+        plane[wrong, 0, 1][:, [*LEFT_LEG, *RIGHT_LEG]] = plane[wrong, 0, 1][:, [*RIGHT_LEG, *LEFT_LEG]]
+    assert not np.array_equal(seen[0], true_xy)
+    xy, got_score, got_sigma = sides_like(reference, rig, *seen)
+    far = np.linalg.norm(true_xy[..., LEFT_LEG[2], :] - true_xy[..., RIGHT_LEG[2], :], axis=-1) > 25
+    assert far[wrong, 0, 1].any()
+    legs = [*LEFT_LEG, *RIGHT_LEG]
+    for got, true in ((xy, true_xy), (got_score, score), (got_sigma, sigma)):
+        assert np.array_equal(got[far][:, legs], true[far][:, legs])
+
+
+def test_missing_views_stay_missing(ring_rig) -> None:
+    rig, reference = ring_rig(3), walkers()
+    nothing = np.full((T, N, 3, K, 2), np.nan)
+    xy, score, sigma = sides_like(reference, rig, nothing, np.zeros((T, N, 3, K)), np.full((T, N, 3, K), np.nan))
+    assert np.isnan(xy).all()
+    assert (score == 0).all()
+    assert np.isnan(sigma).all()
+
+
+def test_legs_are_on_the_side_of_the_body_that_the_shoulders_tell_even_against_the_majority() -> None:
+    clean = walkers()
+    confused = exchanged(clean, slice(20, T), 0, LEFT_LEG)
+    assert same(steady_sides(confused), clean)
+    # without shoulders the majority is right
+    without, xyz = exchanged(confused, slice(0, 20), 0, LEFT_LEG), []
+    for sequence in (confused, without):
+        xyz.append(np.array(sequence.xyz_world))
+        xyz[-1][:, :, COCO17.indices(["left_shoulder", "right_shoulder"])] = np.nan
+    assert same(steady_sides(replace(confused, xyz_world=xyz[0])), replace(without, xyz_world=xyz[1]))

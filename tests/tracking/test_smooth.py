@@ -1,0 +1,178 @@
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, Kind, Pose3D, PoseSequence, ShapeError
+from posefuse.tracking import SmoothSettings, cutoff_hz, sequence_from_poses, smooth
+from posefuse.tracking.smooth import _jerk_density
+
+COCO = SKELETONS["coco17"]
+RATE_HZ = 60.0
+NOISE = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 3.0]]) * 1e-5
+LOOSE = SmoothSettings(bones=False)
+
+
+def times_ns(count: int) -> np.ndarray:
+    return np.round(np.arange(count) * 1e9 / RATE_HZ).astype(np.int64)
+
+
+def sequence(xyz: np.ndarray, cov: np.ndarray = NOISE, t_ns: np.ndarray | None = None) -> PoseSequence:
+    """(T, N, 17, 3) as measured: NaN is missing."""
+    shape = xyz.shape[:-1]
+    there = np.isfinite(xyz[..., 0])
+    covs = np.where(there[..., None, None], np.broadcast_to(cov, (*shape, 3, 3)), np.nan)
+    return PoseSequence(
+        times_ns(len(xyz)) if t_ns is None else t_ns, COCO, np.arange(shape[1]), xyz, covs,
+        np.where(there, 1.0, np.nan), np.where(there, 4, 0), np.where(there, Kind.FUSED, Kind.MISSING),
+    )  # fmt: skip
+
+
+def wander(count: int, people: int = 1, seed: int = 0, noise: np.ndarray = NOISE) -> tuple[np.ndarray, np.ndarray]:
+    """Truth that is exactly the smoother's model (white jerk), and its measurements (T, N, 17, 3)."""
+    rng = np.random.default_rng(seed)
+    dt = 1 / RATE_HZ
+    density = _jerk_density(np.arange(count) * dt, noise[None], 6.0)
+    step = np.array([[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]])
+    process = np.linalg.cholesky(
+        density * np.array([[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]])
+    )
+    state, truth = np.zeros((3, people, 17, 3)), np.empty((count, people, 17, 3))
+    for i in range(count):
+        truth[i] = state[0]
+        state = np.tensordot(step, state, 1) + np.tensordot(process, rng.normal(size=state.shape), 1)
+    return truth, truth + rng.normal(size=truth.shape) @ np.linalg.cholesky(noise).T
+
+
+def test_gaps_are_bridged_marked_and_less_certain_the_deeper_in():
+    _, seen = wander(200)
+    seen[80:90, 0, 3] = np.nan
+    result = smooth(sequence(seen), LOOSE)
+    assert (result.kind[80:90, 0, 3] == Kind.INTERPOLATED).all()
+    assert (result.n_views[80:90, 0, 3] == 0).all()
+    assert np.isnan(result.reproj_px[80:90, 0, 3]).all()
+    spread = np.trace(result.cov_world[79:91, 0, 3], axis1=-2, axis2=-1)
+    assert (np.diff(spread[:6]) > 0).all()
+    assert (np.diff(spread[6:]) < 0).all()
+    assert (np.delete(result.kind[:, 0, 3], np.arange(80, 90)) == Kind.SMOOTHED).all()
+
+
+def test_a_gap_longer_than_allowed_stays_a_gap():
+    _, seen = wander(200)
+    seen[80:121, 0, 3] = np.nan
+    result = smooth(sequence(seen), SmoothSettings(bones=False, max_gap_s=0.5))
+    assert (result.kind[80:121, 0, 3] == Kind.MISSING).all()
+    assert np.isnan(result.xyz_world[80:121, 0, 3]).all()
+    assert np.isnan(result.cov_world[80:121, 0, 3]).all()
+    bridged = smooth(sequence(seen), SmoothSettings(bones=False, max_gap_s=1.0))
+    assert (bridged.kind[80:121, 0, 3] == Kind.INTERPOLATED).all()
+
+
+def test_nothing_is_invented_before_the_first_or_after_the_last():
+    _, seen = wander(100)
+    seen[:7, 0, 2], seen[-5:, 0, 2] = np.nan, np.nan
+    seen[:, 0, 4] = np.nan
+    result = smooth(sequence(seen), LOOSE)
+    assert (result.kind[:7, 0, 2] == Kind.MISSING).all()
+    assert (result.kind[-5:, 0, 2] == Kind.MISSING).all()
+    assert (result.kind[:, 0, 4] == Kind.MISSING).all()
+
+
+def test_a_measurement_alone_comes_back_as_it_was():
+    _, seen = wander(100)
+    seen[:, 0, 1] = np.nan
+    seen[50, 0, 1] = [0.1, 0.2, 0.3]
+    result = smooth(sequence(seen), LOOSE)
+    np.testing.assert_allclose(result.xyz_world[50, 0, 1], [0.1, 0.2, 0.3], atol=1e-9)
+    np.testing.assert_allclose(result.cov_world[50, 0, 1], NOISE, rtol=1e-3)
+
+
+@pytest.mark.parametrize("width", [1, 3])
+def test_outliers_are_left_out_and_said_so(width):
+    truth, seen = wander(200, seed=1)
+    seen[60 : 60 + width, 0, 5] += [0.3, -0.2, 0.4]
+    result = smooth(sequence(seen), LOOSE)
+    assert (result.kind[60 : 60 + width, 0, 5] == Kind.INTERPOLATED).all()
+    assert np.abs(result.xyz_world[55:70, 0, 5] - truth[55:70, 0, 5]).max() < 0.1
+    # and only they: one in a million of the good ones would be
+    assert (result.kind == Kind.INTERPOLATED).sum() <= width + 1
+
+
+def test_understated_noise_shows_in_the_covariance():
+    truth, seen = wander(400, seed=2)
+    result = smooth(sequence(seen, NOISE / 25), LOOSE)
+    error = result.xyz_world - truth
+    squared = np.einsum("tnki,tnkij,tnkj->tnk", error, np.linalg.inv(result.cov_world), error)
+    assert squared.mean() < 9
+
+
+@pytest.mark.parametrize(("share", "lasts_s"), [(0.8, 0.35), (0.6, 0.1)])
+def test_errors_that_last_are_stated_and_not_averaged_away(share, lasts_s):
+    """NEES of 3 in the middle, at the ends and in gaps; far off when errors are taken for independent."""
+    truth, _ = wander(300, people=12, seed=4)
+    rng, keep = np.random.default_rng(5), np.exp(-1 / (RATE_HZ * lasts_s))
+    slow, errors = rng.normal(size=truth.shape[1:]), np.empty(truth.shape)
+    for i in range(len(truth)):
+        errors[i] = np.sqrt(share) * slow + np.sqrt(1 - share) * rng.normal(size=slow.shape)
+        slow = keep * slow + np.sqrt(1 - keep**2) * rng.normal(size=slow.shape)
+    seen = truth + errors @ np.linalg.cholesky(NOISE).T
+    for start in range(20, 280, 40):
+        seen[start : start + 9] = np.nan
+
+    def nees(stated_share: float) -> tuple[PoseSequence, np.ndarray]:
+        settings = SmoothSettings(bones=False, lasting_share=stated_share, lasting_s=lasts_s)
+        result = smooth(sequence(seen), settings)
+        error = result.xyz_world - truth
+        return result, np.einsum("tnki,tnkij,tnkj->tnk", error, np.linalg.inv(result.cov_world), error)
+
+    result, squared = nees(share)
+    assert squared[result.kind == Kind.SMOOTHED].mean() == pytest.approx(3.0, abs=0.2)
+    assert squared[result.kind == Kind.INTERPOLATED].mean() == pytest.approx(2.7, abs=0.4)
+    assert squared[[0, -1]].mean() == pytest.approx(2.7, abs=0.5)
+    independent, squared = nees(0.0)
+    assert squared[result.kind == Kind.SMOOTHED].mean() > 6
+    np.testing.assert_array_equal(independent.xyz_world, result.xyz_world)
+    with_bones = [smooth(sequence(seen), SmoothSettings(lasting_share=each)).xyz_world for each in (share, 0.0)]
+    np.testing.assert_array_equal(*with_bones)
+
+
+def test_uncertain_instants_are_followed_less():
+    _, seen = wander(200)
+    cov = np.broadcast_to(NOISE, (200, 1, 17, 3, 3)).copy()
+    seen[100, 0, 0] += 0.03
+    cov[100, 0, 0] *= 100
+    plain, wary = smooth(sequence(seen), LOOSE), smooth(sequence(seen, cov), LOOSE)
+    without = seen.copy()
+    without[100, 0, 0] = np.nan
+    away = [np.linalg.norm(r.xyz_world[100, 0, 0] - smooth(sequence(without), LOOSE).xyz_world[100, 0, 0]) for r in (plain, wary)]
+    assert away[1] < 0.1 * away[0]
+
+
+def test_the_cutoff_gives_way_to_slow_cameras():
+    assert cutoff_hz(times_ns(10), SmoothSettings(cutoff_hz=6.0)) == 6.0
+    assert cutoff_hz(times_ns(10) * 6, SmoothSettings(cutoff_hz=6.0)) == pytest.approx(3.5, rel=1e-6)
+    assert cutoff_hz(times_ns(1), SmoothSettings(cutoff_hz=6.0)) == 6.0
+
+
+def test_a_single_instant_and_no_people():
+    _, seen = wander(1)
+    np.testing.assert_allclose(smooth(sequence(seen), SmoothSettings()).xyz_world, seen, atol=1e-9)
+    assert smooth(sequence(seen[:, :0]), SmoothSettings()).xyz_world.shape == (1, 0, 17, 3)
+
+
+def test_people_who_come_and_go_get_rows_throughout():
+    _, seen = wander(3, people=2)
+    whole = sequence(seen)
+    poses = [whole.at(i) for i in range(3)]
+    only = poses[1]
+    poses[1] = Pose3D(
+        only.t_ns, COCO, [1], *(getattr(only, n)[1:] for n in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind"))
+    )
+    stacked = sequence_from_poses(poses)
+    assert stacked.person_id.tolist() == [0, 1]
+    assert (stacked.kind[1, 0] == Kind.MISSING).all()
+    np.testing.assert_array_equal(stacked.xyz_world[:, 1], whole.xyz_world[:, 1])
+    np.testing.assert_array_equal(stacked.xyz_world[[0, 2]], whole.xyz_world[[0, 2]])
+
+
+def test_no_pose_at_all_is_an_error():
+    with pytest.raises(ShapeError, match="at least 1 pose"):
+        sequence_from_poses([])
