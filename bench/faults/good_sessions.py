@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.synthetic_walk import STATURE_M, watch_walker
+from posefuse.calibration.person.synthetic_walk import STATURE_M, watch_walker
 from posefuse.calibration.targets.corners import Observations
 
 from .command_cases import GOOD as RENDERED

@@ -10,8 +10,8 @@ import numpy as np
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
 from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
+from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker, watch_walker
 from posefuse.calibration.person.views import PersonViews
-from posefuse.calibration.synthetic_walk import BODY, STATURE_M, walker, watch_walker
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 

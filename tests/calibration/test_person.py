@@ -12,11 +12,11 @@ from posefuse.calibration.extrinsics.self_checks import camera_differences, scal
 from posefuse.calibration.person.settle import _ahead, calibrate_out_of_step, unplaced_clocks
 from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person, rough_rig, stature_m
 from posefuse.calibration.person.start import turned_inside_out
+from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker
+from posefuse.calibration.person.synthetic_walk import watch_walker as watched
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.synthetic_walk import BODY, STATURE_M, walker
-from posefuse.calibration.synthetic_walk import watch_walker as watched
 from posefuse.core import SE3, CalibrationError, Detections2D, Rig
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.calibration.camera_errors import CameraError, VerifyLimits, camera_errors
 from posefuse.calibration.extrinsics.locate import aligned
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.world import triangulate
@@ -16,6 +15,8 @@ from posefuse.calibration.targets.coverage import CELLS_WH
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
+
+from .camera_errors import CameraError, VerifyLimits, camera_errors
 
 _MOST_LENGTH_RMS_SHARE = 0.02
 _MOST_SCALE_ERROR = 0.01

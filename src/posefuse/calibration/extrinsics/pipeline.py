@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.limits import LIMITS, Limits
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import Observations
@@ -16,6 +15,7 @@ from posefuse.core.arrays import Array
 
 from .bootstrap import PropShape, PropViews, camera_edges, prop_shape, prop_track, prop_views, strong_camera_edges
 from .clocks import rough_offsets
+from .limits import LIMITS, Limits
 from .planar import planar_views
 from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened
 from .snapshots import Snapshots, middle_ns, pick_instants, snapshots

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from posefuse.calibration.limits import LIMITS, Limits
 from posefuse.calibration.report import Check
 from posefuse.calibration.solving.rotations import Poses, angle_between, mean_rotation
 from posefuse.calibration.targets.corners import Observations
@@ -14,6 +13,7 @@ from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
+from .limits import LIMITS, Limits
 from .pipeline import LEAST_INSTANTS, Links, Solved
 
 IN_STEP = "cameras are in step"

@@ -6,12 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.cause_hypotheses import HYPOTHESES
-from posefuse.calibration.causes import Trouble, base_spread_px, cause_check, likely_causes, thinned
-from posefuse.calibration.limits import LIMITS, Limits
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.size_check import check_target_size
-from posefuse.calibration.solution_checks import solution_checks, usual_distance_m
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import Observations
@@ -21,11 +16,16 @@ from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
 from . import self_checks as checks
+from .cause_hypotheses import HYPOTHESES
+from .causes import Trouble, base_spread_px, cause_check, likely_causes, thinned
 from .clocks import rough_offsets
+from .limits import LIMITS, Limits
 from .locate import aligned
 from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
 from .self_checks import IN_STEP, check_same_video
+from .size_check import check_target_size
 from .snapshots import middle_ns
+from .solution_checks import solution_checks, usual_distance_m
 from .world import UpFromCameras, WorldRule
 
 _UNSYNCHRONISED_S = 0.02

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco
 from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
 from .cause_solves import anew_trial, near_solve, solve_anew, trial
 from .cause_splits import moved_or_jumped
 from .causes import Hypothesis, Trial, Trouble
-from .extrinsics.clocks import rough_offsets
-from .extrinsics.pipeline import Solved
-from .extrinsics.prop_solve import Freedom, PropSolution
+from .clocks import rough_offsets
 from .lens_check import lens_change, lens_words
+from .pipeline import Solved
+from .prop_solve import Freedom, PropSolution
 from .solution_checks import let_lenses_free
-from .solving.rotations import Poses
-from .targets.kinds import ArucoBoard, Charuco
 
 _LONGEST_OFFSET_S = 2.0
 _LEAST_DRIFT = 1e-4

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.core.arrays import Array
 
 from .cause_solves import near_solve
 from .causes import Trial, Trouble
-from .extrinsics.clocks import rough_offsets
-from .extrinsics.pipeline import Solved
-from .extrinsics.prop_solve import Freedom, PropSolution
-from .extrinsics.snapshots import Snapshots, middle_ns, snapshots
-from .solving.rotations import Poses, angle_between
+from .clocks import rough_offsets
+from .pipeline import Solved
+from .prop_solve import Freedom, PropSolution
+from .snapshots import Snapshots, middle_ns, snapshots
 
 _CANDIDATES, _STILL_LARGER = 2, 1.5
 _LEAST_STEPS = 6

@@ -7,7 +7,7 @@ import numpy as np
 from posefuse.core import SKELETONS, Rig
 from posefuse.core.arrays import Array
 
-from .person.views import PersonViews
+from .views import PersonViews
 
 BODY, STATURE_M = SKELETONS["coco17"], 1.75
 

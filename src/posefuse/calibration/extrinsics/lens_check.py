@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posefuse.calibration.report import Check
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .extrinsics.prop_solve import PropSolution
-from .extrinsics.snapshots import Snapshots
 from .limits import Limits
-from .report import Check
+from .prop_solve import PropSolution
+from .snapshots import Snapshots
 
 # what remains of the radius of a camera's image points when the farthest are left out
 _RIM_QUANTILE = 0.95

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .extrinsics import self_checks as checks
-from .extrinsics.pipeline import Options, Solved
-from .extrinsics.prop_solve import Freedom, PropSolution, solve_prop
+from . import self_checks as checks
 from .halves import Halves, half_checks, solve_halves
 from .lens_check import LensChange, check_lenses, lens_change
-from .report import CalibrationReport, Check
+from .pipeline import Options, Solved
+from .prop_solve import Freedom, PropSolution, solve_prop
 from .size_check import check_rig_size
-from .targets.corners import Observations
-from .targets.kinds import Target
 
 _FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
 

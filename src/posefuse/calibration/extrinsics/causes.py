@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.report import Check
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .extrinsics.pipeline import Options, Solved
-from .report import Check
-from .targets.corners import Observations
-from .targets.kinds import Target
+from .pipeline import Options, Solved
 
 # residuals beyond so many standard deviations count ever less
 _ROBUST = 3.0

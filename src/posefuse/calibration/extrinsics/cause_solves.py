@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .causes import TIME_STEPS, Trial, Trouble
-from .extrinsics.pipeline import Options, Solved, key_snapshots, link, solve_linked
-from .extrinsics.prop_solve import Freedom, PropSolution, PropState, solve_prop
-from .targets.corners import Observations
-from .targets.kinds import Target
+from .pipeline import Options, Solved, key_snapshots, link, solve_linked
+from .prop_solve import Freedom, PropSolution, PropState, solve_prop
 
 
 def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, freedom: Freedom | None = None) -> PropSolution:

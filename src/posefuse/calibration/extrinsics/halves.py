@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.report import Check
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .extrinsics.pipeline import Options, Solved, key_snapshots, link, solve_linked
-from .extrinsics.self_checks import camera_differences, check_halves, position_sigma_m
-from .extrinsics.snapshots import middle_ns
 from .limits import Limits
-from .report import Check
-from .targets.corners import Observations
-from .targets.kinds import Target
+from .pipeline import Options, Solved, key_snapshots, link, solve_linked
+from .self_checks import camera_differences, check_halves, position_sigma_m
+from .snapshots import middle_ns
 
 _HALVES = 2
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from posefuse.calibration.report import Check
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Markers, Target
 from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array
 
 from .limits import Limits
-from .report import Check
-from .targets.kinds import ArucoBoard, Charuco, Markers, Target
 
 _MM = 1000.0
 UNITS = "a marker side of 270 mm is --marker-mm 270"

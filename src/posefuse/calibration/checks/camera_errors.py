@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.extrinsics.bootstrap import PropShape, prop_track, prop_views
+from posefuse.calibration.extrinsics.planar import planar_views
+from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, PropState, solve_prop
+from posefuse.calibration.extrinsics.snapshots import Snapshots
+from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.rotations import Poses, angle_between
+from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import SE3, Rig
-
-from .extrinsics.bootstrap import PropShape, prop_track, prop_views
-from .extrinsics.planar import planar_views
-from .extrinsics.prop_solve import Freedom, PropSolution, PropState, solve_prop
-from .extrinsics.snapshots import Snapshots
-from .solving.projection import LENS_PARAMETERS, Lenses
-from .solving.rotations import Poses, angle_between
-from .targets.kinds import Target, patch_corners
 
 _MOST_VIEWS, _ONE_OTHER = 120, 4.0
 # intrinsics besides the focal length are taken as given (px, and distortion coefficients)
