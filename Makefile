@@ -3,14 +3,17 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 EXTRAS ?= dev,sim,viewer,ros
-READY  := $(VENV)/.ready-$(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
+SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
+READY  := $(VENV)/.ready-$(SUM)
+CORE   := $(VENV)/.core-$(SUM)
 
-.PHONY: help setup demo test test-slow check bench bench-live paper demo-clip pictures clean
+.PHONY: help setup setup-core demo test test-slow fuzz check bench bench-live paper demo-clip pictures clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
 	@echo "make test       set up, then run the tests"
 	@echo "make test-slow  the minutes-long studies"
+	@echo "make fuzz       some 4,000 damaged files for every reader and command; the table of docs/reliability.md"
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
 	@echo "make bench-live the figures of live tracking"
@@ -24,15 +27,27 @@ $(READY): pyproject.toml constraints.txt tools/install.sh
 	PYTHON=$(PYTHON) bash tools/install.sh $(VENV) $(EXTRAS)
 	@rm -f $(VENV)/.ready-* && touch $@
 
-demo: setup
-	$(BIN)/posefuse track examples/demo --out out/demo --force
+# what `track`, `live` and `report` need, and nothing else: no torch, MuJoCo, linters
+setup-core: $(CORE)
+
+$(CORE): pyproject.toml constraints.txt tools/install.sh
+	PYTHON=$(PYTHON) bash tools/install.sh $(VENV) ""
+	@rm -f $(VENV)/.core-* && touch $@
+
+demo: setup-core
+	$(BIN)/posefuse demo --out out/demo --force
 
 test: setup
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime"
-	$(BIN)/python -m pytest -m "realtime and not slow"
+	@failed=0; \
+	$(BIN)/python -m pytest -rs -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime and not fuzz" || failed=1; \
+	$(BIN)/python -m pytest -rs -m "realtime and not slow and not fuzz" || failed=1; \
+	exit $$failed
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
+
+fuzz: setup
+	$(BIN)/python tests/fuzz/drive.py --write docs/reliability.md
 
 check: setup
 	$(BIN)/ruff check .
@@ -46,7 +61,7 @@ bench-live: setup
 	$(BIN)/python bench/run.py live live_tracking live_faults
 
 paper: setup
-	$(BIN)/posefuse experiment all --out out/paper
+	$(BIN)/python -m paper all --out out/paper
 	cp out/paper/accuracy.md docs/accuracy.md
 
 demo-clip: setup

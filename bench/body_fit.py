@@ -56,8 +56,8 @@ def fits(recording: Recording, truth: Truth) -> dict[str, PoseSequence]:
         "as tracked": poses,
         "points": fit_poses(poses, bodies=own).poses,
         "points, true lengths": fit_poses(poses, bodies=true).poses,
-        "rays": fit_views(rays, bodies=own).poses,
-        "rays, true lengths": fit_views(rays, bodies=true).poses,
+        "rays": fit_views(recording.poses, recording.rig, rays, bodies=own).poses,
+        "rays, true lengths": fit_views(recording.poses, recording.rig, rays, bodies=true).poses,
     }
 
 

@@ -7,8 +7,8 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from paper.scenes.scenes import scene_name, walking_scene
 
+from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import person_tracks
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.extrinsics.world import beside_others
@@ -19,12 +19,12 @@ from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.cli.calibrating.person_poses import person_in_videos
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, Rig
+from posefuse.detection.build import DetectorChoice
 from posefuse.formats.openpose import read_openpose_folder
 from posefuse.formats.rig import read_rig
-from posefuse.pipeline.config import DetectorChoice
 from posefuse.simulation.session import SessionPaths, simulate
 
-# where `posefuse experiment` keeps its own: the first walk is the one it reports
+# where `python -m paper` keeps its own: the first walk is the one it reports
 SESSIONS = Path("out/paper/sessions")
 # seed, seconds, frames per second; bodies and ways that are in no fit
 WALKS = ((1, 60.0, 30.0), (41, 30.0, 6.0), (42, 30.0, 6.0))

@@ -19,13 +19,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.core import Rig
+from posefuse.calibration.keypoints import limb_keypoints
+from posefuse.core import Rig, ViewSequence
+from posefuse.detection.build import DetectorChoice
 from posefuse.health.clock_finding import ClockFinder
-from posefuse.health.rig_monitor import telling_points
 from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.config import DetectorChoice, TrackConfig
+from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import track_session
-from posefuse.pipeline.second_pass import ViewSequence, views_of
 from posefuse.pipeline.session import find_session
 
 OFFSET_S = 0.05
@@ -38,7 +38,7 @@ def views_of_session(session: Path, detector: DetectorChoice) -> tuple[Rig, View
     """2D poses of every frame, as the pipeline for recordings has them."""
     config = replace(TrackConfig(), detector=detector, outputs=(), raw=True)
     done = track_session(find_session(session, config), config, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
-    return done.recording.rig, views_of(done.recording)
+    return done.recording.rig, done.recording.views
 
 
 def run(rig: Rig, views: ViewSequence, rate_hz: float, number: int) -> tuple[dict[float, float], float]:
@@ -46,7 +46,7 @@ def run(rig: Rig, views: ViewSequence, rate_hz: float, number: int) -> tuple[dic
     rng = np.random.default_rng([number, round(rate_hz)])
     halves = list(combinations(rig.names, len(rig) // 2))
     ahead = halves[number % len(halves)]
-    finder, told = ClockFinder(rig), telling_points(views.skeleton.keypoints)
+    finder, told = ClockFinder(rig), limb_keypoints(views.skeleton.keypoints)
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9
     chance = rate_hz * period_s
     begin = int(rng.integers(len(views.t_ns)))

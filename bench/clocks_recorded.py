@@ -4,7 +4,7 @@ Run: python bench/clocks_recorded.py                rendered walks, the real 2D 
      python bench/clocks_recorded.py --real [DATA]  pose2sim_single as it is, and with one camera shifted by whole frames
 
 Two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one moment. Constants were
-chosen on the walks of `posefuse experiment drift`; the coarse search was tried on oracle detections of these walks as well.
+chosen on the walks of `python -m paper drift`; the coarse search was tried on oracle detections of these walks as well.
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
 from posefuse.calibration.person.views import person_views
 from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 from posefuse.core import CalibrationError, Rig
-from posefuse.detection.build import build_detector
+from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.formats.openpose import read_openpose_folder
 from posefuse.formats.rig import read_rig
-from posefuse.pipeline.config import DetectorChoice
 from posefuse.sources import VideoConfig
 
 # by seed: seconds, and how many of them have to do when the rig is not known; all at 30 Hz

@@ -137,8 +137,9 @@ def render(out: Path) -> None:
 
 def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
     """What the pipeline makes of a scene, instant by instant and uncorrected, and the truth."""
+    from posefuse.detection.build import DetectorChoice
     from posefuse.pipeline.clock import StageClock
-    from posefuse.pipeline.config import CameraInput, DetectorChoice, TrackConfig
+    from posefuse.pipeline.config import CameraInput, TrackConfig
     from posefuse.pipeline.run import track_session
     from posefuse.pipeline.session import find_session
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Joints, PoseSequence, Truth
+from posefuse.core import JointAngles, PoseSequence, Truth
 from posefuse.evaluation.angles import AngleError, angle_errors
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.lab import joints_from_lab, poses_from_lab
@@ -67,7 +67,7 @@ def tracked(session: Path, exact: Truth) -> dict:
     bodies = bodies_from_poses(recording.poses)
     fits = {
         "points": fit_poses(recording.poses, bodies=bodies),
-        "rays": fit_views(rays_at_joint_centres(recording), bodies=bodies),
+        "rays": fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=bodies),
     }
     figures = {}
     for name, (joints, poses) in {
@@ -127,7 +127,7 @@ def noisy(sequence: PoseSequence, sigma_m: float) -> PoseSequence:
     )  # fmt: skip
 
 
-def with_joints(exact: Truth) -> Joints:
+def with_joints(exact: Truth) -> JointAngles:
     if exact.joints is None:
         raise SystemExit("this truth has no joint angles")
     return exact.joints

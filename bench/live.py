@@ -23,7 +23,7 @@ from rich.table import Table
 
 from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Rig
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.detection.build import build_detector, joint_centres_of
+from posefuse.detection.build import build_detector
 from posefuse.evaluation.metrics import true_xyz_at, typical_nees
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.formats.truth import read_truth
@@ -31,12 +31,12 @@ from posefuse.messages.bags import read_poses
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig, read_overridden
 from posefuse.pipeline.run import track_session
-from posefuse.pipeline.second_pass import views_of
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.joint_centres import Centring
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.session import ready_tracker
+from posefuse.tracking import joint_centres_of
 
 # the tracker needs a moment to know speeds and bones
 _SETTLED_S = 1.5
@@ -62,7 +62,7 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
     config = read_overridden(None, settings, LiveConfig)
     track = replace(TrackConfig(), detector=config.detector, outputs=())
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
-    views = views_of(done.recording)
+    views = done.recording.views
     tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)
     centring.learn(Centres(rig.names, joint_centres_of(build_detector(config.detector, rig))))
     period_ns, late_ns = round(1e9 / config.rate_hz), round(delay_ms * 1e6)

@@ -8,8 +8,8 @@ and by those that the recording found over all its time: *apart* is the mean dis
 table, by seconds since the person was found, with nothing learnt (*usual*) and as it is (*learnt*). Errors are those of the same
 joints against the truth. A table on stderr, one JSON object on stdout.
 
-`--usual-s` tries other values of how long somebody new counts as usual (`tracking/learnt_lengths.py`). It was chosen on the scenes
-of `bench/fit_lasting_errors.py render`, whose people appear in no reported measurement.
+`--usual-s` tries other values of how long a new person counts as usual (`tracking/learnt_lengths.py`). It was chosen on the
+scenes of `bench/fit_lasting_errors.py render`, whose people appear in no reported measurement.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from posefuse.formats.truth import read_truth
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import Tracked, track_session
-from posefuse.pipeline.second_pass import poses_over_time, views_of
+from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import ready_tracker
@@ -52,13 +52,13 @@ def tracked(session: Path, seconds: float) -> Tracked:
 
 def recorded_lengths(done: Tracked, table: JointCentres) -> np.ndarray:
     """(N, S) metres as the recording has them."""
-    landmarks = poses_over_time(views_of(done.recording), done.recording.rig, TrackConfig().fuse, None)
+    landmarks = poses_over_time(done.recording.views, done.recording.rig, TrackConfig().fuse, None)
     return segment_lengths(at_joint_centres(landmarks, table, table.usual).xyz_world, landmarks.skeleton)
 
 
 def live_poses(done: Tracked) -> Iterator[Pose3D]:
     """Landmarks at every beat, from every frame of the recording at once."""
-    views, rig, config = views_of(done.recording), done.recording.rig, LiveConfig()
+    views, rig, config = done.recording.views, done.recording.rig, LiveConfig()
     tracker = ready_tracker(rig, views.skeleton, config)
     period_ns, due_ns = round(1e9 / config.rate_hz), int(views.t_ns[0])
     for i, t_ns in enumerate(views.t_ns):

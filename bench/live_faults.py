@@ -26,11 +26,11 @@ from rich.console import Console
 from rich.table import Table
 from two_machines import TwoMachines, why_not
 
-from posefuse.cli.terminal import plain
 from posefuse.core import Kind
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.plain_values import plain
 from posefuse.messages.bags import read_detections, read_poses
 
 _START_S, _END_S = 180.0, 40.0

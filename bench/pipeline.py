@@ -23,7 +23,7 @@ from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
 from posefuse.fusion import WEIGHTS, FuseSettings
-from posefuse.pipeline.second_pass import poses_over_time, views_of
+from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.tracking import SmoothSettings, read_joint_centres
 
 JOINT_CENTRES = CARDS_FOLDER / "blazepose_full.joint_centres.toml"
@@ -53,7 +53,7 @@ def speed(session: Path, out: Path, repeat: int, *options: str) -> dict:
 def accuracy(session: Path, result: Path) -> dict:
     """MPJPE over the paper's 14 joints per weighting, from the same 2D, raw and smoothed."""
     recording, truth = read_recording(result), read_truth(session / "truth" / "truth.npz")
-    views, rows = views_of(recording), {}
+    views, rows = recording.views, {}
     centres = read_joint_centres(JOINT_CENTRES)
     for weights in WEIGHTS:
         settings = FuseSettings(weights=weights)

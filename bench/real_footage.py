@@ -51,7 +51,7 @@ def man_found(recording: Recording, xyz: np.ndarray) -> dict[str, int]:
     """Per camera, frames in which the keypoints seen are those of the man of the reference, whichever side is called left."""
     found = {}
     for c, camera in enumerate(recording.rig):
-        seen = pick_keypoints(recording.xy_img[: len(xyz), 0, c], recording.poses.skeleton, LIMBS)
+        seen = pick_keypoints(recording.views.xy_img[: len(xyz), 0, c], recording.poses.skeleton, LIMBS)
         expected = camera.project(xyz[: len(seen)]).reshape(len(seen), -1, 2, 2)
         pairs = seen.reshape(expected.shape)
         away = np.minimum(*(np.linalg.norm(pairs[:, :, ::step] - expected, axis=-1) for step in (1, -1))).reshape(len(seen), -1)

@@ -3,7 +3,7 @@
     python bench/rig_monitor.py [--fit] [--trials 6] [--data ../shared/data/pose2sim_single] [--cache out/rig_monitor]
 
 Rendered walks and people who stand are looked at ten times a second by the network (kept in the cache; scenes are rendered
-where `posefuse experiment` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
+where `python -m paper` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
 cables are exchanged: every keypoint is displaced by what that does to its point in space, and keeps the network's error. `--fit`
 does it for other bodies in other rooms, from which the constants are; it also prints the most that nothing wrong explains.
 Seconds are of the data. Table on stderr, one JSON object on stdout.
@@ -16,18 +16,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from paper.scenes.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
 from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import CubicSpline
 
-from posefuse.cli.terminal import plain
+from paper.scenes.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
+from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Camera, Recording, Rig, Skeleton, Truth, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.atomic import atomic_folder
+from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health import rig_monitor as monitor
@@ -157,7 +158,8 @@ def clip_of_session(name: str, session: Path, cache: Path) -> Clip:
         config = replace(TrackConfig(), rate_hz=RATE_HZ, joint_centres=False, outputs=())
         done = track_session(find_session(session, config), config, StageClock(), *3 * [lambda *_: None])
         cache.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_folder(cache) as folder:
+        with output_folder(cache, command="bench rig_monitor") as made:
+            folder = made.folder
             write_recording(folder, done.recording)
     truth = session / "truth" / "truth.npz"
     return clip_of(name, read_recording(cache), read_truth(truth) if truth.is_file() else None)
@@ -165,10 +167,10 @@ def clip_of_session(name: str, session: Path, cache: Path) -> Clip:
 
 def clip_of(name: str, recording: Recording, truth: Truth | None) -> Clip:
     poses, true14 = recording.poses, None
-    xy = np.where((recording.score[:, 0] >= LEAST_SCORE)[..., None], recording.xy_img[:, 0], np.nan)
+    xy = np.where((recording.views.score[:, 0] >= LEAST_SCORE)[..., None], recording.views.xy_img[:, 0], np.nan)
     if truth is not None:
         true14 = pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, PAPER14.keypoints)
-    views = (xy, recording.score[:, 0], recording.sigma_px[:, 0])
+    views = (xy, recording.views.score[:, 0], recording.views.sigma_px[:, 0])
     return Clip(name, recording.rig, (poses.t_ns - poses.t_ns[0]) / 1e9, *views, poses.xyz_world[:, 0], poses.skeleton, true14)
 
 
@@ -207,7 +209,7 @@ def later(clip: Clip, late_s: float) -> np.ndarray:
 
 def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[monitor.Finding]:
     """What the monitor says of keypoints (T, C, K, 2); a while after the first finding after `after_s` all has been said."""
-    chosen = monitor.telling_points(clip.skeleton.keypoints)
+    chosen = limb_keypoints(clip.skeleton.keypoints)
     state, found = monitor.start(clip.rig), []
     for t_s, seen in zip(clip.t_s.tolist(), xy[:, :, chosen], strict=True):
         if any(after_s * 1e9 <= one.t_ns < (t_s - SAID_S) * 1e9 for one in found):
@@ -310,7 +312,7 @@ def quiet(clip: Clip) -> dict:
 
 def explained_by_nothing(clip: Clip) -> dict:
     """The most that a turn and a lateness of any camera explain with nothing wrong, in each memory."""
-    long, chosen, most = clip.lasting(QUIET_S), monitor.telling_points(clip.skeleton.keypoints), {}
+    long, chosen, most = clip.lasting(QUIET_S), limb_keypoints(clip.skeleton.keypoints), {}
     state = monitor.start(clip.rig)
     for i, (t_s, seen) in enumerate(zip(long.t_s.tolist(), long.xy_img[:, :, chosen], strict=True)):
         state, _ = monitor.observe(state, clip.rig, round(t_s * 1e9), seen)

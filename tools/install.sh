@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make a virtual environment with posefuse and the named extras in it: install.sh VENV EXTRAS
+# Make a virtual environment with posefuse and the named extras (or "" for the core) in it: install.sh VENV EXTRAS
 set -euo pipefail
 venv=$1 extras=$2
 [ -x "$venv/bin/python" ] || "${PYTHON:-python3}" -m venv "$venv"
@@ -17,4 +17,4 @@ if [[ ",$extras," == *,sim,* ]] && ! "${pip[@]}" show -q torch 2>/dev/null; then
     "${pip[@]}" install --quiet "$torch"
   fi
 fi
-"${pip[@]}" install --quiet --constraint constraints.txt --editable ".[$extras]"
+"${pip[@]}" install --quiet --constraint constraints.txt --editable ".${extras:+[$extras]}"

@@ -1,4 +1,4 @@
-"""What `posefuse experiment` does around the experiments: files, headline figures, the summary."""
+"""What `python -m paper` does around the experiments: files, headline figures, the summary."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.terminal import Terminal, plain
+from posefuse.cli.networks import fetch_networks
+from posefuse.cli.terminal import Terminal
 from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.growing_folder import growing_folder
+from posefuse.foundation.plain_values import plain
 from posefuse.foundation.plugins import build_plugin
 
 from .runs import Context, about
+from .summary import FILE as SUMMARY_FILE
 from .summary import write_summary
 
 EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
@@ -23,25 +27,31 @@ EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
 def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Run one experiment or all; returns the files written."""
     wanted = EXPERIMENTS if args.name == "all" else (args.name,)
-    args.out.mkdir(parents=True, exist_ok=True)
+    names = [f"{name}{ending}" for name in wanted for ending in (".html", ".json")] + ([] if args.quick else [SUMMARY_FILE])
+    folder = growing_folder(args.out, command="experiment", names=names)
     options = (" --quick" if args.quick else "") + "".join(f" --set {override}" for override in args.overrides)
     written: list[Path] = []
     for name in wanted:
-        command = f"posefuse experiment {name}{options}"
+        command = f"python -m paper {name}{options}"
         sessions = args.sessions or args.out / "sessions"
         context = Context(sessions, args.quick, args.workers, command, terminal, tuple(args.overrides))
         if name != "scaling":
             _check_detector(context)
-        written += _one(name, context, args.out)
+        made = _one(name, context, args.out)
+        folder.add(folder.folder / path.name for path in made)
+        written += made
     if not args.quick:
         written.append(write_summary(args.out))
+        folder.add([folder.folder / written[-1].name])
     terminal.facts("Experiments", {path.name: str(path) for path in written})
+    terminal.next(f"open {written[0]} in a browser", "the figures of the first experiment")
     return {"files": written}
 
 
 def _check_detector(context: Context) -> None:
     """Fetch and open what is to look at the pictures, so that what is wrong shows before an hour of rendering."""
     choice = context.config.detector
+    fetch_networks(choice, context.terminal)
     build_plugin("detectors", choice.name, choice.options)
 
 

@@ -16,11 +16,12 @@ import numpy as np
 from posefuse.core import SourceError
 from posefuse.core.arrays import Array
 from posefuse.formats.rig import read_rig
+from posefuse.outputs.live import JsonConfig
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Way
-from posefuse.realtime.outputs import OutputPlan
+from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.session import run_live
 
 from .runs import Context
@@ -111,7 +112,7 @@ def live_times(folder: Path, context: Context, duration_s: float) -> LiveTimes:
     rig, config = read_rig(folder / "rig.toml"), context.config
     settings = LiveConfig(detector=config.detector, associate=config.associate, fuse=config.fuse)
     with Listener() as listener:
-        plan = OutputPlan(rig, SessionClock.begin(), json_udp=(listener.address,))
+        plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs={"json": JsonConfig(to=(listener.address,))})
         done = run_live(rig, inputs_from_arguments([f"sim:{folder}"], rig), settings, plan, duration_s, context.terminal.note)
     offset_ns = plan.clock.offset_ns
     arrivals = {t_ns: came_ns + offset_ns for t_ns, came_ns in listener.arrivals_ns().items()}

@@ -10,7 +10,7 @@ from posefuse.core import Camera, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.pipeline.run import build_source
+from posefuse.pipeline.opening import build_source
 from posefuse.pipeline.session import find_session
 
 from .runs import Run

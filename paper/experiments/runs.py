@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,10 +16,11 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import PoseSequence, Recording, Truth
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.platform import usable_cores
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig, read_config
 from posefuse.pipeline.run import track_session
-from posefuse.pipeline.second_pass import poses_over_time, views_of
+from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.session import UNFINISHED_FILE, find_session
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import simulate
@@ -79,7 +79,7 @@ class Run:
     def poses(self, weights: str = "robust", smoothed: bool = True, centred: bool = True) -> PoseSequence:
         """The same 2D, fused in another way."""
         return poses_over_time(
-            views_of(self.recording),
+            self.recording.views,
             self.recording.rig,
             replace(self.config.fuse, weights=weights),  # type: ignore[arg-type]
             self.config.smooth if smoothed else None,
@@ -132,7 +132,7 @@ def about(context: Context) -> dict[str, Any]:
     lines = info.read_text().splitlines() if info.is_file() else []
     names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
     return {
-        "machine": f"{names[0] if names else platform.processor()}, {len(os.sched_getaffinity(0))} cores",
+        "machine": f"{names[0] if names else platform.processor()}, {usable_cores()} cores",
         "versions": ", ".join(
             [f"posefuse {__version__}", f"Python {platform.python_version()}", *(f"{p} {version(p)}" for p in _PACKAGES)]
         ),

@@ -29,7 +29,7 @@ def write_summary(out: Path) -> Path:
     full = {name: content for name, content in read.items() if content.get("length") == "full"}
     parts = [
         "# Accuracy",
-        "Made by `posefuse experiment all`. Rendered people with exact truth, the real network in the loop; millimetres; mean "
+        "Made by `python -m paper all`. Rendered people with exact truth, the real network in the loop; millimetres; mean "
         "over the paper's 14 joints unless said otherwise.",
         "The people and ways reported here are used in no fit. The noise model and the joint centres were fitted on bodies "
         f"of random seeds 7000 to 7207 (`bench/fit_*.py`); the tables below are of the default body, and of seeds "

@@ -15,7 +15,6 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import PAPER14
 from posefuse.evaluation.metrics import typical_nees
 from posefuse.fusion import FuseSettings, fuse
-from posefuse.pipeline.second_pass import views_of
 
 from .moments import moments
 from .runs import Context, Outcome, Run, best_errors, run_scene
@@ -74,7 +73,7 @@ def run(context: Context) -> Outcome:
 
 
 def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:
-    views, rig, settings = views_of(done.recording), done.recording.rig, FuseSettings()
+    views, rig, settings = done.recording.views, done.recording.rig, FuseSettings()
     previous: Pose3D | None = None
     seconds = []
     for i in range(len(views.t_ns)):

@@ -36,8 +36,14 @@ def test_printing_needs_its_sizes_and_says_which(tmp_path: Path) -> None:
         run("print", "--cube", "--out", out)
     assert run("print", "--cube", "--marker-mm", "120", "--out", out)["pages"] == 6
     assert (tmp_path / "cube.pdf").read_bytes().startswith(b"%PDF-1.4")
+    with pytest.raises(InputError, match=r"cube\.pdf: is there already; choose another name, or add --force"):
+        run("print", "--cube", "--marker-mm", "100", "--out", out)
+    before = (tmp_path / "cube.pdf").read_bytes()
+    run("print", "--cube", "--marker-mm", "100", "--out", out, "--force")
+    [kept] = tmp_path.glob("cube.pdf.replaced-*")
+    assert kept.read_bytes() == before != (tmp_path / "cube.pdf").read_bytes()
     with pytest.raises(InputError, match="a plain chessboard is not offered"):
-        run("print", "--target", "chessboard", "--columns", "5", "--rows", "7", "--square-mm", "30", "--out", out)
+        run("print", "--target", "chessboard", "--columns", "5", "--rows", "7", "--square-mm", "30", "--out", f"{out}.pdf")
 
 
 def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -> None:
@@ -70,10 +76,14 @@ def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: An
         run(*person, "--height-m", "-1", *both)
     with pytest.raises(CalibrationError, match="no camera 'cam09'"):
         run(*person, "--apart", "cam00", "cam09", "3", *both)
+    poses = tmp_path / "poses"
+    poses.mkdir()
     with pytest.raises(InputError, match="got both"):
-        run(*person, "--height-m", "1.8", str(film), f"cam01={tmp_path}")
+        run(*person, "--height-m", "1.8", str(film), f"cam01={poses}")
     with pytest.raises(InputError, match="add --rate-hz"):
-        run(*person, "--height-m", "1.8", f"cam01={tmp_path}", f"cam02={tmp_path}")
+        run(*person, "--height-m", "1.8", f"cam01={poses}", f"cam02={poses}")
+    with pytest.raises(InputError, match="lies inside the input"):
+        run(*person, "--height-m", "1.8", str(film), f"cam01={tmp_path}")
 
 
 def test_a_folder_that_is_not_there_is_named_before_any_work(tmp_path: Path) -> None:

@@ -31,7 +31,9 @@ def picture(target: Charuco | ArucoBoard, px_per_m: float, path: Path) -> np.nda
     """The printed page as a picture, by a renderer of its own."""
     write_pdf(path / "board.pdf", [board_sheet(target, "a3")])
     dpi = round(px_per_m * 0.0254)
-    subprocess.run(["pdftoppm", "-r", str(dpi), "-png", "-gray", str(path / "board.pdf"), str(path / "board")], check=True)
+    subprocess.run(
+        ["pdftoppm", "-r", str(dpi), "-png", "-gray", str(path / "board.pdf"), str(path / "board")], check=True, timeout=120
+    )
     return cv2.imread(str(next(path.glob("board*.png"))), cv2.IMREAD_GRAYSCALE)
 
 
@@ -55,7 +57,9 @@ def test_a_printed_board_has_its_true_size_and_the_printed_side_up(tmp_path: Pat
 def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
     target = Markers(0.12)
     write_pdf(tmp_path / "cube.pdf", cube_sheets(target))
-    subprocess.run(["pdftoppm", "-r", "127", "-png", "-gray", str(tmp_path / "cube.pdf"), str(tmp_path / "face")], check=True)
+    subprocess.run(
+        ["pdftoppm", "-r", "127", "-png", "-gray", str(tmp_path / "cube.pdf"), str(tmp_path / "face")], check=True, timeout=120
+    )
     ids = []
     for page in sorted(tmp_path.glob("face*.png")):
         found = TargetDetector(target).detect(cv2.imread(str(page), cv2.IMREAD_GRAYSCALE))

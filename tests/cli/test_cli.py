@@ -1,8 +1,13 @@
 """The command line: figures as JSON on stdout and nothing else there, one line and exit 1 for a known error, 2 for a bug."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import threading
+import tomllib
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -10,6 +15,7 @@ import pytest
 from posefuse import __version__
 from posefuse.cli import main as cli
 from posefuse.cli.commands import plugins as plugins_command
+from posefuse.cli.stopping import stop_requests
 from posefuse.core import DependencyError
 
 
@@ -41,6 +47,43 @@ def test_doctor_names_what_is_needed(capsys) -> None:
     assert checks["Python"]["needed"] and checks["Python"]["ok"]
     assert not checks["display"]["needed"]
     assert all(check["ok"] or check["cure"] for check in checks.values())
+
+
+def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.MonkeyPatch, capsys, models: None) -> None:
+    """It tries what it promises: here a name of the standard library is missing, as on another system."""
+
+    def build(config: object) -> None:
+        raise AttributeError("module 'os' has no attribute 'sched_getaffinity'")
+
+    assert json.loads(run(capsys, "doctor", "--json")[1])["ready"]
+    monkeypatch.setattr("posefuse.detection.BlazePoseConfig.build", build)
+    code, out, err = run(capsys, "doctor", "--json")
+    [tracking] = [check for check in json.loads(out)["checks"] if check["name"] == "tracking"]
+    assert code == 0 and not json.loads(out)["ready"]
+    assert "sched_getaffinity" in tracking["found"] and tracking["cure"]
+    assert "Not ready" in err and "Ready:" not in err
+
+
+def test_demo_takes_the_clip_of_the_package_and_says_what_is_next(monkeypatch, capsys, tmp_path, demo_session) -> None:
+    taken = []
+    monkeypatch.setattr("posefuse.cli.commands.track.run", lambda args, terminal: taken.append(args) or {"people": 1})
+    code, out, err = run(capsys, "demo", "--out", str(tmp_path / "d"), "--json")
+    assert code == 0 and json.loads(out)["people"] == 1
+    assert (taken[0].session, taken[0].out, taken[0].force) == (demo_session, tmp_path / "d", False)
+    assert "next: posefuse track SESSION --out RESULT" in err
+    monkeypatch.setattr("posefuse.cli.demo._PLACES", (tmp_path / "nowhere",))
+    code, _, err = run(capsys, "demo")
+    assert code == 1 and "reinstall posefuse" in err.splitlines()[-1]
+
+
+def test_the_wheel_brings_the_clip_and_stays_small() -> None:
+    root = Path(__file__).resolve().parents[2]
+    content = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert set(content.values()) == {"posefuse/demo_clip/rig.toml", "posefuse/demo_clip/videos"}
+    brought = [
+        file for source in content for file in ([root / source] if (root / source).is_file() else (root / source).iterdir())
+    ]
+    assert sum(file.stat().st_size for file in brought) < 2_000_000
 
 
 def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
@@ -96,6 +139,66 @@ def test_ctrl_c_is_said_and_exits_130(monkeypatch: pytest.MonkeyPatch, capsys) -
     assert run(capsys, "plugins")[::2] == (130, "posefuse plugins: stopped by Ctrl-C\n")
 
 
+def test_a_request_to_terminate_is_said_and_exits_143(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(plugins_command, "run", lambda args, terminal: signal.raise_signal(signal.SIGTERM))
+    assert run(capsys, "plugins")[::2] == (143, "posefuse plugins: stopped by SIGTERM\n")
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize(("number", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_command_that_was_interrupted_and_kept_what_it_had_says_so_by_its_code(
+    number: int, expected: int, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def keeps(args: object, terminal: object) -> dict[str, bool]:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(number)
+        return {"interrupted": True}
+
+    monkeypatch.setattr(plugins_command, "run", keeps)
+    assert run(capsys, "plugins")[0] == expected
+
+
+def test_outside_the_main_thread_it_runs_without_a_handler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugins_command, "run", lambda args, terminal: {})
+    codes: list[int] = []
+    thread = threading.Thread(target=lambda: codes.append(cli.main(["plugins"])))
+    thread.start()
+    thread.join(60)
+    assert codes == [0]
+
+
+def test_a_forked_child_ends_by_the_signal_as_any_program(capfd) -> None:
+    if not hasattr(os, "fork"):
+        pytest.skip("fork: needs a POSIX system")
+    with stop_requests():
+        child = os.fork()
+        if child == 0:
+            signal.raise_signal(signal.SIGTERM)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGTERM
+    assert capfd.readouterr().err == ""
+
+
+def test_ctrl_c_while_importing_is_one_line() -> None:
+    script = (
+        "import builtins, sys\n"
+        "from posefuse.cli import cli\n"
+        "real = builtins.__import__\n"
+        "def stopped(name, *args, **options):\n"
+        "    if name == 'numpy':\n"
+        "        raise KeyboardInterrupt\n"
+        "    return real(name, *args, **options)\n"
+        "assert 'numpy' not in sys.modules\n"
+        "builtins.__import__ = stopped\n"
+        "sys.exit(cli.main(['plugins']))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 130
+    assert len(done.stderr.splitlines()) == 1 and "stopped by Ctrl-C" in done.stderr
+
+
 def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     from importlib.metadata import EntryPoint
 
@@ -111,7 +214,11 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
 
 
 def test_help_and_version_work_as_a_program() -> None:
-    helped = subprocess.run([sys.executable, "-m", "posefuse.cli.main", "--help"], capture_output=True, text=True, check=True)
+    helped = subprocess.run(
+        [sys.executable, "-m", "posefuse.cli.main", "--help"], capture_output=True, text=True, check=True, timeout=120
+    )
     assert all(command in helped.stdout for command in cli.COMMANDS)
-    version = subprocess.run([sys.executable, "-m", "posefuse.cli.main", "--version"], capture_output=True, text=True, check=True)
+    version = subprocess.run(
+        [sys.executable, "-m", "posefuse.cli.main", "--version"], capture_output=True, text=True, check=True, timeout=120
+    )
     assert version.stdout.strip() == f"posefuse {__version__}"

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.core import Detections2D, Frame, Kind, PoseSequence, Recording
+from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, PoseSequence, Recording, SourceError
 from posefuse.core.skeleton import COCO17
-from posefuse.evaluation.contracts import ContractError, check_detector, check_sink, check_source
+from posefuse.evaluation.contracts import ContractError, check_detector, check_live_output, check_sink, check_source
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.plugins import build_plugin, list_plugins
+from posefuse.foundation.plugins import GROUPS, build_plugin, list_plugins, plugin_config
 
 T, N, K = 6, 2, len(COCO17)
+LIVE_OUTPUTS = [plugin.name for plugin in list_plugins("live_outputs")]
 SINKS = [plugin.name for plugin in list_plugins("sinks")]
 
 
@@ -29,12 +30,14 @@ def recording(ring_rig) -> Recording:
         np.full(shape, 3), kind,
     )  # fmt: skip
     xy = np.moveaxis(np.stack([camera.project(xyz) for camera in rig]), 0, 2)
-    return Recording(rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id})
+    return Recording.from_views(
+        rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id}
+    )
 
 
 def test_every_plugin_of_ours_can_be_imported() -> None:
-    plugins = [plugin for kind in ("sources", "detectors", "sinks") for plugin in list_plugins(kind)]
-    assert {"video", "images", "blazepose", "oracle", "trc", "c3d", "overlay", "rerun"} <= {p.name for p in plugins}
+    plugins = [plugin for kind in GROUPS for plugin in list_plugins(kind)]
+    assert {"video", "images", "blazepose", "oracle", "trc", "c3d", "overlay", "rerun", "osc", "lsl"} <= {p.name for p in plugins}
     assert [p for p in plugins if p.package == "posefuse" and p.reason] == []
 
 
@@ -172,3 +175,86 @@ def test_the_sink_check_can_fail(recording: Recording, tmp_path: Path) -> None:
             continue
         with pytest.raises(ContractError, match=rule):
             check_sink(Writer(fault), recording, folder)
+
+
+# what an output cannot do without, and the package that must be there
+LIVE_OPTIONS = {
+    "record": ("mcap", lambda folder: {"path": folder / "live.mcap"}),
+    "ros2": ("cyclonedds", lambda folder: {"domain_id": 9, "local_only": True}),
+    "osc": ("numpy", lambda folder: {"to": ["127.0.0.1:9"]}),
+    "json": ("numpy", lambda folder: {"to": ["127.0.0.1:9"], "axes": "y_up"}),
+    "rerun": ("rerun", lambda folder: {"file": folder / "live.rrd"}),
+    "lsl": ("pylsl", lambda folder: {}),
+    "ros1": ("rospy", lambda folder: {}),
+}
+
+
+@pytest.mark.parametrize("name", LIVE_OUTPUTS)
+def test_live_outputs(name: str, tmp_path: Path) -> None:
+    package, options = LIVE_OPTIONS.get(name, ("numpy", lambda folder: {}))
+    pytest.importorskip(package, reason=f"{package} is not usable here")
+    try:
+        check_live_output(plugin_config("live_outputs", name, options(tmp_path)), tmp_path)
+    except SourceError as error:
+        if name != "ros1":
+            raise
+        pytest.skip(f"no ROS 1 master: {error}")
+
+
+@dataclass(frozen=True)
+class Notebook:
+    """A live output that may break one rule."""
+
+    path: Path
+    fault: str = ""
+    takes = (LivePose,)
+    keeps_all = True
+
+    def build(self):
+        return NotebookOutput(self)
+
+
+class NotebookOutput:
+    name, where = "notebook", ""
+
+    def __init__(self, config: Notebook) -> None:
+        self.config, self.file = config, None
+        if config.fault == "nameless":
+            self.name = ""
+
+    def take(self, message) -> None:
+        if isinstance(message, LiveStart):
+            name = "one" if self.config.fault == "overwrites" else f"part{message.part}"
+            self.file = (self.config.path / name).open("w")
+            self.file.write(f"part {message.part}")
+        elif self.config.fault == "crowd" and len(message.pose.person_id) > 1:
+            raise ValueError("one person only")
+
+    def close(self) -> None:
+        if self.file is None:
+            return
+        self.file.close()
+        if self.config.fault == "once":
+            self.file = object()
+
+
+def test_the_live_output_check_can_fail(tmp_path: Path) -> None:
+    for fault, rule in (
+        ("nameless", "has a name"),
+        ("once", "close\\(\\) may be called twice"),
+        ("overwrites", "leaves the files of the first as they are"),
+        ("crowd", "take\\(\\) bears every LivePose of a session .*one person only"),
+    ):
+        (tmp_path / fault).mkdir()
+        with pytest.raises(ContractError, match=rule):
+            check_live_output(Notebook(tmp_path / fault, fault), tmp_path / fault)
+    (tmp_path / "good").mkdir()
+    check_live_output(Notebook(tmp_path / "good"), tmp_path / "good")
+
+
+def test_a_live_config_that_cannot_be_sent_is_told() -> None:
+    broken = Notebook(lambda: None)
+    with pytest.raises(ContractError, match="comes out of pickle"):
+        check_live_output(broken, Path())
+    with pytest.raises(ContractError, match="lacks a member"):
+        check_live_output(object(), Path())

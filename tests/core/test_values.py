@@ -66,9 +66,12 @@ def test_a_sequence_is_its_poses() -> None:
 def test_a_recording_fits_its_rig(ring_rig) -> None:
     poses = PoseSequence.from_poses([pose(5), pose(9)])
     two_d = {"xy_img": np.zeros((2, N, C, K, 2)), "score": np.zeros((2, N, C, K)), "sigma_px": np.zeros((2, N, C, K))}
-    assert Recording(ring_rig(3), poses, **two_d).provenance == {}
-    with pytest.raises(ShapeError, match="4 cameras"):
-        Recording(ring_rig(4), poses, **two_d)
+    made = Recording.from_views(ring_rig(3), poses, **two_d)
+    assert made.provenance == {}
+    with pytest.raises(ShapeError, match="the rig has cameras cam00, cam01, cam02, cam03, the observations cam00"):
+        replace(made, rig=ring_rig(4))
+    with pytest.raises(ShapeError, match="time steps to be the poses' 1, got 2"):
+        replace(made, poses=PoseSequence.from_poses([pose(5)]))
 
 
 def test_nobody_is_an_empty_detection() -> None:

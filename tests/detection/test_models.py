@@ -20,7 +20,7 @@ CONTENT = b"a network"
 
 @pytest.fixture
 def card():
-    return replace(read_card("blazepose_full"), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return replace(read_card("blazepose_full"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
 
 
 @pytest.fixture
@@ -123,24 +123,26 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
 
     def download(command, **_more):
         calls.append(command)
+        assert "downloading" in said[-1] and "mediapipe" in said[-1], "announced before it happens"
+        assert counted == [(0, 1)]
         folder = command[command.index("--dest") + 1]
         with zipfile.ZipFile(f"{folder}/{wheel.name}", "w") as archive:
             for wanted in cards:
                 archive.writestr(wanted.source.member, CONTENT)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    cards = [card, replace(read_card("blazepose_persons"), sha256=card.sha256)]
+    cards = [card, replace(read_card("blazepose_persons"), size_bytes=len(CONTENT), sha256=card.sha256)]
     monkeypatch.setattr(archives.subprocess, "run", download)
-    said = []
-    paths = fetch_all(cards, tmp_path / "cache", progress=said.append)
+    said, counted = [], []
+    paths = fetch_all(cards, tmp_path / "cache", None, said.append, lambda done, total: counted.append((done, total)))
     assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
     assert len(calls) == 1 and calls[0][-1] == "mediapipe==0.10.21"
-    assert any("fetching" in line for line in said)
+    assert counted == [(0, 1), (1, 1)]
 
 
 @pytest.fixture
 def heavy():
-    return replace(read_card("blazepose_heavy"), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return replace(read_card("blazepose_heavy"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
 
 
 def npm_archive(folder, card):

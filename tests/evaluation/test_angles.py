@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, InputError, Joints
+from posefuse.core import SE3, InputError, JointAngles
 from posefuse.evaluation.angles import angle_errors
 from posefuse.evaluation.lab import joints_from_lab, poses_from_lab
 from posefuse.kinematics import joints_from_poses
@@ -16,7 +16,7 @@ def joints_of(angle_rad, names=("left_knee", "neck"), step_ns=10_000_000):
     t_ns = np.arange(times) * step_ns
     frames = SE3.identity((times, people, 0))
     kinds = (("flexion", "adduction", "internal_rotation"),) * len(names)
-    return Joints(t_ns, range(people), (), frames, names, kinds, angle_rad, np.full(angle_rad.shape, np.radians(2.0)))
+    return JointAngles(t_ns, range(people), (), frames, names, kinds, angle_rad, np.full(angle_rad.shape, np.radians(2.0)))
 
 
 def test_bias_spread_and_rmse_over_whole_turns_and_gaps():

@@ -20,7 +20,7 @@ def recording(ring_rig, figure_sequence):
     rig = ring_rig(3)
     xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
     score = np.isfinite(xy[..., 0]) * 1.0
-    return Recording(rig, sequence, xy, score, np.where(score > 0, 2.0, np.nan))
+    return Recording.from_views(rig, sequence, xy, score, np.where(score > 0, 2.0, np.nan))
 
 
 @pytest.mark.parametrize("fit", ["none", "points", "rays"])
@@ -60,8 +60,8 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
     two = {name: np.concatenate([getattr(poses, name)] * 2, axis=1) for name in names}
     two["xyz_world"][:, 1] = np.nan
     both = PoseSequence(poses.t_ns, poses.skeleton, [2, 7], *two.values())
-    views = {name: np.concatenate([getattr(recording, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
-    made = write_biomechanics(Recording(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
+    views = {name: np.concatenate([getattr(recording.views, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
+    made = write_biomechanics(Recording.from_views(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
     names = {path.name for path in made}
     assert {"angles_2.mot", "skeleton_2.bvh"} <= names
     assert not any("_7" in name for name in names)
@@ -79,6 +79,6 @@ def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
     names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     poses = recording.poses
     one = PoseSequence(poses.t_ns[:1], poses.skeleton, poses.person_id, *(getattr(poses, name)[:1] for name in names))
-    views = {name: getattr(recording, name)[:1] for name in ("xy_img", "score", "sigma_px")}
-    made = write_biomechanics(Recording(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
+    views = {name: getattr(recording.views, name)[:1] for name in ("xy_img", "score", "sigma_px")}
+    made = write_biomechanics(Recording.from_views(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
     assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}

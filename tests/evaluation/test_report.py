@@ -60,7 +60,9 @@ def recording_of(ring_rig, xyz, t_ns, provenance=None):
     poses = PoseSequence(t_ns, SKELETON, range(people), xyz, cov, np.where(seen, 1.5, np.nan), seen * 3, seen * 1)
     rig = ring_rig(4)
     shape = (len(t_ns), people, 4, len(SKELETON))
-    return Recording(rig, poses, np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan), provenance or {})
+    return Recording.from_views(
+        rig, poses, np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan), provenance or {}
+    )
 
 
 def test_the_page_needs_nothing_else_and_is_well_formed(tmp_path, ring_rig):

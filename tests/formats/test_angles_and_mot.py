@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, InputError, Joints
+from posefuse.core import SE3, InputError, JointAngles
 from posefuse.formats.angles import read_angles, write_angles
 from posefuse.formats.mot import Motion, motion_from_joints, read_mot, write_mot
 
@@ -17,7 +17,7 @@ def joints():
     frames = SE3.identity((4, 2, 1))
     names = (("flexion", "adduction", "rotation"),) * 3
     t_ns = np.array([10, 20, 35, 40]) * 1_000_000
-    return Joints(t_ns, [3, 9], ("pelvis",), frames, ("left_hip", "left_knee", "neck"), names, angle, np.abs(angle) * 0.1)
+    return JointAngles(t_ns, [3, 9], ("pelvis",), frames, ("left_hip", "left_knee", "neck"), names, angle, np.abs(angle) * 0.1)
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])

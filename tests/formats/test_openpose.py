@@ -87,7 +87,7 @@ def test_broken_files_are_named(tmp_path):
     write(good, 0, [person("body_25")])
     (good / "cam1_000000000001_keypoints.json").write_text('{"people": [')
     folder = read_openpose_folder(good, "cam1", SKELETONS["body_25"])
-    with pytest.raises(InputError, match=r"000000000001_keypoints\.json: not readable JSON"):
+    with pytest.raises(InputError, match=r"000000000001_keypoints\.json: cannot be parsed as JSON"):
         folder.frame(1, 0)
     (good / "cam1_000000000001_keypoints.json").write_text('{"persons": []}')
     with pytest.raises(InputError, match="expected people"):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import InputError, PoseSequence, Recording, Rig, Skeleton
+from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.rig import write_rig
 
@@ -26,7 +27,9 @@ def recording(ring_rig: Callable[..., Rig]) -> Recording:
         rng.normal(size=(T, N, K)), rng.integers(0, 5, (T, N, K)), rng.integers(0, 5, (T, N, K)),
     )  # fmt: skip
     views = rng.normal(size=(T, N, C, K, 2)), rng.uniform(size=(T, N, C, K)), rng.uniform(size=(T, N, C, K))
-    return Recording(ring_rig(C), poses, *views, {"version": "0.1.0", "config": {"fuse": {"weights": "all"}}, "note": "ü"})
+    return Recording.from_views(
+        ring_rig(C), poses, *views, {"version": "0.1.0", "config": {"fuse": {"weights": "all"}}, "note": "ü"}
+    )
 
 
 def test_every_bit_comes_back(tmp_path: Path, recording: Recording) -> None:
@@ -42,8 +45,13 @@ def test_every_bit_comes_back(tmp_path: Path, recording: Recording) -> None:
             got, wanted = getattr(back.poses, field.name), getattr(recording.poses, field.name)
             assert got.dtype == wanted.dtype
             np.testing.assert_array_equal(got, wanted)
-    for name in ("xy_img", "score", "sigma_px"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(recording, name))
+    for name in OBSERVATION_ARRAYS:
+        got, wanted = getattr(back.observations, name), getattr(recording.observations, name)
+        assert got.dtype == wanted.dtype
+        np.testing.assert_array_equal(got, wanted)
+    for got, wanted in zip(back.rig, recording.rig, strict=True):
+        np.testing.assert_array_equal(got.cam_from_world.wxyz, wanted.cam_from_world.wxyz)
+        np.testing.assert_array_equal(got.K, wanted.K)
 
 
 def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_rig: Callable[..., Rig]) -> None:
@@ -58,13 +66,14 @@ def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_r
             read_recording(tmp_path)
         return str(caught.value)
 
-    assert "format version: expected 1, got 2" in problem(about | {"format_version": 2})
+    assert "format version: expected 2, got 3" in problem(about | {"format_version": 3})
+    assert "got 1; an older posefuse wrote it: track the session again" in problem(about | {"format_version": 1})
     assert "not a posefuse result" in problem({"a": 1})
     assert "rig_id is missing" in problem({key: value for key, value in about.items() if key != "rig_id"})
     assert "does not fit together" in problem(about | {"skeleton": about["skeleton"] | {"keypoints": ["a"], "bones": []}})
     assert "incomplete" in problem(about | {"skeleton": {"name": "three"}})
     (tmp_path / "recording.json").write_text("{")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot be parsed as JSON"):
         read_recording(tmp_path)
     (tmp_path / "recording.json").write_text(json.dumps(about))
     assert read_recording(tmp_path).rig.id == recording.rig.id
@@ -73,7 +82,7 @@ def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_r
         read_recording(tmp_path)
     write_rig(tmp_path / "rig.toml", recording.rig)
     (tmp_path / "recording.npz").write_bytes(b"PK broken")
-    with pytest.raises(InputError, match=r"recording\.npz: cannot be read"):
+    with pytest.raises(InputError, match=r"recording\.npz: not an .npz file"):
         read_recording(tmp_path)
 
 

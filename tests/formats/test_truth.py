@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, CameraTruth, InputError, Joints, Truth
+from posefuse.core import SE3, CameraTruth, InputError, JointAngles, Truth
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.truth import read_truth, write_truth
 
@@ -19,7 +19,7 @@ def _truth(ring_rig, joints: bool = True) -> Truth:
         for name, f in zip(rig.names, frames, strict=True)
     )
     pose = SE3.from_rotvec(rng.normal(size=(5, 2, 4, 3)), rng.normal(size=(5, 2, 4, 3)))
-    angles = Joints(
+    angles = JointAngles(
         t_ns, [3, 8], ("pelvis", "thigh", "shank", "foot"), pose, ("hip", "knee", "ankle"),
         (("flexion", "adduction", "rotation"),) * 3, rng.normal(size=(5, 2, 3, 3)), np.zeros((5, 2, 3, 3)),
     )  # fmt: skip

@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import posefuse
+from posefuse.foundation import compiled
 from posefuse.foundation.compiled import fingerprint, kernel_files
 
 PACKAGE = Path(posefuse.__file__).parent
@@ -19,7 +22,7 @@ assert np.allclose(np.diag(out), [1.0, 0.5, 0.25])
 
 
 def use(cache: Path) -> None:
-    subprocess.run([sys.executable, "-c", USE], check=True, env={"POSEFUSE_CACHE": str(cache)})
+    subprocess.run([sys.executable, "-c", USE], check=True, env={"POSEFUSE_CACHE": str(cache)}, timeout=120)
 
 
 def test_kernels_stand_only_where_their_changes_are_noticed() -> None:
@@ -55,3 +58,27 @@ def test_compiled_forms_are_kept_in_the_users_cache_and_few_old_ones(tmp_path: P
 def test_no_place_to_keep_them_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     use(tmp_path / "file")
+
+
+def test_compilation_is_announced_before_it_happens_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "_folder", lambda: tmp_path)
+    said: list[str] = []
+    with compiled.compiling("joint angles", said.append):
+        assert len(said) == 1 and "joint angles" in said[0]
+    with compiled.compiling("joint angles", said.append):
+        pass
+    assert len(said) == 1
+    with pytest.raises(KeyboardInterrupt), compiled.compiling("tracking", said.append):
+        raise KeyboardInterrupt
+    with compiled.compiling("tracking", said.append):
+        pass
+    assert len(said) == 3, "what was interrupted is not taken for compiled"
+
+
+def test_where_nothing_can_be_kept_every_compilation_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "_folder", lambda: None)
+    said: list[str] = []
+    for _ in range(2):
+        with compiled.compiling("tracking", said.append):
+            pass
+    assert len(said) == 2

@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Rig
+from posefuse.core import SKELETONS, Rig, ViewSequence
 from posefuse.health.recorded import rig_findings
-from posefuse.pipeline.second_pass import ViewSequence
 
 BODY = SKELETONS["coco17"]
 

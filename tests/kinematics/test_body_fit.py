@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from posefuse.core import InputError, Kind, PoseSequence, Recording, Views
+from posefuse.core import InputError, Kind, PoseSequence, Views, ViewSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views
 
@@ -130,8 +130,9 @@ def test_rays_see_what_points_cannot(noisy, fitted, ring_rig):
     score = np.ones(xy.shape[:-1])
     wrist = clean.skeleton.index("left_wrist")
     score[60:85, :, 1:, clean.skeleton.indices(HIDDEN)] = 0
-    recording = Recording(rig, seen, np.where(score[..., None] > 0, xy, np.nan), score, np.where(score > 0, 1.0, np.nan))
-    by_rays = fit_views(recording, WHITE, fitted.bodies)
+    planes = np.where(score[..., None] > 0, xy, np.nan), score, np.where(score > 0, 1.0, np.nan)
+    views = ViewSequence(seen.t_ns, seen.skeleton, rig.names, seen.person_id, *planes)
+    by_rays = fit_views(seen, rig, views, WHITE, fitted.bodies)
     errors = [np.linalg.norm(f.poses.xyz_world - clean.xyz_world, axis=-1)[60:85, 0, wrist].mean() for f in (fitted, by_rays)]
     assert errors[1] < 0.7 * errors[0]
 

@@ -8,7 +8,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, SKELETONS, Detections2D, Joints, Pose3D, Skeleton
+from posefuse.core import SE3, SKELETONS, Detections2D, JointAngles, Pose3D, Skeleton
 
 _BENCH = Path(__file__).resolve().parents[2] / "bench"
 
@@ -70,9 +70,9 @@ def standing() -> Callable[..., Pose3D]:
 
 
 @pytest.fixture
-def some_joints() -> Joints:
+def some_joints() -> JointAngles:
     rng = np.random.default_rng(3)
-    return Joints(
+    return JointAngles(
         np.array([4_000_000_000, 5_000_000_000]),
         np.array([40, 7]),
         ("pelvis", "left_thigh", "left_shank"),

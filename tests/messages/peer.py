@@ -7,6 +7,7 @@ peer.py shout DOMAIN XML     sends wrong and good messages on /posefuse/detectio
 import json
 import sys
 import time
+import uuid
 from dataclasses import dataclass
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication
@@ -122,6 +123,28 @@ RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)
 
 
+def writers_of(publications):
+    return {
+        p.topic_name: {
+            "gid": str(p.key),
+            "participant": str(p.participant_key),
+            "type": p.type_name,
+            "user_data": bytes(p.qos[Policy.Userdata].data).decode(),
+        }
+        for p in publications.read(1000)
+        if p.topic_name.startswith("rt/")
+    }
+
+
+def complete(writers, infos):
+    in_graph = {
+        bytes(gid.data).hex() for info in infos for node in info.node_entities_info_seq for gid in node.writer_gid_seq
+    }  # fmt: skip
+    return {"rt/tf", "rt/posefuse/pose"} <= set(writers) and {
+        uuid.UUID(writer["gid"]).hex for writer in writers.values()
+    } <= in_graph
+
+
 def look(participant):
     latched = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(100))
     tf = DataReader(participant, Topic(participant, "rt/tf", TFMessage), qos=Qos(RELIABLE))
@@ -129,19 +152,15 @@ def look(participant):
     graph = DataReader(participant, Topic(participant, "ros_discovery_info", Graph), qos=latched)
     moving = next(tf.take_iter(timeout=duration(seconds=20)))
     standing = next(static.take_iter(timeout=duration(seconds=20)))
-    infos = [next(graph.take_iter(timeout=duration(seconds=20)))]
-    writers = {
-        p.topic_name: {
-            "gid": str(p.key),
-            "participant": str(p.participant_key),
-            "type": p.type_name,
-            "user_data": bytes(p.qos[Policy.Userdata].data).decode(),
-        }
-        for p in BuiltinDataReader(participant, BuiltinTopicDcpsPublication).read(1000)
-        if p.topic_name.startswith("rt/")
-    }
-    participants = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant).read(100)
-    user_data = {str(p.key): bytes(p.qos[Policy.Userdata].data).decode() for p in participants if Policy.Userdata in p.qos}
+    publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+    known = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
+    # announcements come one after the other: complete when every topic wanted has a writer that the graph knows
+    end, infos, writers = time.monotonic() + 30, [], {}
+    while time.monotonic() < end and not complete(writers, infos):
+        infos = graph.take(100)[-1:] or infos
+        writers = writers_of(publications)
+        time.sleep(0.05)
+    user_data = {str(p.key): bytes(p.qos[Policy.Userdata].data).decode() for p in known.read(100) if Policy.Userdata in p.qos}
     nodes = [
         {
             "participant": bytes(info.gid.data).hex(),

@@ -98,17 +98,82 @@ def test_the_profile_is_the_one_foxglove_wants(made):
         assert {s.encoding for s in reader.get_summary().schemas.values()} == {"ros2msg"}
 
 
-def test_a_recording_cut_off_is_read_to_where_it_ends(tmp_path, some_pose):
-    path = tmp_path / "a.mcap"
+def long_recording(path, some_pose, count=600):
     with bags.Recorder(path) as recorder:
-        for i in range(600):
-            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}, "world"), i)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) * 2 // 3])
-    kept = list(bags.read_poses(path, cut_ok=True))
-    assert 200 < len(kept) < 600
-    with pytest.raises(SourceError, match="cut off"):
+        recorder.note("session", {"who": "somebody"})
+        for i in range(count):
+            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}, "world"), 10_000_000 * i)
+    return path.read_bytes()
+
+
+def test_a_recording_cut_off_anywhere_is_read_to_its_last_whole_chunk(tmp_path, some_pose):
+    path = tmp_path / "a.mcap"
+    whole = long_recording(path, some_pose)
+    seen, said = [], []
+    for share in np.linspace(0.02, 0.999, 40):
+        path.write_bytes(whole[: int(len(whole) * share)])
+        said.clear()
+        seen.append(len(list(bags.read_poses(path, warn=said.append))))
+        assert len(said) == 1 and "was cut off" in said[0] and "MB are unfinished" in said[0]
+        assert bags.read_notes(path, "session") == {"who": "somebody"}
+    assert seen == sorted(seen)
+    assert seen[0] < 100 < 300 < seen[-1] <= 600
+    with pytest.warns(UserWarning, match="cut off"):
         list(bags.read_poses(path))
+
+
+def test_a_cut_before_the_header_ends_is_no_recording(tmp_path, some_pose):
+    path = tmp_path / "a.mcap"
+    whole = long_recording(path, some_pose, 2)
+    for count in (0, 3, 12):
+        path.write_bytes(whole[:count])
+        with pytest.raises(SourceError, match="cannot be read as MCAP"):
+            list(bags.read_poses(path))
+
+
+def test_a_whole_recording_warns_of_nothing(tmp_path, some_pose):
+    long_recording(tmp_path / "a.mcap", some_pose, 20)
+    said = []
+    assert len(list(bags.read_poses(tmp_path / "a.mcap", warn=said.append))) == 20
+    assert said == []
+
+
+def test_damage_is_one_line_and_never_a_trace(tmp_path, some_pose):
+    path = tmp_path / "a.mcap"
+    whole = long_recording(path, some_pose)
+    rng, refused = np.random.default_rng(5), 0
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for at in rng.integers(0, len(whole), 4):
+            damaged[at] ^= int(rng.integers(1, 256))
+        path.write_bytes(bytes(damaged))
+        try:
+            list(bags.read_poses(path, warn=lambda line: None))
+        except InputError as error:
+            assert "\n" not in str(error) and str(path) in str(error)
+            refused += 1
+    assert refused > 100
+
+
+def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch):
+    """Without the flush of the header it would be noticed a chunk later."""
+    from pathlib import Path
+
+    real = Path.open
+
+    def full(self, mode="r", *args, **kwargs):
+        file = real(self, mode, *args, **kwargs)
+        if mode == "xb":
+            file.close()
+            return real(Path("/dev/full"), "wb")
+        return file
+
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(InputError, match="No space left"):
+        bags.Recorder(tmp_path / "a.mcap")
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_no_mcap_is_said(tmp_path):
@@ -171,7 +236,7 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     score[1, 1, 2] = 0
     xy = rng.uniform(0, 400, (t, n, c, k, 2))
     xy[score == 0] = np.nan
-    recording = Recording(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
+    recording = Recording.from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
     check_sink(McapSink().build(), recording, tmp_path)
     (path,) = McapSink(epoch_offset_ns=50).build().write(recording, tmp_path)
     views = [v for v, _ in bags.read_detections(path)]

@@ -63,7 +63,7 @@ def seen_by_a_stranger(local, standing, ring_rig):
             out, _ = process.communicate(timeout=60)
         finally:
             done.set()
-            thread.join()
+            thread.join(10)
             process.kill()
     return json.loads(out)
 

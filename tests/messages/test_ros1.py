@@ -28,7 +28,7 @@ def ros1_python():
         pytest.skip("ROS 1 is not installed (Debian: ros-base python3-rospy python3-tf2-ros python3-rosbag)")
     python = Path(roscore).resolve().read_text().splitlines()[0].removeprefix("#!").split()[-1]
     ask = "import rospy, rosbag, tf2_ros, os; print(os.path.dirname(os.path.dirname(rospy.__file__)))"
-    answer = subprocess.run([python, "-c", ask], capture_output=True, text=True)
+    answer = subprocess.run([python, "-c", ask], capture_output=True, text=True, timeout=120)
     if answer.returncode:
         pytest.skip(f"ROS 1 is not complete: {answer.stderr.strip().splitlines()[-1]}")
     return python, answer.stdout.strip()
@@ -40,10 +40,10 @@ def alone(tmp_path):
     if os.geteuid() != 0 or shutil.which("ip") is None:
         pytest.skip("network namespaces need root and `ip` (Debian: iproute2)")
     name = f"pfros{os.getpid()}"
-    made = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True)
+    made = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True, timeout=120)
     if made.returncode:
         pytest.skip(f"no network namespaces ({made.stderr.strip()})")
-    subprocess.run(["ip", "-n", name, "link", "set", "lo", "up"], check=True)
+    subprocess.run(["ip", "-n", name, "link", "set", "lo", "up"], check=True, timeout=120)
     ros = {
         "ROS_MASTER_URI": "http://127.0.0.1:11311",
         "ROS_IP": "127.0.0.1",
@@ -68,7 +68,7 @@ def alone(tmp_path):
         process.terminate()
     for process in running:
         process.communicate(timeout=20)
-    subprocess.run(["ip", "netns", "del", name], check=True)
+    subprocess.run(["ip", "netns", "del", name], check=True, timeout=120)
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def test_real_rosbag_reads_the_bag(tmp_path, ros1_python, standing, ring_rig):
         "      found['/posefuse/markers'][0].markers[2].text, found['/diagnostics'][0].status[0].values[0].value,\n"
         "      found['/posefuse/pose'][0].skeleton]))\n"
     )
-    run = subprocess.run([ros1_python[0], "-c", program, str(path)], capture_output=True, text=True)
+    run = subprocess.run([ros1_python[0], "-c", program, str(path)], capture_output=True, text=True, timeout=120)
     assert run.stdout, run.stderr
     assert json.loads(run.stdout) == ["body_p1", 5_000_000_000, [0.1, 0.2, 0.3, 0.4, 0.0], 18, "1", "3 s", "coco17"]
 

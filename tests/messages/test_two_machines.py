@@ -2,13 +2,13 @@
 
 import json
 import sys
-import threading
 import time
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import Lines
 
 pytestmark = pytest.mark.realtime
 
@@ -23,18 +23,16 @@ def run(two, count, peers=True, hearing=1, while_sending=lambda: None):
     a, b = two.addresses if peers else ("", "")
     hearer = two.start(hearing, sys.executable, TRAFFIC, "hear", DOMAIN, a, "600")
     sender = two.start(0, sys.executable, TRAFFIC, "send", DOMAIN, b, str(count))
-    heard = []
-    thread = threading.Thread(target=lambda: heard.extend(json.loads(line) for line in hearer.stdout))
-    thread.start()
+    lines, hearing_lines = Lines(sender.stdout), Lines(hearer.stdout)
     try:
-        assert sender.stdout.readline() == "matched\n"
+        lines.wait_for("matched", 120.0)
         while_sending()
-        assert sender.stdout.readline() == "done\n"
+        lines.wait_for("done", 120.0)
         sender.wait(30)
     finally:
         sender.kill()
         hearer.kill()
-        thread.join()
+        heard = [json.loads(line) for line in hearing_lines.rest().splitlines()]
     return [number for number, _ in heard], [age_ns * 1e-9 for _, age_ns in heard]
 
 

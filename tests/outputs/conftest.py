@@ -40,7 +40,9 @@ def _recording(rig: Rig, times: int, people: tuple[int, ...]) -> Recording:
     xy[0, :, -1] = np.nan
     reproj = np.where(kind == Kind.MISSING, np.nan, 1.5)
     poses = PoseSequence(t_ns, SKELETON, np.array(people), xyz, cov, reproj, np.where(kind == Kind.MISSING, 0, c), kind)
-    return Recording(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"config": {"fuse": "all"}, "rig_id": rig.id})
+    return Recording.from_views(
+        rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"config": {"fuse": "all"}, "rig_id": rig.id}
+    )
 
 
 @pytest.fixture

@@ -60,7 +60,8 @@ def test_c3d_refuses_uneven_times(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording()
     t_ns = recording.poses.t_ns.copy()
     t_ns[3:] += 20_000_000
-    uneven = replace(recording, poses=replace(recording.poses, t_ns=t_ns))
+    poses, observations = replace(recording.poses, t_ns=t_ns), replace(recording.observations, step_t_ns=t_ns)
+    uneven = replace(recording, poses=poses, observations=observations)
     with pytest.raises(InputError, match=r"evenly spaced .* 0\.5 periods off 25 Hz: set rate_hz"):
         C3dSink().write(uneven, tmp_path)
     assert not list(tmp_path.iterdir())
@@ -68,9 +69,9 @@ def test_c3d_refuses_uneven_times(tmp_path: Path, make_recording: Make) -> None:
 
 def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording(people=(4, 9))
-    [path] = CsvSink().write(recording, tmp_path)
-    comment, *lines = path.read_text().splitlines()
-    about = json.loads(comment.removeprefix("# posefuse "))
+    path, metadata = CsvSink().write(recording, tmp_path)
+    lines = path.read_text().splitlines()
+    about = json.loads(metadata.read_text())["posefuse"]
     assert about["version"] == __version__
     assert about["rig_id"] == recording.rig.id
     rows = list(csv.DictReader(lines))
@@ -84,10 +85,10 @@ def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:
 
 def test_parquet_equals_csv_and_carries_provenance(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording(people=(4, 9))
-    [csv_path], [parquet_path] = (sink.write(recording, tmp_path) for sink in (CsvSink(), ParquetSink()))
+    (csv_path, _), (parquet_path,) = (sink.write(recording, tmp_path) for sink in (CsvSink(), ParquetSink()))
     table = pyarrow.parquet.read_table(parquet_path)
     assert json.loads(table.schema.metadata[b"posefuse"])["config"] == {"fuse": "all"}
-    text = pyarrow.csv.read_csv(csv_path, pyarrow.csv.ReadOptions(skip_rows=1), None, None)
+    text = pyarrow.csv.read_csv(csv_path)
     assert text.column_names == table.column_names
     for name in table.column_names:
         assert text[name].to_pylist() == table[name].to_pylist()
@@ -112,7 +113,7 @@ def test_json(tmp_path: Path, make_recording: Make) -> None:
 def test_one_instant_is_enough(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording(times=1)
     for sink in (TrcSink(), C3dSink(), CsvSink(), JsonSink()):
-        [path] = sink.write(recording, tmp_path)
+        path, *_ = sink.write(recording, tmp_path)
         assert path.stat().st_size > 0
 
 
@@ -120,9 +121,9 @@ def test_nobody_at_all(tmp_path: Path, make_recording: Make) -> None:
     full = make_recording()
     poses = {name: getattr(full.poses, name)[:, :0] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     empty = PoseSequence(full.poses.t_ns, full.poses.skeleton, np.zeros(0), **poses)
-    recording = Recording(full.rig, empty, full.xy_img[:, :0], full.score[:, :0], full.sigma_px[:, :0])
+    recording = Recording(full.rig, empty, full.observations)
     assert TrcSink().write(recording, tmp_path) == []
-    [path] = CsvSink().write(recording, tmp_path)
-    assert len(path.read_text().splitlines()) == 2
+    path, _ = CsvSink().write(recording, tmp_path)
+    assert len(path.read_text().splitlines()) == 1
     [path] = JsonSink().write(recording, tmp_path)
     assert json.loads(path.read_text())["instants"][0]["people"] == {}

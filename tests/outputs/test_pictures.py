@@ -51,13 +51,17 @@ def test_tiles_show_their_own_camera_and_missing_frames(tmp_path: Path, make_rec
     assert second[grid.tile_wh[1] - 12 : grid.tile_wh[1] - 2, 2:12].mean() < 60
 
 
+def unseen(recording: Recording) -> Recording:
+    return replace(recording, observations=recording.observations.keeping([]))
+
+
 def test_the_skeleton_lies_where_the_camera_projects_it(make_recording: Make) -> None:
     recording = make_recording(cameras=3)
     camera = recording.rig.cameras[1]
     for factor in (1, 2):
         tile_wh = (camera.size_wh[0] // factor, camera.size_wh[1] // factor)
         image = np.zeros((camera.size_wh[1], camera.size_wh[0], 3), np.uint8)
-        tile = view_tile(replace(recording, score=np.zeros_like(recording.score)), 0, 1, image, tile_wh)
+        tile = view_tile(unseen(recording), 0, 1, image, tile_wh)
         for keypoint, colour in (("left_hip", LEFT_RGB), ("right_shoulder", RIGHT_RGB), ("nose", MIDDLE_RGB)):
             xyz = recording.poses.xyz_world[0, 0, recording.poses.skeleton.index(keypoint)]
             x, y = np.round((camera.project(xyz) + 0.5) / factor - 0.5).astype(int)
@@ -68,12 +72,12 @@ def test_raw_detections_and_gaps_are_marked(make_recording: Make) -> None:
     recording = make_recording(cameras=3)
     size = recording.rig.cameras[0].size_wh
     image = np.zeros((size[1], size[0], 3), np.uint8)
-    moved = replace(recording, xy_img=recording.xy_img + 40)
+    moved = replace(recording, observations=replace(recording.observations, xy_img=recording.observations.xy_img + 40))
     tile = view_tile(moved, 0, 0, image, size)
-    x, y = np.round(moved.xy_img[0, 0, 0, 3]).astype(int)
+    x, y = np.round(moved.views.xy_img[0, 0, 0, 3]).astype(int)
     assert tile[y, x].min() > 150
-    unseen = view_tile(moved, 0, 2, image, size)
-    assert unseen[y, x].max() == 0
+    blank = view_tile(moved, 0, 2, image, size)
+    assert blank[y, x].max() == 0
     # text on a dark ground names what is missing: more is written where a keypoint is
     middle = len(recording.poses) // 2
     assert (view_tile(recording, middle, 0, image, size)[25:60, :200] > 100).sum() > 100

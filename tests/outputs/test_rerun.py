@@ -20,7 +20,7 @@ needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reas
 
 
 def rerun_tool(*arguments: str) -> str:
-    run = subprocess.run([sys.executable, "-m", "rerun", *arguments], capture_output=True, text=True, check=True)
+    run = subprocess.run([sys.executable, "-m", "rerun", *arguments], capture_output=True, text=True, check=True, timeout=120)
     return run.stdout + run.stderr
 
 

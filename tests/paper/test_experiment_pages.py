@@ -24,7 +24,6 @@ from paper.scenes import paper
 from paper.scenes.page import Page
 from paper.scenes.scaling import STUDIES, Errors, Study
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
-
 from posefuse.cli.main import main
 from posefuse.cli.terminal import Terminal
 from posefuse.core import SourceError
@@ -262,7 +261,7 @@ def test_the_summary_has_the_papers_tables(on_the_clip: Path, done: Run, tmp_pat
         "latency": {"live": live_figures(some_times(), dict.fromkeys(CAMERAS, 2.0)), **clock},
     }
     for name, figures in all_figures.items():
-        content = {"length": "full", "command": f"posefuse experiment {name}", "date": "2026-01-01", "machine": "m"}
+        content = {"length": "full", "command": f"python -m paper {name}", "date": "2026-01-01", "machine": "m"}
         (tmp_path / f"{name}.json").write_text(json.dumps({**content, "figures": figures}))
     (tmp_path / "drift.json").write_text(json.dumps({"length": "quick: seconds of everything"}))
     text = write_summary(tmp_path).read_text()

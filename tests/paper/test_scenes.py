@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from paper.scenes import paper
 from paper.scenes.drift import drift
 from paper.scenes.inertial import SuitNoise, standing_point, suit_joints
@@ -22,7 +23,6 @@ from paper.scenes.scenes import (
     static_scene,
     walking_scene,
 )
-
 from posefuse.core import ConfigError, Truth
 from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
 from posefuse.simulation.exact import truth_of

@@ -1,20 +1,38 @@
 """Following people through a recording: when views are told where to look, and when whole images are searched."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from posefuse.association import AssociateSettings
-from posefuse.core import Detections2D, Pose3D, Rig, SourceError
+from posefuse.core import Detections2D, LookKind, Pose3D, Rig, SourceError
 from posefuse.core.skeleton import COCO17
+from posefuse.core.views_over_time import keypoint_boxes
 from posefuse.fusion import FuseSettings
-from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.following import follow
-from posefuse.pipeline.images import Instant, common_timeline
+from posefuse.pipeline.following import Follower, observations_of
+from posefuse.pipeline.images import common_timeline
+from posefuse.pipeline.time_steps import stored_steps
 
 K = len(COCO17)
 PERIOD_NS = 33_333_333
+
+
+@dataclass(frozen=True)
+class Step:
+    """A time step of a stage."""
+
+    stage: "Stage"
+    i: int
+
+    @property
+    def t_ns(self) -> int:
+        return self.i * PERIOD_NS
+
+    def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
+        assert (kind == LookKind.SEARCH) == (expected is None)
+        return tuple(self.stage.look(self.i, expected))
 
 
 class Stage:
@@ -28,9 +46,9 @@ class Stage:
         self.people = {p: rng.normal(size=(K, 3)) * [0.2, 0.2, 0.4] + [1.5 * p, 0, 1] for p in present}
         self.searches: list[int] = []
 
-    def __iter__(self) -> Iterator[Instant]:
+    def __iter__(self) -> Iterator[Step]:
         for i in range(self.count):
-            yield Instant(i * PERIOD_NS, lambda pose, i=i: self.look(i, pose))
+            yield Step(self, i)
 
     def xyz(self, i: int) -> dict[int, np.ndarray]:
         return {p: body + [0.02 * i, 0, 0] for p, body in self.people.items() if i in self.present[p]}
@@ -49,7 +67,7 @@ class Stage:
         xy = np.array([self.rig.cameras[c].project(xyz) for xyz in shown]).reshape(-1, K, 2)
         score = np.isfinite(xy[..., 0]).astype(float)
         sigma = np.where(score > 0, 1.5, np.nan)
-        return Detections2D(self.rig.names[c], i * PERIOD_NS, COCO17, xy, score, sigma, np.zeros((len(xy), 4)))
+        return Detections2D(self.rig.names[c], i * PERIOD_NS, COCO17, xy, score, sigma, keypoint_boxes(xy, score))
 
     @staticmethod
     def near(here: dict[int, np.ndarray], told: np.ndarray) -> np.ndarray:
@@ -60,8 +78,11 @@ class Stage:
 
 
 def followed(stage: Stage, people: int = 1) -> list:
-    settings = AssociateSettings(max_people=people)
-    return list(follow(stage, COCO17, stage.rig, settings, FuseSettings(), StageClock()))
+    return list(follower(stage.rig, people).follow(stage))
+
+
+def follower(rig: Rig, people: int) -> Follower:
+    return Follower(skeleton=COCO17, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings())
 
 
 def test_one_search_then_the_pose_tells_every_view_where_to_look(ring_rig) -> None:
@@ -111,6 +132,34 @@ def test_nobody_at_all_is_no_error_and_not_searched_every_time(ring_rig) -> None
     seen = followed(stage)
     assert [len(one.pose.person_id) for one in seen] == [0] * 20
     assert len(stage.searches) == 4
+
+
+@pytest.mark.parametrize("blind", [(), (1, 3)])
+def test_the_log_answers_as_the_detector_did(ring_rig, blind: tuple[int, ...]) -> None:
+    stage = Stage(ring_rig(4), {0: range(30), 1: range(5, 30)}, blind)
+    stage.present = {0: [*range(7), *range(13, 30)], 1: range(5, 30)}
+    first = followed(stage, people=2)
+    log, asked = observations_of(first, COCO17, stage.rig), len(stage.searches)
+    again = list(follower(stage.rig, 2).follow(stored_steps(log)))
+    assert len(stage.searches) == asked, "the detector is not asked again"
+    for one, other in zip(first, again, strict=True):
+        assert [batch.kind for batch in one.batches] == [batch.kind for batch in other.batches]
+        np.testing.assert_array_equal(one.pose.xyz_world, other.pose.xyz_world)
+    ids = observations_of(again, COCO17, stage.rig).person_id
+    np.testing.assert_array_equal(ids, log.person_id)
+
+
+def test_a_look_that_was_not_taken_is_answered_by_all_that_is_known_of_the_frame(ring_rig) -> None:
+    """Followed alone, one person is in the log of most frames; the other only where whole images were searched."""
+    stage = Stage(ring_rig(4), {0: range(30), 1: range(30)})
+    log = observations_of(followed(stage, people=1), COCO17, stage.rig)
+    step = next(iter(stored_steps(log)))
+    kinds = log.frame_look[step.frames]
+    assert set(kinds) == {LookKind.EXPECTED, LookKind.SEARCH}
+    assert [len(found) for found in step.look(LookKind.SECOND, None)] == [2] * 4
+    both = list(follower(stage.rig, 2).follow(stored_steps(log)))
+    assert len(both[0].pose.person_id) == 2
+    assert all(len(one.pose.person_id) == 1 for one in both[1:])
 
 
 def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> None:

@@ -5,11 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posefuse.core import InputError, Recording, Views
+from posefuse.core import (
+    DetectionBatch,
+    Detections2D,
+    InputError,
+    LookKind,
+    Observations,
+    PoseSequence,
+    Recording,
+    views_over_time,
+)
 from posefuse.core.skeleton import COCO17
-from posefuse.fusion import FuseSettings, fuse
-from posefuse.pipeline.following import Seen
-from posefuse.pipeline.second_pass import poses_over_time, views_of, views_over_time
+from posefuse.fusion import FuseSettings
+from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.tracking import SmoothSettings
 
 T, K, PERIOD_NS = 40, len(COCO17), 33_333_333
@@ -23,20 +31,33 @@ def body(t_ns: float) -> np.ndarray:
     return BODY + VELOCITY * t_ns * 1e-9
 
 
-def seen_by(rig, late_ns: np.ndarray, people: tuple[int, ...] = (0,), without: dict[int, tuple[int, ...]] | None = None) -> list:
-    """Instants at which every camera's frame was taken late by its own time; `without`: instant -> cameras that saw nobody."""
-    seen = []
+def seen_by(
+    rig, late_ns: np.ndarray, people: dict[int, range] | None = None, without: dict[int, tuple[int, ...]] | None = None
+) -> Observations:
+    """Every camera's frame was exposed late by its own time; `without`: time step -> cameras that saw no person."""
+    batches, person_ids = [], []
     for i in range(T):
-        t_ns = i * PERIOD_NS
-        xy = np.stack([c.project(body(t_ns + late)) for c, late in zip(rig, late_ns, strict=True)])
-        score = np.ones((len(rig), K))
-        for c in (without or {}).get(i, ()):
-            xy[c], score[c] = np.nan, 0.0
-        sigma = np.where(score > 0, 1.5, np.nan)
-        everybody = [np.stack([plane] * len(people)) for plane in (xy, score, sigma)]
-        views = Views(t_ns, COCO17, rig.names, np.array(people), *everybody)
-        seen.append(Seen(views, tuple(int(t_ns + late) for late in late_ns), fuse(views, rig, FUSE)))
-    return seen
+        ids = np.array([person for person, steps in (people or {0: range(T)}).items() if i in steps])
+        detections = []
+        for c, (camera, late) in enumerate(zip(rig, late_ns.tolist(), strict=True)):
+            t_ns = i * PERIOD_NS + late
+            n = 0 if c in (without or {}).get(i, ()) else len(ids)
+            xy = np.repeat(camera.project(body(t_ns))[None], n, axis=0)
+            planes = np.ones((n, K)), np.full((n, K), 1.5), np.zeros((n, 4))
+            detections.append(Detections2D(camera.name, t_ns, COCO17, xy, *planes))
+        batches.append(DetectionBatch(step=i, t_ns=i * PERIOD_NS, kind=LookKind.EXPECTED, detections=tuple(detections)))
+        person_ids.append([ids[: len(one)] for one in detections])
+    return Observations.from_batches(COCO17, rig.names, batches, person_ids)
+
+
+def views_of(seen: Observations):
+    return views_over_time(seen, long_enough(seen))
+
+
+def raw(seen: Observations, rig) -> PoseSequence:
+    """Fused as if every frame had been exposed at its time step."""
+    at_steps = replace(seen, frame_t_ns=seen.step_t_ns[seen.frame_step])
+    return poses_over_time(views_of(at_steps), rig, FUSE, None)
 
 
 def worst_mm(poses) -> float:
@@ -48,27 +69,26 @@ def worst_mm(poses) -> float:
 def test_cameras_out_of_step_agree_once_brought_to_common_instants(ring_rig) -> None:
     rig = ring_rig(4, distortion=(-0.1, 0.02, 0.0, 0.0))
     seen = seen_by(rig, LATE_NS)
-    views = views_over_time(seen)
+    views = views_of(seen)
     assert views.t_ns.tolist() == [i * PERIOD_NS for i in range(T)]
     brought = poses_over_time(views, rig, FUSE, None)
-    as_they_were = [one.pose for one in seen]
-    off_mm = 1000 * max(np.abs(p.xyz_world[0] - body(p.t_ns)).max() for p in as_they_were[2:-2])
-    assert off_mm > 5
+    assert worst_mm(raw(seen, rig)) > 5
     assert worst_mm(brought) < 0.3
 
 
 def test_cameras_in_step_are_left_as_they_are(ring_rig) -> None:
     rig = ring_rig(4)
     seen = seen_by(rig, np.array([0, 50_000, -80_000, 0]))
-    views = views_over_time(seen)
+    views = views_of(seen)
     for i in (0, 7, T - 1):
-        assert np.array_equal(views.xy_img[i], seen[i].views.xy_img)
+        for c in range(4):
+            assert np.array_equal(views.xy_img[i, 0, c], seen.detections(i * 4 + c).xy_img[0])
 
 
 def test_no_interpolation_across_a_hole(ring_rig) -> None:
     rig = ring_rig(4)
     seen = seen_by(rig, LATE_NS, without={10: (1,), 11: (1,)})
-    views = views_over_time(seen)
+    views = views_of(seen)
     assert np.isnan(views.xy_img[10, 0, 1]).all()
     assert (views.score[10, 0, 1] == 0).all()
     nine = views.xy_img[9, 0, 1]  # late frame, so its other neighbour is instant 8, which is there
@@ -77,26 +97,20 @@ def test_no_interpolation_across_a_hole(ring_rig) -> None:
 
 def test_whoever_was_seen_for_a_moment_only_is_left_out(ring_rig) -> None:
     rig = ring_rig(4)
-    seen = seen_by(rig, LATE_NS * 0)
-    brief = seen_by(rig, LATE_NS * 0, people=(0, 1))[:3]
-    views = views_over_time([*brief, *seen[3:]])
-    assert views.person_id.tolist() == [0]
-    nobody = [replace_people(one) for one in seen]
+    seen = seen_by(rig, LATE_NS * 0, people={0: range(T), 1: range(3)})
+    assert views_of(seen).person_id.tolist() == [0]
+    kept = seen.keeping(long_enough(seen))
+    assert len(kept) == len(seen)
+    assert set(kept.person_id.tolist()) == {0, -1}
     with pytest.raises(InputError, match="no person could be followed"):
-        views_over_time(nobody)
-
-
-def replace_people(one: Seen) -> Seen:
-    views = one.views
-    empty = Views(views.t_ns, COCO17, views.camera_names, [], views.xy_img[:0], views.score[:0], views.sigma_px[:0])
-    return replace(one, views=empty)
+        long_enough(seen.keeping([]))
 
 
 def test_a_recording_can_be_fused_again_from_what_it_keeps(ring_rig) -> None:
     rig = ring_rig(3)
-    views = views_over_time(seen_by(rig, np.zeros(3, int)))
+    seen = seen_by(rig, LATE_NS[:3])
+    views = views_of(seen)
     poses = poses_over_time(views, rig, FUSE, SmoothSettings())
-    recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px)
-    again = poses_over_time(views_of(recording), rig, FUSE, SmoothSettings())
-    assert np.allclose(again.xyz_world, poses.xyz_world, atol=1e-5)
+    again = poses_over_time(Recording(rig, poses, seen).views, rig, FUSE, SmoothSettings())
+    assert np.array_equal(again.xyz_world, poses.xyz_world)
     assert worst_mm(poses) < 3

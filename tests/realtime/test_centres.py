@@ -1,25 +1,24 @@
 """Joint centres live: what goes out has moved, what the views are told has not, and a recording says by which table."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from posefuse.cli.replay import difference_m, replayed
-from posefuse.core import Detections2D, MessageError, Pose3D
+from posefuse.core import Detections2D, LiveDetections, LiveJointCentres, LiveMessage, LivePose, LiveStart, MessageError, Pose3D
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.messages.intake import decode, encode
+from posefuse.outputs.live import RecordConfig
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.joint_centres import Centring, centres_from_message, message_from_centres
+from posefuse.realtime.joint_centres import Centring, centres_from_message, live_centres, message_from_centres
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.outputs import OutputPlan
 from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.session import new_board, ready_tracker
-from posefuse.realtime.sinks import RecordSink
 from posefuse.tracking import JointCentres, at_joint_centres, read_joint_centres
 from posefuse.tracking.segments import segment_lengths
 
@@ -33,10 +32,10 @@ class Kept:
     """Outlets that keep what they are offered."""
 
     def __init__(self) -> None:
-        self.offered: list[tuple] = []
+        self.offered: list[LiveMessage] = []
 
-    def offer(self, kind: str, *values: object) -> None:
-        self.offered.append((kind, *values))
+    def offer(self, message: LiveMessage) -> None:
+        self.offered.append(message)
 
 
 class Still:
@@ -67,7 +66,7 @@ def test_what_goes_out_is_at_joint_centres_and_the_views_are_told_landmarks(ring
     fusion.tick(BEGIN_NS, PERIOD_NS)
     fusion.take(Centres(rig.names, FULL))
     fusion.tick(BEGIN_NS + 5 * PERIOD_NS, PERIOD_NS)
-    before, after = (values[1] for values in kept.offered if values[0] == "pose")
+    before, after = (message.pose for message in kept.offered if isinstance(message, LivePose))
     expected = at_joint_centres(before, FULL, FULL.usual).xyz_world if wanted else before.xyz_world
     np.testing.assert_array_equal(before.xyz_world[0], somebody)
     np.testing.assert_array_equal(after.xyz_world, expected)
@@ -75,7 +74,8 @@ def test_what_goes_out_is_at_joint_centres_and_the_views_are_told_landmarks(ring
     assert (np.abs(after.xyz_world - before.xyz_world).max() > 0.01) == wanted
     assert fusion.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
     # the table belongs to the views, wanted or not
-    assert [values[2] for values in kept.offered if values[0] == "centres"] == [Centres(rig.names, FULL)]
+    told = [message for message in kept.offered if isinstance(message, LiveJointCentres)]
+    assert [(message.cameras, message.fields) for message in told] == [(rig.names, asdict(FULL))]
 
 
 def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) -> None:
@@ -152,19 +152,21 @@ def test_a_table_that_makes_no_sense_is_refused(change, words) -> None:
 def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, somebody, tmp_path: Path) -> None:
     rig, config = ring_rig(3), LiveConfig()
     path, clock = tmp_path / "live.mcap", SessionClock.begin()
-    sink = RecordSink(OutputPlan(rig, clock, record=path, notes=notes_of(rig, config)))
+    sink = RecordConfig(path=path).build()
+    start_ns, notes = clock.now_ns(), notes_of(rig, config)
+    sink.take(LiveStart(t_ns=start_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns, notes=notes))
     tracker, centring = ready_tracker(rig, BLAZEPOSE33, config), Centring(rig.names, wanted=True)
     told = Centres(rig.names, FULL)
-    sink.take("centres", (BEGIN_NS, told))
+    sink.take(live_centres(told, BEGIN_NS))
     centring.learn(told)
     for i in range(30):
         t_ns = BEGIN_NS + i * PERIOD_NS
         camera = rig.cameras[i % 3]
         xy, ones = camera.project(somebody)[None], np.ones((1, K))
         view = Detections2D(camera.name, t_ns, BLAZEPOSE33, xy, ones, ones, np.zeros((1, 4)))
-        sink.take("view", (view, {}))
+        sink.take(LiveDetections(detections=view))
         tracker.add(view)
-        sink.take("pose", (centring.moved(tracker.at(t_ns)), {}, None))
+        sink.take(LivePose(pose=centring.moved(tracker.at(t_ns))))
     sink.close()
     pairs = list(replayed(path, rig, config))
     assert len(pairs) == 30 and len(pairs[-1][0].person_id) == 1

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Truth
 from posefuse.detection import OracleNoise, OracleViews, oracle_views
 from posefuse.formats.truth import read_truth
 from posefuse.health.clock_finding import ClockFinder
-from posefuse.health.rig_monitor import telling_points
 
 MACHINES_S = np.array([0.0, 0.05, 0.0, 0.05])
 RATE_HZ = 30.0
@@ -28,7 +28,7 @@ def views(truth: Truth) -> OracleViews:
 
 def fed(truth: Truth, views: OracleViews, offset_s: np.ndarray, rate_hz: float, seconds: float, seed: int) -> dict[str, float]:
     """What is found after some seconds of the clip, played again and again from any moment, with frames lost at random."""
-    finder, told, rng = ClockFinder(truth.rig), telling_points(truth.skeleton.keypoints), np.random.default_rng(seed)
+    finder, told, rng = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints), np.random.default_rng(seed)
     frames, found = len(truth.t_ns), {}
     begin = int(rng.integers(frames))
     for step in range(round(seconds * RATE_HZ)):
@@ -70,7 +70,7 @@ def test_what_cannot_be_known_is_not_told(truth: Truth, views: OracleViews) -> N
 
 
 def test_a_clock_that_is_set_is_followed(truth: Truth, views: OracleViews) -> None:
-    finder, told = ClockFinder(truth.rig), telling_points(truth.skeleton.keypoints)
+    finder, told = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints)
     found: dict[str, float] = {}
     for step in range(50 * 30):
         for c, name in enumerate(truth.rig.names):

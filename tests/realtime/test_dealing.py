@@ -5,6 +5,7 @@ from itertools import chain, combinations
 import numpy as np
 import pytest
 
+from posefuse.realtime import assignment as dealing
 from posefuse.realtime.assignment import dealt
 
 
@@ -57,3 +58,17 @@ def test_one_process_each_and_one_for_all(ring_rig) -> None:
     rig = ring_rig(3)
     assert dealt(rig, rig.names, 3) == [["cam00"], ["cam01"], ["cam02"]]
     assert dealt(rig, rig.names, 1) == [["cam00", "cam01", "cam02"]]
+
+
+@pytest.mark.parametrize("count", [4, 6, 8])
+def test_equally_good_assignments_are_decided_by_name_not_by_rounding(ring_rig, count, monkeypatch) -> None:
+    """A ring has several equally good assignments; what another processor makes of the last bits must not choose."""
+    rig = ring_rig(count)
+    expected, rng = dealt(rig, rig.names, 2), np.random.default_rng(3)
+    exact = dealing._information
+    if count == 4:
+        assert expected == [["cam00", "cam01"], ["cam02", "cam03"]]
+    for _ in range(40):
+        noise = 1 + 1e-13 * rng.standard_normal((count, 3, 3))
+        monkeypatch.setattr(dealing, "_information", lambda one, noise=noise: exact(one) * noise)
+        assert dealt(rig, rig.names, 2) == expected

@@ -26,7 +26,7 @@ def test_a_cut_link_and_a_clock_that_is_off_are_survived_and_found() -> None:
     if reason:
         pytest.skip(reason)
     command = [sys.executable, str(BENCH / "live_faults.py"), "--detector", "oracle", "--only", "cut", "50 ms ahead"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
     cut, clock = json.loads(done.stdout)["cases"]
     assert cut["named"] == "silent"

@@ -3,13 +3,13 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import Running
 
 from posefuse.core import SKELETONS, Detections2D
 from posefuse.realtime.clock import SessionClock
@@ -26,26 +26,16 @@ DOMAIN = 10 + os.getpid() % 80
 PATIENCE_S = 120.0
 
 
-def node(part: str, session: Path, *options: str) -> subprocess.Popen:
+def node(part: str, session: Path, *options: str) -> Running:
     command = [sys.executable, "-m", "posefuse.cli.main", "node", part, str(session / "rig.toml"), "--json"]
     command += ["--local-only", "--domain", str(DOMAIN), *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return Running(command)
 
 
-def told(running: subprocess.Popen, words: str) -> str:
-    """What it has said up to the line with those words."""
-    said = ""
-    for line in running.stderr:
-        said += line
-        if words in line:
-            return said
-    raise AssertionError(f"never said {words!r}: {said}")
-
-
-def stopped(running: subprocess.Popen) -> dict:
-    running.send_signal(signal.SIGINT)
-    out, err = running.communicate(timeout=60)
-    assert running.returncode == 0, err
+def stopped(running: Running) -> dict:
+    running.process.send_signal(signal.SIGINT)
+    out, err = running.finished()
+    assert running.process.returncode == 0, err
     return json.loads(out)
 
 
@@ -78,12 +68,12 @@ def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> No
             sources = [part for camera in cameras for part in ("--source", f"{camera}=sim:{demo_session}")]
             nodes.append(node("camera", demo_session, "--name", name, *shared, *sources))
         for running, words in zip(nodes, ("first view", "in process", "in process"), strict=True):
-            told(running, words)
+            running.err.wait_for(words, PATIENCE_S)
         wait_until_heard(dict.fromkeys(("cam00", "cam01", "cam02", "cam03"), 60), poses=60)
         figures, *sent = [stopped(running) for running in nodes]
     finally:
         for running in nodes:
-            running.kill()
+            running.process.kill()
     assert figures["poses_with_people"] > 50
     assert all(camera["used"] > 20 for camera in figures["cameras"].values())
     assert figures["messages"]["refused"] == 0

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Detections2D, Rig, Truth
 from posefuse.formats.truth import read_truth
 from posefuse.health.common_times import CommonInstants
-from posefuse.health.rig_monitor import telling_points
 from posefuse.realtime.rig_watch import RigWatch, Watcher, watching
 
 S = 1_000_000_000
@@ -80,7 +80,7 @@ def test_memory_stays_bounded() -> None:
 
 def fed(watcher: Watcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:
     """Kinds found by camera, after the clip was shown as cameras at `rig` see it, each at times of its own."""
-    told = telling_points(truth.skeleton.keypoints)
+    told = limb_keypoints(truth.skeleton.keypoints)
     stays = np.random.default_rng(5).normal(0, 4.0, (len(rig), len(truth.skeleton), 2))
     times_s = (truth.t_ns - truth.t_ns[0]) / 1e9
     for step in range(round(seconds * RATE_HZ)):

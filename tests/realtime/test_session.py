@@ -8,11 +8,12 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import Running
 
 from posefuse.cli.replay import difference_m, replay, replayed
 from posefuse.cli.terminal import Terminal
@@ -46,24 +47,19 @@ class Live:
     """A running session whose notes are read as they come."""
 
     def __init__(self, arguments: list[str]) -> None:
-        self.process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.notes: list[str] = []
+        self._running = Running(arguments)
+        self.process = self._running.process
 
     def wait_for(self, pattern: str) -> re.Match:
-        end = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end:
-            line = self.process.stderr.readline()
-            self.notes.append(line)
-            found = re.search(pattern, line)
-            if found:
-                return found
-            if not line and self.process.poll() is not None:
-                break
-        raise AssertionError(f"nothing like {pattern!r} in: {''.join(self.notes)}")
+        try:
+            return self._running.err.wait_for(pattern, PATIENCE_S)
+        except AssertionError:
+            self.process.kill()
+            raise
 
     def figures(self) -> dict:
-        out, err = self.process.communicate(timeout=PATIENCE_S)
-        assert self.process.returncode == 0, "".join(self.notes) + err
+        out, err = self._running.finished(PATIENCE_S)
+        assert self.process.returncode == 0, err
         return json.loads(out)
 
 
@@ -195,6 +191,50 @@ def test_the_report_says_where_the_time_went(killed: tuple[dict, Path, list[int]
     assert "<svg" in (folder / "latency.html").read_text()
 
 
+def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_1(demo_session: Path, tmp_path: Path) -> None:
+    recording, report = tmp_path / "a.mcap", tmp_path / "report"
+    live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
+    outputs = int(live.wait_for(r"outputs record in process (\d+)")[1])
+    live.wait_for("cam03: ok")
+    until(lambda: recording.stat().st_size > 100_000)
+    os.kill(outputs, signal.SIGKILL)
+    live.wait_for(f"outputs: failed: process {outputs} ended by signal SIGKILL; starting again")
+    live.wait_for(f"output record: ok: goes on in {tmp_path / 'a.2.mcap'}")
+    until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
+    live.process.send_signal(signal.SIGINT)
+    out, err = live.process.communicate(timeout=PATIENCE_S)
+    assert live.process.returncode == 1
+    assert "Traceback" not in "".join(live.notes) + err
+    figures = json.loads(out)
+    assert figures["failed"] == ["record"]
+    assert figures["outputs_lost"] > 0
+    assert [(event["output"], event["state"]) for event in figures["output_events"]] == [("process", "failed"), ("record", "ok")]
+    assert "process | failed | process" in (report / "latency.md").read_text()
+    diagnostics = [entry.msg for entry in read_mcap(tmp_path / "a.2.mcap", {topics.DIAGNOSTICS.name})]
+    [line] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
+    assert "goes on after 1 failures" in line.message and "SIGKILL" in line.message
+    said: list[str] = []
+    first = list(read_poses(recording, warn=said.append))
+    second = list(read_poses(tmp_path / "a.2.mcap", warn=said.append))
+    assert first and second and len(said) == 1
+    # a replay takes what was cut off, too
+    done = subprocess.run(
+        [sys.executable, "-m", "posefuse.cli.main", "live", str(demo_session / "rig.toml"), "--replay", str(recording), "--json"],
+        capture_output=True, text=True, check=False, timeout=PATIENCE_S,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert "was cut off" in done.stderr
+    figures = json.loads(done.stdout)
+    assert figures["equal"] == figures["poses"] == len(first)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.05)
+
+
 def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> None:
     with listener() as osc, listener() as plain:
         live = Live(
@@ -249,13 +289,16 @@ def address(bound: socket.socket) -> str:
         ("cam00=usb:/dev/video99", (), ("/dev/video99", "no such device")),
         (None, ("--osc", "nonsense"), ("host:port",)),
         (None, ("--record", "/nowhere/x.mcap"), ("/nowhere/x.mcap",)),
+        (None, ("--output", "nothing"), ("no plug-in 'nothing'", "there are:", "osc")),
     ],
 )
 def test_what_cannot_be_opened_is_one_line(
     demo_session: Path, source: str | None, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     extra = ("--source", f"cam01=video:{demo_session / 'videos' / 'cam01.mp4'}") if source else ()
-    done = subprocess.run(command(demo_session, *extra, *options, source=source), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command(demo_session, *extra, *options, source=source), capture_output=True, text=True, check=False, timeout=120
+    )
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert all(word in done.stderr for word in words)

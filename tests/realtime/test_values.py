@@ -3,6 +3,7 @@
 import itertools
 import multiprocessing
 import re
+import socket
 import threading
 import time
 from dataclasses import replace
@@ -13,17 +14,18 @@ import pytest
 
 from posefuse.cli.live_report import write_report
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
-from posefuse.health.cameras import Monitor, Verdict
+from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime.board import Board
 from posefuse.realtime.capture import Capture, Caught, LiveInput, pick
 from posefuse.realtime.channel import Channel, ChannelClosed
 from posefuse.realtime.faults import Fault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, Way
-from posefuse.realtime.messages import CameraState, Seen
+from posefuse.realtime.messages import Seen
+from posefuse.realtime.news import News
+from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.processes import Groups, _Member, ended
 from posefuse.realtime.scheduling import expected_gain
-from posefuse.realtime.session import News
 from posefuse.sources.live.stream import StampClock
 
 S = 1_000_000_000
@@ -181,7 +183,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
 
 def test_all_that_changes_is_told_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None), 0, said.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, said.append)
     for second in range(1200):
         monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
         news.tell(second * S)
@@ -232,7 +234,7 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
         for name in ("a", "b"):
             latencies.view_out(Way(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
     fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b"), id="r"))
-    figures = {"latency": latencies.figures(), "events": []}
+    figures = {"latency": latencies.figures(), "events": [], "output_events": []}
     write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
     page = (tmp_path / "latency.html").read_text()
     blue, red = re.findall(r'stroke="#36c" d="([^"]*)"', page), re.findall(r'stroke="#c33" d="([^"]*)"', page)
@@ -244,18 +246,41 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
 # --- between processes
 
 
-def test_a_channel_keeps_messages_whole_and_is_bounded() -> None:
-    one, two = Channel.pair()
+def loopback_pair() -> tuple[socket.socket, socket.socket, bool]:
+    """As Windows makes a socket pair."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        one = socket.create_connection(server.getsockname())
+        return one, server.accept()[0], False
+
+
+PAIRS = {"packets": None, "unix stream": lambda: (*socket.socketpair(), False), "loopback": loopback_pair}
+
+
+@pytest.fixture(params=PAIRS)
+def channels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[Channel, Channel]:
+    if PAIRS[request.param]:
+        monkeypatch.setattr("posefuse.realtime.channel.message_sockets", PAIRS[request.param])
+    return Channel.pair()
+
+
+def received(channel: Channel, other: Channel) -> object:
+    """The next message; what the other end still has to send goes out whenever it is used."""
+    assert other.receive() is None
+    return channel.receive() if channel.wait(0.2) else None
+
+
+def test_a_channel_keeps_messages_whole_and_is_bounded(channels: tuple[Channel, Channel]) -> None:
+    one, two = channels
     assert two.receive() is None
     assert one.send({"x": 1}) and one.send(b"y" * 50_000)
-    assert two.receive() == {"x": 1}
-    assert len(two.receive()) == 50_000
+    assert received(two, one) == {"x": 1}
+    assert len(received(two, one)) == 50_000
     sent = 0
     while one.send(b"z" * 10_000):
         sent += 1
         assert sent < 10_000
     assert not one.send(b"z" * 10_000)
-    while two.receive() is not None:
+    while received(two, one) is not None:
         sent -= 1
     assert sent == 0
     one.close()
@@ -263,6 +288,33 @@ def test_a_channel_keeps_messages_whole_and_is_bounded() -> None:
         two.receive()
     with pytest.raises(ChannelClosed):
         two.send(1)
+
+
+def test_half_a_message_is_never_given_out(channels: tuple[Channel, Channel]) -> None:
+    """A writer that is killed midway: what came whole is received, then the end."""
+    one, two = channels
+    sent = 0
+    while one.send(bytes([sent % 251]) * 30_011):
+        sent += 1
+    one.close_own()
+    whole = []
+    with pytest.raises(ChannelClosed):
+        while two.wait(5.0):
+            whole.append(two.receive())
+    whole = [message for message in whole if message is not None]
+    assert sent - 1 <= len(whole) <= sent
+    assert all(message == bytes([n % 251]) * 30_011 for n, message in enumerate(whole))
+
+
+def test_a_channel_waits_for_room_when_asked_to(channels: tuple[Channel, Channel]) -> None:
+    one, two = channels
+    sent = 0
+    while one.send(b"z" * 10_000):
+        sent += 1
+    reader = threading.Timer(0.1, lambda: [two.receive() for _ in range(sent // 2)])
+    reader.start()
+    assert one.send(b"last", wait_s=10.0)
+    reader.join(10.0)
 
 
 # --- what the user says

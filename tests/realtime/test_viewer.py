@@ -2,48 +2,59 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Detections2D, Pose3D
+from posefuse.core import (
+    SKELETONS,
+    CameraHealth,
+    Detections2D,
+    LiveDetections,
+    LiveHealth,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    Pose3D,
+)
 from posefuse.realtime.clock import SessionClock
-from posefuse.realtime.messages import Preview
-from posefuse.realtime.outputs import OutputPlan
 
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 
-from posefuse.realtime.viewer import ViewSink, health_table, plot_rgb
+from posefuse.outputs.live.viewer import RerunLiveConfig, health_table, plot_rgb
 
 S = 1_000_000_000
 
 
 def printed(path: Path) -> str:
     command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
 def test_people_pictures_and_ill_cameras_are_logged(tmp_path, ring_rig) -> None:
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     k, now_ns = len(skeleton), clock.now_ns()
-    sink = ViewSink(OutputPlan(rig, clock, view=str(tmp_path / "live.rrd")))
+    sink = RerunLiveConfig(file=tmp_path / "live.rrd").build()
+    sink.take(LiveStart(t_ns=now_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns))
     xyz = np.random.default_rng(0).normal(size=(1, k, 3)) * 0.3 + [0, 0, 1.0]
     cov, every = np.tile(np.eye(3), (1, k, 1, 1)), np.ones((1, k))
     pose = Pose3D(now_ns, skeleton, [7], xyz, cov, every, 3 * every, every)
     nobody = Pose3D(now_ns + S, skeleton, [], xyz[:0], cov[:0], every[:0], every[:0], every[:0])
     xy, ones = rig["cam01"].project(xyz), np.ones((1, k), np.float32)
     jpeg = cv2.imencode(".jpg", np.full((30, 40, 3), 90, np.uint8))[1].tobytes()
-    sink.take("pose", (pose, {}, None))
-    sink.take("view", (Detections2D("cam01", now_ns, skeleton, xy, ones, 2 * ones, np.zeros((1, 4))), {}))
-    sink.take("preview", (Preview("cam02", now_ns, jpeg, (40, 30)),))
+    sink.take(LivePose(pose=pose))
+    sink.take(LiveDetections(detections=Detections2D("cam01", now_ns, skeleton, xy, ones, 2 * ones, np.zeros((1, 4)))))
+    sink.take(LivePreview(camera="cam02", t_ns=now_ns, jpeg=jpeg, size_wh=(40, 30)))
     rates = {"captured": 10.0, "used": 9.0, "replaced": 1.0, "latency_p95_ms": 30.0, "innovation_sigmas": 1.1, "age_ms": 12.0}
     states = {"cam00": ("ok", ""), "cam01": ("frozen", "the same image"), "cam02": ("ok", "")}
-    sink.take("health", (now_ns, states, dict.fromkeys(rig.names, rates)))
-    more = {**rates, "captured": 25.0}
-    sink.take("health", (now_ns + S // 2, states, dict.fromkeys(rig.names, more)))
-    sink.take("pose", (nobody, {}, None))
+    cameras = {name: CameraHealth(state=state, text=text, figures=rates) for name, (state, text) in states.items()}
+    sink.take(LiveHealth(t_ns=now_ns, cameras=cameras))
+    later = {name: replace(camera, figures={**rates, "captured": 25.0}) for name, camera in cameras.items()}
+    sink.take(LiveHealth(t_ns=now_ns + S // 2, cameras=later))
+    sink.take(LivePose(pose=nobody))
     sink.close()
     listing = printed(tmp_path / "live.rrd")
     logged = ("people/7/bones", "cameras/cam01/detections", "cameras/cam02/image")
@@ -51,7 +62,7 @@ def test_people_pictures_and_ill_cameras_are_logged(tmp_path, ring_rig) -> None:
         assert f"/{entity}" in listing
     assert "Clear" in listing
     assert "TextDocument:text" in listing
-    table = health_table(states, dict.fromkeys(rig.names, rates), dict.fromkeys(rig.names, 29.7))
+    table = health_table(cameras, dict.fromkeys(rig.names, 29.7))
     assert table.splitlines()[2:4] == [
         "| cam00 | ok | 30 | 12 | 1 | 30 | 1.10 |", "| cam01 | **frozen** the same image | 30 | 12 | 1 | 30 | 1.10 |"
     ]  # fmt: skip

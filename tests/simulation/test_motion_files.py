@@ -231,7 +231,7 @@ def recording(times: np.ndarray, people: dict[int, np.ndarray], rig) -> Recordin
         np.full((t, n, k), 2), np.zeros((t, n, k)),
     )  # fmt: skip
     views = (t, n, len(rig), k)
-    return Recording(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
+    return Recording.from_views(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
 
 
 def test_result_animates_a_person(tmp_path: Path, body: Body, squat: tuple[np.ndarray, np.ndarray], ring_rig) -> None:

@@ -115,7 +115,7 @@ print(int(image.mean()), round(float(depth[40, 32]), 2))
     reason = backends._why_not(name)
     if reason is not None:
         pytest.skip(f"{name} does not work here: {reason}")
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
     assert run.returncode == 0, run.stderr
     brightness, depth_m = run.stdout.split()
     assert 60 < int(brightness) < 220

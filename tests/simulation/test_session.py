@@ -10,9 +10,12 @@ import yaml
 
 from posefuse.core import InputError, SourceError
 from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
-from posefuse.formats.truth import read_arrays, read_truth
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.manifest import MANIFEST_FILE, contents
 from posefuse.simulation import Scene, read_scene, simulate, truth_of
+from posefuse.simulation import session as sessions
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
 from posefuse.simulation.motion.settings import IdleSettings, TPoseSettings
@@ -87,7 +90,8 @@ def test_the_written_scene_is_the_scene(session):
 
 
 def test_nothing_marks_a_finished_session_as_unfinished(session):
-    assert sorted(path.name for path in session.iterdir()) == ["rig.toml", "scene.yaml", "truth", "videos"]
+    assert sorted(path.name for path in session.iterdir()) == [MANIFEST_FILE, "rig.toml", "scene.yaml", "truth", "videos"]
+    assert contents(session).foreign == ()
 
 
 def test_truth_without_rendering_differs_in_visibility_only(session):
@@ -167,23 +171,51 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_processes_and_aft
 
 def test_a_folder_with_something_else_is_left_alone(session, tmp_path):
     (tmp_path / "mine.txt").write_text("precious")
-    with pytest.raises(InputError, match="is not empty; delete it or choose another folder"):
-        simulate(_SCENE, tmp_path)
-    with pytest.raises(InputError, match="is not empty"):
+    for replace in (False, True):
+        with pytest.raises(InputError, match=r"holds what posefuse did not write .*\(mine.txt\)"):
+            simulate(_SCENE, tmp_path, replace=replace)
+    with pytest.raises(InputError, match="holds results already"):
         simulate(_SCENE, session)
     assert (tmp_path / "mine.txt").read_text() == "precious"
 
 
 def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_path):
-    (tmp_path / "INCOMPLETE").touch()
+    (tmp_path / "INCOMPLETE").write_text(sessions._MARKER_TEXT)
     (tmp_path / "scene.yaml").write_text("duration_s: 3\ncameras: {kind: ring}\n")
     with pytest.raises(InputError, match="unfinished session of another scene"):
         simulate(_SCENE, tmp_path)
 
 
+def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, backend):
+    camera = RingCameras(kind="ring", count=1, radius_m=3.0, image=ImageSettings(size_px=(80, 60)))
+    jpeg = JpegSettings(kind="jpeg")
+    scene = dataclasses.replace(_SCENE, record=jpeg, duration_s=0.1, people=(), props=(), occluders=(), cameras=camera)
+    folder = tmp_path / "session"
+    # of another scene, unfinished: moved aside and kept
+    sessions._begin(sessions.SessionPaths(folder), dataclasses.replace(scene, duration_s=0.2))
+    (folder / "parts" / "notes.txt").write_text("the user's")
+    simulate(scene, folder, processes=1, replace=True)
+    [aside] = tmp_path.glob("session.replaced-*")
+    assert (aside / "parts" / "notes.txt").read_text() == "the user's"
+    # finished and unchanged: replaced, and nothing of it stays
+    before = _contents(folder)
+    simulate(scene, folder, processes=1, replace=True)
+    assert _contents(folder) == before
+    assert set(tmp_path.iterdir()) == {folder, aside}
+
+
+def test_a_file_of_the_user_among_the_parts_stays(tmp_path):
+    paths = sessions.SessionPaths(tmp_path)
+    paths.parts.mkdir()
+    run = sessions._Run(0, slice(0, 1), paths.parts / "cam00-00000.mp4", paths.parts / "cam00-00000.npz")
+    for path in (run.film, run.done, paths.parts / "notes.txt"):
+        path.touch()
+    sessions._remove_parts([run], paths)
+    assert [path.name for path in paths.parts.iterdir()] == ["notes.txt"]
+
+
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
     """Relative files count from the scene file, and the session can be moved."""
-    from posefuse.simulation import session as sessions
     from posefuse.simulation.motion.settings import BvhSettings
 
     (tmp_path / "walk.bvh").write_text("HIERARCHY")

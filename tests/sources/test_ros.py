@@ -1,7 +1,6 @@
 """A ROS 2 image topic, sent by another process on loopback."""
 
 import os
-import subprocess
 import sys
 import textwrap
 import threading
@@ -9,6 +8,7 @@ from itertools import islice, takewhile
 
 import numpy as np
 import pytest
+from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
@@ -48,10 +48,9 @@ SENDER = textwrap.dedent(
 
 @pytest.fixture
 def sender():
-    with subprocess.Popen([sys.executable, "-c", SENDER, str(DOMAIN)], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "sending\n"
-        yield process
-        process.kill()
+    with Running([sys.executable, "-c", SENDER, str(DOMAIN)]) as running:
+        running.out.wait_for("sending")
+        yield running.process
 
 
 def config(topic, wait_s=60.0, **more):

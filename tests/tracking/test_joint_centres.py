@@ -232,7 +232,7 @@ def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     known = np.array(centres.xyz_world)
     known[2, 1, knee] = np.nan
     score = np.isfinite(seen[..., 0]) * 1.0
-    recording = Recording(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
+    recording = Recording.from_views(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
     moved = views_at_joint_centres(recording, table)
     known_px = np.isfinite(seen[..., 0])
     known_px[2, 1] = False  # the thigh's directions are unknown there

@@ -61,7 +61,7 @@ def test_hips_and_knees_of_the_real_pipeline(demo_session: Path, truth: Truth, t
     capsys.readouterr()
     recording = read_recording(out)
     fit = fit_poses(recording.poses)
-    by_rays = fit_views(rays_at_joint_centres(recording), bodies=fit.bodies)
+    by_rays = fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=fit.bodies)
     for joints in (joints_from_poses(recording.poses), fit.joints, by_rays.joints):
         errors = by_name(angle_errors(joints, truth.joints))
         for side in ("left", "right"):

@@ -1,6 +1,7 @@
-"""Detections2D to Views: who is who, across cameras and time."""
+"""Association: which detection of each camera is which person, across cameras and time."""
 
-from .people import associate
+from .assignment import Assignment
+from .people import assign, associate
 from .settings import AssociateSettings
 
-__all__ = ["AssociateSettings", "associate"]
+__all__ = ["Assignment", "AssociateSettings", "assign", "associate"]

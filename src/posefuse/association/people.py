@@ -10,6 +10,7 @@ from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
+from .assignment import UNSEEN, Assignment
 from .candidates import Candidates, agreement, candidates_from_detections, joint_points, meeting_points
 from .settings import AssociateSettings
 
@@ -19,6 +20,14 @@ _ALONE_SHARE = 0.7
 
 
 def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, previous: Pose3D | None = None) -> Views:
+    """The people in every camera: `assign` at the time of the newest detection, and the views that come of it."""
+    t_ns = max(d.t_ns for d in detections)
+    return assign(detections, rig, settings, t_ns, previous).views(detections, t_ns)
+
+
+def assign(
+    detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, t_ns: int, previous: Pose3D | None = None
+) -> Assignment:
     """Pick, for each person, at most one detection per camera.
 
     Those already followed come first: their previous pose is held against every detection. Then newcomers: every pair
@@ -30,18 +39,18 @@ def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateS
         detections: one per camera of the rig, in its order, of one skeleton.
         rig: the cameras.
         settings: see `AssociateSettings`.
+        t_ns: the time step that the detections belong to, session clock.
         previous: the newest pose (at best predicted to this instant) in which the people were found. A person in it is
             followed; the id of one out of sight is kept free for `lost_after_s`.
 
     Returns:
-        Views: a row per person found, ordered by id; none when nobody is. A followed person seen by a single camera has
-        a row; a newcomer needs two cameras.
+        Assignment: a row per person found, ordered by id. A followed person seen by a single camera has a row; a newcomer
+        needs two cameras.
 
     Raises:
         ShapeError: detections that do not match the rig's cameras, or each other's skeleton.
     """
     _check(detections, rig)
-    t_ns = max(d.t_ns for d in detections)
     candidates = candidates_from_detections(detections, rig)
     free = np.ones(len(candidates), bool)
     found: dict[int, Array] = {}
@@ -56,7 +65,7 @@ def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateS
     open_ids = [i for i in range(settings.max_people) if i not in kept and i not in found]
     for person, members in zip(open_ids, _newcomers(candidates, free, len(open_ids), settings), strict=False):
         found[person] = members
-    return _views(detections, rig, t_ns, candidates, found)
+    return _assignment(len(rig), candidates, found)
 
 
 def _check(detections: Sequence[Detections2D], rig: Rig) -> None:
@@ -175,14 +184,9 @@ def _settled(candidates: Candidates, members: Array, free: Array, settings: Asso
     return members
 
 
-def _views(detections: Sequence[Detections2D], rig: Rig, t_ns: int, candidates: Candidates, found: dict[int, Array]) -> Views:
-    people, cameras, keypoints = len(found), len(rig), len(detections[0].skeleton)
-    xy = np.full((people, cameras, keypoints, 2), np.nan)
-    score, sigma = np.zeros((people, cameras, keypoints)), np.full((people, cameras, keypoints), np.nan)
+def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:
     ids = sorted(found)
+    place = np.full((len(ids), cameras), UNSEEN)
     for row, person in enumerate(ids):
-        for member in found[person]:
-            camera, place = int(candidates.camera[member]), int(candidates.place[member])
-            seen = detections[camera]
-            xy[row, camera], score[row, camera], sigma[row, camera] = seen.xy_img[place], seen.score[place], seen.sigma_px[place]
-    return Views(t_ns, detections[0].skeleton, rig.names, np.array(ids, np.int64), xy, score, sigma)
+        place[row, candidates.camera[found[person]]] = candidates.place[found[person]]
+    return Assignment(person_id=np.array(ids, np.int64), place=place)

@@ -8,6 +8,10 @@ from annotated_types import Ge, Gt, Le
 
 from posefuse.foundation.settings import settings
 
+# metres from the origin of the world; no place of a recording is farther
+_FARTHEST_M = 10_000.0
+Place = Annotated[float, Ge(-_FARTHEST_M), Le(_FARTHEST_M)]
+
 
 @settings
 class AssociateSettings:
@@ -23,8 +27,8 @@ class AssociateSettings:
         lost_after_s: how long the place of a followed person who is out of sight is kept free.
     """
 
-    max_people: Annotated[int, Ge(1)] = 1
-    near_xy_m: tuple[float, float] | None = None
+    max_people: Annotated[int, Ge(1), Le(1000)] = 1
+    near_xy_m: tuple[Place, Place] | None = None
     tolerance_m: Annotated[float, Gt(0)] = 0.15
     min_share: Annotated[float, Gt(0), Le(1)] = 0.4
     speed_max_m_s: Annotated[float, Gt(0)] = 4.0

@@ -1,1 +1,1 @@
-"""Config, plug-in lookup, pipelines and the command line."""
+"""The command line: parses, calls the public functions, shows what they report."""

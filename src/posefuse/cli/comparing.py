@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -12,17 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from paper.scenes.page import Line, Page, plot
 
+from paper.scenes.page import Line, Page, plot
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
 from posefuse.formats.c3d import read_c3d
+from posefuse.formats.points_csv import read_points_csv
 from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_folder import check_replaceable, output_folder
+from posefuse.foundation.places import check_apart
+from posefuse.foundation.plain_values import plain
 
-from .terminal import Terminal, plain
+from .terminal import Terminal
 
 KINDS = "a posefuse result folder, .trc, .c3d, .csv or .mvnx"
 # the segment of an MVNX file whose origin is this joint
@@ -35,10 +38,16 @@ _MVNX = {
 }  # fmt: skip
 _SYNONYMS = {"hip": "mid_hip", "hips": "mid_hip", "left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
 _ALIGN_FOR_DRIFT_S = 2.0
+# nothing that is compared is farther from its origin or lasts longer; damaged numbers are
+_FARTHEST_M = 10_000.0
+_LONGEST_S = 21_600.0
 
 
 def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Compare two recordings, write the page, show the figures."""
+    if args.out:
+        check_apart(args.out, (args.a, args.b))
+        check_replaceable(args.out, command="compare", replace=True)
     a, b = read_tracks(args.a, args.person), read_tracks(args.b, args.person)
     found = compare(a, b, time=not args.no_time, space=not args.no_space, scale=args.scale, start_s=args.align_first)
     figures = _figures(found)
@@ -46,11 +55,15 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
     terminal.facts("Alignment of the second onto the first", _facts(found))
     terminal.table("Distances, mm", ["point", "mean", "sd", "median", "p95", "share compared"], rows)
     if args.out:
-        args.out.mkdir(parents=True, exist_ok=True)
-        page = _page(a, b, found, rows).write(args.out / "compare.html")
-        with atomic_file(args.out / "compare.json") as beside:
-            beside.write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
+        # its own, unchanged, can be made again at any time: replaced without being asked
+        with output_folder(args.out, command="compare", inputs=(args.a, args.b), replace=True, warn=terminal.warn) as out:
+            _page(a, b, found, rows).write(out.folder / "compare.html")
+            (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
+        page = args.out / "compare.html"
         terminal.note(f"written: {page}")
+        terminal.next(f"open {page} in a browser", "every point over time, and the drift")
+    else:
+        terminal.next("the same with --out DIR", "a page with every point over time, and compare.json")
     return figures
 
 
@@ -87,6 +100,16 @@ def _tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz_m: A
         if name not in points and one in points and two in points:
             middle = (xyz_m[:, points.index(one)] + xyz_m[:, points.index(two)]) / 2
             xyz_m, points = np.concatenate([xyz_m, middle[:, None]], axis=1), [*points, name]
+    known = np.isfinite(xyz_m).all(axis=-1)
+    if not known.any():
+        raise InputError(f"{path}: no point is known at any time: every coordinate is missing")
+    if not (np.isfinite(t_s).all() and (np.diff(t_s) > 0).all()):
+        raise InputError(f"{path}: expected increasing times in seconds")
+    if np.abs(xyz_m[known]).max() > _FARTHEST_M or t_s[-1] - t_s[0] > _LONGEST_S:
+        raise InputError(
+            f"{path}: expected points within {_FARTHEST_M:g} m and {_LONGEST_S:g} s, got {np.abs(xyz_m[known]).max():.3g} m "
+            f"and {t_s[-1] - t_s[0]:.3g} s; is the file damaged, or in other units?"
+        )
     return Tracks(path.name, tuple(points), t_s, xyz_m)
 
 
@@ -110,36 +133,8 @@ def _from_c3d(path: Path, _: int | None) -> Tracks:
 
 
 def _from_csv(path: Path, person: int | None) -> Tracks:
-    """Posefuse's own (one row per instant, person, keypoint), or one row per instant: t_s, NAME_x, NAME_y, NAME_z, ..."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    if not rows:
-        raise InputError(f"{path}: expected a header and rows, got none")
-    columns = [column for column in rows[0] if column]
-    if {"keypoint", "x_m", "y_m", "z_m", "t_s"} <= set(columns):
-        return _from_long_csv(path, rows, person)
-    names = [
-        column[:-2] for column in columns if column.endswith("_x") and {column[:-2] + "_y", column[:-2] + "_z"} <= set(columns)
-    ]
-    if not names or "t_s" not in columns:
-        raise InputError(f"{path}: expected columns t_s, NAME_x, NAME_y, NAME_z in metres, got {', '.join(columns[:8])}")
-    xyz = np.array([[[_number(row[f"{name}_{axis}"]) for axis in "xyz"] for name in names] for row in rows])
-    return _tracks(path, names, np.array([_number(row["t_s"]) for row in rows]), xyz)
-
-
-def _from_long_csv(path: Path, rows: list[dict[str, str]], person: int | None) -> Tracks:
-    people = sorted({int(row["person"]) for row in rows})
-    chosen = people[0] if person is None else person
-    if chosen not in people:
-        raise InputError(f"{path}: no person {chosen}; there are: {', '.join(map(str, people))}")
-    mine = [row for row in rows if int(row["person"]) == chosen]
-    times = sorted({float(row["t_s"]) for row in mine})
-    names = list(dict.fromkeys(row["keypoint"] for row in mine))
-    place_t, place_k = {t: i for i, t in enumerate(times)}, {name: k for k, name in enumerate(names)}
-    xyz = np.full((len(times), len(names), 3), np.nan)
-    for row in mine:
-        xyz[place_t[float(row["t_s"])], place_k[row["keypoint"]]] = [_number(row[f"{axis}_m"]) for axis in "xyz"]
-    return _tracks(path, names, np.array(times), xyz)
+    data = read_points_csv(path, person)
+    return _tracks(path, data.names, data.t_s, data.xyz_m)
 
 
 def _from_mvnx(path: Path, _: int | None) -> Tracks:
@@ -157,17 +152,15 @@ def _from_mvnx(path: Path, _: int | None) -> Tracks:
                     times.append(float(element.get("time", "nan")) / 1000)
                     positions.append([float(number) for number in text.split()])
                 element.clear()
-    except (ET.ParseError, ValueError) as error:
-        raise InputError(f"{path}: not an MVNX file ({error})") from None
+    except (ET.ParseError, ValueError, OSError, RecursionError) as error:
+        raise InputError(f"{path}: not an MVNX file ({' '.join(str(error).split())})") from None
     if not positions or {len(row) for row in positions} != {3 * len(labels)}:
         raise InputError(f"{path}: expected frames with a position of each of {len(labels)} segments")
     known = [(i, _MVNX[label.lower()]) for i, label in enumerate(labels) if label.lower() in _MVNX]
+    if not known:
+        raise InputError(f"{path}: expected segments such as {choices(list(_MVNX)[:4])}, got {choices(labels[:8])}")
     xyz = np.array(positions).reshape(len(times), -1, 3)[:, [i for i, _name in known]]
     return _tracks(path, [name for _i, name in known], np.array(times), xyz)
-
-
-def _number(text: str | None) -> float:
-    return float(text) if text else float("nan")
 
 
 def _facts(found: Comparison) -> dict[str, Any]:

@@ -13,10 +13,12 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core import InputError
+from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.plain_values import plain
 from posefuse.realtime.latency import STAGES
-from posefuse.realtime.session import Finished
+from posefuse.realtime.session_plan import Finished
 
-from .terminal import Terminal, plain
+from .terminal import Terminal
 
 _TOP_OF_P95 = 2.0
 JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
@@ -59,7 +61,11 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "restarts": done.restarts,
         "outputs": done.outputs,
         "outputs_lost": done.lost,
-        "outputs_trouble": done.trouble,
+        "output_events": [
+            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "output": event.output, "state": event.state, "text": event.text}
+            for event in done.output_events
+        ],
+        "failed": [name for name, output in done.outputs.items() if output["failures"]],
         "rig_watch_trouble": fusion.watch.trouble if fusion.watch is not None else "",
         "cameras": cameras,
         "events": [
@@ -103,11 +109,11 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         facts["frames used"] = f"{figures['used_share']:.0%}"
     if figures["restarts"]:
         facts["restarts"] = str(figures["restarts"])
-    for name, sink in figures["outputs"].items():
-        fault = f"; {sink['fault']}" if sink["fault"] else ""
-        facts[f"output {name}"] = f"{sink['taken']} taken, {sink['dropped']} dropped{fault}"
-    if figures["outputs_lost"] or figures["outputs_trouble"]:
-        facts["outputs"] = f"{figures['outputs_lost']} lost; {figures['outputs_trouble'] or 'they did not keep up'}"
+    for name, output in figures["outputs"].items():
+        fault = f"; failed {output['failures']} times, the last: {output['fault']}" if output["failures"] else ""
+        facts[f"output {name}"] = f"{output['taken']} taken, {output['dropped']} dropped{fault}"
+    if figures["outputs_lost"]:
+        facts["outputs"] = f"{figures['outputs_lost']} messages lost before they reached an output"
     if figures["rig_watch_trouble"]:
         facts["rig watch"] = figures["rig_watch_trouble"]
     terminal.facts("Session", facts)
@@ -115,14 +121,14 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
 
 def write_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
     """latency.json, latency.md and latency.html (the newest views' latencies over time) into `folder`."""
+    content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
-        (folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
-        (folder / TABLE_FILE).write_text(_markdown(figures), encoding="utf-8")
-        (folder / PAGE_FILE).write_text(_page(done, figures), encoding="utf-8")
+        with output_folder(folder, command="live") as out:
+            (out.folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
+            (out.folder / TABLE_FILE).write_text(_markdown(figures), encoding="utf-8")
+            (out.folder / PAGE_FILE).write_text(_page(done, figures), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{folder}: the report cannot be written ({error})") from None
+        raise InputError(f"{folder}: the report cannot be written ({error.strerror})") from None
 
 
 def _markdown(figures: Mapping[str, Any]) -> str:
@@ -135,6 +141,9 @@ def _markdown(figures: Mapping[str, Any]) -> str:
             lines.append(f"| {name} | {stage} | {row['n']} | {numbers} |")
     lines += ["", "# What happened", "", "| s | camera | state | |", "|---|---|---|---|"]
     lines += [f"| {event['t_s']:.2f} | {event['camera']} | {event['state']} | {event['text']} |" for event in figures["events"]]
+    if figures["output_events"]:
+        lines += ["", "| s | output | state | |", "|---|---|---|---|"]
+        lines += [f"| {one['t_s']:.2f} | {one['output']} | {one['state']} | {one['text']} |" for one in figures["output_events"]]
     return "\n".join(lines) + "\n"
 
 

@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from posefuse.detection import default_cards, list_cards, status
+from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.user_cache import default_cache_dir
 
 EXTRAS = {
@@ -19,6 +20,7 @@ EXTRAS = {
     "viewer": "Rerun viewer and recordings",
     "biomech": "OpenSim",
     "ros": "ROS 2 messages, MCAP",
+    "lsl": "Lab Streaming Layer",
 }
 
 
@@ -40,7 +42,18 @@ class Check:
 
 def machine_checks() -> list[Check]:
     """All checks, needed ones first."""
-    return [_python(), _processor(), _disk(), *_packages(), _video_codec(), *_models(), *_extras(), *_rendering(), _display()]
+    return [
+        _python(),
+        _processor(),
+        _disk(),
+        *_packages(),
+        _video_codec(),
+        *_models(),
+        _tracking(),
+        *_extras(),
+        *_rendering(),
+        _display(),
+    ]
 
 
 def _python() -> Check:
@@ -51,7 +64,7 @@ def _python() -> Check:
 def _processor() -> Check:
     flags = _cpu_flags()
     fast = [name for name in ("avx2", "avx512f", "avx512_bf16", "amx_bf16") if name in flags]
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_cores()
     found = f"{cores} cores; {', '.join(fast) or 'no AVX2'}"
     return Check("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
 
@@ -100,6 +113,22 @@ def _packages() -> list[Check]:
     present, absent = _installed(_names_of(None))
     found = f"{len(present)} packages" + (f"; missing: {', '.join(absent)}" if absent else "")
     return [Check("core packages", not absent, True, found, "pip install posefuse")]
+
+
+def _tracking() -> Check:
+    """Whether `track` can begin: its modules import and the detector is ready, for real."""
+    cure = "the first line that is MISSING above says what to do; else please report this line"
+    try:
+        from posefuse.detection import BlazePoseConfig
+        from posefuse.pipeline import run
+
+        cache_dir = default_cache_dir(os.environ)
+        if any(status(card, cache_dir) != "ready" for card in default_cards()):
+            return Check("tracking", False, True, f"{run.__name__} works; its networks are missing", "posefuse models")
+        detector = BlazePoseConfig().build()
+    except Exception as error:  # noqa: BLE001 - whatever stops this stops `track` as well
+        return Check("tracking", False, True, f"{type(error).__name__}: {error}", cure)
+    return Check("tracking", True, True, f"the detector is ready ({len(detector.skeleton)} keypoints)")
 
 
 def _extras() -> list[Check]:

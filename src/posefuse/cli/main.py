@@ -7,14 +7,17 @@ import importlib
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
-from typing import Any, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from posefuse import __version__
-from posefuse.core import PosefuseError
 
-from .terminal import Terminal
+from .stopping import StopRequests, stop_requests
+
+if TYPE_CHECKING:
+    from .terminal import Terminal
 
 COMMANDS = (
+    "demo",
     "track",
     "live",
     "node",
@@ -22,13 +25,11 @@ COMMANDS = (
     "view",
     "report",
     "simulate",
-    "experiment",
     "compare",
     "models",
     "plugins",
     "doctor",
 )
-INTERRUPTED = 130
 
 
 class Command(Protocol):
@@ -46,28 +47,55 @@ class Command(Protocol):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point of `posefuse`: 0 done, 1 a known error in one line, 2 a bug with its trace, 130 Ctrl-C."""
-    args = _parser().parse_args(argv)
-    terminal = Terminal(as_json=args.json)
+    """Entry point of `posefuse`.
+
+    Returns:
+        0 complete, 1 a known error in one line, 2 a bug with its trace, 130 stopped by Ctrl-C, 143 by SIGTERM; the last two also
+        where what was finished until then is kept.
+    """
+    with stop_requests() as requests:
+        try:
+            args = _parser().parse_args(argv)
+        except KeyboardInterrupt:
+            return _stopped("posefuse", requests)
+        return _run(args, requests)
+
+
+def _run(args: argparse.Namespace, requests: StopRequests) -> int:
+    name = f"posefuse {args.command_name}"
     try:
-        figures = args.command.run(args, terminal)
-        terminal.figures({"command": args.command_name, "version": __version__, **figures})
-    except PosefuseError as error:
-        print(f"posefuse {args.command_name}: {error}", file=sys.stderr)
-        return 1
+        # imports numpy and more: Ctrl-C meanwhile is one line, too
+        from posefuse.core import PosefuseError
+
+        try:
+            interrupted, code = _command(args)
+        except PosefuseError as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            return 1
     except KeyboardInterrupt:
-        print(f"posefuse {args.command_name}: stopped by Ctrl-C", file=sys.stderr)
-        return INTERRUPTED
+        return _stopped(name, requests)
     except BrokenPipeError:
         return 0
     except Exception:  # noqa: BLE001 - the one place where a bug ends the program
         traceback.print_exc()
-        print(
-            f"posefuse {args.command_name}: this is a bug in posefuse {__version__}; please report the lines above",
-            file=sys.stderr,
-        )
+        print(f"{name}: this is a bug in posefuse {__version__}; please report the lines above", file=sys.stderr)
         return 2
-    return 0
+    return requests.exit_code if interrupted else code
+
+
+def _command(args: argparse.Namespace) -> tuple[bool, int]:
+    """Run the command; returns whether it was interrupted and kept what it had, and else its exit code."""
+    from .terminal import Terminal
+
+    terminal = Terminal(as_json=args.json)
+    figures = args.command.run(args, terminal)
+    terminal.figures({"command": args.command_name, "version": __version__, **figures})
+    return bool(figures.get("interrupted")), int(figures.get("exit_code", 1 if figures.get("failed") else 0))
+
+
+def _stopped(name: str, requests: StopRequests) -> int:
+    print(f"{name}: stopped by {requests.cause}", file=sys.stderr)
+    return requests.exit_code
 
 
 class _Parser(argparse.ArgumentParser):

@@ -4,39 +4,41 @@ from __future__ import annotations
 
 import argparse
 import os
-import select
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Pose3D, Rig, SourceError
+from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_placed_rig
+from posefuse.foundation.output_folder import check_replaceable
+from posefuse.foundation.platform import peak_memory_mb
 from posefuse.health.cameras import Monitor
 from posefuse.messages import topics
 from posefuse.messages.dds import Network, RosNode
 from posefuse.messages.intake import Intake
 from posefuse.messages.messages import POSE_TYPE, message_from_detections, pose_from_message
 from posefuse.messages.ros_output import RosOutput
+from posefuse.outputs.live.ros import Ros2Config, health_lines, publish_preview
 from posefuse.realtime.board import Board
+from posefuse.realtime.channel import Channel, wait_any
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.fusion import Fusion, velocity_between
-from posefuse.realtime.joint_centres import Centring, message_from_centres
-from posefuse.realtime.messages import Preview, Seen, Status
+from posefuse.realtime.fusion import velocity_between
+from posefuse.realtime.joint_centres import message_from_centres
+from posefuse.realtime.messages import Centres, Seen, Status
 from posefuse.realtime.network_intake import NetworkIntake
-from posefuse.realtime.outputs import OutputPlan, OutputProcess
-from posefuse.realtime.processes import Groups, peak_mb
+from posefuse.realtime.news import Say
+from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.processes import Groups
 from posefuse.realtime.provenance import notes_of
-from posefuse.realtime.rig_watch import RigWatch
 from posefuse.realtime.scheduling import expected_gain
-from posefuse.realtime.session import Finished, News, favoured, group_plans, new_board, ready_joints, ready_tracker, stop_requests
-from posefuse.realtime.sinks import health_lines, publish_preview
+from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
+from posefuse.realtime.session_plan import SessionPlan
 
-from .live import output_plan, settled_config, settled_inputs
+from .live import output_configs, run_options, settled_config, settled_inputs
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal
 
@@ -55,25 +57,25 @@ def network_of(args: argparse.Namespace) -> Network:
 
 def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Capture and look on this machine, send 2D poses; the fused pose tells where to look."""
-    config, rig = settled_config(args), read_placed_rig(args.rig)
+    config, rig, run = settled_config(args), read_placed_rig(args.rig), run_options(args)
     inputs = settled_inputs(args, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
     clock = SessionClock.begin()
     # the whole rig stands on the board, so that gains and regions have one order on all machines
     board = new_board(rig)
-    plan = OutputPlan(rig, clock, ros=network_of(args))
+    plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
     with (
-        RosNode(f"posefuse_cameras_{topics.ros_name(args.name)}", plan.ros) as node,
+        RosNode(f"posefuse_cameras_{topics.ros_name(args.name)}", network_of(args)) as node,
         Groups(group_plans(rig, inputs, config, plan), board) as groups,
     ):
         groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
-        groups.begin(time.monotonic_ns() if args.zero is None else round(args.zero * _S) - clock.offset_ns)
+        groups.begin(time.monotonic_ns() if run.zero_s is None else round(run.zero_s * _S) - clock.offset_ns)
         worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock)
         for told in groups.centres():
             node.publish(topics.JOINT_CENTRES, message_from_centres(told, clock.now_ns()), clock.now_ns())
-        end_ns = None if args.duration is None else clock.now_ns() + round(args.duration * _S)
+        end_ns = None if run.duration_s is None else clock.now_ns() + round(run.duration_s * _S)
         with stop_requests() as stopped:
             while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
                 worker.step(groups)
@@ -96,7 +98,7 @@ class CameraNode:
 
     def step(self, groups: Groups) -> None:
         """A moment's work."""
-        select.select(groups.channels(), [], [], _POLL_S)
+        wait_any(groups.channels(), _POLL_S)
         self._hear()
         for message in groups.messages():
             if isinstance(message, Seen):
@@ -104,13 +106,14 @@ class CameraNode:
             elif isinstance(message, Status):
                 for state in message.cameras:
                     self.monitor.told(state, message.t_ns)
-            elif isinstance(message, Preview):
+            elif isinstance(message, LivePreview):
                 publish_preview(self._node, message)
         now_ns = self._clock.now_ns()
         if now_ns - self._judged_ns > _JUDGE_NS:
             self._judged_ns = now_ns
-            states = {name: (v.state, v.text) for name, v in self.monitor.judge(now_ns, groups.troubles()).items()}
-            self._output.diagnose(now_ns, health_lines(states, {}))
+            verdicts = self.monitor.judge(now_ns, groups.troubles())
+            cameras = {name: CameraHealth(state=v.state, text=v.text) for name, v in verdicts.items()}
+            self._output.diagnose(now_ns, health_lines(LiveHealth(t_ns=now_ns, cameras=cameras)))
 
     def _send(self, seen: Seen) -> None:
         view = self.monitor.admit(seen, self._clock.now_ns())
@@ -133,27 +136,24 @@ class CameraNode:
 
 def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig = settled_config(args), read_placed_rig(args.rig)
-    args.ros = True
-    plan = replace(output_plan(args, rig), ros_views=False, notes=notes_of(rig, config))
-    with stop_requests() as stopped:
-        outputs = OutputProcess(plan)
-        intake = NetworkIntake(rig, plan.ros, plan.clock)
-        try:
-            outputs.wait_ready()
-            terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {args.domain}")
-            done = _fuse(rig, config, plan, outputs, intake, args.duration, stopped, terminal.note)
-        finally:
-            outputs.close()
-            intake.close()
-    times = os.times()
-    done.cpu_s = (times.user + times.system, times.children_user + times.children_system)
-    done.outputs, done.lost, done.trouble = outputs.figures, outputs.lost, outputs.trouble
+    config, rig, network = settled_config(args), read_placed_rig(args.rig), network_of(args)
+    duration_s = run_options(args).duration_s
+    if args.report:
+        check_replaceable(args.report, command="live", replace=False)
+    # views that came from ROS are not sent back there
+    configs = output_configs(args, config, {"ros2": {"detections": False}})
+    clock = SessionClock.begin()
+    plan = OutputPlan(rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config))
+    views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, terminal.note)
+    whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
+    terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {args.domain}")
+    done = run_session(whole, lambda board: views, terminal.note)
+    counts = views.intake.intake.counts
     figures = {
         **figures_of(done),
-        "messages": {"accepted": intake.intake.counts.accepted, "refused": intake.intake.counts.refused},
-        "last_refusal": intake.intake.counts.last_refusal,
-        "strangers": intake.strangers,
+        "messages": {"accepted": counts.accepted, "refused": counts.refused},
+        "last_refusal": counts.last_refusal,
+        "strangers": views.intake.strangers,
         "clock_offset_ms": {name: 1000 * offset for name, offset in done.clock_offset_s.items()},
     }
     show(terminal, figures)
@@ -163,50 +163,65 @@ def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     return figures
 
 
-def _fuse(
-    rig: Rig,
-    config: LiveConfig,
-    plan: OutputPlan,
-    outputs: OutputProcess,
-    intake: NetworkIntake,
-    duration_s: float | None,
-    stopped: list[str],
-    say: Callable[[str], None],
-) -> Finished:
-    # compiled for any skeleton, before anybody waits
-    ready_tracker(rig, BLAZEPOSE33, config)
-    begun_ns = plan.clock.now_ns()
-    end_ns = None if duration_s is None else begun_ns + round(duration_s * _S)
+class NetworkViews:
+    """Views of other machines, as `session.SessionViews`. Use as a context manager: leaving it closes them."""
 
-    def until(now_ns: int) -> bool:
-        return bool(stopped) or (end_ns is not None and now_ns >= end_ns)
+    restarts = 0
 
-    skeleton = None
-    while skeleton is None:
-        if until(plan.clock.now_ns()):
-            counts = intake.intake.counts
-            why = f"; {counts.refused} messages were refused, the last because: {counts.last_refusal}" if counts.refused else ""
-            others = f"; there are views of {', '.join(sorted(intake.strangers))}, not in the rig" if intake.strangers else ""
-            raise SourceError(f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?")
-        skeleton = intake.first_skeleton(_FIRST_VIEW_S)
-    say(f"first view after {(plan.clock.now_ns() - begun_ns) / _S:.1f} s")
-    with RigWatch(rig, clocks=True) as watch:
-        joints = ready_joints(skeleton, config)
-        tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
-        fusion = Fusion(rig, tracker, new_board(rig), plan.clock, outputs, centring, watch, joints)
-        for told in intake.centres:
-            fusion.take(told)
-        done = Finished(fusion, skeleton, zero_ns=begun_ns)
-        news = News(fusion, begun_ns, say)
+    def __init__(self, intake: NetworkIntake, config: LiveConfig, duration_s: float | None, say: Say) -> None:
+        self.intake = intake
+        self._config, self._duration_s, self._say = config, duration_s, say
+        self._begun_ns = intake.clock.now_ns()
 
-        def over(now_ns: int) -> bool:
-            news.tell(now_ns)
-            return until(now_ns)
+    def __enter__(self) -> NetworkViews:
+        return self
 
-        with favoured():
-            fusion.run(intake, config.rate_hz, over)
-        done.clock_offset_s = {name: watch.known.offset_s.get(name, float("nan")) for name in rig.names}
-    done.memory_mb = peak_mb([os.getpid()])
-    done.seconds = (plan.clock.now_ns() - begun_ns) / _S
-    done.stopped_by = stopped[0] if stopped else ""
-    return done
+    def __exit__(self, *problem: object) -> None:
+        self.intake.close()
+
+    def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
+        """The skeleton of the first view."""
+        # compiled for any skeleton, before a view is there to be waited for
+        ready_tracker(self.intake.rig, BLAZEPOSE33, self._config)
+        while (skeleton := self.intake.first_skeleton(_FIRST_VIEW_S)) is None:
+            if stopped or (self._duration_s is not None and self._waited_s() >= self._duration_s):
+                raise SourceError(self._nothing_came())
+        self._say(f"first view after {self._waited_s():.1f} s")
+        return skeleton
+
+    def whereabouts(self) -> list[str]:
+        """In no process of this machine."""
+        return []
+
+    def centres(self) -> list[Centres]:
+        """What was told before the first view."""
+        return self.intake.centres
+
+    def start(self, clock: SessionClock) -> int:
+        """They come already; the session counts from when it began to wait for them."""
+        return self._begun_ns
+
+    def channels(self) -> list[Channel]:
+        """For `select`."""
+        return self.intake.channels()
+
+    def messages(self) -> Iterator[Seen | Centres]:
+        """What has come; never waits."""
+        return self.intake.messages()
+
+    def troubles(self) -> Mapping[str, str]:
+        """See `NetworkIntake`."""
+        return self.intake.troubles()
+
+    def memory_mb(self) -> float:
+        """Most memory this process has held."""
+        return peak_memory_mb([os.getpid()])
+
+    def _waited_s(self) -> float:
+        return (self.intake.clock.now_ns() - self._begun_ns) / _S
+
+    def _nothing_came(self) -> str:
+        counts, strangers = self.intake.intake.counts, self.intake.strangers
+        why = f"; {counts.refused} messages were refused, the last because: {counts.last_refusal}" if counts.refused else ""
+        others = f"; there are views of {', '.join(sorted(strangers))}, not in the rig" if strangers else ""
+        return f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?"

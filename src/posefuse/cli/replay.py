@@ -10,7 +10,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, InputError, Pose3D, Rig
 from posefuse.messages import topics
-from posefuse.messages.bags import read_mcap
+from posefuse.messages.bags import Warn, read_mcap
 from posefuse.messages.messages import detections_from_message, pose_from_message
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.joint_centres import Centring, centres_from_message
@@ -32,7 +32,7 @@ def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) 
     rig, config = _as_recorded(path, rig, config)
     poses = same = 0
     farthest_m = 0.0
-    for recorded, again in replayed(path, rig, config):
+    for recorded, again in replayed(path, rig, config, terminal.warn):
         poses += 1
         farthest = difference_m(recorded, again)
         same += farthest == 0
@@ -44,10 +44,10 @@ def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) 
     return figures
 
 
-def replayed(path: Path, rig: Rig, config: LiveConfig) -> Any:
-    """Pairs (recorded pose, pose of a new tracker at the same place of the same stream)."""
+def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:
+    """Pairs (recorded pose, pose of a new tracker at the same place of the same stream); `warn` as in `read_mcap`."""
     tracker, centring = None, Centring(rig.names, config.joint_centres)
-    for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}):
+    for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}, warn):
         if entry.topic == topics.JOINT_CENTRES.name:
             centring.learn(centres_from_message(entry.msg))
             continue

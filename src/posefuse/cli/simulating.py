@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from posefuse.core import InputError
 from posefuse.formats.truth import read_truth
-from posefuse.simulation.scene import read_scene
-from posefuse.simulation.session import SessionPaths, simulate
+from posefuse.foundation.places import check_apart
+from posefuse.simulation.scene import motion_files, read_scene
+from posefuse.simulation.session import simulate
 
 from .terminal import Terminal
 
@@ -20,12 +18,11 @@ from .terminal import Terminal
 def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Render a scene file into a session folder; returns the figures of the table."""
     scene = read_scene(args.scene)
-    if args.force:
-        _remove_session(args.out)
+    check_apart(args.out, (args.scene, *motion_files(scene)))
     began_s = time.perf_counter()
     try:
         with terminal.progress("rendering") as advance:
-            paths = simulate(scene, args.out, advance, args.workers)
+            paths = simulate(scene, args.out, advance, args.workers, replace=args.force)
     except KeyboardInterrupt:
         terminal.warn(f"{args.out} is unfinished; the same command goes on where it stopped")
         raise
@@ -52,17 +49,7 @@ def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[st
             "recording": f"{scene.duration_s:g} s, {figures['megabytes']:.1f} MB",
             "rendered in": f"{seconds:.1f} s ({figures['frames_per_s']:.1f} frames/s)",
             "session": str(paths.folder),
-            "next": f"posefuse track {paths.folder} --out {paths.folder.name}-result",
         },
     )
+    terminal.next(f"posefuse track {paths.folder} --out {paths.folder.name}-result", "the 3D skeleton, compared with the truth")
     return figures
-
-
-def _remove_session(folder: Path) -> None:
-    """Remove an earlier session, and nothing that is not one."""
-    paths = SessionPaths(folder)
-    if not folder.exists():
-        return
-    if not (paths.scene.is_file() or paths.incomplete.is_file() or not any(folder.iterdir())):
-        raise InputError(f"{folder}: --force removes simulated sessions only, and this folder holds something else")
-    shutil.rmtree(folder)

@@ -6,13 +6,15 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
+
+from posefuse.foundation.plain_values import plain
 
 Advance = Callable[[int, int], None]
 """Progress callback: (done, total)."""
@@ -34,21 +36,25 @@ class Terminal:
         """One line about something that is not as it should be, with work going on."""
         self._notes.print(f"warning: {text}", style="yellow", markup=False)
 
+    def next(self, command: str, purpose: str) -> None:
+        """One thing to do after this command; what it is good for."""
+        self.note(f"next: {command}  ({purpose})")
+
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         """A table; numbers are right-aligned, floats shown to a sensible digit."""
         numeric = [all(isinstance(row[i], int | float) or row[i] is None for row in rows) for i in range(len(columns))]
-        shown = Table(title=title, title_justify="left", title_style="bold", header_style="")
+        shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="")
         for column, right in zip(columns, numeric, strict=True):
-            shown.add_column(column, justify="right" if right else "left", overflow="fold")
+            shown.add_column(Text(column), justify="right" if right else "left", overflow="fold")
         for row in rows:
-            shown.add_row(*(cell_text(value) for value in row))
+            shown.add_row(*(_cell(value) for value in row))
         self._tables.print(shown)
 
     def facts(self, title: str, facts: Mapping[str, Any]) -> None:
         """A table of two columns without a header."""
-        shown = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+        shown = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
         for name, value in facts.items():
-            shown.add_row(name, cell_text(value))
+            shown.add_row(Text(name), _cell(value))
         self._tables.print(shown)
 
     def figures(self, figures: Mapping[str, Any]) -> None:
@@ -60,7 +66,7 @@ class Terminal:
     def progress(self, label: str) -> Iterator[Advance]:
         """A progress bar on stderr that the callback moves."""
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
@@ -74,6 +80,11 @@ class Terminal:
                 bar.update(task, visible=False)
 
 
+def _cell(value: Any) -> Text:
+    """A cell with its text as it is: square brackets in names of files are no markup."""
+    return Text(cell_text(value))
+
+
 def cell_text(value: Any) -> str:
     """A value as a table shows it."""
     if value is None:
@@ -85,20 +96,3 @@ def cell_text(value: Any) -> str:
     if isinstance(value, int | np.integer):
         return f"{int(value):,}"
     return str(value)
-
-
-def plain(value: Any) -> Any:
-    """Plain JSON values of figures: arrays to lists, paths to text, NaN to null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(inner) for inner in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Path):
-        return str(value)
-    return value

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import InputError, Recording
+from posefuse.cli.networks import fetch_networks
+from posefuse.core import InputError, Recording, Sink
 from posefuse.evaluation.metrics import JointErrors, joint_errors
+from posefuse.formats.detection_log import LOG_FILE
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
+from posefuse.foundation.places import check_apart
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
-from posefuse.pipeline.run import Tracked, track_session
+from posefuse.pipeline.opening import Opened, open_session
+from posefuse.pipeline.run import Tracked, track_opened
 from posefuse.pipeline.session import Session, find_session
-from posefuse.pipeline.writing import build_sinks, write_result
+from posefuse.pipeline.store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
+from posefuse.pipeline.writing import build_sinks, estimated_bytes, write_result
 
 from .terminal import Terminal
 
@@ -24,25 +31,50 @@ _START_UP = ("open", "compile")  # stages that last the same however long the re
 
 
 def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Track a session and write its result; returns the figures of the tables."""
+    """Track a session and write its result; returns the figures of the tables.
+
+    ``exit_code`` among them: 1 when an output could not be written.
+    """
     clock = StageClock()
     config = settled_config(args)
-    if args.out.exists() and not args.force:
-        raise InputError(f"{args.out}: is there already; choose another folder or add --force to replace it")
     sinks = build_sinks(config.outputs)
     session = find_session(args.session, config)
+    inputs = (args.session, session.rig_path, *(entry.path for entry in session.inputs))
+    # a result that Ctrl-C cut short has its detections with it
+    replace = args.force or (args.resume and (args.out / LOG_FILE).is_file())
+    check_apart(args.out, inputs)
+    check_replaceable(args.out, command="track", replace=replace)
+    unfinished = _unfinished(args, terminal)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
-    with terminal.progress("tracking") as advance:
-        tracked = track_session(session, config, clock, advance, terminal.note, terminal.warn)
-    if tracked.interrupted:
-        terminal.warn(f"stopped by Ctrl-C; the first {len(tracked.recording.poses)} instants are finished and kept")
-    with clock.stage("write"), terminal.progress("writing") as advance:
-        written = write_result(tracked.recording, session, config, sinks, args.out, advance)
+    if session.inputs[0].kind != "pose2d":
+        fetch_networks(config.detector, terminal)
+    with clock.stage("open"):
+        opened = open_session(session, config, terminal.warn)
+    with (
+        closing(opened.steps),
+        _kept(terminal, args.out),
+        output_folder(
+            args.out,
+            command="track",
+            inputs=inputs,
+            replace=replace,
+            estimated_bytes=estimated_bytes(opened),
+            keep_unfinished=True,
+            unfinished=unfinished,
+            warn=terminal.warn,
+        ) as out,
+    ):
+        if args.resume and unfinished is None and replace:
+            shutil.copyfile(args.out / LOG_FILE, out.folder / LOG_FILE)
+        with closing(DetectionStore(out.folder, opened)) as store:
+            tracked, written, failed = _results(opened, store, sinks, out, clock, terminal)
     errors = _errors(session, tracked.recording)
-    figures = _figures(args.out, tracked, clock, written, errors)
+    figures = _figures(args.out, tracked, clock, written, failed, errors)
     _show(terminal, figures, errors)
+    terminal.next(f"posefuse report {args.out}", "joint angles, gait, files for OpenSim and Blender, one page")
+    terminal.next(f"posefuse view {args.out}", "the skeleton in the 3D viewer (extra: viewer)")
     if args.view:
         from posefuse.outputs import view_recording
 
@@ -50,25 +82,69 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     return figures
 
 
+def _results(
+    opened: Opened, store: DetectionStore, sinks: Sequence[Sink], out: OutputFolder, clock: StageClock, terminal: Terminal
+) -> tuple[Tracked, list[Path], dict[str, str]]:
+    """The recording, the files written, and why outputs failed, by name."""
+    keep_log_only(out.folder)
+    with terminal.progress("tracking") as advance:
+        tracked = track_opened(opened, clock, advance, terminal.note, terminal.warn, store)
+    if tracked.interrupted:
+        steps = len(tracked.recording.poses)
+        terminal.warn(f"stopped early; the first {steps} time steps are finished and kept; --resume goes on from them")
+    with clock.stage("write"), terminal.progress("writing") as advance:
+        written, failed = write_result(tracked.recording, opened.session, opened.config, sinks, out, advance)
+    for name, reason in failed.items():
+        terminal.warn(f"output {name}: not written ({reason})")
+    if not tracked.interrupted:
+        store.discard()
+    return tracked, written, failed
+
+
+def _unfinished(args: argparse.Namespace, terminal: Terminal) -> Path | None:
+    """The folder to go on in; None: begin anew.
+
+    Raises:
+        InputError: interrupted work is there, and neither --resume nor --force was given.
+    """
+    found = unfinished_work(args.out)
+    if args.force:
+        remove_unfinished(args.out)
+        return None
+    if found is not None and not args.resume:
+        raise InputError(f"{args.out}: an earlier run was interrupted; --resume continues it, --force starts anew")
+    if found is None and args.resume and not (args.out / LOG_FILE).is_file():
+        terminal.note(f"{args.out}: no interrupted work is there; beginning at the start")
+    return found
+
+
+@contextmanager
+def _kept(terminal: Terminal, out: Path) -> Iterator[None]:
+    """Report what is kept when the work ends before its end, however it ends."""
+    try:
+        yield
+    except BaseException:
+        if unfinished_work(out) is not None:
+            terminal.note("the detections made so far are kept; the same command with --resume continues from them")
+        raise
+
+
 def settled_config(args: argparse.Namespace) -> TrackConfig:
     """The config file with the command line's options on top."""
     path = args.config or (args.session / CONFIG_FILE if (args.session / CONFIG_FILE).is_file() else None)
-    config = read_config(path, args.overrides)
-    changes: dict[str, Any] = {}
-    for option, key in (("rig", "rig"), ("input", "input"), ("start", "start_s"), ("end", "end_s")):
-        if getattr(args, option) is not None:
-            changes[key] = (
-                str(Path(args.rig).absolute()) if option == "rig" and Path(args.rig).exists() else getattr(args, option)
-            )
-    if args.raw:
-        changes["raw"] = True
-    if args.weights:
-        changes["fuse"] = dataclasses.replace(config.fuse, weights=args.weights)
-    if args.person:
-        changes["associate"] = dataclasses.replace(config.associate, near_xy_m=args.person)
-    if args.outputs is not None:
-        changes["outputs"] = tuple(name for name in args.outputs.split(",") if name)
-    return dataclasses.replace(config, **changes)
+    rig = str(Path(args.rig).absolute()) if args.rig is not None and Path(args.rig).exists() else args.rig
+    outputs = None if args.outputs is None else tuple(name for name in args.outputs.split(",") if name)
+    options = {
+        "--rig": ("rig", rig),
+        "--input": ("input", args.input),
+        "--start": ("start_s", args.start),
+        "--end": ("end_s", args.end),
+        "--raw": ("raw", args.raw or None),
+        "--weights": ("fuse.weights", args.weights),
+        "--person": ("associate.near_xy_m", args.person),
+        "--outputs": ("outputs", outputs),
+    }
+    return read_config(path, args.overrides, options)
 
 
 def _errors(session: Session, recording: Recording) -> JointErrors | None:
@@ -76,7 +152,14 @@ def _errors(session: Session, recording: Recording) -> JointErrors | None:
     return joint_errors(recording.poses, read_truth(path)) if path.is_file() else None
 
 
-def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path], errors: JointErrors | None) -> dict[str, Any]:
+def _figures(
+    out: Path,
+    tracked: Tracked,
+    clock: StageClock,
+    written: list[Path],
+    failed: Mapping[str, str],
+    errors: JointErrors | None,
+) -> dict[str, Any]:
     recording = tracked.recording
     instants = len(recording.poses)
     images = instants * len(recording.rig)
@@ -95,6 +178,8 @@ def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path]
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / images,
         "found": dict(tracked.found),
         "interrupted": tracked.interrupted,
+        "failed": dict(failed),
+        "exit_code": int(bool(failed)),
         "out": out,
         "files": [path.name for path in written],
     }
@@ -110,7 +195,7 @@ def _figures(out: Path, tracked: Tracked, clock: StageClock, written: list[Path]
 def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | None) -> None:
     facts = {
         "cameras": figures["cameras"],
-        "frames": f"{figures['instants']} instants, {figures['instants'] * figures['cameras']} images",
+        "frames": f"{figures['instants']} time steps, {figures['instants'] * figures['cameras']} images",
         "people": figures["people"],
         "seen in": ", ".join(f"{name} {share:.0%}" for name, share in figures["found"].items()),
     }
@@ -119,8 +204,8 @@ def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | 
         worst = max(range(len(errors.joints)), key=lambda i: errors.mean_mm[i])
         facts["worst joint"] = f"{errors.joints[worst]} {errors.mean_mm[worst]:.1f} mm"
     for stage, ms in figures["stage_ms_per_instant"].items():
-        facts[f"{stage}"] = f"{ms:.1f} ms per instant"
-    facts["speed"] = f"{figures['instants_per_s']:.1f} instants/s with everything, after {figures['start_up_s']:.0f} s to start"
+        facts[f"{stage}"] = f"{ms:.1f} ms per time step"
+    facts["speed"] = f"{figures['instants_per_s']:.1f} time steps/s with everything, after {figures['start_up_s']:.0f} s to start"
     facts["result in"] = str(figures["out"])
     facts["files"] = ", ".join(figures["files"])
     terminal.facts("Result", facts)

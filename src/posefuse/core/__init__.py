@@ -12,14 +12,32 @@ from .errors import (
     ShapeError,
     SourceError,
 )
-from .protocols import Detector, Sink, Source
+from .joint_angles import AngleSeries, JointAngles
+from .live_messages import (
+    CameraHealth,
+    LiveDetections,
+    LiveHealth,
+    LiveJointCentres,
+    LiveMessage,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    OutputHealth,
+)
+from .observations import DetectionBatch, LookKind, Observations
+from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
+from .recording import Recording
 from .rig import Rig
 from .se3 import SE3
 from .skeleton import SKELETONS, Skeleton
-from .values import CameraTruth, Detections2D, Frame, Joints, Kind, Pose3D, PoseSequence, Recording, Region, Truth, Views
+from .values import CameraTruth, Detections2D, Frame, Kind, Pose3D, PoseSequence, Region, Truth, Views
+from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [
-    "SE3", "SKELETONS", "CalibrationError", "Camera", "CameraTruth", "ConfigError", "DependencyError", "Detections2D",
-    "Detector", "Frame", "InputError", "Joints", "Kind", "MessageError", "ModelError", "Pose3D", "PoseSequence", "PosefuseError",
-    "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "Views",
+    "SE3", "SKELETONS", "AngleSeries", "CalibrationError", "Camera", "CameraHealth", "CameraTruth", "ConfigError", "DependencyError",
+    "DetectionBatch", "Detections2D", "Detector", "Frame", "InputError", "JointAngles", "Kind", "LiveDetections", "LiveHealth",
+    "LiveJointCentres", "LiveMessage", "LiveOutput", "LiveOutputConfig", "LivePose", "LivePreview", "LiveStart", "LookKind",
+    "MessageError", "ModelError", "Observations", "OutputHealth", "Pose3D", "PoseSequence", "PosefuseError", "Recording",
+    "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "ViewSequence", "Views",
+    "observations_from_views", "views_over_time",
 ]  # fmt: skip

@@ -6,6 +6,8 @@ Anything else that escapes is a bug: the command line prints a trace and exits 2
 
 from collections.abc import Iterable
 
+_LONGEST_NAME = 100
+
 
 class PosefuseError(Exception):
     """Base of every error a user can cause or cure."""
@@ -44,5 +46,5 @@ class ShapeError(PosefuseError, ValueError):
 
 
 def choices(names: Iterable[str]) -> str:
-    """The names that do exist, for the end of a message: ``"a, b, c"``, or ``"none"``."""
-    return ", ".join(names) or "none"
+    """The names that do exist, for the end of a message: ``"a, b, c"``, or ``"none"``; names of damaged files are cut."""
+    return ", ".join(name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in names) or "none"

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
+from .live_messages import LiveMessage
+from .recording import Recording
 from .skeleton import Skeleton
-from .values import Detections2D, Frame, Recording, Region
+from .values import Detections2D, Frame, Region
 
 
 @runtime_checkable
@@ -74,4 +76,51 @@ class Sink(Protocol):
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write into an existing folder; returns the files made."""
+        ...
+
+
+@runtime_checkable
+class LiveOutput(Protocol):
+    """Messages of a live session to a file, network or viewer, in a thread of its own.
+
+    What it raises is reported as its failure; it is then closed and built again after a while.
+    """
+
+    @property
+    def name(self) -> str:
+        """Short name, e.g. ``osc``."""
+        ...
+
+    @property
+    def where(self) -> str:
+        """File or address it writes to now, for messages to the user; may be empty."""
+        ...
+
+    def take(self, message: LiveMessage) -> None:
+        """Take the next message: first a `LiveStart`, then those of its config's `takes` in the order of the session.
+
+        Raises:
+            PosefuseError, OSError: it cannot be opened or written.
+        """
+        ...
+
+    def close(self) -> None:
+        """Finish; safe to call twice, and before anything was taken."""
+        ...
+
+
+@runtime_checkable
+class LiveOutputConfig(Protocol):
+    """Config of a live output: a frozen dataclass that can be sent to another process.
+
+    Attributes:
+        takes: classes of `core.live_messages` the output is given, besides `LiveStart`.
+        keeps_all: it is given every message there is room for (a recording); else, when it falls behind, the newest.
+    """
+
+    takes: ClassVar[tuple[type[LiveMessage], ...]]
+    keeps_all: ClassVar[bool]
+
+    def build(self) -> LiveOutput:
+        """The output, not yet opened; raises DependencyError where a package is missing."""
         ...

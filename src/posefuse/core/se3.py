@@ -11,6 +11,7 @@ from .arrays import Array, frozen
 from .errors import ShapeError
 
 _SMALL_ANGLE_RAD = 1e-8
+_ROUNDING = 4 * np.finfo(np.float64).eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,8 @@ class SE3:
         norm = np.linalg.norm(wxyz, axis=-1, keepdims=True)
         if (norm < 1e-12).any():
             raise ShapeError("SE3.wxyz: expected unit quaternions, got one of length 0")
-        unit = wxyz / norm
+        # one that is of length 1 already stays as it is, so that a transform comes back from a file to the last bit
+        unit = np.where(np.abs(norm - 1) <= _ROUNDING, wxyz, wxyz / norm)
         unit.setflags(write=False)
         object.__setattr__(self, "wxyz", unit)
         object.__setattr__(self, "xyz", xyz)

@@ -7,7 +7,7 @@ mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (neve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -15,8 +15,8 @@ import numpy as np
 
 from .arrays import Array, check_fields, freeze_fields
 from .errors import ShapeError
+from .joint_angles import JointAngles
 from .rig import Rig
-from .se3 import SE3
 from .skeleton import Skeleton
 
 
@@ -250,61 +250,6 @@ class PoseSequence:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """A finished result: what was seen, what came out, and how it was made.
-
-    Attributes:
-        rig: the cameras used.
-        poses: the 3D result.
-        xy_img, score, sigma_px: (T, N, C, K, 2), (T, N, C, K), (T, N, C, K): the 2D it was made from, C as in `rig`.
-        provenance: plain JSON values: version, rig id, config, inputs, stage times.
-    """
-
-    rig: Rig
-    poses: PoseSequence
-    xy_img: Array
-    score: Array
-    sigma_px: Array
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, dict.fromkeys(("xy_img", "score", "sigma_px"), np.float32))
-        sizes = check_fields(self, {"xy_img": "T N C K 2", "score": "T N C K", "sigma_px": "T N C K"})
-        t, n, k = self.poses.kind.shape
-        if (sizes["T"], sizes["N"], sizes["C"], sizes["K"]) != (t, n, len(self.rig), k):
-            raise ShapeError(f"Recording: poses have (T, N, K) = {(t, n, k)} and {len(self.rig)} cameras, 2D has {sizes}")
-
-
-@dataclass(frozen=True, eq=False)
-class Joints:
-    """Segment poses and joint angles over time.
-
-    Attributes:
-        t_ns: (T,). person_id: (N,).
-        segments: S names. world_from_segment: SE3 of batch (T, N, S); NaN where undefined.
-        joints: J names, each with three angles `angle_names[j]` in its declared sequence.
-        angle_rad, sigma_rad: (T, N, J, 3); NaN where undefined.
-    """
-
-    t_ns: Array
-    person_id: Array
-    segments: tuple[str, ...]
-    world_from_segment: SE3
-    joints: tuple[str, ...]
-    angle_names: tuple[tuple[str, str, str], ...]
-    angle_rad: Array
-    sigma_rad: Array
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "angle_rad": np.float64, "sigma_rad": np.float64})
-        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
-        if self.world_from_segment.batch != (sizes["T"], sizes["N"], len(self.segments)):
-            raise ShapeError(f"Joints.world_from_segment: expected batch (T, N, S), got {self.world_from_segment.batch}")
-        if not sizes["J"] == len(self.joints) == len(self.angle_names):
-            raise ShapeError(f"Joints: {sizes['J']} angles for {len(self.joints)} joints and {len(self.angle_names)} angle names")
-
-
-@dataclass(frozen=True, eq=False)
 class CameraTruth:
     """What one camera would have seen exactly, at its own frame times.
 
@@ -343,7 +288,7 @@ class Truth:
     person_id: Array
     xyz_world: Array
     views: tuple[CameraTruth, ...]
-    joints: Joints | None = None
+    joints: JointAngles | None = None
 
     def __post_init__(self) -> None:
         freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "xyz_world": np.float64})

@@ -1,11 +1,21 @@
-"""The 2D estimator that the config names, made for this machine and rig."""
+"""The detector that the settings name, built for this machine and rig."""
 
 from __future__ import annotations
 
+from dataclasses import field
+from typing import Any
+
 from posefuse.core import Detector, Rig
 from posefuse.foundation.plugins import build_plugin
-from posefuse.pipeline.config import DetectorChoice
-from posefuse.tracking import JointCentres, read_joint_centres
+from posefuse.foundation.settings import settings
+
+
+@settings
+class DetectorChoice:
+    """Which detector, and its options (see `posefuse plugins`)."""
+
+    name: str = "blazepose"
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
@@ -15,8 +25,3 @@ def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
     known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}
     detector: Detector = build_plugin("detectors", choice.name, choice.options, known)
     return detector
-
-
-def joint_centres_of(detector: Detector) -> JointCentres | None:
-    """How joint centres lie beside its keypoints, where it knows; raises ConfigError for a table that is not right."""
-    return read_joint_centres(detector.joint_centres_file) if detector.joint_centres_file else None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import InputError, Joints
+from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 
 _NEAREST_NS = 2_000_000
@@ -33,7 +33,7 @@ class AngleError:
     defined: float
 
 
-def angle_errors(estimate: Joints, reference: Joints) -> list[AngleError]:
+def angle_errors(estimate: JointAngles, reference: JointAngles) -> list[AngleError]:
     """Errors of every angle both know by name, at the instants of the estimate nearest to those of the reference.
 
     Raises:

@@ -9,14 +9,13 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import Joints, PoseSequence, Recording
+from posefuse.core import DependencyError, JointAngles, PoseSequence, Recording, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.gltf import write_gltf
 from posefuse.formats.mot import motion_from_joints, write_mot
-from posefuse.foundation.atomic import atomic_folder
 from posefuse.foundation.settings import settings, settings_from_mapping
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
@@ -46,7 +45,7 @@ class BiomechanicsSettings:
     body: BodySettings = field(default_factory=BodySettings)
 
 
-def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseSequence, Joints]:
+def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseSequence, JointAngles]:
     """Keypoints and joints of a recording, by the chosen fit.
 
     Raises:
@@ -57,15 +56,16 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     if chosen.fit == "points":
         fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
     else:
-        fit = fit_views(rays_at_joint_centres(recording), chosen.body, joint_settings=chosen.joints)
+        views = rays_at_joint_centres(recording)
+        fit = fit_views(recording.poses, recording.rig, views, chosen.body, joint_settings=chosen.joints)
     return fit.poses, fit.joints
 
 
-def rays_at_joint_centres(recording: Recording) -> Recording:
-    """The recording with views that lead where its 3D lies, by the offsets its provenance tells; as it is where it has none."""
+def rays_at_joint_centres(recording: Recording) -> ViewSequence:
+    """The recording's views so that they lead where its 3D lies, by its provenance's offsets; unchanged where it has none."""
     told = recording.provenance.get("joint_centres")
     if not isinstance(told, Mapping):
-        return recording
+        return recording.views
     return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
 
 
@@ -94,7 +94,7 @@ def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsS
     return made
 
 
-def _person_files(poses: PoseSequence, joints: Joints, n: int, folder: Path, ending: str) -> list[Path]:
+def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> list[Path]:
     made = [folder / f"angles{ending}.mot", folder / f"points_angles{ending}.c3d"]
     write_mot(made[0], motion_from_joints(joints, n))
     sigma_m = np.sqrt(np.trace(poses.cov_world[:, n], axis1=-2, axis2=-1) / 3)
@@ -108,7 +108,7 @@ def _person_files(poses: PoseSequence, joints: Joints, n: int, folder: Path, end
     return made
 
 
-def _c3d_angles(joints: Joints, n: int) -> tuple[tuple[str, ...], Array]:
+def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
     """Labels and angles (T, A, 3) as C3D wants them: three at a time, all there or all missing.
 
     An angle that joint centres never determine is zero by construction (see `undefined_angles`) and written so.
@@ -120,7 +120,10 @@ def _c3d_angles(joints: Joints, n: int) -> tuple[tuple[str, ...], Array]:
 
 
 def _opensim_files(poses: PoseSequence, n: int, folder: Path) -> list[Path]:
-    with atomic_folder(folder) as beside:
-        opensim_motion(poses, beside, n)
-        names = sorted(path.name for path in beside.iterdir())
-    return [folder / name for name in names]
+    folder.mkdir(exist_ok=True)
+    try:
+        opensim_motion(poses, folder, n)
+    except DependencyError:
+        folder.rmdir()
+        raise
+    return sorted(folder.iterdir())

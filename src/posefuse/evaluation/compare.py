@@ -16,6 +16,8 @@ from .metrics import JointErrors, summary
 
 _LEAST_INSTANTS = 5
 _SPEED_HZ = 60.0
+# all shifts are tried, work that grows with the square: longer recordings are sampled more coarsely
+_MOST_SAMPLES = 20_000
 _GAP_S = 0.25
 
 
@@ -149,12 +151,17 @@ def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
 
     Speeds do not depend on where either system's origin is.
     """
-    rate_hz = _SPEED_HZ
+    longest_s = max(float(one.t_s[-1] - one.t_s[0]) for one in (a, b))
+    rate_hz = min(_SPEED_HZ, _MOST_SAMPLES / max(longest_s, 1.0))
     times = [np.arange(one.t_s[0], one.t_s[-1], 1 / rate_hz) for one in (a, b)]
     speeds = [_speed(one.at(t), rate_hz) for one, t in zip((a, b), times, strict=True)]
     overlap = min(len(times[0]), len(times[1])) // 2
     lags = range(-(len(times[1]) - overlap), len(times[0]) - overlap + 1)
     cost = [_speed_cost(speeds[0], speeds[1], lag, overlap) for lag in lags]
+    if not np.isfinite(cost).any():
+        raise InputError(
+            f"{a.name} and {b.name}: nothing in common over time: too few points are known in both to find their offset"
+        )
     coarse = lags[int(np.nanargmin(cost))] / rate_hz + times[0][0] - times[1][0]
 
     def misfit(offset: float) -> float:

@@ -5,14 +5,32 @@ Each raises `ContractError` naming the rule that is broken; passing returns None
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Sequence
+import pickle
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import ConfigError, Detector, Frame, PosefuseError, Recording, Region, Sink, Source
+from posefuse.core import (
+    ConfigError,
+    Detector,
+    Frame,
+    LiveMessage,
+    LiveOutput,
+    LiveOutputConfig,
+    LiveStart,
+    PosefuseError,
+    Recording,
+    Region,
+    Sink,
+    Source,
+)
 from posefuse.tracking import read_joint_centres
+
+from .live_session import made_up_messages, made_up_start
 
 _ENOUGH_FRAMES = 20
 
@@ -84,6 +102,63 @@ def check_sink(sink: Sink, recording: Recording, folder: Path) -> None:
         _require(path.is_relative_to(folder), f"{path} lies in the folder given")
     unnamed = {path for path in set(folder.rglob("*")) - before if path.is_file()} - set(written)
     _require(not unnamed, f"write() names all files it made (not named: {sorted(path.name for path in unnamed)})")
+
+
+def check_live_output(config: LiveOutputConfig, folder: Path) -> None:
+    """A live output: its config can be sent to a process, it takes a whole session, closes twice, and goes on in new files.
+
+    `folder` is where `config` makes it write its files, if any; a first part is never changed by a later one.
+    """
+    _require(isinstance(config, LiveOutputConfig), f"{type(config).__name__} lacks a member of core.LiveOutputConfig")
+    frozen = dataclasses.is_dataclass(config) and config.__dataclass_params__.frozen  # type: ignore[attr-defined]
+    _require(bool(frozen), "a config is a frozen dataclass")
+    _require(_sent(config) == config, "a config comes out of pickle as it went in")
+    known = LiveMessage.__args__
+    _require(len(config.takes) > 0 and set(config.takes) <= {*known} - {LiveStart}, "takes names classes of core.live_messages")
+    _take_part(config, 1)
+    before = _contents(folder)
+    _take_part(config, 2)
+    changed = sorted(path.name for path, content in before.items() if _contents(folder).get(path) != content)
+    _require(not changed, f"a later part leaves the files of the first as they are (not: {changed})")
+
+
+def _sent(config: LiveOutputConfig) -> LiveOutputConfig | None:
+    try:
+        return pickle.loads(pickle.dumps(config))  # type: ignore[no-any-return]
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+
+
+def _take_part(config: LiveOutputConfig, part: int) -> None:
+    config.build().close()
+    output = config.build()
+    _require(isinstance(output, LiveOutput), f"{type(output).__name__} lacks a member of core.LiveOutput")
+    _require(output.name != "" and isinstance(output.where, str), "an output has a name, and where is text")
+    for message in _of_session(config, part):
+        with _bears(f"take() bears every {type(message).__name__} of a session"):
+            output.take(message)
+    with _bears("close() may be called twice"):
+        output.close()
+        output.close()
+
+
+@contextmanager
+def _bears(rule: str) -> Iterator[None]:
+    try:
+        yield
+    except PosefuseError:
+        raise
+    except Exception as error:
+        raise ContractError(f"contract broken: {rule} ({type(error).__name__}: {error})") from error
+
+
+def _of_session(config: LiveOutputConfig, part: int) -> Iterator[LiveMessage]:
+    yield made_up_start(part)
+    yield from (message for message in made_up_messages() if isinstance(message, config.takes))
+
+
+def _contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def _require(holds: bool, rule: str) -> None:

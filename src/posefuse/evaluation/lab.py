@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import SE3, SKELETONS, InputError, Joints, PoseSequence
+from posefuse.core import SE3, SKELETONS, InputError, JointAngles, PoseSequence
 from posefuse.core.errors import choices
 from posefuse.formats.c3d import C3dData, read_c3d
 
@@ -48,7 +48,7 @@ def poses_from_lab(path: Path) -> PoseSequence:
     return PoseSequence(_times(data), _SKELETON, np.zeros(1), xyz, cov, none, none, seen)
 
 
-def joints_from_lab(path: Path) -> Joints:
+def joints_from_lab(path: Path) -> JointAngles:
     """The laboratory's own hip, knee and ankle angles; frames are unknown (NaN). Raises InputError as `poses_from_lab`."""
     data = read_c3d(path)
     names, angles = [], []
@@ -61,7 +61,7 @@ def joints_from_lab(path: Path) -> Joints:
     angle = np.stack(angles, axis=1)[:, None]
     frames = SE3(np.full((len(angle), 1, 0, 4), np.nan), np.full((len(angle), 1, 0, 3), np.nan))
     kinds = tuple(kind for _ in _LETTER for _, kind in _ANGLES.values())
-    return Joints(_times(data), np.zeros(1), (), frames, tuple(names), kinds, angle, np.full(angle.shape, np.nan))
+    return JointAngles(_times(data), np.zeros(1), (), frames, tuple(names), kinds, angle, np.full(angle.shape, np.nan))
 
 
 def _times(data: C3dData) -> np.ndarray:

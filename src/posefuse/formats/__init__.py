@@ -1,1 +1,1 @@
-"""Core values to and from files that more than one room reads or writes: rigs, truth, videos, TRC, settings."""
+"""Values to and from files, one module per format."""

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posefuse.core import InputError, Joints
+from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import one_line
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 _FIRST = ("t_ns", "person_id")
 
 
-def write_angles(path: Path, joints: Joints) -> None:
+def write_angles(path: Path, joints: JointAngles) -> None:
     """Write ``.csv`` or ``.parquet``: t_ns, person_id, then ``joint.angle_deg`` and ``joint.angle_sigma_deg`` per angle.
 
     What is unknown is an empty cell. Raises InputError for another ending.
@@ -45,19 +46,24 @@ def read_angles(path: Path) -> dict[str, Array]:
     _check_ending(path)
     try:
         table = pyarrow.csv.read_csv(path) if path.suffix == ".csv" else pyarrow.parquet.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read as a table ({' '.join(str(error).split())})") from None
-    if tuple(table.column_names[:2]) != _FIRST:
-        raise InputError(f"{path}: expected the first columns {', '.join(_FIRST)}, got {', '.join(table.column_names[:2])}")
-    out: dict[str, Array] = {}
-    for name in table.column_names:
-        kind = np.int64 if name in _FIRST else np.float64
-        cells: Any = table[name].to_pylist()
-        out[name] = np.array([np.nan if cell is None else cell for cell in cells], kind)
-    return out
+        names = table.column_names
+    except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
+        raise InputError(f"{path}: cannot be read as a table ({one_line(error)})") from None
+    if tuple(names[:2]) != _FIRST:
+        raise InputError(f"{path}: expected the first columns {', '.join(_FIRST)}, got {one_line(', '.join(names[:2]))}")
+    return {name: _column(path, name, table[name]) for name in names}
 
 
-def table_from_joints(joints: Joints) -> pa.Table:
+def _column(path: Path, name: str, values: pa.ChunkedArray) -> Array:
+    kind = np.int64 if name in _FIRST else np.float64
+    try:
+        cells: Any = values.to_pylist()
+        return np.array([np.nan if cell is None else cell for cell in cells], kind)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(f"{path}: column {one_line(name)}: expected numbers ({one_line(error)})") from None
+
+
+def table_from_joints(joints: JointAngles) -> pa.Table:
     """The table `write_angles` writes, as Arrow."""
     import pyarrow as pa
 

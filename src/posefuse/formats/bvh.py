@@ -14,6 +14,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.parsing import one_line, short
 
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
 
@@ -118,7 +119,7 @@ class _Tokens:
         return [word for _, word in self._words]
 
     def fail(self, expected: str, got: str) -> None:
-        raise InputError(f"{self.path}: line {self._line}: expected {expected}, got {got!r}")
+        raise InputError(f"{self.path}: line {self._line}: expected {expected}, got {short(got)}")
 
 
 class _Joints:
@@ -132,7 +133,7 @@ class _Joints:
 def _joint(tokens: _Tokens, joints: _Joints, name: str, parent: int) -> None:
     """Read one joint's block and its children's; `name` has been read."""
     if name in joints.names:
-        raise InputError(f"{tokens.path}: joint {name!r} appears twice in the hierarchy")
+        raise InputError(f"{tokens.path}: joint {short(name)} appears twice in the hierarchy")
     here = len(joints.names)
     tokens.expect("{")
     tokens.expect("OFFSET")
@@ -170,7 +171,7 @@ def _rows(tokens: _Tokens, path: Path, frames: int, channels: int) -> Array:
     try:
         rows = np.array(words, dtype=np.float64).reshape(frames, channels)
     except ValueError as error:
-        raise InputError(f"{path}: MOTION: expected numbers only ({error})") from None
+        raise InputError(f"{path}: MOTION: expected numbers only ({one_line(error)})") from None
     if not np.isfinite(rows).all():
         raise InputError(
             f"{path}: MOTION: expected finite numbers, got NaN or infinity in frame {np.argwhere(~np.isfinite(rows))[0][0]}"

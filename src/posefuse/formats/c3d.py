@@ -1,4 +1,4 @@
-"""C3D: points over time as biomechanics tools read them (Mokka, Visual3D, Vicon, OpenSim), by ezc3d.
+"""C3D: points over time as biomechanics tools read them (Mokka, Visual3D, Vicon, OpenSim); written by ezc3d.
 
 Converted at the door: millimetres and degrees; axes stay ours (Z up, said by ``POINT:Y_SCREEN = +Z``). A missing point has the
 residual -1. The residual of a point is its standard deviation in millimetres.
@@ -18,6 +18,8 @@ from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
 from posefuse.core.errors import choices
 from posefuse.foundation.atomic import atomic_file
 
+from .c3d_blocks import Group, read_blocks
+
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 # residuals are stored as one byte times this; a file with larger ones gets a coarser step
 _FINEST_RESIDUAL_MM = 0.1
@@ -25,6 +27,7 @@ _BYTE = 255
 # a string of a C3D parameter is at most 127 characters in every reader
 _TEXT_PIECE = 120
 _TEXT_PIECES = 200
+_NAMES_PER_PARAMETER = 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,18 +104,12 @@ def read_c3d(path: Path | str) -> C3dData:
     Raises:
         InputError: it cannot be read, holds no points, or names units that are unknown.
     """
-    import ezc3d
-
     path = Path(path)
-    try:
-        file = ezc3d.c3d(str(path))
-    except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as C3D ({' '.join(str(error).split())})") from None
-    point = file["parameters"]["POINT"]
-    labels = [str(label) for label in point["LABELS"]["value"]]
-    points = file["data"]["points"][:3].transpose(2, 1, 0)
-    if not labels or not len(points):
-        raise InputError(f"{path}: expected points over time, got {len(labels)} points and {len(points)} frames")
+    blocks = read_blocks(path)
+    point = blocks.parameters.get("POINT", {})
+    labels = _labels(path, point, blocks.xyz.shape[1])
+    if not labels:
+        raise InputError(f"{path}: expected points over time, got none")
     metres = _METRES.get(_text(point, "UNITS"))
     if metres is None:
         raise InputError(f"{path}: POINT:UNITS: expected one of {choices(_METRES)}, got {_text(point, 'UNITS')!r}")
@@ -120,17 +117,17 @@ def read_c3d(path: Path | str) -> C3dData:
     other = set().union(*(_listed(point, kind) for kind in ("FORCES", "MOMENTS", "POWERS", "SCALARS")))
     is_angle = np.array([label in angles for label in labels])
     is_point = np.array([label not in angles and label not in other for label in labels])
-    residual = file["data"]["meta_points"]["residuals"][0, : len(labels)].T
-    missing = (residual < 0) | ~np.isfinite(points).all(axis=-1)
-    points = np.where(missing[..., None], np.nan, points)
+    residual = blocks.residual
+    missing = (residual < 0) | ~np.isfinite(blocks.xyz).all(axis=-1)
+    points = np.where(missing[..., None], np.nan, blocks.xyz)
     return C3dData(
         names=tuple(label for label, chosen in zip(labels, is_point, strict=True) if chosen),
         xyz_world=points[:, is_point] * metres,
         sigma_m=np.where(missing, np.nan, residual * metres)[:, is_point],
-        rate_hz=float(point["RATE"]["value"][0]),
+        rate_hz=_rate(path, point),
         angle_names=tuple(label for label, chosen in zip(labels, is_angle, strict=True) if chosen),
         angle_rad=np.radians(points[:, is_angle]),
-        about=_about(file["parameters"]),
+        about=_about(blocks.parameters),
     )
 
 
@@ -153,16 +150,30 @@ def _add_parameters(file: Any, data: C3dData) -> None:
         file.add_parameter("POSEFUSE", key, [f"{piece}|" for piece in pieces])
 
 
-def _about(parameters: Any) -> dict[str, str]:
-    if "POSEFUSE" not in parameters:
-        return {}
-    group = parameters["POSEFUSE"]
-    return {key: "".join(piece.removesuffix("|") for piece in group[key]["value"]) for key in group if key != "__METADATA__"}
+def _about(parameters: Mapping[str, Group]) -> dict[str, str]:
+    group = parameters.get("POSEFUSE", {})
+    return {key: "".join(str(piece).removesuffix("|") for piece in pieces) for key, pieces in group.items()}
 
 
-def _text(group: Any, key: str) -> str:
-    return str(group[key]["value"][0]).strip() if key in group and len(group[key]["value"]) else ""
+def _labels(path: Path, point: Group, count: int) -> list[str]:
+    """A name for each point; LABELS2, LABELS3, ... go on where a parameter's 255 names end."""
+    lists = [point.get(f"LABELS{i}" if i > 1 else "LABELS", []) for i in range(1, 2 + count // _NAMES_PER_PARAMETER + 1)]
+    labels = [str(label).strip() for names in lists for label in names][:count]
+    if len(labels) < count:
+        raise InputError(f"{path}: POINT:LABELS: expected the names of {count} points, got {len(labels)}")
+    return labels
 
 
-def _listed(group: Any, key: str) -> set[str]:
-    return {str(name) for name in group[key]["value"]} if key in group else set()
+def _rate(path: Path, point: Group) -> float:
+    rates = point.get("RATE", [])
+    if not rates or isinstance(rates[0], str) or not 0 < rates[0] < np.inf:
+        raise InputError(f"{path}: POINT:RATE: expected a number of Hz > 0, got {rates[0] if rates else 'none'}")
+    return float(rates[0])
+
+
+def _text(group: Group, key: str) -> str:
+    return str(group[key][0]).strip() if group.get(key) else ""
+
+
+def _listed(group: Group, key: str) -> set[str]:
+    return {str(name).strip() for name in group.get(key, [])}

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import InputError, Joints, ShapeError
+from posefuse.core import InputError, JointAngles, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.parsing import one_line, read_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class Motion:
         return np.asarray(self.values[:, self.columns.index(name)])
 
 
-def motion_from_joints(joints: Joints, person: int = 0, name: str = "posefuse") -> Motion:
+def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> Motion:
     """One person's angles as columns ``joint_angle`` in degrees, time from the first instant; all-NaN columns are left out."""
     columns = [f"{joint}_{angle}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for angle in names]
     values = np.degrees(joints.angle_rad[:, person].reshape(len(joints.t_ns), -1))
@@ -60,7 +62,8 @@ def write_mot(path: Path, motion: Motion) -> None:
         f"inDegrees={'yes' if motion.in_degrees else 'no'}", "endheader", "\t".join(("time", *motion.columns)),
     ]  # fmt: skip
     rows = ("\t".join(f"{number:.10g}" for number in (t, *row)) for t, row in zip(motion.t_s, motion.values, strict=True))
-    path.write_text("\n".join((*header, *rows)) + "\n", encoding="utf-8")
+    with atomic_file(path) as temporary:
+        temporary.write_text("\n".join((*header, *rows)) + "\n", encoding="utf-8")
 
 
 def read_mot(path: Path) -> Motion:
@@ -69,16 +72,14 @@ def read_mot(path: Path) -> Motion:
     Raises:
         InputError: not such a file, or rows that do not fit its columns; names file and line.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+    lines = read_text(path).splitlines()
     end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or end + 1 >= len(lines):
         raise InputError(f"{path}: expected an OpenSim header that ends in 'endheader' and a line of column names; found none")
     names = lines[end + 1].split()
-    if not names or names[0].lower() != "time":
-        raise InputError(f"{path}: line {end + 2}: expected the first column 'time', got {names[0] if names else 'nothing'}")
+    first = one_line(names[0]) if names else "nothing"
+    if first.lower() != "time":
+        raise InputError(f"{path}: line {end + 2}: expected the first column 'time', got {first}")
     rows = [_row(path, i, lines[i], len(names)) for i in range(end + 2, len(lines)) if lines[i].strip()]
     table = np.array(rows, np.float64).reshape(-1, len(names))
     return Motion(lines[0].strip(), table[:, 0], tuple(names[1:]), table[:, 1:], _in_degrees(lines[:end]))
@@ -91,7 +92,7 @@ def _row(path: Path, number: int, line: str, count: int) -> Sequence[float]:
     try:
         return [float(part) for part in parts]
     except ValueError as error:
-        raise InputError(f"{path}: line {number + 1}: {error}") from None
+        raise InputError(f"{path}: line {number + 1}: {one_line(error)}") from None
 
 
 def _in_degrees(header: Sequence[str]) -> bool:

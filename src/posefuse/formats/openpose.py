@@ -7,7 +7,6 @@ reordered to COCO-17 (the neck, a midpoint, is dropped).
 from __future__ import annotations
 
 import itertools
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,17 +17,19 @@ import numpy as np
 
 from posefuse.core import SKELETONS, Detections2D, InputError, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
+from posefuse.foundation.parsing import parse_json, read_text, short
 
 # OpenPose's COCO order: nose, neck, right arm, left arm, right leg, left leg, eyes, ears; places of COCO-17's keypoints in it
 _COCO17_IN_COCO18 = (0, 15, 14, 17, 16, 5, 2, 6, 3, 7, 4, 11, 8, 12, 9, 13, 10)
 _COCO18 = 18
 _BODY = 25
-_ENOUGH_PEOPLE = 25
 # mid_hip lies within a quarter of the hips' distance of their middle, however the person stands
 _HIP_SHARE = 4.0
 _POINT = 3
+# people whose hips are looked at to tell BODY_25 from BODY_25B; more of them tell no more
 _ENOUGH_PEOPLE = 200
+# no image has so many pixels across; larger numbers are damage, and their squares overflow
+_FARTHEST_PX = 1e6
 # a keypoint's noise grows with the person's size in the image: this part of the box diagonal at score 1, as 1 / score below
 _SIGMA_OF_DIAGONAL = 0.006
 _LEAST_SIGMA_PX = 0.5
@@ -111,16 +112,13 @@ def _told_skeleton(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skelet
         if len(person) in (len(_COCO17_IN_COCO18), _COCO18):
             return SKELETONS["coco17"]
         if len(person) != _BODY:
-            raise InputError(
-                f"{path}: expected people of 17, 18 or 25 keypoints, got {len(person)}; "
-                f"give skeleton= (one of {choices(SKELETONS)})"
-            )
+            raise InputError(f"{path}: expected people of 17, 18 or 25 keypoints, got {len(person)}")
         offsets.extend(_hip_offset(person))
         if len(offsets) >= _ENOUGH_PEOPLE:
             break
     if not offsets:
         raise InputError(
-            f"{folder}: camera {camera}: no person with hips in any of {len(paths)} files; give skeleton= to read it all the same"
+            f"{folder}: camera {camera}: no person with hips in any of {len(paths)} files: the order of keypoints is unknown"
         )
     return SKELETONS["body_25b" if np.median(offsets) > 1 else "body_25"]
 
@@ -139,15 +137,16 @@ def _hip_offset(person: Array) -> list[float]:
 
 def _read(path: Path) -> list[Array]:
     """Keypoints (K, 3) x, y, score of each person in a file."""
+    content = parse_json(str(path), read_text(path))
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
         people = [np.array(person["pose_keypoints_2d"], np.float64).reshape(-1, _POINT) for person in content["people"]]
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: not readable JSON ({error})") from None
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{path}: not OpenPose JSON: expected people[].pose_keypoints_2d of x, y, score triples ({error!r})"
+            f"{path}: not OpenPose JSON: expected people[].pose_keypoints_2d of x, y, score triples ({short(error)})"
         ) from None
+    far = next((float(x) for person in people for x in person[:, :2].flat if abs(x) > _FARTHEST_PX), None)
+    if far is not None:
+        raise InputError(f"{path}: expected keypoints within {_FARTHEST_PX:g} px of the image, got {far:.3g}")
     return people
 
 

@@ -1,30 +1,35 @@
 """The lossless result folder: arrays, rig and provenance, each in a file of its own.
 
-``recording.npz`` holds the arrays, ``rig.toml`` the cameras, ``recording.json`` the format version, the skeleton and how the
-result was made. Written inside a folder that exists: put `atomic.atomic_folder` around a whole result.
+``recording.npz`` holds the 3D result, ``observations.npz`` every detection that it was made from, ``recording.json`` the format
+version, skeleton and cameras and how the result was made, ``rig.toml`` the cameras for other programs. Written inside a folder
+that exists: put `output_folder.output_folder` around a whole result.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import zipfile
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core import SE3, Camera, InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
+from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.parsing import one_line, parse_json, read_text
 
+from .npz import DAMAGED, read_arrays
 from .rig import read_rig, write_rig
 
 ARRAYS_FILE = "recording.npz"
+OBSERVATIONS_FILE = "observations.npz"
 ABOUT_FILE = "recording.json"
 RIG_FILE = "rig.toml"
-FORMAT_VERSION = 1
+RECORDING_FILES = (ARRAYS_FILE, OBSERVATIONS_FILE, RIG_FILE, ABOUT_FILE)
+FORMAT_VERSION = 2
 _POSES = tuple(field.name for field in dataclasses.fields(PoseSequence) if field.name != "skeleton")
-_VIEWS = ("xy_img", "score", "sigma_px")
 
 
 def write_recording(folder: Path, recording: Recording) -> list[Path]:
@@ -36,11 +41,13 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     Raises:
         InputError: the folder cannot be written to, or the provenance holds something other than plain JSON values.
     """
-    arrays = {name: getattr(recording.poses, name) for name in _POSES} | {f"views_{n}": getattr(recording, n) for n in _VIEWS}
+    arrays = {name: getattr(recording.poses, name) for name in _POSES}
+    observed = {name: getattr(recording.observations, name) for name in OBSERVATION_ARRAYS}
     about = {
         "format": "posefuse recording",
         "format_version": FORMAT_VERSION,
         "rig_id": recording.rig.id,
+        "rig": _rig_values(recording.rig),
         "skeleton": dataclasses.asdict(recording.poses.skeleton),
         "provenance": dict(recording.provenance),
     }
@@ -48,12 +55,13 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
         text = json.dumps(about, indent=2, ensure_ascii=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{folder / ABOUT_FILE}: provenance: expected plain JSON values ({error})") from None
-    with atomic_file(folder / ARRAYS_FILE) as beside:
-        np.savez_compressed(beside, **arrays)
+    for name, content in ((ARRAYS_FILE, arrays), (OBSERVATIONS_FILE, observed)):
+        with atomic_file(folder / name) as beside:
+            np.savez_compressed(beside, **content)
     write_rig(folder / RIG_FILE, recording.rig)
     with atomic_file(folder / ABOUT_FILE) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
-    return [folder / ARRAYS_FILE, folder / RIG_FILE, folder / ABOUT_FILE]
+    return [folder / name for name in RECORDING_FILES]
 
 
 def read_recording(folder: Path | str) -> Recording:
@@ -64,47 +72,70 @@ def read_recording(folder: Path | str) -> Recording:
     """
     folder = Path(folder)
     about = _about(folder)
-    arrays = _arrays(folder / ARRAYS_FILE)
-    rig = read_rig(folder / RIG_FILE)
-    if rig.id != about["rig_id"]:
-        raise InputError(f"{folder}: {RIG_FILE} is rig {rig.id}, the result was made with rig {about['rig_id']}")
+    arrays, observed = read_arrays(folder / ARRAYS_FILE), read_arrays(folder / OBSERVATIONS_FILE)
+    found = read_rig(folder / RIG_FILE).id
+    if found != about["rig_id"]:
+        raise InputError(f"{folder}: {RIG_FILE} is rig {found}, the result was made with rig {about['rig_id']}")
     try:
-        poses = PoseSequence(skeleton=_skeleton(about["skeleton"]), **{name: arrays[name] for name in _POSES})
-        views = {name: arrays[f"views_{name}"] for name in _VIEWS}
-        return Recording(rig, poses, provenance=about["provenance"], **views)
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{folder}: the result is incomplete: {error} is missing") from None
-    except PosefuseError as error:
-        raise InputError(f"{folder}: the result does not fit together: {error}") from None
+        rig = _rig(about["rig"])
+        skeleton = _skeleton(about["skeleton"])
+        poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
+        parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
+        observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
+        return Recording(rig, poses, observations, about["provenance"])
+    except KeyError as error:
+        raise InputError(f"{folder}: the result is incomplete: {one_line(error)} is missing") from None
+    except (PosefuseError, *DAMAGED, IndexError) as error:
+        raise InputError(f"{folder}: the result does not fit together: {one_line(error)}") from None
 
 
 def _about(folder: Path) -> dict[str, Any]:
     path = folder / ABOUT_FILE
     if not path.is_file():
         raise InputError(f"{folder}: not a posefuse result: there is no {ABOUT_FILE}")
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+    about = parse_json(str(path), read_text(path))
     if not isinstance(about, dict) or about.get("format") != "posefuse recording":
         raise InputError(f"{path}: not a posefuse result")
-    if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(
-            f"{path}: format version: expected {FORMAT_VERSION}, got {about.get('format_version')}; a newer posefuse wrote it"
-        )
-    missing = [key for key in ("rig_id", "skeleton", "provenance") if key not in about]
+    version = about.get("format_version")
+    if version != FORMAT_VERSION:
+        older = isinstance(version, int) and version < FORMAT_VERSION
+        whose = "an older posefuse wrote it: track the session again" if older else "a newer posefuse wrote it"
+        raise InputError(f"{path}: format version: expected {FORMAT_VERSION}, got {version}; {whose}")
+    missing = [key for key in ("rig_id", "rig", "skeleton", "provenance") if key not in about]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing")
     return about
 
 
-def _arrays(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-
-
 def _skeleton(content: dict[str, Any]) -> Skeleton:
     return Skeleton(content["name"], tuple(content["keypoints"]), tuple((a, b) for a, b in content["bones"]))
+
+
+def _rig_values(rig: Rig) -> dict[str, Any]:
+    """The rig to the last bit, which files for other programs do not keep: solving again must see the same cameras."""
+    cameras = [
+        {
+            "name": camera.name,
+            "size_wh": list(camera.size_wh),
+            "K": camera.K.tolist(),
+            "wxyz": camera.cam_from_world.wxyz.tolist(),
+            "xyz": camera.cam_from_world.xyz.tolist(),
+            "distortion": camera.distortion.tolist(),
+            "model": camera.model,
+            "readout_s": camera.readout_s,
+        }
+        for camera in rig
+    ]
+    residual_px = None if math.isnan(rig.residual_px) else rig.residual_px
+    return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px}
+
+
+def _rig(content: dict[str, Any]) -> Rig:
+    cameras = tuple(
+        Camera(
+            one["name"], tuple(one["size_wh"]), one["K"], SE3(one["wxyz"], one["xyz"]), one["distortion"], one["model"],
+            one["readout_s"],
+        )
+        for one in content["cameras"]
+    )  # fmt: skip
+    return Rig(cameras, content["world_set_by"], math.nan if content["residual_px"] is None else content["residual_px"])

@@ -16,6 +16,7 @@ from posefuse.core import InputError, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.parsing import one_line, read_text, short
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 # no recorded point is farther from the origin; one that is was written in millimetres
@@ -103,10 +104,7 @@ def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") 
 
 
 def _lines(path: Path) -> list[str]:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from None
+    lines = read_text(path).splitlines()
     if len(lines) < _HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise InputError(f"{path}: not a TRC file: expected a first line that begins with PathFileType")
     return lines
@@ -116,7 +114,7 @@ def _header(path: Path, lines: list[str]) -> dict[str, str]:
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     for key in ("DataRate", "NumMarkers"):
         if key not in header:
-            raise InputError(f"{path}: line 2: {key} is missing; there are: {choices(header)}")
+            raise InputError(f"{path}: line 2: {key} is missing; there are: {one_line(choices(header))}")
     return header
 
 
@@ -134,7 +132,7 @@ def _rate(path: Path, header: dict[str, str]) -> float:
     except ValueError:
         rate_hz = math.nan
     if not (math.isfinite(rate_hz) and rate_hz > 0):
-        raise InputError(f"{path}: DataRate: expected a number of Hz > 0, got {header['DataRate']!r}")
+        raise InputError(f"{path}: DataRate: expected a number of Hz > 0, got {short(header['DataRate'])}")
     return rate_hz
 
 
@@ -157,9 +155,9 @@ def _row(path: Path, number: int, line: str, markers: int) -> list[float]:
     try:
         row = [float(cell) if cell else math.nan for cell in cells]
     except ValueError as error:
-        raise InputError(f"{path}: line {number}: {error}") from None
+        raise InputError(f"{path}: line {number}: {one_line(error)}") from None
     if not math.isfinite(row[0]):
-        raise InputError(f"{path}: line {number}: expected a time, got {cells[0]!r}")
+        raise InputError(f"{path}: line {number}: expected a time, got {short(cells[0])}")
     return row
 
 

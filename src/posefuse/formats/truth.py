@@ -14,9 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, Joints, Rig, Truth
+from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.parsing import one_line, parse_json
+
+from .npz import DAMAGED, read_arrays
 
 _FORMAT = "posefuse truth 1"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -47,7 +50,7 @@ def read_truth(path: Path) -> Truth:
     """Read what `write_truth` wrote; raises InputError when it is not such a file."""
     arrays = read_arrays(path)
     try:
-        description = json.loads(arrays["description"].tobytes())
+        description = parse_json(f"{path}: description", arrays["description"].tobytes())
         if description["format"] != _FORMAT:
             raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {description['format']!r}")
         rig = Rig(tuple(_camera(one) for one in description["cameras"]), description["world_set_by"], 0.0)
@@ -58,8 +61,10 @@ def read_truth(path: Path) -> Truth:
         skeleton = SKELETONS[description["skeleton"]]
         joints = _joints(arrays, description["joints"]) if "joints" in description else None
         return Truth(rig, arrays["t_ns"], skeleton, arrays["person_id"], arrays["xyz_world"], views, joints)
-    except (KeyError, ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a posefuse truth file ({type(error).__name__}: {error})") from None
+    except PosefuseError as error:
+        raise InputError(f"{path}: not a posefuse truth file ({one_line(error)})") from None
+    except (*DAMAGED, IndexError, AttributeError) as error:
+        raise InputError(f"{path}: not a posefuse truth file ({type(error).__name__}: {one_line(error)})") from None
 
 
 def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
@@ -74,15 +79,6 @@ def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
                 archive.writestr(entry, buffer.getvalue())
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error})") from None
-
-
-def read_arrays(path: Path) -> dict[str, Array]:
-    """All arrays of an .npz file; raises InputError when it cannot be read."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{path}: not an .npz file that can be read ({error})") from None
 
 
 def _camera_description(camera: Camera) -> dict[str, Any]:
@@ -104,8 +100,8 @@ def _camera(one: dict[str, Any]) -> Camera:
     return Camera(one["name"], size, np.array(one["K"]), pose, np.array(one["distortion"]), one["model"], one["readout_s"])
 
 
-def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> Joints:
-    return Joints(
+def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> JointAngles:
+    return JointAngles(
         arrays["joints_t_ns"], arrays["person_id"], tuple(names["segments"]), SE3(arrays["joints_wxyz"], arrays["joints_xyz"]),
         tuple(names["joints"]), tuple(tuple(three) for three in names["angle_names"]),
         arrays["joints_angle_rad"], arrays["joints_sigma_rad"],

@@ -91,7 +91,7 @@ class VideoWriter:
 def read_video(path: Path) -> Iterator[tuple[int, Array]]:
     """(time in ns, RGB image (H, W, 3)) of every frame of a film `VideoWriter` made; raises InputError when it cannot."""
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             for frame in container.decode(video=0):
                 yield (
                     round((frame.pts or 0) * Fraction(frame.time_base or TIME_BASE) * 1_000_000_000),

@@ -1,1 +1,1 @@
-"""TODO"""
+"""What does not know cameras or people: safe writing, settings, compiled kernels, plug-ins, the platform."""

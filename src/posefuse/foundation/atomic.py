@@ -1,23 +1,22 @@
-"""Results appear whole or not at all: written beside their place and renamed at the end."""
+"""A file appears whole or not at all: written under another name in the same folder and renamed at the end."""
 
 from __future__ import annotations
 
-import os
-import shutil
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from posefuse.core import InputError
 
-PARTIAL = ".partial"
+_ATTEMPTS = 100
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Give a path beside `path` (same ending) to write to; it takes the name `path` when the block ends well.
+    """Give a new empty file in the folder of `path` (same ending) to write to; it takes the name `path` when the block ends well.
 
-    When the block raises, nothing is left and an older `path` stays as it was.
+    When the block raises, nothing is left and an older `path` stays as it was. No other file is touched.
 
     Raises:
         InputError: the folder of `path` does not exist or cannot be written to, or `path` is a folder.
@@ -26,49 +25,50 @@ def atomic_file(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
     if path.is_dir():
         raise InputError(f"{path}: expected a file name, got a folder")
-    beside = path.with_name(f"{path.stem}{PARTIAL}{path.suffix}")
     try:
-        yield beside
-        beside.replace(path)
+        temporary = new_file(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    try:
+        yield temporary
+        temporary.replace(path)
     except PermissionError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
     finally:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
-@contextmanager
-def atomic_folder(path: Path) -> Iterator[Path]:
-    """Give an empty folder ``NAME.partial`` to fill; it becomes `path` when the block ends well, replacing an older one.
+def new_file(path: Path) -> Path:
+    """Make an empty file with a name of its own in the folder of `path`, with the ending of `path`.
 
-    When the block raises, the partial folder is removed and an older `path` stays as it was. An older `path` is
-    replaced only if it is empty or a result of this kind (it holds a file named as one of those just written).
+    Like `tempfile.mkstemp`, but with the permissions of the user's other files: it becomes a result.
 
     Raises:
-        InputError: `path` is a file, or a folder of something else; the parent cannot be written to.
+        OSError: it cannot be made.
     """
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: expected a folder to write results to, got a file")
-    beside = path.with_name(path.name + PARTIAL)
-    try:
-        shutil.rmtree(beside, ignore_errors=True)
-        beside.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"{path}: no folder can be made there ({error.strerror})") from None
-    try:
-        yield beside
-        _replace_folder(beside, path)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+    for _ in range(_ATTEMPTS):
+        new = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
+        try:
+            new.touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        return new
+    raise FileExistsError(f"no free name in {path.parent}")
 
 
-def _replace_folder(beside: Path, path: Path) -> None:
-    if not path.exists():
-        beside.rename(path)
-        return
-    there = {entry.name for entry in path.iterdir()}
-    if there and not there & {entry.name for entry in beside.iterdir()}:
-        raise InputError(f"{path}: holds other files ({', '.join(sorted(there)[:3])}); name an empty or a new folder")
-    older = path.with_name(f"{path.name}.older-{os.getpid()}")
-    path.rename(older)
-    beside.rename(path)
-    shutil.rmtree(older)
+def new_folder(parent: Path, prefix: str, suffix: str) -> Path:
+    """Make an empty folder ``PREFIXxxxxxxxxSUFFIX`` in `parent`.
+
+    Like `tempfile.mkdtemp`, but with the permissions of the user's other folders: it becomes a result.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    for _ in range(_ATTEMPTS):
+        new = parent / f"{prefix}{secrets.token_hex(4)}{suffix}"
+        try:
+            new.mkdir()
+        except FileExistsError:
+            continue
+        return new
+    raise FileExistsError(f"no free name in {parent}")

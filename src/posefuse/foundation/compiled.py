@@ -10,10 +10,13 @@ import functools
 import hashlib
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import numba
+from llvmlite import binding  # type: ignore[import-untyped]
 from numba import config, njit
 
 from .user_cache import default_cache_dir
@@ -37,6 +40,22 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             config.CACHE_DIR = before
 
     return compiled
+
+
+@contextmanager
+def compiling(what: str, say: Callable[[str], None]) -> Iterator[None]:
+    """Around the first use of the kernels of `what`: says before it that they are compiled, where that was not done yet."""
+    folder = _folder()
+    # machine code is kept for one numba, one kind of processor, and one place of the source files
+    place = hashlib.sha256(str(_PACKAGE).encode()).hexdigest()[:8]
+    kept_for = f"{numba.__version__}-{binding.get_host_cpu_name()}-{place}"
+    done = folder / f"{what.replace(' ', '_')}-{kept_for}.compiled" if folder else None
+    if done is None or not done.exists():
+        say(f"compiling the numeric kernels for {what}: about a minute" + (", the first time only" if done else ""))
+    yield
+    if done is not None:
+        with suppress(OSError):
+            done.touch()
 
 
 def kernel_files(package: Path = _PACKAGE) -> list[Path]:

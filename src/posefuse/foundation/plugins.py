@@ -1,4 +1,4 @@
-"""Plug-ins by Python entry points: cameras, 2D estimators and outputs, ours through the same door as others'."""
+"""Plug-ins by Python entry points: cameras, 2D estimators, outputs recorded and live; ours are found like others'."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from posefuse.core.errors import choices
 
 from .settings import settings_from_mapping
 
-GROUPS = {"sources": "posefuse.sources", "detectors": "posefuse.detectors", "sinks": "posefuse.outputs"}
+GROUPS = {
+    "sources": "posefuse.sources",
+    "detectors": "posefuse.detectors",
+    "sinks": "posefuse.outputs",
+    "live_outputs": "posefuse.live_outputs",
+}
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,12 @@ def list_plugins(kind: str) -> list[Plugin]:
 
 
 def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
-    """Build the plug-in `name` with its config made from `options`.
+    """Build the plug-in `name`; see `plugin_config`."""
+    return plugin_config(kind, name, options, known).build()
+
+
+def plugin_config(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
+    """The config of plug-in `name`, made from `options`.
 
     `known` are facts of the session by option name; a plug-in that has such an option gets it, unless the user set it.
 
@@ -53,7 +63,7 @@ def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mappin
     if plugin.config is None:
         raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
     fitting = {key: value for key, value in (known or {}).items() if key in option_names(plugin)}
-    return settings_from_mapping({**fitting, **options}, plugin.config, where=f"{kind} {name}").build()
+    return settings_from_mapping({**fitting, **options}, plugin.config, where=f"{kind} {name}")
 
 
 def option_names(plugin: Plugin) -> list[str]:

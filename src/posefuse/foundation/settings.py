@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, dataclass_transform
 
-import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from posefuse.core import ConfigError
 from posefuse.core.errors import choices
 
+from .parsing import one_line, parse_toml, parse_yaml, read_text, short
+
 T = TypeVar("T")
-_STRICT = ConfigDict(extra="forbid")
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -36,14 +36,8 @@ def read_settings(path: Path, cls: type[T]) -> T:
 
 def read_mapping(path: Path) -> dict[str, Any]:
     """The raw content of a .toml, .yaml or .yml file, a mapping at the top."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from None
-    try:
-        content = tomllib.loads(text) if path.suffix == ".toml" else yaml.safe_load(text)
-    except (tomllib.TOMLDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: not valid {path.suffix[1:].upper()} ({' '.join(str(error).split())})") from None
+    parse = parse_toml if path.suffix == ".toml" else parse_yaml
+    content = parse(str(path), read_text(path, ConfigError), ConfigError)
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: expected keys with values at the top, got {type(content).__name__}")
     return content
@@ -55,17 +49,20 @@ def settings_from_mapping(content: Mapping[str, Any], cls: type[T], where: str) 
         return TypeAdapter(cls).validate_python(content)
     except ValidationError as error:
         raise ConfigError(f"{where}: {_first_problem(error, cls)}") from None
+    except (TypeError, ValueError, RecursionError) as error:
+        # pydantic itself refuses, e.g., keys that are no text
+        raise ConfigError(f"{where}: expected names as keys ({one_line(error)})") from None
 
 
 def _first_problem(error: ValidationError, cls: type[Any]) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "unexpected_keyword_argument":
-        return f"unknown key {key!r}; there are: {choices(_sibling_names(cls, first['loc']))}"
+        return f"unknown key {short(key)}; there are: {choices(_sibling_names(cls, first['loc']))}"
     if first["type"] in ("missing_argument", "missing_keyword_only_argument", "missing"):
         return f"{key}: missing"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return f"{key}: {first['msg'][0].lower()}{first['msg'][1:]}, got {first['input']!r}{more}"
+    return f"{key}: {first['msg'][0].lower()}{first['msg'][1:]}, got {short(first['input'])}{more}"
 
 
 def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:

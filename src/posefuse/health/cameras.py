@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
 from posefuse.core import Detections2D
-from posefuse.realtime.messages import CameraState, Seen
 
 OK = "ok"
 _S = 1_000_000_000
@@ -35,6 +35,50 @@ _ENOUGH = 2
 FLOOD_HZ = 250
 _WINDOW_NS = _S // 2
 _COUNT_NS = _S // 5
+
+
+@dataclass(frozen=True)
+class CameraState:
+    """How one camera fares in its group.
+
+    Attributes:
+        state: ``opening``, ``running``, ``ended`` (source is over) or ``lost`` (tries again).
+        text: why, when not running.
+        captured: frames that reached the process. used: looked at. replaced: given up for a newer one.
+        missing: frames the camera counted but never delivered.
+    """
+
+    camera: str
+    state: str
+    text: str
+    captured: int
+    used: int
+    replaced: int
+    missing: int
+
+
+class TimedDetections(Protocol):
+    """A frame that the detector has processed, with what tells whether it is still good.
+
+    Attributes:
+        detections: the people in it; its t_ns is mid-exposure. received_ns: when the frame reached its process.
+        still: how many frames in a row, this one included, were the same image.
+    """
+
+    @property
+    def detections(self) -> Detections2D:
+        """See the class."""
+        ...
+
+    @property
+    def received_ns(self) -> int:
+        """See the class."""
+        ...
+
+    @property
+    def still(self) -> int:
+        """See the class."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -98,7 +142,7 @@ class Monitor:
         self.events: deque[Event] = deque(maxlen=1000)
         self.event_count = 0
 
-    def admit(self, seen: Seen, now_ns: int) -> Detections2D | None:
+    def admit(self, seen: TimedDetections, now_ns: int) -> Detections2D | None:
         """The view to use, its time put right where its clock has jumped; None when it must not be used."""
         watch = self._watches.get(seen.detections.camera)
         if watch is None:
@@ -197,7 +241,7 @@ class Monitor:
         watch.flooding_ns, watch.flood_hz = now_ns, watch.in_window * _S / max(now_ns - watch.window_ns, _S // 100)
         return True
 
-    def _timed(self, watch: _Watch, seen: Seen, now_ns: int) -> int | None:
+    def _timed(self, watch: _Watch, seen: TimedDetections, now_ns: int) -> int | None:
         """Mid-exposure by a clock that agrees with arrival; None while that has to be found out."""
         t_ns = seen.detections.t_ns + watch.shift_ns
         age_ns = seen.received_ns - t_ns
@@ -225,7 +269,7 @@ class Monitor:
         watch.strange_ns.clear()
         return t_ns + jump_ns
 
-    def _is_frozen(self, watch: _Watch, seen: Seen, t_ns: int) -> bool:
+    def _is_frozen(self, watch: _Watch, seen: TimedDetections, t_ns: int) -> bool:
         if seen.still == 0 or watch.changed_ns is None:
             watch.changed_ns = t_ns
         watch.frozen = t_ns - watch.changed_ns >= FROZEN_NS

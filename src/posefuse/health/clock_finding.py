@@ -20,10 +20,9 @@ from posefuse.calibration.clocks.paths import (
     MovingViews,
     Paths,
 )
+from posefuse.calibration.keypoints import MIN_SCORE
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
-
-from .rig_monitor import LEAST_SCORE
 
 # new seconds looked at in one go, the longest looked at when more have come, and what is looked at again at both ends
 _BLOCK_S, _LONGEST_S, _MARGIN_S = 2.0, 6.0, 0.3
@@ -53,7 +52,7 @@ class ClockFinder:
         if t_s < self._newest_s[c] + APART_S:
             return
         self._newest_s[c] = t_s
-        xy = np.where((score >= LEAST_SCORE)[:, None], self._rig.cameras[c].norm_from_px(xy_img), np.nan)
+        xy = np.where((score >= MIN_SCORE)[:, None], self._rig.cameras[c].norm_from_px(xy_img), np.nan)
         self._views.append((c, t_s, xy))
         while self._views[0][1] < t_s - _LONGEST_S - 2 * _MARGIN_S:
             self._views.popleft()

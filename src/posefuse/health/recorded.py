@@ -1,24 +1,24 @@
-"""Whether the cameras of a recording stood and ran as their calibration says, asked of what they saw of the person."""
+"""Whether the cameras of a recording stood and ran as their calibration says, by what they saw of the person."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from posefuse.core import Rig
-from posefuse.pipeline.second_pass import ViewSequence
+from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.core import Rig, ViewSequence
 
-from .rig_monitor import LEAST_SCORE, Finding, observe, start, telling_points
+from .rig_monitor import Finding, observe, start
 
 # more tells no more: a network's errors last longer than this
 _EVERY_S = 0.1
 
 
 def rig_findings(views: ViewSequence, rig: Rig) -> list[Finding]:
-    """Cameras that were moved, exchanged or out of step, as the first person's keypoints show; needs three cameras."""
+    """Cameras that were moved, swapped or unsynchronised, as the first person's keypoints show; needs three cameras."""
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9 if len(views.t_ns) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
-    told = telling_points(views.skeleton.keypoints)
-    xy = np.where((views.score[:, 0] >= LEAST_SCORE)[..., None], views.xy_img[:, 0], np.nan)[:, :, told]
+    limbs = limb_keypoints(views.skeleton.keypoints)
+    xy = np.where((views.score[:, 0] >= MIN_SCORE)[..., None], views.xy_img[:, 0], np.nan)[:, :, limbs]
     state, found = start(rig), []
     for t_ns, seen in zip(views.t_ns[::step].tolist(), xy[::step], strict=True):
         state, new = observe(state, rig, t_ns, seen)

@@ -19,12 +19,6 @@ from posefuse.core.arrays import Array
 from .misalignment import LATE, TURN, UNKNOWNS, Instant, Sums, instant_of, sums_of
 
 BUMPED, OUT_OF_STEP, SWAPPED = "bumped", "out of step", "swapped"
-# what moves most tells most; faces are marked where nobody can see them
-_TELLING = frozenset(
-    f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-)
-# of a keypoint, for it to tell anything
-LEAST_SCORE = 0.5
 # what is seen fades within the first for what is gross, within the second for what is small
 MEMORIES_S = (2.0, 8.0)
 # squares explained, in those that a redundant coordinate keeps; `bench/rig_monitor.py --fit` prints what nothing wrong explains
@@ -92,12 +86,6 @@ class MonitorState:
         if self.finding is None:
             return ()
         return (self.finding, *(self.others.findings if self.others is not None else ()))
-
-
-def telling_points(keypoints: Sequence[str]) -> Array:
-    """Indices of the keypoints to watch a rig by, of a skeleton's names; all where it has none of them."""
-    found = [k for k, name in enumerate(keypoints) if name in _TELLING]
-    return np.array(found or range(len(keypoints)))
 
 
 def start(rig: Rig) -> MonitorState:

@@ -1,4 +1,4 @@
-"""Pose3D to Joints: segment frames (ISB axes) and joint angles, live and recorded."""
+"""Pose3D to JointAngles: segment frames (ISB axes) and joint angles, live and recorded."""
 
 from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
 from .joints import JointTracker, joints_from_poses, reasons_from_poses, segment_axes

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from posefuse.core import InputError, Joints, PoseSequence
+from posefuse.core import InputError, JointAngles, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.formats.bvh import BvhData
 
@@ -37,7 +37,7 @@ _LONGEST_GAP_S = 0.5
 _UNEVEN = 0.05
 
 
-def animation_from_joints(sequence: PoseSequence, joints: Joints, person: int = 0, metres_per_unit: float = 1.0) -> BvhData:
+def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: int = 0, metres_per_unit: float = 1.0) -> BvhData:
     """One person's motion with offsets that are medians over time, so bones keep their length.
 
     With segments of constant length (the whole-body fit) the motion read back is exactly that of `sequence`. Gaps up to half
@@ -100,7 +100,7 @@ def _uneven(t_ns: Array) -> str | None:
     return f"BVH and glTF hold evenly spaced instants; these are {steps.min():.4f} to {steps.max():.4f} s apart: set rate_hz"
 
 
-def animation_gap(joints: Joints, person: int = 0) -> str | None:
+def animation_gap(joints: JointAngles, person: int = 0) -> str | None:
     """Why this person cannot be animated as they are: uneven times, a segment missing too long; None if they can."""
     uneven = _uneven(joints.t_ns)
     if uneven:

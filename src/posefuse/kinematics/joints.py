@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from posefuse.core import SE3, Joints, Pose3D, PoseSequence, ShapeError, Skeleton
+from posefuse.core import SE3, JointAngles, Pose3D, PoseSequence, ShapeError, Skeleton
 from posefuse.core.arrays import Array
 
 from . import kernels
@@ -38,7 +38,7 @@ _ORIGINS = SEGMENT_PAIRS[:, 0]
 GROUND = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
 
 
-def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> Joints:
+def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> JointAngles:
     """Segment frames and joint angles of a recording, the planes of straight limbs carried from both sides in time.
 
     Angles are continuous over time (unwrapped), radians, flexion positive on both sides; `sigma_rad` is propagated from
@@ -51,7 +51,7 @@ def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = N
     return reasons_from_poses(sequence, settings)[0]
 
 
-def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> tuple[Joints, Array]:
+def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> tuple[JointAngles, Array]:
     """As `joints_from_poses`, with (T, N, J, 3) uint8 of `Reason` for every angle."""
     settings = settings or JointSettings()
     if settings.sides_checked:
@@ -82,7 +82,7 @@ class JointTracker:
         self._work = Workspace(skeleton, settings or JointSettings())
         self._memories: dict[int, _Memory] = {}
 
-    def step(self, pose: Pose3D) -> Joints:
+    def step(self, pose: Pose3D) -> JointAngles:
         """Joints of one instant (T = 1). People that are gone are forgotten.
 
         Raises:
@@ -117,12 +117,12 @@ def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) 
     return joints_from_poses(sequence, settings).world_from_segment
 
 
-def joints_value(t_ns: Array, person_id: Array, rotation: Array, origin: Array, angles: Array, sigmas: Array) -> Joints:
+def joints_value(t_ns: Array, person_id: Array, rotation: Array, origin: Array, angles: Array, sigmas: Array) -> JointAngles:
     """Joints of raw arrays over (T, N); a frame that is NaN has no origin either."""
     wxyz = np.empty((*rotation.shape[:-2], 4))
     kernels.quaternions(rotation.reshape(-1, 3, 3), wxyz.reshape(-1, 4))
     frames = SE3(wxyz, np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin))
-    return Joints(t_ns, person_id, SEGMENT_NAMES, frames, JOINT_NAMES, ANGLE_NAMES, angles, sigmas)
+    return JointAngles(t_ns, person_id, SEGMENT_NAMES, frames, JOINT_NAMES, ANGLE_NAMES, angles, sigmas)
 
 
 @dataclass

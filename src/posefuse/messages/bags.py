@@ -5,7 +5,9 @@ Messages are kept in the order they were published, so a replay sees what the li
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import contextlib
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -18,12 +20,15 @@ from posefuse.core.errors import choices
 from . import topics
 from .camera_messages import CAMERA_INFO_TYPE, camera_from_info
 from .intake import decode, encode
+from .mcap_records import mcap_records
 from .messages import detections_from_message, optical_frame, pose_from_message
 from .topics import Topic
 from .types import definition, optional_module, ros2_types
 
 _MAX_MESSAGE_BYTES = 2**28
 _CHUNK_BYTES = 2**18
+Warn = Callable[[str], None]
+"""Takes the one line about what is missing of a recording that was cut off; `warnings.warn` where none is given."""
 
 
 class Recorder:
@@ -45,14 +50,14 @@ class Recorder:
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         self._writer = writer.Writer(self._file, chunk_size=_CHUNK_BYTES, compression=writer.CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library="posefuse")
+        self._begin()
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._counts: dict[str, int] = {}
         self._open = True
 
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
-        """Record one message of the instant `t_ns`."""
+        """Record one message of the time `t_ns`; raises OSError when the disk is full."""
         self.write(topic, encode(msg), t_ns, t_ns)
 
     def write(self, topic: Topic, raw: bytes, logged_ns: int, sent_ns: int) -> None:
@@ -75,11 +80,26 @@ class Recorder:
         """Nothing to do: a file keeps its channels."""
 
     def close(self) -> None:
-        """Finish the file; safe to call twice."""
+        """Finish the file; safe to call twice. Raises OSError when the disk is full; what was written before stays."""
         if self._open:
             self._open = False
-            self._writer.finish()
-            self._file.close()
+            try:
+                self._writer.finish()
+                self._file.flush()
+            finally:
+                with contextlib.suppress(OSError):
+                    self._file.close()
+
+    def _begin(self) -> None:
+        """Write the header now: a full disk is known at once, and leaves no empty file."""
+        try:
+            self._writer.start(profile="ros2", library="posefuse")
+            self._file.flush()
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.close()
+            self.path.unlink(missing_ok=True)
+            raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
 
     def __enter__(self) -> Recorder:
         return self
@@ -108,25 +128,28 @@ class Recorded(NamedTuple):
     logged_ns: int
 
 
-def read_mcap(path: Path, names: Collection[str] | None = None, cut_ok: bool = False) -> Iterator[Recorded]:
+def read_mcap(path: Path, names: Collection[str] | None = None, warn: Warn | None = None) -> Iterator[Recorded]:
     """Messages of a ROS 2 .mcap file in the order they were written; `names` picks topics.
 
-    Types this package knows are checked against the file's own definition of them; others are skipped.
+    Types this package knows are checked against the file's own definition of them; others are skipped. A file that was cut off
+    (power, full disk, a killed process) is read up to its last whole chunk, and `warn` is given one line that says so.
 
     Raises:
-        SourceError: no such file, no MCAP file, or one that ends in the middle (unless `cut_ok`).
+        SourceError: no such file, no MCAP file, or one with a damaged part.
         MessageError: a message that is malformed, or of a type whose definition is not ours.
     """
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
     checked: set[int] = set()
-    for kind, record in _records(path, cut_ok):
+    for kind, record in mcap_records(path, _MAX_MESSAGE_BYTES, warn or _warn):
         if kind == "Schema":
             schemas[record.id] = record
         elif kind == "Channel":
             channels[record.id] = record
         elif kind == "Message":
-            channel = channels[record.channel_id]
+            channel = channels.get(record.channel_id)
+            if channel is None:
+                raise SourceError(f"{path}: damaged: a message belongs to channel {record.channel_id}, which is not in the file")
             schema = schemas.get(channel.schema_id)
             if (names is not None and channel.topic not in names) or not _known(schema, channel):
                 continue
@@ -138,7 +161,8 @@ def read_mcap(path: Path, names: Collection[str] | None = None, cut_ok: bool = F
 
 def read_notes(path: Path, name: str) -> dict[str, str] | None:
     """Texts kept by `Recorder.note`; None where there are none. Raises SourceError as `read_mcap` does."""
-    for kind, record in _records(path, cut_ok=True):
+    # that the file was cut off is said by who reads its messages
+    for kind, record in mcap_records(path, _MAX_MESSAGE_BYTES, lambda line: None):
         if kind == "Metadata" and record.name == name:
             return dict(record.metadata)
         if kind == "Message":
@@ -146,42 +170,23 @@ def read_notes(path: Path, name: str) -> dict[str, str] | None:
     return None
 
 
-def _records(path: Path, cut_ok: bool) -> Iterator[tuple[str, Any]]:
-    """(kind, record) of everything in the file, in order."""
-    stream_reader, exceptions = optional_module("mcap.stream_reader"), optional_module("mcap.exceptions")
-    try:
-        file = path.open("rb")
-    except OSError as error:
-        raise SourceError(f"{path}: cannot be opened ({error.strerror})") from None
-    with file:
-        records = stream_reader.StreamReader(file, record_size_limit=_MAX_MESSAGE_BYTES).records
-        while True:
-            try:
-                record = next(records, None)
-            except exceptions.EndOfFile:
-                if cut_ok:
-                    return
-                raise SourceError(f"{path}: ends in the middle, the recording was cut off") from None
-            except (exceptions.McapError, ValueError) as error:
-                raise SourceError(f"{path}: cannot be read as MCAP ({error})") from None
-            if record is None:
-                return
-            yield type(record).__name__, record
+def _warn(line: str) -> None:
+    warnings.warn(line, stacklevel=4)
 
 
-def read_detections(path: Path, cut_ok: bool = False) -> Iterator[tuple[Detections2D, dict[str, int]]]:
+def read_detections(path: Path, warn: Warn | None = None) -> Iterator[tuple[Detections2D, dict[str, int]]]:
     """Recorded 2D poses with their stages, in the order they arrived."""
-    for recorded in read_mcap(path, {topics.DETECTIONS.name}, cut_ok):
+    for recorded in read_mcap(path, {topics.DETECTIONS.name}, warn):
         yield detections_from_message(recorded.msg)
 
 
-def read_poses(path: Path, cut_ok: bool = False) -> Iterator[tuple[Pose3D, dict[str, int]]]:
+def read_poses(path: Path, warn: Warn | None = None) -> Iterator[tuple[Pose3D, dict[str, int]]]:
     """Recorded 3D poses with their stages, in the order they went out."""
-    for recorded in read_mcap(path, {topics.POSE.name}, cut_ok):
+    for recorded in read_mcap(path, {topics.POSE.name}, warn):
         yield pose_from_message(recorded.msg)
 
 
-def read_rig(path: Path, cut_ok: bool = False) -> Rig:
+def read_rig(path: Path, warn: Warn | None = None) -> Rig:
     """The cameras of a recording, from its `camera_info` topics and static transforms; names as ROS writes them.
 
     Raises:
@@ -189,7 +194,7 @@ def read_rig(path: Path, cut_ok: bool = False) -> Rig:
     """
     infos: dict[str, Any] = {}
     poses: dict[str, SE3] = {}
-    for _, msg, _ in read_mcap(path, None, cut_ok):
+    for _, msg, _ in read_mcap(path, None, warn):
         if msg.__msgtype__ == CAMERA_INFO_TYPE:
             infos[msg.header.frame_id] = msg
         elif msg.__msgtype__ == topics.TF_STATIC.type_name:

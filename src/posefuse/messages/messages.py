@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SKELETONS, Detections2D, Joints, Kind, MessageError, Pose3D, PosefuseError, Skeleton
+from posefuse.core import SKELETONS, Detections2D, JointAngles, Kind, MessageError, Pose3D, PosefuseError, Skeleton
 from posefuse.core.arrays import Array
 
 from .types import message
@@ -135,7 +135,7 @@ def pose_from_message(msg: Any) -> tuple[Pose3D, dict[str, int]]:
     return pose, _stages(msg)
 
 
-def messages_from_joints(joints: Joints, world_frame: str, t_ns: int) -> list[Any]:
+def messages_from_joints(joints: JointAngles, world_frame: str, t_ns: int) -> list[Any]:
     """`posefuse_msgs/JointAngles` of each person at the last instant of `joints`, stamped `t_ns`."""
     names = [f"{joint}/{angle}" for joint, angles in zip(joints.joints, joints.angle_names, strict=True) for angle in angles]
     return [

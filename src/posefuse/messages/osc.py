@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from posefuse.core import ConfigError, Joints, Pose3D
+from posefuse.core import ConfigError, JointAngles, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
@@ -63,7 +63,7 @@ def osc_bundle(messages: Sequence[bytes], t_ns: int) -> bytes:
     return b"#bundle\0" + tag + b"".join(struct.pack(">i", len(m)) + m for m in messages)
 
 
-def osc_from_pose(pose: Pose3D, joints: Joints | None, axes: str) -> list[bytes]:
+def osc_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[bytes]:
     """Datagrams of one instant; `axes` is one of `AXES`."""
     people = [int(person) for person in pose.person_id]
     datagrams = [osc_bundle([osc_message("/posefuse/people", *people)], pose.t_ns)]
@@ -76,7 +76,7 @@ def osc_from_pose(pose: Pose3D, joints: Joints | None, axes: str) -> list[bytes]
     return datagrams
 
 
-def json_from_pose(pose: Pose3D, joints: Joints | None, axes: str) -> list[bytes]:
+def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[bytes]:
     """Datagrams of one instant, one per person; `axes` is one of `AXES`."""
     datagrams = []
     for n, person in enumerate(int(person) for person in pose.person_id):
@@ -109,7 +109,7 @@ def _keypoints(pose: Pose3D, n: int, turn: Array) -> Iterator[tuple[str, list[fl
             yield name, place, spread if np.isfinite(spread) else 0.0
 
 
-def _angles(joints: Joints | None, person: int) -> Iterator[tuple[str, float]]:
+def _angles(joints: JointAngles | None, person: int) -> Iterator[tuple[str, float]]:
     if joints is None:
         return
     for n in np.flatnonzero(joints.person_id == person):

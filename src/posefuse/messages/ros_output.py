@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, Camera, Joints, Pose3D, Rig
+from posefuse.core import SE3, Camera, JointAngles, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import pick_keypoints
 
@@ -100,7 +100,7 @@ class RosOutput:
             self.outlet.publish(topics.camera_info(camera.name), info_from_camera(camera, t_ns), t_ns)
         self.outlet.publish(CAMERA_MARKERS, camera_markers(self.rig, t_ns, self.world_frame), t_ns)
 
-    def step(self, pose: Pose3D, joints: Joints | None = None, stages: Stages | None = None) -> None:
+    def step(self, pose: Pose3D, joints: JointAngles | None = None, stages: Stages | None = None) -> None:
         """Publish what somebody wants of one instant. `joints`, if any, are of the same people; their last instant is shown."""
         t_ns = pose.t_ns + self.epoch_offset_ns
         moved = {name: stage_ns + self.epoch_offset_ns for name, stage_ns in (stages or {}).items()}
@@ -121,7 +121,7 @@ class RosOutput:
             self._marked_ns = t_ns
             self.outlet.publish(topics.MARKERS, person_markers(shifted, self.world_frame), t_ns)
 
-    def _show_bodies(self, pose: Pose3D, joints: Joints | None, ids: Sequence[str], t_ns: int) -> None:
+    def _show_bodies(self, pose: Pose3D, joints: JointAngles | None, ids: Sequence[str], t_ns: int) -> None:
         """Frames of links and segments, and the joints of the REP-155 model."""
         states = [topics.body(one, "joint_states") for one in ids]
         wanted = [self.outlet.wanted(topic) for topic in states]
@@ -176,7 +176,7 @@ class RosOutput:
                 found += _children(t_ns, f"body_{one}", [f"{name}_{one}" for name in LINKS[1:]], body_from_link[n, 1:])
         return found
 
-    def _segments(self, joints: Joints, roots: Mapping[int, SE3], t_ns: int) -> list[Any]:
+    def _segments(self, joints: JointAngles, roots: Mapping[int, SE3], t_ns: int) -> list[Any]:
         found = []
         for n, person in enumerate(map(int, joints.person_id)):
             root = roots.get(person)
@@ -198,6 +198,13 @@ class RosOutput:
         )
         self.outlet.publish(topics.body(one, "skeleton2d"), _skeleton2d(xy / (size - 1), inside, camera, pose.t_ns), pose.t_ns)
         self.outlet.publish(topics.body(one, "roi"), _roi(xy[inside], camera), pose.t_ns)
+
+
+def publish_pose(outlet: Outlet, pose: Pose3D, joints: JointAngles | None, stages: Stages) -> None:
+    """The topics a replay needs and nothing else: the pose, and everybody's joint angles."""
+    outlet.publish(topics.POSE, message_from_pose(pose, stages, "world"), pose.t_ns)
+    for msg in messages_from_joints(joints, "world", pose.t_ns) if joints is not None else ():
+        outlet.publish(topics.body(body_id(msg.person_id), "joint_angles"), msg, pose.t_ns)
 
 
 def transform(t_ns: int, parent: str, child: str, parent_from_child: SE3) -> Any:

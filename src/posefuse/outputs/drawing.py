@@ -139,8 +139,8 @@ def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh
         # pixel centres are integers: the corner of the image is at -0.5
         projected = (camera.project(poses.xyz_world[i, n]) + 0.5) * scale - 0.5
         draw_skeleton(tile, projected, poses.kind[i, n], poses.skeleton)
-        draw_detections(tile, (recording.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.score[i, n, c])
-    if not (recording.score[i, :, c] > 0).any():
+        draw_detections(tile, (recording.views.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.views.score[i, n, c])
+    if not (recording.views.score[i, :, c] > 0).any():
         notes.append("nobody seen")
     gone = int((poses.kind[i] == Kind.MISSING).sum())
     if gone:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -12,9 +13,9 @@ import numpy as np
 from posefuse.core import Frame, Recording, Sink
 
 Frames = Sequence[Frame | None]
-"""One instant's frames: axis C in the order of the rig, None where a camera has none."""
+"""The frames of one time step: axis C in the order of the rig, None where a camera has none."""
 FrameSets = Iterable[tuple[int, Frames]]
-"""(t_ns, frames) in time order; t_ns as in the recording, instants may be left out."""
+"""(t_ns, frames) in time order; t_ns as in the recording, time steps may be left out."""
 
 
 @runtime_checkable
@@ -30,7 +31,7 @@ class FrameWriter(Protocol):
         ...
 
     def add(self, i: int, frames: Frames) -> None:
-        """Show instant i of the recording; i only grows."""
+        """Show time step i of the recording; i only grows."""
         ...
 
     @property
@@ -48,28 +49,77 @@ class FrameSink(Sink, Protocol):
         ...
 
 
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of writing outputs.
+
+    Attributes:
+        files: made, in the order of the outputs. failed: the error of each output that could not be written, by its name.
+    """
+
+    files: tuple[Path, ...]
+    failed: Mapping[str, Exception]
+
+
 def write_outputs(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_sets: FrameSets | None = None) -> list[Path]:
+    """`write_each`; returns the files made, and raises the error of the first output that failed."""
+    outcome = write_each(sinks, recording, folder, frame_sets)
+    for error in outcome.failed.values():
+        raise error
+    return list(outcome.files)
+
+
+def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_sets: FrameSets | None = None) -> Outcome:
     """Write all outputs of a recording into an existing folder, reading the frames once and keeping one set at a time.
 
-    Instants that `frame_sets` leaves out are shown without images; frame sets that are no instant are skipped.
-
-    Returns:
-        The files made, in the order of `sinks`.
+    Time steps that `frame_sets` leaves out are shown without images; frame sets that are at no time step are skipped. An
+    output that fails does not keep the others from being written.
     """
     made: dict[int, list[Path]] = {}
-    with ExitStack() as stack:
-        writers: dict[int, FrameWriter] = {}
+    failed: dict[int, Exception] = {}
+    writers: dict[int, FrameWriter] = {}
+    try:
         for place, sink in enumerate(sinks):
-            if isinstance(sink, FrameSink):
-                writers[place] = stack.enter_context(sink.writer(recording, folder))
-            else:
-                made[place] = sink.write(recording, folder)
-        if writers:
-            for i, frames in every_instant(recording, frame_sets or ()):
-                for writer in writers.values():
-                    writer.add(i, frames)
-    made |= {place: writer.files for place, writer in writers.items()}
-    return [path for place in range(len(sinks)) for path in made[place]]
+            with _noted(failed, place):
+                if isinstance(sink, FrameSink):
+                    writer = sink.writer(recording, folder)
+                    writer.__enter__()
+                    writers[place] = writer
+                else:
+                    made[place] = sink.write(recording, folder)
+        for i, frames in every_instant(recording, frame_sets or ()) if writers else ():
+            for place in list(writers):
+                _add(writers, failed, place, i, frames)
+    except BaseException as error:
+        for writer in writers.values():
+            with suppress(Exception):
+                writer.__exit__(type(error), error, error.__traceback__)
+        raise
+    for place, writer in writers.items():
+        with _noted(failed, place):
+            writer.__exit__(None, None, None)
+            made[place] = writer.files
+    files = tuple(path for place in sorted(made) for path in made[place])
+    return Outcome(files=files, failed={sinks[place].name: error for place, error in sorted(failed.items())})
+
+
+@contextmanager
+def _noted(failed: dict[int, Exception], place: int) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - also an unknown plug-in's bug must not cost the other outputs
+        failed[place] = error
+
+
+def _add(writers: dict[int, FrameWriter], failed: dict[int, Exception], place: int, i: int, frames: Frames) -> None:
+    """Show one time step; a writer that fails is ended and takes no more."""
+    with _noted(failed, place):
+        writers[place].add(i, frames)
+    if place in failed:
+        error = failed[place]
+        with suppress(Exception):
+            writers[place].__exit__(type(error), error, error.__traceback__)
+        del writers[place]
 
 
 def write_without_frames(sink: FrameSink, recording: Recording, folder: Path) -> list[Path]:
@@ -78,7 +128,7 @@ def write_without_frames(sink: FrameSink, recording: Recording, folder: Path) ->
 
 
 def every_instant(recording: Recording, frame_sets: FrameSets) -> Iterator[tuple[int, Frames]]:
-    """(i, frames) for each instant of the recording in order; its frames are those within half a period, else none."""
+    """(i, frames) for each time step of the recording in order; its frames are those within half a period, else none."""
     t_ns = recording.poses.t_ns
     reach_ns = float(np.median(np.diff(t_ns))) / 2 if len(t_ns) > 1 else 0.5e9
     nothing: Frames = (None,) * len(recording.rig)

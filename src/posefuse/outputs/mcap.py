@@ -59,9 +59,9 @@ def _present(pose: Pose3D) -> Pose3D:
 def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detections2D]:
     """What each camera saw at instant i, people as fused."""
     for c, camera in enumerate(recording.rig):
-        score = recording.score[i, :, c]
+        score = recording.views.score[i, :, c]
         here = (score > 0).any(axis=-1)
-        xy, score, sigma = recording.xy_img[i, here, c], score[here], recording.sigma_px[i, here, c]
+        xy, score, sigma = recording.views.xy_img[i, here, c], score[here], recording.views.sigma_px[i, here, c]
         seen = np.where((score > 0)[..., None], xy, np.nan)
         box = np.concatenate([np.nanmin(seen, axis=1), np.nanmax(seen, axis=1)], axis=-1) if len(xy) else np.zeros((0, 4))
         t_ns = int(recording.poses.t_ns[i]) + epoch_offset_ns

@@ -244,9 +244,12 @@ class _RerunWriter:
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             log(f"{path}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
-        seen = recording.score[i, :, c] > 0
+        seen = recording.views.score[i, :, c] > 0
         # pixel centres are integers here and halves in Rerun
-        log(f"{path}/detections", rr.Points2D((recording.xy_img[i, :, c][seen] + 0.5) * scale, colors=DETECTION_RGB, radii=-1.5))
+        log(
+            f"{path}/detections",
+            rr.Points2D((recording.views.xy_img[i, :, c][seen] + 0.5) * scale, colors=DETECTION_RGB, radii=-1.5),
+        )
         xy = camera.project(recording.poses.xyz_world[i]) + 0.5
         strips = xy[:, self._bones]
         whole = np.isfinite(strips).all(axis=(-1, -2))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -11,7 +12,7 @@ from posefuse.core import Kind, Recording, Sink
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.settings import settings
 
-from .facts import provenance_text, sigma_m
+from .facts import provenance, provenance_text, sigma_m
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
 
 @settings
 class CsvSink:
-    """``pose.csv``. The first line is a comment (#) with the provenance; missing values are empty."""
+    """``pose.csv``: a header, then rows; missing values are empty.
+
+    The provenance is in ``pose.csv-metadata.json`` beside it (the name of W3C's CSV on the Web), so that spreadsheets and
+    pandas read the table as it is.
+    """
 
     name: ClassVar[str] = "csv"
 
@@ -28,16 +33,17 @@ class CsvSink:
         return self
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
-        """Write ``pose.csv``; returns the file made."""
+        """Write ``pose.csv`` and ``pose.csv-metadata.json``; returns the files made."""
         import pyarrow.csv
 
-        path = folder / "pose.csv"
+        path, about = folder / "pose.csv", folder / "pose.csv-metadata.json"
+        options = pyarrow.csv.WriteOptions(quoting_style="none", quoting_header="none")
         with atomic_file(path) as beside, beside.open("wb") as file:
-            file.write(f"# posefuse {provenance_text(recording)}\n".encode())
-            pyarrow.csv.write_csv(
-                table_from_recording(recording), file, pyarrow.csv.WriteOptions(quoting_style="none", quoting_header="none")
-            )
-        return [path]
+            pyarrow.csv.write_csv(table_from_recording(recording), file, options)
+        metadata = {"@context": "http://www.w3.org/ns/csvw", "url": path.name, "posefuse": provenance(recording)}
+        with atomic_file(about) as beside:
+            beside.write_text(json.dumps(metadata, indent=2, default=str) + "\n", encoding="utf-8")
+        return [path, about]
 
 
 @settings

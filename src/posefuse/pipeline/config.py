@@ -5,18 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
 
-from annotated_types import Gt
+from annotated_types import Ge, Gt, Le, Lt
 
 from posefuse.association import AssociateSettings
 from posefuse.core import ConfigError
+from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 from posefuse.fusion import FuseSettings
 from posefuse.tracking import SmoothSettings
 
 T = TypeVar("T")
+Options = Mapping[str, tuple[str, Any]]
 CONFIG_FILE = "posefuse.toml"
+# times and offsets are int64 nanoseconds: a hundred years leave room for sums
+FARTHEST_S = 3.2e9
+# a clock 10 % off is no camera's
+MOST_DRIFT_PPM = 100_000.0
+# a frame per quarter of an hour, and ten times the fastest camera of a laboratory
+LEAST_HZ, MOST_HZ = 0.001, 10_000.0
 DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "parquet", "json", "overlay", "overview")
 
 
@@ -36,19 +45,11 @@ class CameraInput:
     video: str | None = None
     images: str | None = None
     pose2d: str | None = None
-    offset_s: float = 0.0
-    drift_ppm: float = 0.0
+    offset_s: Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)] = 0.0
+    drift_ppm: Annotated[float, Gt(-MOST_DRIFT_PPM), Lt(MOST_DRIFT_PPM)] = 0.0
     crop: tuple[float, float] | None = None
     scale: bool = False
     skip: bool = False
-
-
-@settings
-class DetectorChoice:
-    """Which 2D estimator, and its options (see `posefuse plugins`)."""
-
-    name: str = "blazepose"
-    options: dict[str, Any] = field(default_factory=dict)
 
 
 @settings
@@ -62,6 +63,7 @@ class TrackConfig:
         start_s, end_s: part of the recording to work on, in session seconds.
         rate_hz: output rate; the cameras' own when left out. Also the frame rate of image and 2D pose folders
             that do not say theirs.
+        max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
         joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
@@ -71,9 +73,10 @@ class TrackConfig:
     rig: str | None = None
     input: Literal["auto", "videos", "images", "pose2d"] = "auto"
     cameras: dict[str, CameraInput] = field(default_factory=dict)
-    start_s: float | None = None
-    end_s: float | None = None
-    rate_hz: Annotated[float, Gt(0)] | None = None
+    start_s: Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)] | None = None
+    end_s: Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)] | None = None
+    rate_hz: Annotated[float, Ge(LEAST_HZ), Le(MOST_HZ)] | None = None
+    max_time_steps: Annotated[int, Ge(1)] = 2_000_000
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
@@ -83,13 +86,18 @@ class TrackConfig:
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS
 
 
-def read_config(path: Path | None, overrides: Sequence[str]) -> TrackConfig:
+def read_config(path: Path | None, overrides: Sequence[str], options: Options = MappingProxyType({})) -> TrackConfig:
     """The settings of `posefuse track`, see `read_overridden`."""
-    return read_overridden(path, overrides, TrackConfig)
+    return read_overridden(path, overrides, TrackConfig, options)
 
 
-def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T]) -> T:
-    """The config file (if any) as settings of class `cls`, with ``key.sub=value`` overrides from the command line put on top.
+def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T], options: Options = MappingProxyType({})) -> T:
+    """The config file (if any) as settings of class `cls`, with what the command line says put on top.
+
+    Args:
+        path: TOML or YAML. overrides: ``key.sub=value`` texts of ``--set``.
+        cls: the settings class all of it is validated as.
+        options: option of the command line -> (``key.sub``, value); None as a value is an option not given.
 
     Raises:
         ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
@@ -100,7 +108,18 @@ def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T]) -
         if not equals or not key:
             raise ConfigError(f"--set {override}: expected KEY=VALUE, e.g. --set fuse.weights=score")
         _put(content, key.split("."), _value(text))
+    for option, (dotted, value) in options.items():
+        if value is not None:
+            _check_option(option, dotted, value, cls)
+            _put(content, dotted.split("."), value)
     return settings_from_mapping(content, cls, where=str(path) if path else "settings")
+
+
+def _check_option(option: str, dotted: str, value: Any, cls: type[Any]) -> None:
+    """Raise ConfigError that names the option, rather than its key, when its own value is refused."""
+    alone: dict[str, Any] = {}
+    _put(alone, dotted.split("."), value)
+    settings_from_mapping(alone, cls, where=option)
 
 
 def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:

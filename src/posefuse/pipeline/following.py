@@ -1,118 +1,152 @@
-"""First pass over a recording: find the people, follow them, and tell each view where to look next."""
+"""First pass over a recording: find the people, follow them, and report to each view where to look next."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.association import AssociateSettings, associate
-from posefuse.core import Detections2D, Kind, Pose3D, Rig, Skeleton, Views
+from posefuse.association import AssociateSettings, assign
+from posefuse.core import DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
+from posefuse.core.arrays import Array
+from posefuse.core.observations import NOT_KEPT
 from posefuse.fusion import FuseSettings, fuse
 
 from .clock import StageClock
-from .images import Instant
+from .time_steps import TimeStep
 
-# instants between two searches that found nobody new
+Keep = Callable[[DetectionBatch], None]
+# time steps between two searches that found no further person
 _SEARCH_EVERY = 5
-# a pose worth telling the views where to look: this share of its keypoints is there
+# a pose that gives the views their regions has this share of its keypoints
 _GOOD_SHARE = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What came of one instant.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Followed:
+    """The result of one time step.
 
     Attributes:
-        views: the people in every camera. frame_t_ns: (C,) time of each camera's own frame; views.t_ns where it has none.
-        pose: the fused pose.
+        batches: every look that the detector took, in order. chosen: index of the one that the people are taken from.
+        person_ids: per entry of the chosen batch, the person of each detection.
+        views: the people in every camera, each at its own exposure time. pose: the fused pose.
     """
 
+    batches: tuple[DetectionBatch, ...]
+    chosen: int
+    person_ids: tuple[Array, ...]
     views: Views
-    frame_t_ns: tuple[int, ...]
     pose: Pose3D
 
 
-def follow(
-    instants: Iterable[Instant],
-    skeleton: Skeleton,
-    rig: Rig,
-    associating: AssociateSettings,
-    fusing: FuseSettings,
-    clock: StageClock,
-) -> Iterator[Seen]:
-    """One `Seen` per instant.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Seen:
+    """The result of one look."""
 
-    While people are followed, the pose expected at an instant (constant velocity) gives each view its region. As long as
-    fewer people are followed than asked for, the 2D estimator searches whole images: at once when somebody has just been
-    lost, then every few instants. A view in which the search missed somebody gets a second look at where the others see
+    batch: DetectionBatch
+    person_ids: tuple[Array, ...]
+    views: Views
+    pose: Pose3D
+
+
+class Follower:
+    """First pass over a recording: finds people, follows them, and reports to each view where to look next.
+
+    While people are followed, the pose expected at a time step (constant velocity) gives each view its region. As long as
+    fewer people are followed than asked for, the detector searches whole images: at once when a person has just been
+    lost, then every few time steps. A view in which the search missed a person gets a second look where the others see
     the person.
+
+    Args:
+        skeleton: the detector's. rig: the cameras. associating, fusing: settings of the two.
+        clock: adds up the seconds of each stage.
+        keep: receives every answer of the detector as soon as it is there.
     """
-    last_good: Pose3D | None = None
-    newest: tuple[Pose3D, ...] = ()  # up to two good poses in a row
-    search_due = 0
-    iterator = iter(instants)
-    for i in itertools.count():
-        with clock.stage("decode"):
-            instant = next(iterator, None)
-        if instant is None:
-            return
-        expected = _expected(newest, instant.t_ns) if newest else _nobody(skeleton, instant.t_ns)
-        seen = _see(instant, expected, last_good, rig, associating, fusing, clock)
-        if _people(seen.pose) < associating.max_people and i >= search_due:
-            found = _search(instant, last_good, rig, associating, fusing, clock)
+
+    def __init__(
+        self,
+        *,
+        skeleton: Skeleton,
+        rig: Rig,
+        associating: AssociateSettings,
+        fusing: FuseSettings,
+        clock: StageClock | None = None,
+        keep: Keep | None = None,
+    ) -> None:
+        self._skeleton, self._rig, self._associating, self._fusing = skeleton, rig, associating, fusing
+        self._clock, self._keep = clock or StageClock(), keep
+        self._last_good: Pose3D | None = None
+        self._newest: tuple[Pose3D, ...] = ()  # up to two good poses in a row
+        self._search_due = 0
+        self._batches: list[DetectionBatch] = []
+
+    def follow(self, steps: Iterable[TimeStep]) -> Iterator[Followed]:
+        """One result per time step."""
+        iterator = iter(steps)
+        for i in itertools.count():
+            with self._clock.stage("decode"):
+                step = next(iterator, None)
+            if step is None:
+                return
+            yield self._step(i, step)
+
+    def _step(self, i: int, step: TimeStep) -> Followed:
+        self._batches = []
+        expected = _expected(self._newest, step.t_ns) if self._newest else _no_person(self._skeleton, step.t_ns)
+        seen = self._see(i, step, LookKind.EXPECTED, expected, self._last_good)
+        if _people(seen.pose) < self._associating.max_people and i >= self._search_due:
+            found = self._search(i, step)
             if _people(found.pose) > _people(seen.pose):
                 seen = found
             else:
-                search_due = i + _SEARCH_EVERY
-        newest = (*newest[-1:], seen.pose) if _people(seen.pose) else ()
-        last_good = seen.pose if newest else last_good
-        yield seen
+                self._search_due = i + _SEARCH_EVERY
+        self._newest = (*self._newest[-1:], seen.pose) if _people(seen.pose) else ()
+        self._last_good = seen.pose if self._newest else self._last_good
+        chosen = self._batches.index(seen.batch)
+        return Followed(batches=tuple(self._batches), chosen=chosen, person_ids=seen.person_ids, views=seen.views, pose=seen.pose)
+
+    def _search(self, i: int, step: TimeStep) -> _Seen:
+        """Look for people in whole images, then where a view missed one that others saw."""
+        seen = self._see(i, step, LookKind.SEARCH, None, self._last_good)
+        if not _people(seen.pose) or not _some_view_lacks_a_person(seen.views):
+            return seen
+        second = self._see(i, step, LookKind.SECOND, seen.pose, seen.pose)
+        return second if _people(second.pose) >= _people(seen.pose) else seen
+
+    def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, previous: Pose3D | None) -> _Seen:
+        with self._clock.stage("detect"):
+            batch = DetectionBatch(step=i, t_ns=step.t_ns, kind=kind, detections=step.look(kind, expected))
+        self._batches.append(batch)
+        if self._keep is not None:
+            with self._clock.stage("store"):
+                self._keep(batch)
+        with self._clock.stage("fuse"):
+            by_camera = {one.camera: one for one in batch.detections}
+            absent = Detections2D.nobody("", step.t_ns, self._skeleton)
+            detections = [by_camera.get(name) or replace(absent, camera=name) for name in self._rig.names]
+            assignment = assign(detections, self._rig, self._associating, step.t_ns, previous)
+            views = assignment.views(detections, step.t_ns)
+            pose = fuse(views, self._rig, self._fusing, previous)
+        place = {name: c for c, name in enumerate(self._rig.names)}
+        person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
+        return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose)
 
 
-def _search(
-    instant: Instant,
-    last_good: Pose3D | None,
-    rig: Rig,
-    associating: AssociateSettings,
-    fusing: FuseSettings,
-    clock: StageClock,
-) -> Seen:
-    """Look for people in whole images, then where a view missed one that others saw."""
-    seen = _see(instant, None, last_good, rig, associating, fusing, clock)
-    if not _people(seen.pose) or not _some_view_lacks_a_person(seen.views):
-        return seen
-    second = _see(instant, seen.pose, seen.pose, rig, associating, fusing, clock)
-    return second if _people(second.pose) >= _people(seen.pose) else seen
-
-
-def _see(
-    instant: Instant,
-    expected: Pose3D | None,
-    previous: Pose3D | None,
-    rig: Rig,
-    associating: AssociateSettings,
-    fusing: FuseSettings,
-    clock: StageClock,
-) -> Seen:
-    with clock.stage("detect"):
-        detections = instant.look(expected)
-    with clock.stage("fuse"):
-        together = [_at(d, instant.t_ns) for d in detections]
-        views = associate(together, rig, associating, previous)
-        pose = fuse(views, rig, fusing, previous)
-    times = tuple(d.t_ns if len(d) else instant.t_ns for d in detections)
-    return Seen(views, times, pose)
-
-
-def _at(detections: Detections2D, t_ns: int) -> Detections2D:
-    return detections if detections.t_ns == t_ns else replace(detections, t_ns=t_ns)
+def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) -> Observations:
+    """All that the detector found, with the person of each detection."""
+    batches, person_ids = [], []
+    for one in followed:
+        for place, batch in enumerate(one.batches):
+            nobody = [np.full(len(found), NOT_KEPT) for found in batch.detections]
+            batches.append(batch)
+            person_ids.append(one.person_ids if place == one.chosen else nobody)
+    return Observations.from_batches(skeleton, rig.names, batches, person_ids)
 
 
 def _people(pose: Pose3D) -> int:
-    """How many people are known well enough to tell the views where to look."""
+    """How many people are known well enough to give the views their regions."""
     return int(((pose.kind != Kind.MISSING).mean(axis=1) >= _GOOD_SHARE).sum()) if len(pose.person_id) else 0
 
 
@@ -120,7 +154,7 @@ def _some_view_lacks_a_person(views: Views) -> bool:
     return bool((np.nan_to_num(views.score).max(axis=2) == 0).any())
 
 
-def _nobody(skeleton: Skeleton, t_ns: int) -> Pose3D:
+def _no_person(skeleton: Skeleton, t_ns: int) -> Pose3D:
     k = len(skeleton)
     none = np.zeros((0, k))
     return Pose3D(t_ns, skeleton, np.zeros(0), np.zeros((0, k, 3)), np.zeros((0, k, 3, 3)), none, none, none)

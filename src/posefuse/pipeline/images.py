@@ -1,4 +1,4 @@
-"""What all cameras saw at one instant, looked at when asked for: from images by a 2D estimator, or from files."""
+"""Time steps of videos and image folders: decoded ahead, detected when asked for."""
 
 from __future__ import annotations
 
@@ -7,43 +7,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, Pose3D, Rig, Skeleton, Source, SourceError
+from posefuse.core import Detections2D, Detector, Frame, LookKind, Pose3D, Region, Rig, Skeleton, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detection import region_from_pose
-from posefuse.detection.build import joint_centres_of
-from posefuse.sources import FramesAhead, frame_sets
-from posefuse.tracking import JointCentres
+from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
+from posefuse.tracking import JointCentres, joint_centres_of
 
-Look = Callable[[Pose3D | None], list[Detections2D]]
-
-
-@dataclass(frozen=True, eq=False)
-class Instant:
-    """One instant of a recording.
-
-    Attributes:
-        t_ns: session clock.
-        look: (pose of the tracked people, or None: find them) -> one Detections2D per camera of the rig, in its order.
-    """
-
-    t_ns: int
-    look: Look
+from .config import TrackConfig
 
 
 @dataclass(frozen=True)
 class Timeline:
-    """Evenly spaced instants: start_ns + i * period_ns for i < count."""
+    """Evenly spaced time steps: start_ns + i * period_ns for i < count."""
 
     start_ns: int
     period_ns: int
     count: int
 
+    def t_ns(self, i: int) -> int:
+        """Time of step i."""
+        return self.start_ns + i * self.period_ns
 
-def common_timeline(times_ns: Mapping[str, Array], rate_hz: float | None, start_s: float | None, end_s: float | None) -> Timeline:
-    """Instants at the fastest camera's rate (or `rate_hz`), in phase with it, over all that any camera recorded.
+
+def common_timeline(
+    times_ns: Mapping[str, Array],
+    rate_hz: float | None,
+    start_s: float | None,
+    end_s: float | None,
+    *,
+    max_time_steps: int = TrackConfig().max_time_steps,
+) -> Timeline:
+    """Time steps at the fastest camera's rate (or `rate_hz`), in phase with it, over all that any camera recorded.
 
     Raises:
-        SourceError: nothing recorded between start_s and end_s.
+        SourceError: nothing recorded between start_s and end_s, or more than max_time_steps.
     """
     starts, ends = [t[0] for t in times_ns.values()], [t[-1] for t in times_ns.values()]
     periods = {name: float(np.median(np.diff(t))) for name, t in times_ns.items() if len(t) > 1}
@@ -62,57 +59,84 @@ def common_timeline(times_ns: Mapping[str, Array], rate_hz: float | None, start_
             f"nothing recorded from {start_s} to {end_s} s; the recording runs from {min(starts) / 1e9:.3f} to "
             f"{max(ends) / 1e9:.3f} s"
         )
+    check_time_steps(int(count), 1e9 / period_ns, "the recording", max_time_steps)
     return Timeline(first_ns, period_ns, int(count))
 
 
+def check_time_steps(count: int, rate_hz: float, what: str, max_time_steps: int) -> None:
+    """Raise SourceError for more time steps than a recording can have, as a damaged time or a wrong rate makes them."""
+    if count > max_time_steps:
+        raise SourceError(
+            f"{what}: {count:.4g} time steps ({count / rate_hz:.4g} s at {rate_hz:.4g} Hz); expected at most {max_time_steps}: "
+            "check rate_hz and the times of the cameras, choose a part with --start and --end, or set max_time_steps"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ImageStep:
+    """One time step of decoded images; implements `TimeStep`.
+
+    Attributes:
+        t_ns: session clock. frames: axis C; None where a camera has none. rig, detector: what looks at them.
+    """
+
+    t_ns: int
+    frames: Sequence[Frame | None]
+    rig: Rig
+    detector: Detector
+
+    def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
+        """What the detector finds now, in whole images or where people are expected."""
+        present = [(c, frame) for c, frame in enumerate(self.frames) if frame is not None]
+        regions = [None if expected is None else self._regions(c, expected) for c, _ in present]
+        return tuple(self.detector.detect([frame for _, frame in present], regions))
+
+    def _regions(self, c: int, pose: Pose3D) -> list[Region]:
+        made = [region_from_pose(self.rig.cameras[c], xyz, pose.skeleton) for xyz in pose.xyz_world]
+        return [region for region in made if region is not None]
+
+
 class ImageInstants:
-    """Instants of videos or image folders: decodes ahead and runs the 2D estimator on demand."""
+    """Time steps of videos or image folders: decodes ahead and runs the detector on demand."""
 
     def __init__(
         self,
         rig: Rig,
-        sources: Sequence[Source],
+        sources: Sequence[RecordedSource],
         detector: Detector,
         timeline: Timeline,
         on_lost: Callable[[str, SourceError], None],
     ) -> None:
         self._rig, self._detector, self._timeline, self._on_lost = rig, detector, timeline, on_lost
-        self._streams = {source.camera: FramesAhead(source) for source in sources}
+        self._sources = [CountedSource(source) for source in sources]
+        self._streams = {source.camera: FramesAhead(source) for source in self._sources}
 
     @property
     def skeleton(self) -> Skeleton:
-        """The 2D estimator's keypoints."""
+        """The detector's keypoints."""
         return self._detector.skeleton
 
     @property
     def joint_centres(self) -> JointCentres | None:
-        """How joint centres lie beside the 2D estimator's keypoints, where it knows."""
+        """Where joint centres lie relative to the detector's keypoints, where that is known."""
         return joint_centres_of(self._detector)
 
-    def __iter__(self) -> Iterator[Instant]:
+    def steps(self, first: int = 0) -> Iterator[ImageStep]:
+        """The time steps from number `first` on; may be called once."""
         line = self._timeline
         sets = frame_sets(
-            self._streams,
-            line.start_ns,
-            line.period_ns,
-            line.start_ns + (line.count - 1) * line.period_ns,
-            on_lost=self._on_lost,
-        )
+            self._streams, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), on_lost=self._on_lost
+        )  # fmt: skip
         for frame_set in sets:
-            yield Instant(frame_set.t_ns, lambda pose, frames=frame_set.frames: self._look(frames, pose))  # type: ignore[misc]
+            yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, self._detector)
 
     def close(self) -> None:
         """Stop decoding."""
         for stream in self._streams.values():
             stream.close()
 
-    def _look(self, frames: Sequence[Frame | None], pose: Pose3D | None) -> list[Detections2D]:
-        present = [(c, frame) for c, frame in enumerate(frames) if frame is not None]
-        regions = [None if pose is None else self._regions(c, pose) for c, _ in present]
-        found = iter(self._detector.detect([frame for _, frame in present], regions))
-        seen = {c: next(found) for c, _ in present}
-        return [seen.get(c) or Detections2D.nobody(name, 0, self._detector.skeleton) for c, name in enumerate(self._rig.names)]
-
-    def _regions(self, c: int, pose: Pose3D) -> list[object] | None:
-        made = [region_from_pose(self._rig.cameras[c], xyz, pose.skeleton) for xyz in pose.xyz_world]
-        return [region for region in made if region is not None]
+    def incomplete(self) -> list[str]:
+        """One line for each camera of which part cannot be read, or that ends before the others."""
+        line = self._timeline
+        end_ns = line.start_ns + (line.count - 1) * line.period_ns
+        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._sources])

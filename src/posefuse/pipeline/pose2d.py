@@ -1,26 +1,44 @@
-"""Instants of folders with 2D poses that another tool has written: nothing to decode, everybody is in the files."""
+"""Time steps of folders with 2D poses that another tool has written: nothing to decode, all people are in the files."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
-from posefuse.core import Camera, Detections2D, InputError, Rig, Skeleton
+from posefuse.core import Camera, Detections2D, InputError, LookKind, Pose3D, Rig, Skeleton
 from posefuse.core.errors import choices
 from posefuse.formats.openpose import OpenPoseFolder, read_openpose_folder
+from posefuse.sources import Coverage, incomplete_cameras
 
 from .config import CameraInput, TrackConfig
-from .images import Instant, Timeline
+from .images import Timeline, check_time_steps
 from .session import Input, Session
 
 DEFAULT_RATE_HZ = 30.0
 
 
+@dataclass(frozen=True)
+class Pose2DStep:
+    """One time step of 2D pose files; implements `TimeStep`.
+
+    Attributes:
+        t_ns: session clock. files: per camera its folder, the frame number there, and the time of that frame.
+    """
+
+    t_ns: int
+    files: tuple[tuple[OpenPoseFolder, int, int], ...]
+
+    def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
+        """All people in the files, whoever is expected."""
+        return tuple(folder.frame(number, t_ns) for folder, number, t_ns in self.files)
+
+
 class Pose2DInstants:
-    """Instants of frame numbers first, first + 1, ... at an even rate; each camera gives its frame nearest to an instant.
+    """Time steps of frame numbers first, first + 1, ... at an even rate; each camera gives its frame nearest to a time step.
 
     Args:
-        folders: one per camera. timeline: the instants. first_number: the first instant's. settings: one per camera.
+        folders: one per camera. timeline: the time steps. first_number: of the first. settings: one per camera.
     """
 
     def __init__(
@@ -37,26 +55,39 @@ class Pose2DInstants:
 
     @property
     def joint_centres(self) -> None:
-        """Files do not say how joint centres lie beside their keypoints."""
+        """Files do not say where joint centres lie relative to their keypoints."""
 
-    def __iter__(self) -> Iterator[Instant]:
-        for i in range(self._timeline.count):
-            t_ns = self._timeline.start_ns + i * self._timeline.period_ns
-            yield Instant(t_ns, lambda pose, t_ns=t_ns: self._read(t_ns))  # type: ignore[misc]
+    def steps(self, first: int = 0) -> Iterator[Pose2DStep]:
+        """The time steps from number `first` on."""
+        for i in range(first, self._timeline.count):
+            t_ns = self._timeline.t_ns(i)
+            clocks = zip(self._folders, self._clocks, strict=True)
+            yield Pose2DStep(t_ns, tuple(self._file(folder, *clock, t_ns) for folder, clock in clocks))
 
     def close(self) -> None:
         """Nothing stays open."""
 
-    def _read(self, t_ns: int) -> list[Detections2D]:
-        seen = []
-        for folder, (offset_ns, period_ns) in zip(self._folders, self._clocks, strict=True):
-            number = round((t_ns + self._zero_ns - offset_ns) / period_ns)
-            seen.append(folder.frame(number, round(number * period_ns) + offset_ns - self._zero_ns))
-        return seen
+    def incomplete(self) -> list[str]:
+        """One line for each camera whose files have gaps in their numbers, or end before the others'."""
+        line = self._timeline
+        first = round((line.start_ns + self._zero_ns) / line.period_ns)
+        wanted = range(first, first + line.count)
+        return incomplete_cameras([self._coverage(folder, wanted) for folder in self._folders])
+
+    def _coverage(self, folder: OpenPoseFolder, wanted: range) -> Coverage:
+        there = [number for number in folder.numbers if number in wanted]
+        expected = min(folder.numbers[-1], wanted[-1]) - max(folder.numbers[0], wanted[0]) + 1
+        period_ns = self._timeline.period_ns
+        end_ns = there[-1] * period_ns - self._zero_ns if there else None
+        return Coverage(folder.camera, max(0, expected), len(there), end_ns, period_ns)
+
+    def _file(self, folder: OpenPoseFolder, offset_ns: int, period_ns: float, t_ns: int) -> tuple[OpenPoseFolder, int, int]:
+        number = round((t_ns + self._zero_ns - offset_ns) / period_ns)
+        return folder, number, round(number * period_ns) + offset_ns - self._zero_ns
 
 
 def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DInstants, Timeline]:
-    """Instants of a session's 2D pose folders; frames of one number belong together.
+    """Time steps of a session's 2D pose folders; frames of one number belong together.
 
     The rate is `config.rate_hz`, else the usual 30 Hz.
 
@@ -76,6 +107,8 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
             f"{session.folder}: no 2D pose from {config.start_s} to {config.end_s} s; "
             f"there are {last - first + 1} at {rate_hz:g} Hz"
         )
+    numbered = f"{session.folder}: 2D poses with frame numbers {first} to {last}"
+    check_time_steps(count - skip, rate_hz, numbered, config.max_time_steps)
     timeline = Timeline(skip * period_ns, period_ns, count - skip)
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = dataclasses.replace(session.rig, cameras=cameras)
@@ -90,6 +123,6 @@ def _check_one_skeleton(folders: list[OpenPoseFolder]) -> None:
 
 
 def stated_camera(camera: Camera, entry: Input) -> Camera:
-    """A stated cut-out moves the picture; the size of the pictures is not in these files."""
+    """A stated crop moves the image; the size of the images is not in these files."""
     crop = entry.settings.crop
     return camera.cropped(*crop, camera.size_wh) if crop else camera

@@ -1,43 +1,45 @@
-"""The main job: a session folder to a Recording."""
+"""The main job: a session folder to a Recording, in two steps: detect, then solve."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import InputError, Recording, Rig, Source, SourceError
-from posefuse.core.arrays import Array
+from posefuse.core import DetectionBatch, InputError, Observations, PosefuseError, Recording, Rig, Skeleton, ViewSequence
 from posefuse.core.errors import choices
+from posefuse.core.observations import NOT_KEPT
+from posefuse.foundation.compiled import compiling
 from posefuse.health.recorded import rig_findings
 from posefuse.health.rig_monitor import OUT_OF_STEP, Finding
 from posefuse.tracking import JointCentres
 
 from .clock import StageClock
 from .config import TrackConfig
-from .following import Seen, follow
-from .images import ImageInstants, Timeline, common_timeline
-from .second_pass import ViewSequence, poses_over_time, views_over_time
-from .session import LEAST_CAMERAS, Input, Session, fitted_camera
+from .following import Followed, Follower, observations_of
+from .opening import Opened, open_session
+from .session import LEAST_CAMERAS, Session
+from .solve import SolveSettings, finish
+from .time_steps import stored_steps
 from .warm_up import warm_up
 
 Progress = Callable[[int, int], None]
 Say = Callable[[str], None]
-_WORTH_SAYING_S = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tracked:
-    """A recording and what happened on the way.
+    """A recording and how the run went.
 
     Attributes:
         recording: the result. stage_s: wall-clock seconds per stage. interrupted: Ctrl-C ended it early.
-        found: per camera, share of its instants in which the person was seen.
-        joint_centres: the table keypoints were moved by; None where they stay as the 2D estimator marks them.
+        found: per camera, share of its time steps in which the person was seen.
+        joint_centres: the table keypoints were moved by; None where they stay as the detector marks them.
     """
 
     recording: Recording
@@ -47,44 +49,106 @@ class Tracked:
     joint_centres: JointCentres | None
 
 
-def track_session(session: Session, config: TrackConfig, clock: StageClock, progress: Progress, note: Say, warn: Say) -> Tracked:
-    """Run the whole pipeline on a session; news go to `note`, what is not as it should be to `warn`.
+class Store(Protocol):
+    """Keeps the detector's answers while they are made, and has those of an earlier run that did not end."""
 
-    Ctrl-C ends the first pass; what was seen until then is finished and returned.
+    def stored(self, skeleton: Skeleton, rig: Rig) -> Observations | None:
+        """The whole time steps that an earlier run has detected already; None: begin anew."""
+        ...
+
+    def append(self, batch: DetectionBatch) -> None:
+        """Keep one more answer."""
+        ...
+
+    def discard(self) -> None:
+        """Forget everything: no result can be made of it."""
+        ...
+
+
+def track_session(session: Session, config: TrackConfig, clock: StageClock, progress: Progress, note: Say, warn: Say) -> Tracked:
+    """Run the whole pipeline on a session and keep nothing on disk; see `track_opened`."""
+    with clock.stage("open"):
+        opened = open_session(session, config, warn)
+    return track_opened(opened, clock, progress, note, warn)
+
+
+def track_opened(
+    opened: Opened, clock: StageClock, progress: Progress, note: Say, warn: Say, store: Store | None = None
+) -> Tracked:
+    """Detect, then solve; news go to `note`, what is not as it should be to `warn`.
+
+    Ctrl-C ends the detection; what was detected until then is solved and returned.
 
     Raises:
-        PosefuseError: anything that leaves fewer than two usable cameras, or nobody to follow.
+        PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow.
     """
-    kinds = {entry.kind for entry in session.inputs}
-    if len(kinds) > 1:
-        raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
-    with clock.stage("open"):
-        rig, instants, timeline = _pose2d(session, config) if kinds == {"pose2d"} else _images(session, config, warn)
-    with clock.stage("compile"):
-        warm_up(rig, instants.skeleton, config)
-    if clock.seconds["compile"] > _WORTH_SAYING_S:
-        note(f"numeric kernels compiled in {clock.seconds['compile']:.0f} s; later runs find them on disk")
-    seen, interrupted = _follow(instants, rig, config, clock, timeline, progress)
-    _check_somebody(seen, rig, warn)
-    with clock.stage("smooth"):
-        views = views_over_time(seen)
-        centres = instants.joint_centres if config.joint_centres else None
-        poses = poses_over_time(views, rig, config.fuse, None if config.raw else config.smooth, centres)
+    rig, config, session = opened.rig, opened.config, opened.session
+    try:
+        with clock.stage("compile"), compiling("tracking", note):
+            warm_up(rig, opened.steps.skeleton, config)
+        observations, interrupted = detect(opened, clock, progress, store)
+        incomplete = [] if interrupted else opened.steps.incomplete()
+    finally:
+        opened.steps.close()
+    for line in incomplete:
+        warn(line)
+    settings = SolveSettings.of(config, opened.steps.joint_centres)
+    try:
+        _check_people(observations, warn)
+        recording = finish(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
+    except PosefuseError:
+        if store is not None:
+            store.discard()
+        raise
     with clock.stage("watch"):
-        for finding in rig_findings(views, rig):
+        for finding in rig_findings(recording.views, rig):
             warn(finding_line(finding, session.folder))
-    provenance = {
+    return Tracked(recording, clock.seconds, interrupted, _found(recording.views), settings.centres)
+
+
+def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store | None = None) -> tuple[Observations, bool]:
+    """All detections with the people that the online pass followed, and whether Ctrl-C ended it early.
+
+    What `store` has already is not detected again; what is new is given to it at once.
+    """
+    skeleton, rig, config = opened.steps.skeleton, opened.rig, opened.config
+    stored = store.stored(skeleton, rig) if store else None
+    first = len(stored.step_t_ns) if stored else 0
+
+    def keep(batch: DetectionBatch) -> None:
+        if store is not None and batch.step >= first:
+            store.append(batch)
+
+    follower = Follower(
+        skeleton=skeleton, rig=rig, associating=config.associate, fusing=config.fuse, clock=clock, keep=keep
+    )  # fmt: skip
+    steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps.steps(first))
+    followed: list[Followed] = []
+    interrupted = False
+    try:
+        for one in follower.follow(steps):
+            followed.append(one)
+            progress(len(followed), opened.timeline.count)
+    except KeyboardInterrupt:
+        if len(followed) < 2:
+            raise
+        interrupted = True
+    return observations_of(followed, skeleton, rig), interrupted
+
+
+def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[str]) -> dict[str, Any]:
+    """How a result is made, in plain values; nothing that differs between two runs of the same command."""
+    session = opened.session
+    return {
         "posefuse": __version__,
-        "rig_id": rig.id,
+        "rig_id": opened.rig.id,
         "rig_file": session.rig_path.name,
         "session": session.folder.name,
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
-        "config": dataclasses.asdict(config),
-        "joint_centres": dataclasses.asdict(centres) if centres else None,
-        "interrupted": interrupted,
+        "config": dataclasses.asdict(opened.config),
+        "joint_centres": dataclasses.asdict(settings.centres) if settings.centres else None,
+        "incomplete_cameras": list(incomplete),
     }
-    recording = Recording(rig, poses, views.xy_img, views.score, views.sigma_px, provenance)
-    return Tracked(recording, clock.seconds, interrupted, _found(views), centres)
 
 
 def finding_line(finding: Finding, session: Path) -> str:
@@ -93,79 +157,23 @@ def finding_line(finding: Finding, session: Path) -> str:
     return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"
 
 
-def _follow(
-    instants: Any, rig: Rig, config: TrackConfig, clock: StageClock, timeline: Timeline, progress: Progress
-) -> tuple[list[Seen], bool]:
-    seen: list[Seen] = []
-    try:
-        for one in follow(instants, instants.skeleton, rig, config.associate, config.fuse, clock):
-            seen.append(one)
-            progress(len(seen), timeline.count)
-    except KeyboardInterrupt:
-        if len(seen) < 2:
-            raise
-        return seen, True
-    finally:
-        instants.close()
-    return seen, False
-
-
-def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageInstants, Timeline]:
-    from posefuse.detection.build import build_detector
-
-    sources, cameras = [], []
-    for entry in session.inputs:
-        try:
-            source = build_source(entry, config)
-        except SourceError as error:
-            warn(f"{error}; goes on without camera {entry.camera}")
-            continue
-        sources.append(source)
-        cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
-    if len(sources) < LEAST_CAMERAS:
-        raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
-    rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
-    timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
-    detector = build_detector(config.detector, rig)
-    lost = lambda name, error: warn(f"{error}; goes on without camera {name} from here")  # noqa: E731
-    return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline
-
-
-def _pose2d(session: Session, config: TrackConfig) -> tuple[Rig, Any, Timeline]:
-    from .pose2d import pose2d_instants
-
-    return pose2d_instants(session, config)
-
-
-def build_source(entry: Input, config: TrackConfig) -> Source:
-    """Open one camera's videos or images."""
-    from posefuse.sources import ImagesConfig, VideoConfig
-
-    offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
-    if entry.kind == "videos":
-        return VideoConfig(entry.path, entry.camera, offset_s, drift_ppm).build()
-    return ImagesConfig(entry.path, entry.camera, config.rate_hz or 30.0, offset_s, drift_ppm).build()
-
-
-def _times(source: Any) -> Array:
-    return np.asarray(source.times_ns())
-
-
-def _check_somebody(seen: list[Seen], rig: Rig, warn: Say) -> None:
-    """Name the cause where it happens: cameras in which nobody was ever found."""
-    if not seen:
+def _check_people(observations: Observations, warn: Say) -> None:
+    """Name the cause where it happens: cameras in which no person was ever found."""
+    steps, names = len(observations.step_t_ns), observations.camera_names
+    if not steps:
         raise InputError("no frame could be read from any camera")
-    found = np.array([[np.nan_to_num(s.views.score[:, c]).max(initial=0.0) > 0 for c in range(len(rig))] for s in seen])
-    empty = [name for name, column in zip(rig.names, found.T, strict=True) if not column.any()]
+    kept = (observations.person_id != NOT_KEPT) & (observations.score > 0).any(axis=1)
+    found = np.unique(observations.frame_camera[observations.detection_frame[kept]])
+    empty = [name for c, name in enumerate(names) if c not in found]
     for name in empty:
-        warn(f"camera {name}: no person found in {len(seen)} of {len(seen)} frames")
-    if len(rig) - len(empty) < LEAST_CAMERAS:
+        warn(f"camera {name}: no person found in {steps} of {steps} frames")
+    if len(names) - len(empty) < LEAST_CAMERAS:
         raise InputError(
-            f"a person was found in {len(rig) - len(empty)} of {len(rig)} cameras; two are needed "
+            f"a person was found in {len(names) - len(empty)} of {len(names)} cameras; two are needed "
             f"(nobody in: {choices(empty)}); is the calibration the one of these videos?"
         )
 
 
 def _found(views: ViewSequence) -> dict[str, float]:
-    seen = (np.nan_to_num(views.score) > 0).any(axis=(1, 3))
+    seen = (views.score > 0).any(axis=(1, 3))
     return {name: float(share) for name, share in zip(views.camera_names, seen.mean(axis=0), strict=True)}

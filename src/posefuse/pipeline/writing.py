@@ -1,4 +1,4 @@
-"""Write a finished recording: the lossless result and every output that was asked for, whole or not at all."""
+"""Write a finished recording: the lossless result first, then every output that was asked for."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Frame, Recording, Sink, SourceError
+from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink, SourceError
 from posefuse.formats.recording import write_recording
-from posefuse.foundation.atomic import atomic_folder
+from posefuse.foundation.output_folder import OutputFolder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import write_outputs
+from posefuse.outputs.frames import write_each
 from posefuse.sources import FramesAhead, frame_sets
 
 from .config import TrackConfig
-from .run import build_source
+from .opening import Opened, build_source
 from .session import Session
 
 Progress = Callable[[int, int], None]
@@ -27,23 +27,48 @@ def build_sinks(names: Sequence[str]) -> list[Sink]:
 
 
 def write_result(
-    recording: Recording, session: Session, config: TrackConfig, sinks: Sequence[Sink], out: Path, progress: Progress
-) -> list[Path]:
-    """Write the result folder; returns its files.
+    recording: Recording, session: Session, config: TrackConfig, sinks: Sequence[Sink], out: OutputFolder, progress: Progress
+) -> tuple[list[Path], dict[str, str]]:
+    """Write the recording, then every output; returns the files where they lie at the end, and why outputs failed, by name.
 
     Raises:
-        PosefuseError: an output that cannot be written; nothing is left behind then.
+        InputError: the recording itself cannot be written.
     """
-    with atomic_folder(out) as folder:
-        written = write_recording(folder, recording)
-        written += write_outputs(sinks, recording, folder, _frames(recording, session, config, progress))
-    return [out / path.relative_to(folder) for path in written]
+    try:
+        written = write_recording(out.folder, recording)
+    except OSError as error:
+        raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
+    outcome = write_each(sinks, recording, out.folder, _frames(recording, session, config, progress))
+    files = [out.final(path) for path in (*written, *outcome.files)]
+    return files, {name: _reason(error) for name, error in outcome.failed.items()}
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, PosefuseError):
+        return str(error)
+    return error.strerror if isinstance(error, OSError) and error.strerror else f"{type(error).__name__}: {error}"
+
+
+# measured on the demo clip with room to spare: bytes per time step, person and keypoint, then per pixel of the video
+_BYTES_PER_KEYPOINT = {"csv": 160, "json": 90, "parquet": 70, "trc": 40, "c3d": 25, "mcap": 400, "rerun": 400}
+_RECORDING_BYTES_PER_KEYPOINT = 120
+_VIEW_BYTES_PER_KEYPOINT = 2 * 16  # once in the log, once in the result
+_OVERLAY_BYTES = 40_000
+
+
+def estimated_bytes(opened: Opened) -> int:
+    """About how much the result will take on disk."""
+    config, keypoints = opened.config, len(opened.steps.skeleton)
+    per_keypoint = _RECORDING_BYTES_PER_KEYPOINT + _VIEW_BYTES_PER_KEYPOINT * len(opened.rig)
+    per_keypoint += sum(_BYTES_PER_KEYPOINT.get(name, 0) for name in config.outputs)
+    per_step = per_keypoint * keypoints * config.associate.max_people + _OVERLAY_BYTES * ("overlay" in config.outputs)
+    return opened.timeline.count * per_step
 
 
 def _frames(
     recording: Recording, session: Session, config: TrackConfig, progress: Progress
 ) -> Iterator[tuple[int, tuple[Frame | None, ...]]]:
-    """The session's frames at the recording's instants, decoded again; nothing where the session has no images."""
+    """The session's frames at the recording's time steps, decoded again; nothing where the session has no images."""
     inputs = [entry for entry in session.inputs if entry.camera in recording.rig.names and entry.kind != "pose2d"]
     if not inputs:
         return
@@ -51,7 +76,7 @@ def _frames(
     period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
     streams = {entry.camera: FramesAhead(build_source(entry, config)) for entry in inputs}
     try:
-        sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_said_already)
+        sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_reported_already)
         for done, one in enumerate(sets, start=1):
             yield one.t_ns, one.frames
             progress(done, len(t_ns))
@@ -60,5 +85,5 @@ def _frames(
             stream.close()
 
 
-def _said_already(camera: str, error: SourceError) -> None:
+def _reported_already(camera: str, error: SourceError) -> None:
     """A camera that breaks off did so in tracking too, and was reported there."""

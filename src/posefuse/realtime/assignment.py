@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -12,27 +13,26 @@ from posefuse.core.arrays import Array
 
 # what is known of a person without any camera: in the room
 _ROOM_M = 10.0
-_WORTH_A_SWAP = 1e-6
+# variances that differ by less than this share of them count as equal
+_SAME = 1e-6
 
 
 def dealt(rig: Rig, cameras: Sequence[str], groups: int) -> list[list[str]]:
     """`cameras` shared among that many processes, as evenly as can be, in their order.
 
-    A deal is judged by its worst process: how unsure a point in the middle is from all other cameras of the rig (those of
-    other machines included). Two cameras opposite each other tell little, as their rays are one line. Dealt in turn
-    first, then two cameras are exchanged as long as that helps.
+    An assignment is judged by its worst process: how unsure a point in the middle is from all other cameras of the rig (those of
+    other machines included). Two cameras opposite each other tell little, as their rays are one line. Assigned in turn
+    first, then two cameras are exchanged as long as that helps. Of equally good assignments, the one whose names come first is
+    taken.
     """
-    deal = [list(cameras[group::groups]) for group in range(groups)]
     information = dict(zip(rig.names, _information(rig), strict=True))
-    best = _unsure(deal, information)
+    best = [list(cameras[group::groups]) for group in range(groups)]
     while True:
-        swaps = _swaps(deal)
-        tried = [_unsure(swapped, information) for swapped in swaps]
-        least = min(tried, default=best)
-        if not _clearly_less(least, best):
+        found = min([best, *_swaps(best)], key=lambda groups: _rank(groups, information))
+        if _rank(found, information) == _rank(best, information):
             place = list(cameras).index
-            return sorted((sorted(group, key=place) for group in deal), key=lambda group: place(group[0]))
-        deal, best = swaps[tried.index(least)], least
+            return sorted((sorted(group, key=place) for group in best), key=lambda group: place(group[0]))
+        best = found
 
 
 def _information(rig: Rig) -> Array:
@@ -63,9 +63,10 @@ def _unsure(deal: Sequence[Sequence[str]], information: dict[str, Array]) -> tup
     return max(left), sum(left)
 
 
-def _clearly_less(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    least = [(1 - _WORTH_A_SWAP) * value for value in other]
-    return one[0] < least[0] or (one[0] <= other[0] and one[1] < least[1])
+def _rank(deal: Sequence[Sequence[str]], information: dict[str, Array]) -> tuple[tuple[int, ...], list[list[str]]]:
+    """Least for the best. Variances count to a part in a million, so that how a processor rounds decides nothing; then names."""
+    rounded = tuple(round(math.log(value) / _SAME) for value in _unsure(deal, information))
+    return rounded, sorted(sorted(group) for group in deal)
 
 
 def _swaps(deal: Sequence[Sequence[str]]) -> list[list[list[str]]]:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
+from posefuse.health.cameras import CameraState
 
 from .faults import Fault, Wrong, disturbed
-from .messages import CameraState
 
 _RETRY_S = 1.0
 # every so many pixels in both directions are compared to tell a frozen camera

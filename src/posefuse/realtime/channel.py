@@ -6,11 +6,16 @@ import contextlib
 import pickle
 import select
 import socket
+import time
+from collections.abc import Sequence
 from typing import Any
+
+from posefuse.foundation.platform import message_sockets
+
+from .framing import PacketFraming, StreamFraming
 
 # what the kernel may hold for a reader; it caps this at its own limit
 _BUFFER_BYTES = 1 << 20
-_LONGEST = 1 << 18
 
 
 class ChannelClosed(Exception):
@@ -18,23 +23,29 @@ class ChannelClosed(Exception):
 
 
 class Channel:
-    """One end of a socket pair that keeps message boundaries; a writer killed midway leaves no half message.
+    """One end of a socket pair that carries whole messages; a writer killed midway leaves no half message.
 
     May be handed to a child process while it is started.
     """
 
-    def __init__(self, end: socket.socket) -> None:
-        self._socket = end
+    def __init__(self, end: socket.socket, framing: PacketFraming | StreamFraming) -> None:
+        self._socket, self._framing = end, framing
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # Windows does not carry this over to the process that gets the socket
+        self._socket.setblocking(False)
 
     @staticmethod
     def pair() -> tuple[Channel, Channel]:
         """Two ends."""
-        ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        for end in ends:
+        one, other, keeps_boundaries = message_sockets()
+        for end in (one, other):
             end.setblocking(False)
             for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
                 end.setsockopt(socket.SOL_SOCKET, option, _BUFFER_BYTES)
-        return Channel(ends[0]), Channel(ends[1])
+        framing = PacketFraming if keeps_boundaries else StreamFraming
+        return Channel(one, framing()), Channel(other, framing())
 
     def fileno(self) -> int:
         """For `select`."""
@@ -44,30 +55,18 @@ class Channel:
         """Whether the message could be handed over within `wait_s`; raises ChannelClosed when nobody is there."""
         raw = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
         try:
-            self._socket.send(raw)
-            return True
-        except BlockingIOError:
-            if wait_s <= 0:
-                return False
-        except OSError:
-            raise ChannelClosed from None
-        select.select([], [self._socket], [], wait_s)
-        try:
-            self._socket.send(raw)
-            return True
-        except BlockingIOError:
-            return False
+            return self._framing.send(self._socket, raw, wait_s)
         except OSError:
             raise ChannelClosed from None
 
     def receive(self) -> Any | None:
         """The oldest message, or None when there is none now; raises ChannelClosed when no more can come."""
         try:
-            raw = self._socket.recv(_LONGEST)
-        except BlockingIOError:
-            return None
+            raw = self._framing.receive(self._socket)
         except OSError:
             raise ChannelClosed from None
+        if raw is None:
+            return None
         if not raw:
             raise ChannelClosed
         return pickle.loads(raw)
@@ -83,5 +82,14 @@ class Channel:
         self._socket.close()
 
     def close_own(self) -> None:
-        """Let go of this process's copy of an end that a child process holds."""
+        """Close this process's copy of an end that a child process holds."""
         self._socket.close()
+
+
+def wait_any(channels: Sequence[Channel], timeout_s: float) -> bool:
+    """Wait until something can be received from any of them; with no channels, for all of `timeout_s`."""
+    if channels:
+        return bool(select.select(channels, [], [], timeout_s)[0])
+    # Windows refuses to select from nothing
+    time.sleep(timeout_s)
+    return False

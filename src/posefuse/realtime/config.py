@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import field
-from typing import Annotated
+from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le
 
 from posefuse.association import AssociateSettings
+from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion import FuseSettings
 from posefuse.kinematics import JointSettings
-from posefuse.pipeline.config import DetectorChoice
 from posefuse.tracking.online import LiveSettings
+
+# 32 years
+_LONGEST_S = 1e9
 
 
 @settings
@@ -21,22 +24,38 @@ class LiveConfig:
 
     Attributes:
         rate_hz: poses per second.
-        groups: processes the cameras are shared among; 0: one per two cameras, at most one per core.
+        groups: processes the cameras are shared among; left out: one per two cameras, at most one per core.
         search_every_s: while fewer people than asked for are followed, every camera's whole image is searched this often.
-        preview_hz: pictures per second and camera for the viewer.
+        preview_hz: images per second and camera for the viewer.
         joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
         angles: joint angles and segment frames with every pose.
+        outputs: live outputs by name, each with its options, see `posefuse plugins`.
         detector: the 2D estimator. track, associate, fuse, joints: see the rooms.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0
-    groups: Annotated[int, Ge(0)] = 0
+    groups: Annotated[int, Ge(1)] | None = None
     search_every_s: Annotated[float, Gt(0)] = 1.0
     preview_hz: Annotated[float, Ge(0)] = 8.0
     joint_centres: bool = True
     angles: bool = True
+    outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     track: LiveSettings = field(default_factory=LiveSettings)
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
     joints: JointSettings = field(default_factory=JointSettings)
+
+
+@settings
+class RunOptions:
+    """What is said of one run on the command line only.
+
+    Attributes:
+        duration_s: it ends by itself after so long. loop_s: recorded and simulated sources begin again after so long.
+        zero_s: Unix time at which recorded and simulated sources begin.
+    """
+
+    duration_s: Annotated[float, Gt(0), Le(_LONGEST_S)] | None = None
+    loop_s: Annotated[float, Gt(0), Le(_LONGEST_S)] | None = None
+    zero_s: Annotated[float, Ge(0), Le(1e10)] | None = None

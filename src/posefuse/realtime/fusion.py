@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import gc
-import select
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import Pose3D, Rig
+from posefuse.core import CameraHealth, LiveDetections, LiveHealth, LivePose, LivePreview, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.health.cameras import Monitor, Verdict
 from posefuse.kinematics import JointTracker
 from posefuse.tracking.online import Tracker
 
 from .board import Board
-from .channel import Channel
+from .channel import Channel, wait_any
 from .clock import SessionClock
-from .joint_centres import Centring
+from .joint_centres import Centring, live_centres
 from .latency import Latencies, Way
-from .messages import Centres, Preview, Seen, Status
+from .messages import Centres, Seen, Status
+from .output_plan import Outlets
 from .rig_watch import RigWatch
 from .scheduling import expected_gain
 
@@ -50,14 +50,6 @@ class Intake(Protocol):
         ...
 
 
-class Outlets(Protocol):
-    """Where results go; never waits."""
-
-    def offer(self, kind: str, *values: Any) -> None:
-        """Hand something on: ``centres``, ``view``, ``pose``, ``health``, ``preview``."""
-        ...
-
-
 class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
@@ -76,7 +68,7 @@ class Fusion:
         watch: RigWatch | None = None,
         joints: JointTracker | None = None,
     ) -> None:
-        self.rig, self.tracker, self._board, self.clock, self._outlets = rig, tracker, board, clock, outlets
+        self.rig, self.tracker, self._board, self.clock, self.outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
         self.centring = centring
@@ -118,12 +110,12 @@ class Fusion:
             self._see(message)
         elif isinstance(message, Centres):
             self.centring.learn(message)
-            self._outlets.offer("centres", self.clock.now_ns(), message)
+            self.outlets.offer(live_centres(message, self.clock.now_ns()))
         elif isinstance(message, Status):
             for state in message.cameras:
                 self.monitor.told(state, message.t_ns)
-        elif isinstance(message, Preview):
-            self._outlets.offer("preview", message)
+        elif isinstance(message, LivePreview):
+            self.outlets.offer(message)
 
     def tick(self, due_ns: int, period_ns: int) -> None:
         """One pose, for the time it is due."""
@@ -133,7 +125,7 @@ class Fusion:
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
         shown = self.centring.moved(pose)
         joints = self._joints.step(shown) if self._joints is not None else None
-        self._outlets.offer("pose", shown, stages, joints)
+        self.outlets.offer(LivePose(pose=shown, joints=joints, stages_ns=stages))
         self.latencies.tick_out(due_ns, output_ns, period_ns)
         for way in self._waiting:
             self.latencies.view_out(way, output_ns)
@@ -163,7 +155,7 @@ class Fusion:
         stages = {
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
         }  # fmt: skip
-        self._outlets.offer("view", view, stages)
+        self.outlets.offer(LiveDetections(detections=view, stages_ns=stages))
 
     def _learn_noise(self, camera: str, sigma_px: Array) -> None:
         stated = sigma_px[np.isfinite(sigma_px)]
@@ -174,8 +166,7 @@ class Fusion:
     def _listen(self, intake: Intake, due_ns: int) -> None:
         channels = intake.channels()
         wait_s = max(0, due_ns - self.clock.now_ns()) / _S
-        readable, _, _ = select.select(channels, [], [], wait_s)
-        if not readable and channels:
+        if not wait_any(channels, wait_s) and channels:
             return
         for message in intake.messages():
             self.take(message)
@@ -200,7 +191,10 @@ class Fusion:
         if self.watch is not None:
             self.watch.hear()
         self.verdicts = self.monitor.judge(now_ns, intake.troubles(), self.watch.known.ill if self.watch is not None else {})
-        self._outlets.offer("health", now_ns, {name: (v.state, v.text) for name, v in self.verdicts.items()}, self._rates())
+        self.outlets.poll()
+        rates = self._rates()
+        cameras = {name: CameraHealth(state=v.state, text=v.text, figures=rates[name]) for name, v in self.verdicts.items()}
+        self.outlets.offer(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
 
     def _rates(self) -> dict[str, dict[str, float]]:
         health = self.tracker.health

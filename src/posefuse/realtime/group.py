@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Detector, Frame, PosefuseError, Region, Rig
-from posefuse.pipeline.config import DetectorChoice
+from posefuse.core import Camera, Detections2D, Detector, Frame, LivePreview, PosefuseError, Region, Rig
+from posefuse.detection.build import DetectorChoice
+from posefuse.foundation.platform import lower_priority
 
 from .board import Board, Expected
 from .capture import Capture, Caught, LiveInput, pick
 from .channel import Channel, ChannelClosed
 from .clock import SessionClock
 from .faults import before_bump, seen_by_bumped
-from .messages import Failed, Go, Preview, Ready, Seen, Status, Stop
+from .messages import Failed, Go, Ready, Seen, Status, Stop
 from .scheduling import LEAST_EVERY_S
 
 _STATUS_S = 0.25
@@ -59,8 +60,7 @@ class GroupPlan:
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
     """Body of the process; ends when told to, or when nobody listens any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(_NICENESS)
+    lower_priority(_NICENESS)
     with contextlib.suppress(ChannelClosed):
         try:
             group = _opened(plan, channel, board)
@@ -74,7 +74,7 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
 def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
     import cv2
 
-    from posefuse.detection.build import joint_centres_of
+    from posefuse.tracking import joint_centres_of
 
     cv2.setNumThreads(1)
     group = Group(plan, channel, board)
@@ -204,11 +204,11 @@ def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:
     )
 
 
-def _preview(frame: Frame, t_ns: int) -> Preview:
+def _preview(frame: Frame, t_ns: int) -> LivePreview:
     import cv2
 
     factor = min(1.0, _PREVIEW_PX / max(frame.size_wh))
     size = (max(1, round(frame.size_wh[0] * factor)), max(1, round(frame.size_wh[1] * factor)))
     small: Any = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
     _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _PREVIEW_QUALITY])
-    return Preview(frame.camera, t_ns, np.asarray(jpeg).tobytes(), size)
+    return LivePreview(camera=frame.camera, t_ns=t_ns, jpeg=np.asarray(jpeg).tobytes(), size_wh=size)

@@ -13,7 +13,8 @@ from .capture import LiveInput
 
 KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
 EXAMPLES = (
-    "cam00=video:cam00.mp4, cam00=usb:/dev/video0, cam00=rtsp://host/stream, cam00=http://host/stream.mjpg, "
+    "cam00=video:cam00.mp4, cam00=usb:/dev/video0 (macOS: usb:0, Windows: usb:NAME), cam00=rtsp://host/stream, "
+    "cam00=http://host/stream.mjpg, "
     "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL, cam00=oak:any, sim:SCENE.yaml or sim:SESSION"
 )
 

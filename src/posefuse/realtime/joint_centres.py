@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from posefuse.core import ConfigError, MessageError, Pose3D
-from posefuse.messages.joint_centre_messages import joint_centres_from_message, message_from_joint_centres
+from posefuse.core import ConfigError, LiveJointCentres, MessageError, Pose3D
+from posefuse.messages.joint_centre_messages import joint_centres_from_message
+from posefuse.outputs.live.ros import message_from_live_centres
 from posefuse.tracking import JointCentres, LearntLengths, at_joint_centres
 from posefuse.tracking.joint_centres import check_joint_centres
 
@@ -50,9 +51,14 @@ class Centring:
         return at_joint_centres(pose, self._lengths.table, self._lengths.step(pose))
 
 
+def live_centres(told: Centres, t_ns: int) -> LiveJointCentres:
+    """For outputs."""
+    return LiveJointCentres(t_ns=t_ns, cameras=told.cameras, fields=asdict(told.table or _NO_TABLE))
+
+
 def message_from_centres(told: Centres, t_ns: int) -> Any:
-    """For the network and recordings."""
-    return message_from_joint_centres(told.cameras, asdict(told.table or _NO_TABLE), t_ns)
+    """For the network."""
+    return message_from_live_centres(live_centres(told, t_ns))
 
 
 def centres_from_message(msg: Any) -> Centres:

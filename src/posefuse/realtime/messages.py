@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from posefuse.core import Detections2D, Skeleton
+from posefuse.health.cameras import CameraState
 from posefuse.tracking import JointCentres
 
 
@@ -45,26 +46,6 @@ class Stop:
     """Finish and leave."""
 
 
-@dataclass(frozen=True)
-class CameraState:
-    """How one camera fares in its group.
-
-    Attributes:
-        state: ``opening``, ``running``, ``ended`` (source is over) or ``lost`` (tries again).
-        text: why, when not running.
-        captured: frames that reached the process. used: looked at. replaced: given up for a newer one.
-        missing: frames the camera counted but never delivered.
-    """
-
-    camera: str
-    state: str
-    text: str
-    captured: int
-    used: int
-    replaced: int
-    missing: int
-
-
 @dataclass(frozen=True, eq=False)
 class Seen:
     """One frame looked at.
@@ -93,17 +74,3 @@ class Status:
     group: int
     t_ns: int
     cameras: tuple[CameraState, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Preview:
-    """A small picture of a frame, for viewers.
-
-    Attributes:
-        camera: its name. t_ns: mid-exposure. jpeg: the file. size_wh: of the small picture, px.
-    """
-
-    camera: str
-    t_ns: int
-    jpeg: bytes
-    size_wh: tuple[int, int]

@@ -27,6 +27,7 @@ class NetworkIntake:
     """Reads the topics of 2D poses, and of where joint centres lie beside them, in a thread of its own.
 
     Attributes:
+        rig: its cameras are taken. clock: of the session.
         intake: counts what came and what was refused, and why. strangers: views of cameras the rig does not have.
         centres: what was told of joint centres before the first view was taken.
         dropped: views the fusion had no room for.
@@ -37,7 +38,8 @@ class NetworkIntake:
         self.strangers: dict[str, int] = {}
         self.centres: list[Centres] = []
         self.dropped = 0
-        self._names, self._clock = set(rig.names), clock
+        self.rig, self.clock = rig, clock
+        self._names = set(rig.names)
         self._node = RosNode(name, network)
         self._reader = self._node.reader(topics.DETECTIONS)
         self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
@@ -98,7 +100,7 @@ class NetworkIntake:
             taken = self.intake.take(sample.raw)
             if taken is None:
                 continue
-            seen = _seen(*taken, sample.sent_ns, self._clock.now_ns())
+            seen = _seen(*taken, sample.sent_ns, self.clock.now_ns())
             if seen.detections.camera in self._names:
                 self.dropped += not self._theirs.send(seen)
                 continue

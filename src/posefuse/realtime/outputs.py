@@ -1,237 +1,189 @@
-"""Everything that leaves the session, in a process of its own: a slow disk or network never holds the beat up."""
+"""The session's side of its outputs: messages are handed on without waiting, and a process that dies is started again."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import queue
-import signal
-import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
 
-from posefuse.core import InputError, PosefuseError, Rig
+from posefuse.core import InputError, LiveMessage, OutputHealth
+from posefuse.core.live_messages import FAILED, OK
 
 from .channel import Channel, ChannelClosed
-from .clock import SessionClock
-from .processes import ended, spawned
+from .kept_messages import KeptMessages
+from .output_plan import PROCESS, OutputEvent, OutputPlan
+from .output_process import END_S, HANGS, OutputsEnd, OutputsFailed, OutputsHealth, OutputsReady, run_outputs
+from .processes import death_of, ended, spawned
 
-NOTES = "posefuse_live"
 _START_S = 60.0
-_END_S = 1.5
-_QUEUE = 4000
-# what a live sink may be behind: about 60 ms of poses and views
-_LIVE_QUEUE = 12
-
-
-@dataclass(frozen=True)
-class OutputPlan:
-    """Where to send results; what is empty or None is not sent.
-
-    Attributes:
-        rig: the cameras. clock: of the session.
-        record: .mcap file. notes: texts to keep in it, see `provenance`.
-        osc, json_udp: ``host:port`` each. axes: of those two, see `wire.osc.AXES`.
-        ros: `wire.dds.Network` to publish in. ros_views: 2D poses too; not where they came from the network.
-        view: ``spawn`` opens the Rerun viewer, a path records an .rrd file, empty shows nothing.
-    """
-
-    rig: Rig
-    clock: SessionClock
-    record: Path | None = None
-    notes: Mapping[str, str] = field(default_factory=dict)
-    osc: tuple[str, ...] = ()
-    json_udp: tuple[str, ...] = ()
-    axes: str = "z_up"
-    ros: Any = None
-    ros_views: bool = True
-    view: str = ""
-
-    @property
-    def empty(self) -> bool:
-        """Nothing leaves."""
-        return not (self.record or self.osc or self.json_udp or self.ros or self.view)
-
-
-class LiveSink(Protocol):
-    """One way out; each works in a thread of its own."""
-
-    name: str
-    keeps_all: bool
-
-    def take(self, kind: str, values: Sequence[Any]) -> None:
-        """One of the following, each with its values.
-
-        ``centres`` (t_ns, Centres), ``view`` (Detections2D, stages), ``pose`` (Pose3D, stages, Joints or None), ``health``
-        (t_ns, states, rates), ``preview`` (Preview).
-        """
-        ...
-
-    def close(self) -> None:
-        """Finish."""
-        ...
+_FIRST_RETRY_S = 0.2
+_LONGEST_RETRY_S = 10.0
+# it reports four times a second: then it is said that it does not, then it is ended
+_SILENT_S = 2.0
+_HUNG_S = 10.0
 
 
 class OutputProcess:
-    """The session's side: offers values to the process and never waits for it.
+    """Offers messages to the process of the outputs and never waits for it.
 
     Attributes:
-        lost: values the process had no room for.
-        trouble: what is wrong with the process; empty when nothing is.
+        lost: messages the process had no room for, or that came while there was no process.
+        health: of every output, by name.
+        events: what changed, oldest first, at most the newest 1000. event_count: of all there ever were.
     """
 
     def __init__(self, plan: OutputPlan) -> None:
-        self.lost, self.trouble = 0, ""
-        self.figures: dict[str, Any] = {}
-        self._channel, theirs = Channel.pair()
-        self._process = spawned(run_outputs, plan, theirs, name="posefuse outputs")
-        theirs.close_own()
+        self.lost = 0
+        self.health: dict[str, OutputHealth] = {name: OutputHealth(state="opening") for name in plan.configs}
+        self.events: deque[OutputEvent] = deque(maxlen=1000)
+        self.event_count = 0
+        self._plan, self._first = plan, plan.start()
+        # what former processes took, dropped and failed
+        self._before = dict.fromkeys(plan.configs, OutputHealth())
+        self._kept = KeptMessages()
+        self._deaths, self._retry_s, self._again_s = 0, _FIRST_RETRY_S, 0.0
+        self._finished = self._ready = False
+        self._heard_s = 0.0
+        # None while a process that died waits to be started again
+        self._process: Any = None
+        self._begin()
+
+    @property
+    def failed(self) -> bool:
+        """Whether any output, or their process, failed at any time."""
+        return self._deaths > 0 or any(health.failures for health in self.health.values())
+
+    def whereabouts(self) -> str:
+        """In which process they are, in words."""
+        return f"outputs {' '.join(self._plan.configs)} in process {self._process.pid}"
+
+    def figures(self) -> dict[str, dict[str, Any]]:
+        """Per output, what happened to what it was given."""
+        return {name: {**asdict(health), "finished": self._finished} for name, health in self.health.items()}
 
     def wait_ready(self) -> None:
         """Wait until everything is open; raises InputError in the words of what could not be opened."""
         try:
             if not self._channel.wait(_START_S):
                 raise InputError(f"outputs: not ready within {_START_S:g} s")
-            kind, text = self._channel.receive() or ("failed", "outputs: their process said nothing")
+            message = self._channel.receive()
         except ChannelClosed:
-            raise InputError("outputs: their process ended while starting") from None
-        if kind == "failed":
-            raise InputError(text)
+            raise InputError(f"outputs: {death_of(self._process)} while starting") from None
+        if isinstance(message, OutputsFailed):
+            raise InputError(message.reason)
+        self._take(message)
 
-    def offer(self, kind: str, *values: Any) -> None:
-        """Hand something on."""
-        if self.trouble:
+    def offer(self, message: LiveMessage) -> None:
+        """Hand a message on, if any output takes such."""
+        if not self._plan.wants(type(message)):
+            return
+        self._kept.keep(message)
+        if not self._ready:
             self.lost += 1
             return
         try:
-            self.lost += not self._channel.send((kind, values))
+            self.lost += not self._channel.send(message)
         except ChannelClosed:
-            self.trouble = f"process {self._process.pid} ended; nothing is sent or recorded any more"
+            self._died(death_of(self._process))
+
+    def poll(self) -> None:
+        """Take in how the outputs fare, and start a process that died again."""
+        if self._process is None:
+            if time.monotonic() >= self._again_s:
+                self._begin()
+            return
+        try:
+            while (message := self._channel.receive()) is not None:
+                self._take(message)
+                if self._process is None:
+                    return
+        except ChannelClosed:
+            self._died(death_of(self._process))
+            return
+        silent_s = time.monotonic() - self._heard_s
+        if self._ready and silent_s > _HUNG_S:
+            self._process.kill()
+            self._died(f"process {self._process.pid} hung and was ended")
+        elif self._ready and silent_s > _SILENT_S:
+            self._set_all(HANGS, f"process {self._process.pid} has reported nothing for {_SILENT_S:g} s")
 
     def close(self) -> None:
         """Let it finish, files first; safe to call twice."""
         if self._process is None:
             return
         with contextlib.suppress(ChannelClosed):
-            self._channel.send(("end", ()), 0.3)
-            end_s = time.monotonic() + _END_S
-            while not self.figures and self._channel.wait(max(0.0, end_s - time.monotonic())):
-                kind, figures = self._channel.receive() or ("", {})
-                if kind == "done":
-                    self.figures = figures
+            self._channel.send(OutputsEnd(), 0.3)
+            end_s = time.monotonic() + END_S + 0.5
+            while not self._finished and self._channel.wait(max(0.0, end_s - time.monotonic())):
+                self._take(self._channel.receive())
+        if self._ready and not self._finished:
+            self._count_death("ended before the outputs had finished")
         ended(self._process, 0.5)
-        self._process = None
         self._channel.close()
+        self._process = None
 
+    def _begin(self) -> None:
+        self._channel, theirs = Channel.pair()
+        first = replace(self._first, part=1 + max((health.failures for health in self.health.values()), default=0))
+        self._process = spawned(run_outputs, dict(self._plan.configs), first, theirs, name="posefuse outputs")
+        theirs.close_own()
+        self._ready, self._heard_s = False, time.monotonic()
 
-def run_outputs(plan: OutputPlan, channel: Channel) -> None:
-    """Body of the process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(2)
-    try:
-        sinks = _opened(plan)
-    except PosefuseError as error:
-        with contextlib.suppress(ChannelClosed):
-            channel.send(("failed", str(error)), 1.0)
-        return
-    workers = [_Worker(sink) for sink in sinks]
-    with contextlib.suppress(ChannelClosed):
-        channel.send(("ready", ""), 1.0)
-        _hand_out(channel, workers)
-    figures = {worker.sink.name: worker.finished() for worker in workers}
-    with contextlib.suppress(ChannelClosed):
-        channel.send(("done", figures), 1.0)
-    # a viewer or network that hangs must not keep the process
-    os._exit(0)
+    def _take(self, message: Any) -> None:
+        self._heard_s = time.monotonic()
+        if isinstance(message, OutputsFailed):
+            self._died(message.reason)
+        elif isinstance(message, OutputsReady):
+            self._ready = True
+            for kept in self._kept.messages():
+                self._channel.send(kept)
+            goes_on = "goes on in {}" if self._deaths else "{}"
+            self._learn({name: replace(told, text=goes_on.format(told.where)) for name, told in message.health.items()})
+        elif isinstance(message, OutputsHealth):
+            self._retry_s = _FIRST_RETRY_S
+            self._finished = message.final
+            self._learn(message.health)
 
+    def _learn(self, told: Mapping[str, OutputHealth]) -> None:
+        for name, now in told.items():
+            known, before = self.health[name], self._before[name]
+            new = replace(
+                now,
+                taken=before.taken + now.taken,
+                dropped=before.dropped + now.dropped,
+                failures=before.failures + now.failures,
+                fault=now.fault or before.fault,
+            )
+            self.health[name] = new
+            if new.failures > known.failures and new.state == OK:
+                self._event(name, FAILED, new.fault)
+            if (new.state, new.failures) != (known.state, known.failures) and (known.state, new.state) != ("opening", OK):
+                self._event(name, new.state, new.text)
 
-def _hand_out(channel: Channel, workers: Sequence[_Worker]) -> None:
-    while True:
-        channel.wait(0.5)
-        while (message := channel.receive()) is not None:
-            kind, values = message
-            if kind == "end":
-                return
-            for worker in workers:
-                worker.put(kind, values)
+    def _died(self, why: str) -> None:
+        self._process.join(0)
+        self._channel.close()
+        self._count_death(f"{why}; starting again")
+        self._process, self._ready = None, False
+        self._again_s = time.monotonic() + self._retry_s
+        self._retry_s = min(2 * self._retry_s, _LONGEST_RETRY_S)
 
+    def _count_death(self, why: str) -> None:
+        self._deaths += 1
+        self._event(PROCESS, FAILED, why)
+        for name, health in self.health.items():
+            self.health[name] = replace(health, state=FAILED, text=why, fault=why, failures=health.failures + 1)
+        self._before = dict(self.health)
 
-class _Worker:
-    """A sink's thread and its bounded queue: a recording keeps all it has room for, a live sink the newest."""
+    def _set_all(self, state: str, text: str) -> None:
+        for name, health in self.health.items():
+            if health.state == OK:
+                self.health[name] = replace(health, state=state, text=text)
+                self._event(name, state, text)
 
-    def __init__(self, sink: LiveSink) -> None:
-        self.sink = sink
-        self._queue: queue.Queue[Any] = queue.Queue(_QUEUE if sink.keeps_all else _LIVE_QUEUE)
-        self._taken = self._dropped = 0
-        self._fault = ""
-        self._thread = threading.Thread(target=self._run, name=sink.name, daemon=True)
-        self._thread.start()
-
-    def put(self, kind: str, values: Sequence[Any]) -> None:
-        """Queue it, never waiting."""
-        while True:
-            try:
-                self._queue.put_nowait((kind, values))
-                return
-            except queue.Full:
-                self._dropped += 1
-                if self.sink.keeps_all:
-                    return
-                with contextlib.suppress(queue.Empty):
-                    self._queue.get_nowait()
-
-    def finished(self) -> dict[str, Any]:
-        """Take what is queued, close the sink, and say how it went."""
-        while self._thread.is_alive():
-            with contextlib.suppress(queue.Full):
-                self._queue.put_nowait(None)
-                break
-            time.sleep(0.005)
-        self._thread.join(_END_S)
-        return {"taken": self._taken, "dropped": self._dropped, "fault": self._fault, "finished": not self._thread.is_alive()}
-
-    def _run(self) -> None:
-        while (item := self._queue.get()) is not None:
-            try:
-                self.sink.take(*item)
-                self._taken += 1
-            except (PosefuseError, OSError) as error:
-                self._fault = str(error)
-        self.sink.close()
-
-
-def _opened(plan: OutputPlan) -> list[LiveSink]:
-    from . import sinks
-
-    makers: list[Callable[[], LiveSink]] = []
-    if plan.record:
-        makers.append(lambda: sinks.RecordSink(plan))
-    if plan.ros:
-        makers.append(lambda: sinks.RosSink(plan))
-    if plan.osc:
-        makers.append(lambda: sinks.UdpSink("osc", plan.osc, plan.axes))
-    if plan.json_udp:
-        makers.append(lambda: sinks.UdpSink("json", plan.json_udp, plan.axes))
-    if plan.view:
-        makers.append(lambda: sinks.ViewSink(plan))
-    return [make() for make in makers]
-
-
-class NoOutputs:
-    """Nothing leaves: only figures are wanted."""
-
-    lost, trouble = 0, ""
-    figures: dict[str, Any] = {}  # noqa: RUF012 - never written
-
-    def wait_ready(self) -> None:
-        """Nothing to wait for."""
-
-    def offer(self, kind: str, *values: Any) -> None:
-        """Nobody wants it."""
-
-    def close(self) -> None:
-        """Nothing to close."""
+    def _event(self, output: str, state: str, text: str) -> None:
+        self.event_count += 1
+        self.events.append(OutputEvent(self._plan.clock.now_ns(), output, state, text))

@@ -10,10 +10,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from posefuse.core import Skeleton, SourceError
+from posefuse.foundation.platform import peak_memory_mb
 
 from .board import Board
 from .channel import Channel, ChannelClosed
@@ -84,7 +84,7 @@ class Groups:
         self._go: Go | None = None
         self._members = [_Member(plan, *self._start(plan)) for plan in plans]
 
-    def __enter__(self) -> Groups:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *problem: object) -> None:
@@ -100,18 +100,21 @@ class Groups:
         return sum(member.restarts for member in self._members)
 
     def memory_mb(self) -> float:
-        """Most memory this process and those of the groups have held, added up, see `peak_mb`."""
-        return peak_mb([os.getpid(), *(member.process.pid for member in self._members)])
+        """Most memory this process and those of the groups have held, added up, see `peak_memory_mb`."""
+        return peak_memory_mb([os.getpid(), *(member.process.pid for member in self._members)])
 
-    def wait_ready(self, timeout_s: float = START_S) -> Skeleton:
+    def wait_ready(self, stopped: Sequence[str] = (), timeout_s: float = START_S) -> Skeleton:
         """Wait for every group's sources and network.
 
         Raises:
             SourceError: a group that cannot begin, in its own words, or one that takes longer.
+            KeyboardInterrupt: `stopped` has an entry.
         """
         end_s = time.monotonic() + timeout_s
         for member in self._members:
             while member.marks is None:
+                if stopped:
+                    raise KeyboardInterrupt
                 if time.monotonic() > end_s:
                     raise SourceError(f"cameras {_cameras(member.plan)}: not ready within {timeout_s:g} s")
                 self._hear_ready(member)
@@ -194,7 +197,7 @@ class Groups:
         try:
             message = member.channel.receive()
         except ChannelClosed:
-            raise SourceError(f"cameras {_cameras(member.plan)}: {_death(member.process)} while starting") from None
+            raise SourceError(f"cameras {_cameras(member.plan)}: {death_of(member.process)} while starting") from None
         if isinstance(message, Failed):
             raise SourceError(message.reason)
         if isinstance(message, Ready):
@@ -205,7 +208,7 @@ class Groups:
             try:
                 message = member.channel.receive()
             except ChannelClosed:
-                self._died(member, _death(member.process))
+                self._died(member, death_of(member.process))
                 return
             if message is None:
                 break
@@ -222,7 +225,7 @@ class Groups:
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
         if time.monotonic() - member.heard_s > (_HUNG_S if member.ready else START_S):
-            os.kill(member.process.pid, signal.SIGKILL)
+            member.process.kill()
             self._died(member, f"process {member.process.pid} hung and was ended")
 
     def _died(self, member: _Member, why: str) -> None:
@@ -231,20 +234,12 @@ class Groups:
         member.retry_s = min(2 * member.retry_s, _LONGEST_RETRY_S)
 
 
-def peak_mb(pids: Sequence[int]) -> float:
-    """Most memory processes have held (resident, what they share counted in each), added up; NaN where nobody tells."""
-    try:
-        told = [Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace") for pid in pids]
-        return sum(int(status.split("VmHWM:")[1].split()[0]) for status in told) / 1024
-    except (OSError, IndexError, ValueError):
-        return float("nan")
-
-
 def _cameras(plan: GroupPlan) -> str:
     return " ".join(entry.camera for entry in plan.inputs)
 
 
-def _death(process: Any) -> str:
+def death_of(process: Any) -> str:
+    """How a process ended, in words."""
     process.join(0.2)
     code = process.exitcode
     how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with status {code}"

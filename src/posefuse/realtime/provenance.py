@@ -11,9 +11,9 @@ from posefuse import __version__
 from posefuse.core import InputError, Rig
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.messages.bags import read_notes
+from posefuse.outputs.live.record import NOTES
 
 from .config import LiveConfig
-from .outputs import NOTES
 
 
 @dataclass(frozen=True)

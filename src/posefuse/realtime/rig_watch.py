@@ -15,8 +15,10 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from posefuse.calibration.clocks.paths import APART_S
+from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.foundation.platform import lower_priority
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
@@ -108,7 +110,7 @@ class RigWatch:
         if self.trouble:
             return
         self._told_ns[view.camera] = view.t_ns
-        points = _telling_points(view.skeleton)
+        points = _limb_keypoints(view.skeleton)
         try:
             self._channel.send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
         except ChannelClosed:
@@ -120,8 +122,8 @@ class RigWatch:
 
 
 @cache
-def _telling_points(skeleton: Skeleton) -> Array:
-    return monitor.telling_points(skeleton.keypoints)
+def _limb_keypoints(skeleton: Skeleton) -> Array:
+    return limb_keypoints(skeleton.keypoints)
 
 
 @contextlib.contextmanager
@@ -140,8 +142,7 @@ def _one_thread() -> Iterator[None]:
 def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
     """Body of the process: collects views, tells what it finds."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):
-        os.nice(_NICENESS)
+    lower_priority(_NICENESS)
     watcher, told = Watcher(rig, clocks), Watched()
     with contextlib.suppress(ChannelClosed):
         while True:
@@ -169,7 +170,7 @@ class Watcher:
         if self._finder is not None:
             self._finder.add(camera, t_ns, xy_img, score)
         later_ns = round(self._offset_s.get(camera, 0.0) * _S)
-        self._instants.add(camera, t_ns - later_ns, xy_img, score >= monitor.LEAST_SCORE)
+        self._instants.add(camera, t_ns - later_ns, xy_img, score >= MIN_SCORE)
 
     def look(self) -> Watched:
         """What is known by now."""

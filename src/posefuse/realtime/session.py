@@ -1,4 +1,4 @@
-"""A live session from sources to outputs: groups started, the beat kept, everything ended again."""
+"""A live session from views to outputs: processes started, the output rate kept, everything ended again."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from itertools import islice
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Pose3D, Rig, Skeleton, SourceError
+from posefuse.core import LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
+from posefuse.foundation.compiled import compiling
+from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.kinematics import JointTracker
 from posefuse.tracking.online import Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
@@ -21,52 +22,28 @@ from posefuse.tracking.stand_in import made_up_detections
 from .assignment import dealt
 from .board import Board
 from .capture import LiveInput
+from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
 from .group import GroupPlan
 from .joint_centres import Centring
-from .outputs import NoOutputs, OutputPlan, OutputProcess
+from .news import News, Say
+from .output_plan import NoOutputs, OutputPlan
+from .outputs import OutputProcess
 from .processes import Groups
 from .provenance import notes_of
 from .rig_watch import watching
+from .session_plan import Finished, SessionPlan, SessionViews
 
 LEAST_CAMERAS = 2
 _LEAD_NS = 300_000_000
 _WARM_UP_INSTANTS = 15
-Say = Callable[[str], None]
-
-
-@dataclass
-class Finished:
-    """What a session leaves behind: figures for tables and reports.
-
-    Attributes:
-        fusion: with its latencies and monitor. zero_ns: session time at which recorded sources showed their time 0.
-        seconds: how long it ran. outputs: per way out, what happened to what it was given.
-        lost: values there was no room for. trouble: of the outputs. restarts: of camera processes.
-        cpu_s: processor time of the fusion process, and of all its children.
-        memory_mb: most memory of this process and its camera processes, added up.
-        clock_offset_s: by camera, on several machines only; NaN while it is not known.
-    """
-
-    fusion: Fusion
-    skeleton: Skeleton
-    zero_ns: int = 0
-    seconds: float = 0.0
-    outputs: dict[str, Any] = field(default_factory=dict)
-    lost: int = 0
-    trouble: str = ""
-    restarts: int = 0
-    stopped_by: str = ""
-    cpu_s: tuple[float, float] = (0.0, 0.0)
-    memory_mb: float = 0.0
-    clock_offset_s: dict[str, float] = field(default_factory=dict)
 
 
 def run_live(
     rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, duration_s: float | None, say: Say
 ) -> Finished:
-    """Run until the time is over, all sources have ended, or Ctrl-C.
+    """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
@@ -75,90 +52,84 @@ def run_live(
     if len(inputs) < LEAST_CAMERAS:
         raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
     rig = rig.only(entry.camera for entry in inputs)
-    plan = replace(plan, rig=rig, notes=notes_of(rig, config))
+    plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
+    whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
+    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan), board), say)
+
+
+def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextManager[SessionViews]], say: Say) -> Finished:
+    """Outputs, tracker, joint centres, rig watch and fusion around the views that `views_on(board)` brings.
+
+    Raises:
+        SourceError: views that cannot come.
+        InputError: an output that cannot be opened.
+    """
+    rig, clock, config = plan.outputs.rig, plan.outputs.clock, plan.config
     board = new_board(rig)
-    outputs = NoOutputs() if plan.empty else OutputProcess(plan)
+    outputs = OutputProcess(plan.outputs) if plan.outputs.configs else NoOutputs()
     try:
-        with Groups(group_plans(rig, inputs, config, plan), board) as groups, watching(rig, clocks=False) as watch:
+        with stop_requests() as stopped, views_on(board) as views, watching(rig, clocks=plan.remote) as watch:
             outputs.wait_ready()
-            skeleton = groups.wait_ready()
-            say("; ".join([*groups.whereabouts(), *([watch.whereabouts()] if watch else [])]))
-            joints = None if plan.empty else ready_joints(skeleton, config)
-            tracker, centring = ready_tracker(rig, skeleton, config), Centring(rig.names, config.joint_centres)
-            fusion = Fusion(rig, tracker, board, plan.clock, outputs, centring, watch, joints)
-            for told in groups.centres():
+            skeleton = views.wait_ready(stopped)
+            say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
+            with compiling("live tracking", say):
+                joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
+                tracker = ready_tracker(rig, skeleton, config)
+            centring = Centring(rig.names, config.joint_centres)
+            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch, joints)
+            for told in views.centres():
                 fusion.take(told)
-            done = Finished(fusion, skeleton)
-            with stop_requests() as stopped:
-                done.zero_ns = _run(fusion, groups, config, duration_s, stopped, say)
-            done.restarts, done.memory_mb = groups.restarts, groups.memory_mb()
-            done.stopped_by = stopped[0] if stopped else ""
+            zero_ns = views.start(clock)
+            news = News(fusion, zero_ns, say)
+            with punctual():
+                fusion.run(views, config.rate_hz, _until(plan.duration_s, zero_ns, fusion, news, stopped))
+            restarts, memory_mb = views.restarts, views.memory_mb()
+            known_s = watch.known.offset_s if watch is not None and plan.remote else {}
     finally:
         outputs.close()
+    news.tell(clock.now_ns())
     times = os.times()
-    done.cpu_s = (times.user + times.system, times.children_user + times.children_system)
-    done.seconds = (plan.clock.now_ns() - done.zero_ns) / 1e9
-    done.outputs, done.lost, done.trouble = outputs.figures, outputs.lost, outputs.trouble
-    return done
+    return Finished(
+        fusion=fusion,
+        skeleton=skeleton,
+        zero_ns=zero_ns,
+        seconds=(clock.now_ns() - zero_ns) / 1e9,
+        stopped_by=stopped[0] if stopped else "",
+        outputs=outputs.figures(),
+        output_events=tuple(outputs.events),
+        outputs_failed=outputs.failed,
+        lost=outputs.lost,
+        restarts=restarts,
+        cpu_s=(times.user + times.system, times.children_user + times.children_system),
+        memory_mb=memory_mb,
+        clock_offset_s={name: known_s.get(name, float("nan")) for name in rig.names} if plan.remote else {},
+    )
 
 
-def _run(fusion: Fusion, groups: Groups, config: LiveConfig, duration_s: float | None, stopped: list[str], say: Say) -> int:
-    zero_ns = time.monotonic_ns() + _LEAD_NS
-    groups.begin(zero_ns)
-    zero_session_ns = zero_ns + fusion.clock.offset_ns
-    end_ns = None if duration_s is None else zero_session_ns + round(duration_s * 1e9)
-    news = News(fusion, zero_session_ns, say)
+def _until(duration_s: float | None, zero_ns: int, fusion: Fusion, news: News, stopped: Sequence[str]) -> Callable[[int], bool]:
+    end_ns = None if duration_s is None else zero_ns + round(duration_s * 1e9)
 
     def until(now_ns: int) -> bool:
         news.tell(now_ns)
         over = end_ns is not None and now_ns >= end_ns
         return over or bool(stopped) or fusion.monitor.all_ended()
 
-    with favoured():
-        fusion.run(groups, config.rate_hz, until)
-    return zero_session_ns
+    return until
 
 
-class News:
-    """Says at once what changes; times are told from `zero_ns`."""
+class GroupViews(Groups):
+    """Camera groups as the views of a session."""
 
-    def __init__(self, fusion: Fusion, zero_ns: int, say: Say) -> None:
-        self._fusion, self._zero_ns, self._say = fusion, zero_ns, say
-        self._told, self._trouble = 0, ""
-
-    def tell(self, now_ns: int) -> None:
-        """Whatever has not been told yet."""
-        monitor, watch = self._fusion.monitor, self._fusion.watch
-        new = min(monitor.event_count - self._told, len(monitor.events))
-        self._told = monitor.event_count
-        for event in islice(monitor.events, len(monitor.events) - new, None):
-            self._say_at(event.t_ns, f"camera {event.camera}: {event.state}{': ' + event.text if event.text else ''}")
-        if watch is not None and watch.trouble != self._trouble:
-            self._trouble = watch.trouble
-            self._say_at(now_ns, f"rig watch: {watch.trouble}")
-
-    def _say_at(self, t_ns: int, words: str) -> None:
-        self._say(f"{(t_ns - self._zero_ns) / 1e9:6.2f} s  {words}")
-
-
-@contextmanager
-def favoured() -> Iterator[None]:
-    """The beat comes first on a busy machine, where the system allows it; processes started from here do not inherit it."""
-    try:
-        before = os.sched_getscheduler(0), os.sched_getparam(0)
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
-    except (OSError, AttributeError):
-        yield
-        return
-    try:
-        yield
-    finally:
-        os.sched_setscheduler(0, *before)
+    def start(self, clock: SessionClock) -> int:
+        """Recorded sources show their time 0 a moment from now, when all groups know it."""
+        zero_ns = time.monotonic_ns() + _LEAD_NS
+        self.begin(zero_ns)
+        return zero_ns + clock.offset_ns
 
 
 def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
     """Cameras dealt out to groups, see `dealing`."""
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     count = config.groups or max(1, min(cores, len(inputs) // 2))
     count = min(count, len(inputs))
     detector = config.detector
@@ -169,7 +140,7 @@ def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan:
     return [
         GroupPlan(
             group, rig, tuple(by_name[name] for name in cameras), detector, plan.clock, config.track.max_people,
-            config.search_every_s, config.preview_hz if plan.view or plan.ros else 0.0,
+            config.search_every_s, config.preview_hz if plan.wants(LivePreview) else 0.0,
         )
         for group, cameras in enumerate(dealt(rig, list(by_name), count))
     ]  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import field, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Lt, MinLen
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import Field
 
 from posefuse.core import SE3, Camera, ConfigError, PosefuseError, Rig
@@ -18,6 +18,12 @@ Point = tuple[float, float, float]
 Row = tuple[float, float, float]
 _UP = np.array([0.0, 0.0, 1.0])
 _SQUARE_LEAST = 1e-6
+# the largest side of a framebuffer in common OpenGL drivers; what the driver here allows is checked before rendering
+MOST_SIDE_PX = 16_384
+# each camera is a video to render and a view to solve for: no room has more
+MOST_CAMERAS = 1000
+# frames per second, as for a whole scene
+MOST_HZ = 1000
 
 
 @settings
@@ -32,7 +38,7 @@ class ImageSettings:
         distortion: coefficients in OpenCV's order; the picture is really bent by them.
     """
 
-    size_px: tuple[Annotated[int, Ge(16)], Annotated[int, Ge(16)]] = (640, 480)
+    size_px: tuple[Annotated[int, Ge(16), Le(MOST_SIDE_PX)], Annotated[int, Ge(16), Le(MOST_SIDE_PX)]] = (640, 480)
     horizontal_fov_deg: Annotated[float, Gt(0), Lt(150)] = 60.0
     K: tuple[Row, Row, Row] | None = None
     lens: Literal["pinhole", "fisheye"] = "pinhole"
@@ -58,7 +64,7 @@ class SensorSettings:
         noise_dn: standard deviation of sensor noise at mid grey, in grey levels of 255.
     """
 
-    rate_hz: Annotated[float, Gt(0)] | None = None
+    rate_hz: Annotated[float, Gt(0), Le(MOST_HZ)] | None = None
     phase_s: Annotated[float, Ge(0)] = 0.0
     offset_s: float = 0.0
     drift_ppm: Annotated[float, Gt(-100_000), Lt(100_000)] = 0.0
@@ -66,9 +72,9 @@ class SensorSettings:
     stamp_noise_s: Annotated[float, Ge(0)] = 0.0
     drop_fraction: Annotated[float, Ge(0), Lt(1)] = 0.0
     readout_s: Annotated[float, Ge(0)] = 0.0
-    shutter_bands: Annotated[int, Ge(2)] = 8
+    shutter_bands: Annotated[int, Ge(2), Le(MOST_SIDE_PX)] = 8
     exposure_s: Annotated[float, Ge(0)] = 0.0
-    blur_samples: Annotated[int, Ge(2)] = 5
+    blur_samples: Annotated[int, Ge(2), Le(1000)] = 5
     noise_dn: Annotated[float, Ge(0)] = 0.0
 
 
@@ -97,7 +103,7 @@ class RingCameras:
     """
 
     kind: Literal["ring"]
-    count: Annotated[int, Ge(1)] = 4
+    count: Annotated[int, Ge(1), Le(MOST_CAMERAS)] = 4
     radius_m: Annotated[float, Gt(0)] = 4.5
     height_m: float = 2.2
     centre_m: tuple[float, float] = (0.0, 0.0)
@@ -146,7 +152,7 @@ class ListedCameras:
     """Every camera by itself."""
 
     kind: Literal["list"]
-    cameras: Annotated[tuple[PlacedCamera, ...], MinLen(1)]
+    cameras: Annotated[tuple[PlacedCamera, ...], MinLen(1), MaxLen(MOST_CAMERAS)]
 
 
 CameraSettings = Annotated[RingCameras | CornerCameras | ListedCameras, Field(discriminator="kind")]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import SE3, Camera, CameraTruth, Joints, Truth
+from posefuse.core import SE3, Camera, CameraTruth, JointAngles, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import ANATOMICAL23
 
@@ -151,7 +151,7 @@ def _when_exposed(camera: Camera, early: Array, middle: Array, late: Array) -> A
     return moved
 
 
-def _joints(live: LiveScene) -> Joints | None:
+def _joints(live: LiveScene) -> JointAngles | None:
     if not live.people:
         return None
     states = [person.at(live.t_ns / 1e9 - live.scene.start_s) for person in live.people]
@@ -160,4 +160,4 @@ def _joints(live: LiveScene) -> Joints | None:
         np.stack([state.world_from_segment.xyz for state in states], axis=1),
     )
     angle = np.stack([state.angle_rad for state in states], axis=1)
-    return Joints(live.t_ns, np.arange(len(states)), SEGMENTS, pose, JOINTS, ANGLE_NAMES, angle, np.zeros_like(angle))
+    return JointAngles(live.t_ns, np.arange(len(states)), SEGMENTS, pose, JOINTS, ANGLE_NAMES, angle, np.zeros_like(angle))

@@ -103,6 +103,12 @@ def with_motion_files(scene: Scene, moved: Callable[[int, str], str]) -> Scene:
     return replace(scene, people=tuple(people))
 
 
+def motion_files(scene: Scene) -> tuple[Path, ...]:
+    """The motion files and folders that the scene is made from."""
+    files = [getattr(person.motion, "file", None) for person in scene.people]
+    return tuple(Path(file) for file in files if file is not None)
+
+
 def check_scene(scene: Scene) -> None:
     """Raise ConfigError for names that are taken twice or stand for nothing, before anything is built."""
     _check_unique("cameras: name", [camera.name for camera in placed_cameras(scene.cameras)])

@@ -6,6 +6,7 @@ SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the film)
 SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
+SESSION/posefuse-files.json   `files.manifest`: what was written, once all is
 SESSION/INCOMPLETE            as long as something of the above is missing; simulating again resumes
 """
 
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import os
+import enum
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,13 +27,17 @@ import yaml
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import read_arrays, write_arrays, write_truth
+from posefuse.formats.truth import write_arrays, write_truth
 from posefuse.formats.video import join_videos
+from posefuse.foundation.manifest import Manifest, listed, write_manifest
+from posefuse.foundation.output_folder import check_replaceable, clear_aside, move_aside
+from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, seen_points, truth_with
-from .render.backend import working_backend
+from .render.backend import check_framebuffer, working_backend
 from .render.model import RenderModel, render_model
 from .render.optics import optics_of
 from .render.shot import moments_of
@@ -44,6 +49,8 @@ TIMES_FILE = "timestamps.csv"
 # frames of one task: what is lost when a session is interrupted
 _RUN = 30
 _RUN_OF_PICTURES = 240
+_COMMAND = "simulate"
+_MARKER_TEXT = "This session is not finished. Simulate the same scene into this folder to go on.\n"
 
 
 @dataclass(frozen=True)
@@ -97,28 +104,38 @@ class SessionPaths:
         return self.videos / f"{camera}.mp4"
 
 
-def simulate(scene: Scene, out: Path, progress: Progress | None = None, processes: int | None = None) -> SessionPaths:
+def simulate(
+    scene: Scene, out: Path, progress: Progress | None = None, processes: int | None = None, *, replace: bool = False
+) -> SessionPaths:
     """Render a scene into the folder `out`, or go on where an interrupted run of the same scene stopped.
 
     Args:
         progress: called with (frames done, frames in all) after every run of frames.
         processes: how many render at once; None takes one per core.
+        replace: an earlier session that posefuse wrote and nobody changed is moved aside, and removed when the new one is
+            complete; an unfinished one of another scene is moved aside and stays there.
 
     Raises:
         ConfigError: the scene cannot be. InputError: `out` holds something else, or cannot be written.
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
     paths = SessionPaths(Path(out))
-    _check_folder(paths, scene)
+    earlier = _earlier(paths, scene, replace)
     live = live_scene(scene)
+    if processes is not None and processes < 1:
+        raise InputError(f"processes: expected at least 1, got {processes}")
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
     try:
+        aside = move_aside(paths.folder) if earlier is not _Earlier.RESUMED else None
         _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
+        check_framebuffer(backend, int(largest.max()))
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
-        _render(live, job, paths, progress, processes or os.cpu_count() or 1)
+        _render(live, job, paths, progress, processes or usable_cores())
         _finish(live, paths)
+        if aside is not None and earlier is _Earlier.REPLACED:
+            clear_aside(aside)
     except OSError as error:
         raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
     return paths
@@ -139,18 +156,39 @@ def body_poses(live: LiveScene, t_s: Array) -> Array:
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(t_s), 0, 7))
 
 
-def _check_folder(paths: SessionPaths, scene: Scene) -> None:
-    """Accept a new or empty folder, or an interrupted session of the same scene."""
-    if paths.incomplete.is_file():
-        if paths.scene.is_file() and paths.scene.read_text(encoding="utf-8") != _scene_text(scene):
-            raise InputError(f"{paths.folder}: holds an unfinished session of another scene; delete it or choose another folder")
-    elif paths.folder.exists() and (not paths.folder.is_dir() or any(paths.folder.iterdir())):
-        raise InputError(f"{paths.folder}: is not empty; delete it or choose another folder")
+class _Earlier(enum.Enum):
+    """What becomes of what is in the folder of a session before it is rendered."""
+
+    RESUMED = "an unfinished session of this scene: it is finished"
+    KEPT_ASIDE = "an unfinished session of another scene: moved aside"
+    REPLACED = "nothing, or a session that posefuse finished: moved aside, and removed in the end"
+
+
+def _earlier(paths: SessionPaths, scene: Scene, replace: bool) -> _Earlier:
+    """Look at what is there; raises InputError unless it can be resumed or, with `replace`, moved aside."""
+    if not _is_unfinished(paths):
+        check_replaceable(paths.folder, command=_COMMAND, replace=replace)
+        return _Earlier.REPLACED
+    if not paths.scene.is_file() or paths.scene.read_text(encoding="utf-8") == _scene_text(scene):
+        return _Earlier.RESUMED
+    if not replace:
+        raise InputError(
+            f"{paths.folder}: holds an unfinished session of another scene; choose another folder or move it aside with --force"
+        )
+    return _Earlier.KEPT_ASIDE
+
+
+def _is_unfinished(paths: SessionPaths) -> bool:
+    """Whether the marker is there, and is ours."""
+    try:
+        return paths.incomplete.read_text(encoding="utf-8") == _MARKER_TEXT
+    except (OSError, ValueError):
+        return False
 
 
 def _begin(paths: SessionPaths, scene: Scene) -> None:
     paths.folder.mkdir(parents=True, exist_ok=True)
-    paths.incomplete.write_text("This session is not finished. Simulate the same scene into this folder to go on.\n")
+    paths.incomplete.write_text(_MARKER_TEXT, encoding="utf-8")
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
     paths.scene.write_text(_scene_text(scene), encoding="utf-8")
@@ -272,8 +310,40 @@ def _finish(live: LiveScene, paths: SessionPaths) -> None:
     write_arrays(paths.shots, shot_arrays(live))
     if live.props:
         write_arrays(paths.props, prop_truth(live, visible))
-    shutil.rmtree(paths.parts)
+    _remove_parts(runs, paths)
+    manifest = Manifest(command=_COMMAND, target=".")
+    write_manifest(paths.folder, listed(paths.folder, manifest, _written(live, paths)))
     paths.incomplete.unlink()
+
+
+def _remove_parts(runs: list[_Run], paths: SessionPaths) -> None:
+    """Remove the finished runs, and the folder unless something else is in it."""
+    own = {run.done for run in runs} | {run.film for run in runs if run.film.parent == paths.parts}
+    # a process that was killed while it wrote leaves a file of this kind
+    own |= {path for path in paths.parts.iterdir() if path.name.startswith(".") and path.suffix == ".npz"}
+    for path in own:
+        path.unlink(missing_ok=True)
+    if not any(paths.parts.iterdir()):
+        paths.parts.rmdir()
+
+
+def _written(live: LiveScene, paths: SessionPaths) -> set[Path]:
+    """Every file of a finished session."""
+    files = {paths.rig, paths.scene, paths.truth, paths.shots} | ({paths.props} if live.props else set())
+    for shots in live.shots:
+        if isinstance(live.scene.record, H264Settings):
+            files.add(paths.film(shots.camera))
+        else:
+            names = (TIMES_FILE, *(image_name(int(t)) for t in shots.stamp_ns))
+            files |= {paths.videos / shots.camera / name for name in names}
+    with_motion_files(live.scene, lambda i, file: _add_copies(Path(file), paths.folder / _motion_name(i, file), files))
+    return files
+
+
+def _add_copies(file: Path, copy: Path, files: set[Path]) -> str:
+    inside = [path for path in file.rglob("*") if path.is_file()] if file.is_dir() else []
+    files.update([copy / path.relative_to(file) for path in inside] if file.is_dir() else [copy])
+    return str(copy)
 
 
 def shot_arrays(live: LiveScene) -> dict[str, Array]:

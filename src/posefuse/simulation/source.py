@@ -17,7 +17,8 @@ import numpy as np
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.formats.truth import read_arrays, read_truth
+from posefuse.formats.npz import read_arrays
+from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 
 from .build import LiveScene, live_scene

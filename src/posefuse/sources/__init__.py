@@ -1,11 +1,12 @@
 """Video files, image folders and cameras to frames; one file per kind."""
 
 from .ahead import FramesAhead
+from .coverage import CountedSource, Coverage, RecordedSource, incomplete_cameras
 from .grouping import FrameSet, frame_sets
 from .images import IMAGE_SUFFIXES, ImagesConfig, ImagesSource
 from .video import VIDEO_SUFFIXES, VideoConfig, VideoSource
 
 __all__ = [
-    "IMAGE_SUFFIXES", "VIDEO_SUFFIXES", "FrameSet", "FramesAhead", "ImagesConfig", "ImagesSource", "VideoConfig",
-    "VideoSource", "frame_sets",
+    "IMAGE_SUFFIXES", "VIDEO_SUFFIXES", "CountedSource", "Coverage", "FrameSet", "FramesAhead", "ImagesConfig", "ImagesSource",
+    "RecordedSource", "VideoConfig", "VideoSource", "frame_sets", "incomplete_cameras",
 ]  # fmt: skip

@@ -13,9 +13,12 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import one_line
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 TIMES_FILE = "timestamps.csv"
+# times are int64 nanoseconds, and an offset comes on top
+_LATEST_S = 4e9
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,11 @@ class ImagesSource:
             raise SourceError(f"{self._where}: no readable image in the folder; known: {' '.join(IMAGE_SUFFIXES)}")
         self.size_wh = first.size_wh
 
+    @property
+    def stated_frames(self) -> int:
+        """Images in the folder or its table of times."""
+        return len(self._times_s)
+
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames, without reading them."""
         return np.array([self._session_ns(t) for _, t in self._times_s], dtype=np.int64)
@@ -94,10 +102,12 @@ class ImagesSource:
             images = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
             return [(path, i / self._config.rate_hz) for i, path in enumerate(images)]
         try:
-            with (folder / TIMES_FILE).open(newline="", encoding="utf-8") as file:
+            with (folder / TIMES_FILE).open(newline="", encoding="utf-8-sig") as file:
                 times = [(folder / row["file"], float(row["t_s"])) for row in csv.DictReader(file)]
-        except (KeyError, ValueError, TypeError, UnicodeDecodeError) as error:
-            raise SourceError(f"{folder / TIMES_FILE}: expected columns file, t_s with numbers, got {error}") from None
+        except (OSError, KeyError, ValueError, TypeError, csv.Error) as error:
+            raise SourceError(f"{folder / TIMES_FILE}: expected columns file, t_s with numbers, got {one_line(error)}") from None
+        if not all(abs(time_s) < _LATEST_S for _, time_s in times):
+            raise SourceError(f"{folder / TIMES_FILE}: t_s: expected seconds below {_LATEST_S:g}, got NaN, infinity or more")
         if any(later[1] <= earlier[1] for earlier, later in itertools.pairwise(times)):
             raise SourceError(f"{folder / TIMES_FILE}: expected strictly increasing t_s")
         return times

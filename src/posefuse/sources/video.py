@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -20,6 +21,8 @@ VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpe
 # these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
 _ARBITRARY_START = ("mpegts", "avi", "mpeg")
 _MOST_BROKEN_IN_A_ROW = 30
+# FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
+_CONTAINERS = "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc"
 
 
 @dataclass(frozen=True)
@@ -58,16 +61,26 @@ class VideoSource:
         if first is None:
             raise SourceError(f"{config.path}: camera {config.camera}: no frame can be decoded; is the file complete?")
         self.size_wh = first.size_wh
+        with _opened(config) as container:
+            self._stated_frames = int(container.streams.video[0].frames)
+
+    @property
+    def stated_frames(self) -> int:
+        """Frames by the file's header, more than `times_ns` where its end is missing; 0 where it does not say."""
+        return self._stated_frames
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
         with _opened(self._config) as container:
             stream = container.streams.video[0]
-            ticks = sorted({packet.pts for packet in container.demux(stream) if packet.pts is not None})
+            ticks = sorted(_ticks(container, stream))
             if ticks and container.format.name in _ARBITRARY_START:
                 ticks = [tick - ticks[0] for tick in ticks]
             base = Fraction(stream.time_base or 1)
-        return np.array([self._session_ns(tick * base) for tick in ticks], dtype=np.int64)
+        try:
+            return np.array([self._session_ns(tick * base) for tick in ticks], dtype=np.int64)
+        except OverflowError:
+            raise SourceError(f"{self._where}: times up to {float(ticks[-1] * base):.3g} s; the file is damaged") from None
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the start; a frame that cannot be decoded is left out and counted in `broken_frames`."""
@@ -140,14 +153,26 @@ def _opened(config: VideoConfig) -> av.container.InputContainer:
     if not Path(config.path).is_file():
         raise SourceError(f"{where}: no such video file")
     try:
-        container = av.open(str(config.path))
+        container = av.open(str(config.path), metadata_errors="replace", container_options={"format_whitelist": _CONTAINERS})
     except (av.error.FFmpegError, OSError) as error:
         reason = error.strerror or type(error).__name__
         raise SourceError(f"{where}: not a video that can be opened ({reason}); is the file complete?") from None
     if not container.streams.video:
         container.close()
         raise SourceError(f"{where}: the file holds no video stream")
+    if container.streams.video[0].codec_context is None:
+        # PyAV crashes when it decodes such a stream
+        container.close()
+        raise SourceError(f"{where}: its video is in a format that cannot be decoded; is the file damaged?")
     return container
+
+
+def _ticks(container: av.container.InputContainer, stream: VideoStream) -> set[int]:
+    """Presentation times of all packets up to the first that cannot be read."""
+    ticks: set[int] = set()
+    with suppress(av.error.FFmpegError):
+        ticks.update(packet.pts for packet in container.demux(stream) if packet.pts is not None)
+    return ticks
 
 
 def _upright(decoded: VideoFrame) -> Array:

@@ -1,1 +1,1 @@
-"""TODO"""
+"""Clock offsets and drifts of unsynchronised cameras."""

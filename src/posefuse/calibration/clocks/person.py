@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.core import Rig
-from posefuse.health.rig_monitor import LEAST_SCORE, telling_points
 
 from .person_tracks import PersonTrack
 from .start import RoughClocks, rough_clocks
@@ -34,9 +34,9 @@ class FoundClocks:
 
 def moving_points(track: PersonTrack) -> Track:
     """The points of a person that tell most about time, where they are well seen."""
-    told = telling_points(track.skeleton.keypoints)
-    xy = np.where((track.score >= LEAST_SCORE)[..., None], track.xy_img, np.nan)
-    return Track(track.t_ns / 1e9, xy[:, told])
+    limbs = limb_keypoints(track.skeleton.keypoints)
+    xy = np.where((track.score >= MIN_SCORE)[..., None], track.xy_img, np.nan)
+    return Track(track.t_ns / 1e9, xy[:, limbs])
 
 
 def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, with_drift: bool = False) -> FoundClocks:

@@ -18,7 +18,7 @@ from .paths import ACCELERATIONS_M_S2, APART_S, LEAST_VIEWS, LONGEST_STEP_S, SET
 
 # seconds of a block, what is looked at besides at its ends, and how many blocks are looked at, spread over the recording
 _BLOCK_S, _MARGIN_S, _MOST_BLOCKS = 4.0, 0.3, 30
-# what a network's lasting errors move clocks by, however long the recording: as on the walks of `posefuse experiment drift`
+# what a network's lasting errors move clocks by, however long the recording: as on the walks of `python -m paper drift`
 _LASTING_S = 1.5e-3
 # of offsets and drifts before anything is seen
 _BEFORE_S, _BEFORE_DRIFT = 0.3, 3e-3

@@ -1,1 +1,1 @@
-"""TODO"""
+"""Intrinsics of one camera."""

@@ -1,1 +1,1 @@
-"""TODO"""
+"""Extrinsics from a person who walks through the volume."""

@@ -1,1 +1,1 @@
-"""TODO"""
+"""Numerics that several calibrations share: bundle adjustment, projection with derivatives, rotations."""

@@ -11,14 +11,15 @@ import numpy as np
 
 from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
+from posefuse.cli.networks import fetch_networks
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError, Rig
 from posefuse.detection.build import build_detector
 from posefuse.formats.openpose import read_openpose_folder
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.images import common_timeline
+from posefuse.pipeline.opening import build_source
 from posefuse.pipeline.pose2d import stated_camera
-from posefuse.pipeline.run import build_source
 from posefuse.pipeline.session import Session, find_session, fitted_camera
 
 from .person_poses import poses_apart
@@ -32,9 +33,6 @@ _Seen = tuple[Rig, tuple[PersonTrack, ...], list[float]]
 
 def clocks(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Offset of every camera of a session, written as settings that `posefuse track` of it reads."""
-    for option, value in (("--most-s", args.most_s), ("--seconds", args.seconds), ("--rate-hz", args.rate_hz)):
-        if value is not None and not value > 0:
-            raise InputError(f"{option}: expected > 0, got {value:g}")
     path = args.session / CONFIG_FILE
     config = read_config(path if path.is_file() else None, args.overrides)
     if args.rig is not None:
@@ -56,6 +54,9 @@ def clocks(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     show_clocks(rig.names, found.clocks, period_s, terminal)
     write_report(args.report, found.report, {}, rig)
     settings = write_clocks(path, rig.names, found.clocks, terminal)
+    terminal.next(
+        f"posefuse track {args.session} --out RESULT", "uses the clocks found" if settings else "the clocks need no correction"
+    )
     return {"settings": settings and str(settings), **found.report.numbers}
 
 
@@ -71,6 +72,7 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, terminal
     spare_s = max(0.0, (last_s - first_s - seconds) / 2)
     cut = (first_s + spare_s, last_s - spare_s) if spare_s else (None, None)
     timeline = common_timeline(times_ns, min(1 / min(period_s), _MOST_HZ), *cut)
+    fetch_networks(config.detector, terminal)
     detector = build_detector(config.detector, rig)
     with terminal.progress("finding the person") as advance:
         return rig, person_tracks(poses_apart(sources, detector, timeline, advance)), period_s

@@ -12,7 +12,7 @@ from posefuse.core.arrays import Array
 if TYPE_CHECKING:
     from posefuse.calibration.targets.guidance import Guidance
 
-    from .guiding import Look
+    from .guide_frame import GuideFrame
 
 TIMELINE = "session"
 _EVERY_NS = 100_000_000
@@ -38,7 +38,7 @@ class GuideView:
         self._zero_ns: int | None = None
         self._shown_ns: dict[int, int] = {}
 
-    def look(self, look: Look) -> None:
+    def look(self, look: GuideFrame) -> None:
         """Show one frame and what it adds, unless its camera was shown just now."""
         if self._zero_ns is None:
             self._zero_ns = look.t_ns
@@ -61,7 +61,7 @@ class GuideView:
         """Finish the stream."""
         self._stream.disconnect()
 
-    def _image(self, look: Look) -> None:
+    def _image(self, look: GuideFrame) -> None:
         import cv2
         import rerun as rr
 

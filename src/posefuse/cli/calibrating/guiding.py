@@ -12,7 +12,7 @@ from typing import Any
 
 import cv2
 
-from posefuse.calibration.targets.detection import Corners, TargetDetector
+from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.guidance import Guidance, seen, start
 from posefuse.calibration.targets.kinds import Target
 from posefuse.cli.terminal import Terminal
@@ -22,25 +22,10 @@ from posefuse.outputs.rerun import SPAWN
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 
+from .guide_frame import GuideFrame
 from .inputs import target_from_arguments
 
 _TELL_EVERY_S, _REST_S = 1.0, 0.005
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """One frame that was looked at.
-
-    Attributes:
-        camera: its number. t_ns: when it came, monotonic. frame: the image.
-        corners: what of the target is in it. state: what is covered, this frame included.
-    """
-
-    camera: int
-    t_ns: int
-    frame: Frame
-    corners: Corners
-    state: Guidance
 
 
 @dataclass
@@ -63,7 +48,7 @@ def guide(
     inputs: Sequence[LiveInput],
     target: Target,
     tell: Callable[[Guidance], None],
-    show: Callable[[Look], None],
+    show: Callable[[GuideFrame], None],
     most_s: float | None = None,
 ) -> Guidance:
     """Watch the cameras until enough is covered, the sources end, or `most_s` is over.
@@ -92,7 +77,7 @@ def guide(
                 if frame is not None:
                     corners = detector.detect(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY))
                     state = seen(state, camera, received_ns, corners.xy_img, frame.size_wh)
-                    show(Look(camera, received_ns, frame, corners, state))
+                    show(GuideFrame(camera, received_ns, frame, corners, state))
             now = time.monotonic()
             if over or (most_s is not None and now - begin > most_s):
                 break
@@ -136,12 +121,13 @@ def guide_at_cameras(args: argparse.Namespace, terminal: Terminal) -> Mapping[st
     inputs = inputs_from_arguments(args.source, read_rig(args.intrinsics))
     with _guide_view(args, [one.camera for one in inputs]) as show:
         found = guide(inputs, target_from_arguments(args), tell, show, args.duration)
+    terminal.next("posefuse calibrate extrinsics --help", "the rig from what was recorded" if found.enough else found.words)
     covered = {name: float(share) for name, share in zip(found.coverage.cameras, found.coverage.share, strict=True)}
     return {"enough": found.enough, "covered": covered, "next": found.words}
 
 
 @contextmanager
-def _guide_view(args: argparse.Namespace, cameras: Sequence[str]) -> Iterator[Callable[[Look], None]]:
+def _guide_view(args: argparse.Namespace, cameras: Sequence[str]) -> Iterator[Callable[[GuideFrame], None]]:
     """What to do with every frame: show it where the user asked for."""
     if not (args.view or args.view_file):
         yield lambda look: None

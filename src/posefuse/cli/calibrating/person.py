@@ -20,14 +20,14 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import SE3, Camera, InputError, Rig
 from posefuse.core.errors import choices
 from posefuse.formats.openpose import read_openpose_folder
-from posefuse.formats.rig import read_rig, write_rig
+from posefuse.formats.rig import read_rig
 from posefuse.pipeline.config import CONFIG_FILE, read_config
 from posefuse.pipeline.session import LEAST_CAMERAS
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .inputs import name_and_path
 from .person_poses import person_in_videos
-from .results import frame_period_s, reported, show, show_clocks, write_clocks, write_report
+from .results import frame_period_s, reported, show, show_clocks, write_clocks, write_report, write_rig_file
 
 
 def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
@@ -42,8 +42,9 @@ def person(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     # the lenses as they were given: videos of another size are fitted anew wherever they are read
     placed = {camera.name: camera.cam_from_world for camera in found.rig}
     rig = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=placed[camera.name]) for camera in cameras))
-    write_rig(args.out, rig)
+    write_rig_file(args.out, rig)
     write_report(args.report, found.report, {}, rig)
+    terminal.next(f"put {args.out} beside your videos and run: posefuse track SESSION --out RESULT", "the 3D skeleton")
     if clocks is None:
         return {"rig": str(args.out), "settings": None, **found.report.numbers}
     show_clocks(rig.names, clocks, _periods_s(args, paths), terminal)

@@ -18,19 +18,19 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.settle import unplaced_clocks
 from posefuse.calibration.person.solve import KnownLength, rough_rig
 from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.cli.networks import fetch_networks
 from posefuse.cli.terminal import Terminal
-from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, Source, SourceError
+from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, Source, SourceError, views_over_time
 from posefuse.core.arrays import Array
 from posefuse.detection import region_from_keypoints
-from posefuse.detection.build import build_detector
+from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.fusion import FuseSettings
-from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.config import CameraInput, DetectorChoice
-from posefuse.pipeline.following import follow
+from posefuse.pipeline.config import CameraInput
+from posefuse.pipeline.following import Follower, observations_of
 from posefuse.pipeline.images import ImageInstants, Timeline, common_timeline
-from posefuse.pipeline.second_pass import poses_over_time, views_over_time
+from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
-from posefuse.sources import FramesAhead, VideoConfig, VideoSource, frame_sets
+from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, VideoSource, frame_sets
 from posefuse.tracking import SmoothSettings, sides_like
 
 # frames between two searches of whole images for somebody who is lost
@@ -64,6 +64,7 @@ def person_in_videos(
         for source, path in zip(sources, paths.values(), strict=True)
     )
     timeline = timeline_of(sources, instants)
+    fetch_networks(choice, terminal)
     detector = build_detector(choice, Rig(cameras))
     with terminal.progress("finding the person") as advance:
         apart = person_tracks(poses_apart(sources, detector, timeline, advance))
@@ -134,21 +135,23 @@ class _Followed:
 
 
 def poses_together(
-    sources: Sequence[Source], detector: Detector, timeline: Timeline, rig: Rig, progress: Progress
+    sources: Sequence[RecordedSource], detector: Detector, timeline: Timeline, rig: Rig, progress: Progress
 ) -> PersonViews:
     """The same person in every camera, each view told by the others where to look; `rig` is in metres, and may be rough.
 
     Raises:
         InputError: nobody could be followed. SourceError: a video breaks off.
     """
-    instants, seen = ImageInstants(rig, sources, detector, timeline, _raise), []
+    instants, followed = ImageInstants(rig, sources, detector, timeline, _raise), []
+    follower = Follower(skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(), fusing=FuseSettings())
     try:
-        for one in follow(instants, detector.skeleton, rig, AssociateSettings(), FuseSettings(), StageClock()):
-            seen.append(one)
-            progress(len(seen), timeline.count)
+        for one in follower.follow(instants.steps()):
+            followed.append(one)
+            progress(len(followed), timeline.count)
     finally:
         instants.close()
-    views = views_over_time(seen)
+    observations = observations_of(followed, detector.skeleton, rig)
+    views = views_over_time(observations, long_enough(observations))
     # a view that takes left for right for a while is wrong in all its limbs at once
     steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())
     named = sides_like(steadied, rig, views.xy_img, views.score, views.sigma_px)

@@ -22,12 +22,14 @@ from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, InputError, Rig
-from posefuse.formats.rig import read_placed_rig, read_rig, write_rig
+from posefuse.formats.rig import read_placed_rig, read_rig
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
 from .floor_points import read_floor_points
 from .inputs import late_s, seen_or_why_not, sources_from_arguments, target_from_arguments
-from .results import clocks_of, numbered, reported, show, write_clocks, write_coverage, write_report
+from .results import clocks_of, numbered, reported, show, write_clocks, write_coverage, write_report, write_rig_file
 
 # a board that gives the focal length to a per cent gives k1 and k2 to about this
 _LENS_PER_PERCENT = 0.02
@@ -42,10 +44,11 @@ def intrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
             found.append(calibrate_intrinsics(observations, target))
         show(found[-1].report, terminal)
     rig = Rig(tuple(one.camera for one in found), world_set_by="lenses only")
-    write_rig(args.out, rig)
+    write_rig_file(args.out, rig)
     for one in found:
         picture = {f"{one.camera.name}: frames per image region": coverage_picture(one.cells, one.camera.size_wh)}
         write_report(numbered(args.report, one.camera.name, len(found)), one.report, picture)
+    terminal.next(f"posefuse calibrate extrinsics --help (with --intrinsics {args.out})", "where the cameras stand")
     return {"rig": str(args.out), "cameras": {one.camera.name: dict(one.report.numbers) for one in found}}
 
 
@@ -68,13 +71,14 @@ def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
         options = Options(clocks=args.clocks, lens_sigma=_lens_sigma(args.refine_lenses, cameras))
         found = calibrate_extrinsics(observations, cameras, target, options, world, tuple(args.upside_down))
     show(found.report, terminal)
-    write_rig(args.out, found.rig)
+    write_rig_file(args.out, found.rig)
     pictures = {
         f"{camera.name}: frames per image region": coverage_picture(found.coverage.cells[i], camera.size_wh)
         for i, camera in enumerate(found.rig)
     }
     write_report(args.report, found.report, pictures, found.rig)
     settings = write_clocks(args.out.with_name(CONFIG_FILE), found.rig.names, clocks_of(found), terminal)
+    terminal.next("posefuse calibrate verify --help", f"check {args.out} with a target it was not made from")
     return {
         "rig": str(args.out),
         "coverage": str(covered),
@@ -125,6 +129,7 @@ def verify_rig(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     }
     write_report(args.report, found.report, pictures, rig)
     found.report.require()
+    terminal.next(f"put {args.rig} beside your videos and run: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)
 
 
@@ -141,6 +146,9 @@ def print_target(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, A
         sheets = marker_sheets(target, target.ids or (0,), args.page)
     else:
         sheets = [board_sheet(target, args.page)]
-    write_pdf(args.out, sheets)
+    keep_copy(args.out)
+    with atomic_file(args.out) as temporary:
+        write_pdf(temporary, sheets)
     terminal.note(f"{args.out}: {len(sheets)} pages; print at 100 % and measure the ruler")
+    terminal.next("posefuse calibrate intrinsics --help", "film the target with every camera, and find their intrinsics")
     return {"pdf": str(args.out), "pages": len(sheets)}

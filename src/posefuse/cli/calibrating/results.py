@@ -21,6 +21,23 @@ from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.formats.rig import write_rig
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import check_output_file, keep_copy
+
+from .inputs import name_and_path
+
+
+def check_outputs(args: argparse.Namespace) -> None:
+    """Raise InputError before any work where a file that the step will write cannot be, or is there without --force."""
+    inputs = [name_and_path(text)[1] for text in getattr(args, "inputs", ())]
+    inputs += [path for name in ("intrinsics", "rig", "floor_points") if (path := getattr(args, name, None)) is not None]
+    outputs = [(f"--{name.replace('_', '-')}", getattr(args, name, None)) for name in ("out", "report", "view_file")]
+    if args.step == "extrinsics":
+        outputs.append(("--out", coverage_path(args.out)))
+    for option, path in outputs:
+        if path is not None:
+            check_output_file(path, option=option, inputs=inputs, replace=args.force)
 
 
 @contextmanager
@@ -36,7 +53,15 @@ def reported(args: argparse.Namespace) -> Iterator[None]:
 def write_report(path: Path | None, report: CalibrationReport, pictures: Mapping[str, Any], rig: Rig | None = None) -> None:
     """The HTML page with pictures by title (RGB images), where one was asked for."""
     if path is not None:
-        path.write_text(html_page(report, pictures, rig), encoding="utf-8")
+        keep_copy(path)
+        with atomic_file(path) as temporary:
+            temporary.write_text(html_page(report, pictures, rig), encoding="utf-8")
+
+
+def write_rig_file(path: Path, rig: Rig) -> None:
+    """The rig file; an older one is kept beside it."""
+    keep_copy(path)
+    write_rig(path, rig)
 
 
 def numbered(path: Path | None, name: str, count: int) -> Path | None:
@@ -52,11 +77,18 @@ def show(report: CalibrationReport, terminal: Terminal) -> None:
         terminal.note(f"note: {note}")
 
 
+def coverage_path(rig_path: Path) -> Path:
+    """Where the coverage picture of a rig file goes."""
+    return rig_path.with_name(f"{rig_path.stem}_coverage.png")
+
+
 def write_coverage(rig_path: Path, observations: Observations, terminal: Terminal) -> Path:
     """The picture of what the waving has met, before the solve: it is needed most when that refuses."""
-    found, path = coverage(observations), rig_path.with_name(f"{rig_path.stem}_coverage.png")
+    found, path = coverage(observations), coverage_path(rig_path)
     _, png = cv2.imencode(".png", cv2.cvtColor(coverage_sheet(found, observations.sizes_wh), cv2.COLOR_RGB2BGR))
-    path.write_bytes(png.tobytes())
+    keep_copy(path)
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(png.tobytes())
     terminal.note(f"{path}: {found.advice()}")
     return path
 
@@ -99,7 +131,8 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate, termin
     if path.exists():
         terminal.warn(f"{path} is there already and is left as it is; the clocks found belong into it:\n{text}")
         return None
-    path.write_text(text, encoding="utf-8")
+    with atomic_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     terminal.note(f"{path}: clocks of the cameras, for `posefuse track` of recordings made together with these")
     return path
 

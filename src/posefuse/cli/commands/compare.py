@@ -9,6 +9,9 @@ from typing import Any
 
 from posefuse.cli.terminal import Terminal
 
+from .options import positive
+
+MOST_S = 86_400.0
 SUMMARY = "compare two recordings (posefuse result, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift"
 
 
@@ -22,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-time", action="store_true", help="times are the same clock's")
     parser.add_argument("--no-space", action="store_true", help="coordinates are the same system's")
     parser.add_argument(
-        "--align-first", type=float, metavar="S", help="align in space by the first S seconds, so that drift shows"
+        "--align-first", type=positive(MOST_S), metavar="S", help="align in space by the first S seconds, so that drift shows"
     )
 
 

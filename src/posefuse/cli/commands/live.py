@@ -19,15 +19,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, metavar="RIG", help="calibration file of the cameras")
     parser.add_argument(
         "--source", action="append", default=[], metavar="CAMERA=KIND:WHERE",
-        help="one per camera: video:FILE, usb:/dev/video0[@640x480@30], rtsp://..., http://..., ros:/TOPIC, "
-        "realsense:SERIAL, oak:SERIAL; or sim:SCENE|SESSION for all",
+        help="one per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
+        "http://..., ros:/TOPIC, realsense:SERIAL, oak:SERIAL; or sim:SCENE|SESSION for all",
     )  # fmt: skip
     add_timing(parser)
     add_outputs(parser)
     add_settings(parser)
     parser.add_argument(
         "--fault", action="append", default=[], metavar="CAMERA=KIND@START[-END]",
-        help="let a camera freeze, jump, skew, bump, flood, hang or unplug after START seconds, to see that all survives",
+        help="let a camera freeze, jump, skew, bump, flood, hang or unplug after START seconds, to test the reaction",
     )  # fmt: skip
     parser.add_argument("--replay", type=Path, metavar="FILE", help="feed a recording to the tracker again, and compare")
 
@@ -44,6 +44,10 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ros", action="store_true", help="publish in ROS 2")
     parser.add_argument("--osc", action="append", default=[], metavar="HOST:PORT", help="send poses as OSC")
     parser.add_argument("--json-udp", action="append", default=[], metavar="HOST:PORT", help="send poses as JSON datagrams")
+    parser.add_argument(
+        "--output", action="append", default=[], metavar="NAME",
+        help="any other live output, e.g. lsl (see posefuse plugins); options: --set outputs.NAME.KEY=VALUE",
+    )  # fmt: skip
     parser.add_argument("--axes", choices=("z_up", "y_up", "y_up_left_handed"), default="z_up", help="axes of OSC and JSON")
     parser.add_argument("--view", action="store_true", help="open the Rerun viewer")
     parser.add_argument("--view-file", type=Path, metavar="FILE.rrd", help="write what the viewer would show to a file")

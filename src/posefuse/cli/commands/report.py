@@ -27,15 +27,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Write the files; returns their names."""
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
-    from posefuse.formats.recording import read_recording
-    from posefuse.foundation.atomic import atomic_folder
+    from posefuse.formats.recording import RECORDING_FILES, read_recording
+    from posefuse.foundation.compiled import compiling
+    from posefuse.foundation.output_folder import output_folder
 
     recording = read_recording(args.result)
     out = args.out or args.result / FOLDER
-    with atomic_folder(out) as folder:
-        made = write_biomechanics(recording, folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
-        names = [str(path.relative_to(folder)) for path in made]
+    inputs = [args.result / name for name in RECORDING_FILES]
+    # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
+    with (
+        output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
+        terminal.progress("joint angles") as advance,
+        compiling("joint angles", terminal.note),
+    ):
+        made = write_biomechanics(recording, place.folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
+        names = [path.relative_to(place.folder).as_posix() for path in made]
+        advance(1, 1)
     terminal.facts(
         "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
     )
+    terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot beside it hold the numbers")
     return {"out": out, "files": names, "people": len(recording.poses.person_id)}

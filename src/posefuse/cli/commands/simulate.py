@@ -9,6 +9,9 @@ from typing import Any
 
 from posefuse.cli.terminal import Terminal
 
+from .options import count
+
+MOST_PROCESSES = 1024
 SUMMARY = "render what every camera would have recorded of a scene, with the truth beside it"
 
 
@@ -17,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE.yaml", help="scene file; see examples/scenes and docs/simulation.md")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="session folder; an unfinished one is resumed")
     parser.add_argument("--force", action="store_true", help="render anew even if DIR is finished")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
+    parser.add_argument("--workers", type=count(MOST_PROCESSES), metavar="N", help="processes that render; default: one per core")
 
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:

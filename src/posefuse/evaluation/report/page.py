@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import InputError, Joints, Recording
+from posefuse.core import InputError, JointAngles, Recording
 from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
 from posefuse.kinematics.gait import Gait, Spread, gait_from_poses
@@ -23,7 +23,7 @@ _FIGURES = 9
 _SHARE_DRAWN = 0.02
 
 
-def write_report(recording: Recording, joints: Joints, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+def write_report(recording: Recording, joints: JointAngles, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
     """Write one HTML page that needs no other file and no network.
 
     Args:
@@ -67,7 +67,9 @@ def _head(recording: Recording) -> str:
         "calibration": _number(recording.rig.residual_px, "px", 2),
     }
     cards = "".join(f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>" for name, value in facts.items())
-    return f'<header><h1>Recording</h1><div class="cards">{cards}</div></header>'
+    incomplete = recording.provenance.get("incomplete_cameras") or []
+    lines = "".join(f'<p class="warning">{escape(str(line))}</p>' for line in incomplete)
+    return f'<header><h1>Recording</h1><div class="cards">{cards}</div>{lines}</header>'
 
 
 def _pictures(pictures: Mapping[str, bytes]) -> str:
@@ -79,7 +81,7 @@ def _pictures(pictures: Mapping[str, bytes]) -> str:
     return f'<div class="pictures">{"".join(figures)}</div>' if figures else ""
 
 
-def _person(recording: Recording, joints: Joints, n: int) -> str:
+def _person(recording: Recording, joints: JointAngles, n: int) -> str:
     poses = recording.poses
     name = f"Person {poses.person_id[n]}"
     if not np.isfinite(poses.xyz_world[:, n]).any():
@@ -153,7 +155,7 @@ def _legend(gait: Gait | None) -> str:
     )
 
 
-def _charts(joints: Joints, n: int, gait: Gait | None) -> list[str]:
+def _charts(joints: JointAngles, n: int, gait: Gait | None) -> list[str]:
     t_s = (joints.t_ns - joints.t_ns[:1]) * 1e-9
     marks = [(float(t), side) for side, times in (gait.strike_s if gait else {}).items() for t in times]
     charts = []
@@ -169,7 +171,7 @@ def _charts(joints: Joints, n: int, gait: Gait | None) -> list[str]:
     return charts
 
 
-def _grouped(joints: Joints) -> dict[str, list[tuple[int, int]]]:
+def _grouped(joints: JointAngles) -> dict[str, list[tuple[int, int]]]:
     """Charts by title, left and right of one angle together."""
     groups: dict[str, list[tuple[int, int]]] = {}
     for q, joint in enumerate(joints.joints):
@@ -179,7 +181,7 @@ def _grouped(joints: Joints) -> dict[str, list[tuple[int, int]]]:
     return groups
 
 
-def _ranges(joints: Joints, n: int) -> str:
+def _ranges(joints: JointAngles, n: int) -> str:
     rows = []
     for title, members in _grouped(joints).items():
         for q, a in members:

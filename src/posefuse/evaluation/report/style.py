@@ -13,6 +13,7 @@ h1 { font-size: 26px; margin: 0 0 14px; } h2 { font-size: 20px; margin: 0 0 12px
 section { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 20px 22px; margin-top: 20px; }
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(130px, 1fr)); gap: 10px; }
 .cards div { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 10px 14px; }
+.warning { color: #a33; font-size: 14px; }
 .cards b { display: block; font-size: 17px; } .cards span, .note, .legend { color: var(--soft); font-size: 13px; }
 .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: 14px; }
 .chart, .strip { width: 100%; height: auto; } .strip { max-height: 230px; }

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ from typing import Any
 import yaml
 
 from posefuse.core import CalibrationError
+from posefuse.foundation.parsing import parse_json, parse_toml, parse_yaml, read_text
 
 _MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
 
@@ -36,22 +35,16 @@ def read_document(path: Path) -> Any:
     Raises:
         CalibrationError: it cannot be read, or is not what its name says.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{path}: cannot be read as text ({error})") from None
-    try:
-        if path.suffix == ".toml":
-            return tomllib.loads(text)
-        if text.lstrip().startswith("<"):
-            return _xml(path, text)
-        if path.suffix == ".json":
-            return _matrices(str(path), json.loads(text))
-        if path.suffix in (".yaml", ".yml"):
-            # OpenCV's header is not the one the YAML standard has
-            return _matrices(str(path), yaml.load(re.sub(r"\A%YAML:.*\n", "", text), Loader=_Loader))
-    except (tomllib.TOMLDecodeError, ET.ParseError, json.JSONDecodeError, yaml.YAMLError) as error:
-        raise CalibrationError(f"{path}: cannot be parsed ({' '.join(str(error).split())})") from None
+    where, text = str(path), read_text(path, CalibrationError)
+    if path.suffix == ".toml":
+        return parse_toml(where, text, CalibrationError)
+    if text.lstrip().startswith("<"):
+        return _xml(path, text)
+    if path.suffix == ".json":
+        return _matrices(where, parse_json(where, text, CalibrationError))
+    if path.suffix in (".yaml", ".yml"):
+        # OpenCV's header is not the one the YAML standard has
+        return _matrices(where, parse_yaml(where, re.sub(r"\A%YAML:.*\n", "", text), CalibrationError, _Loader))
     return None
 
 
@@ -59,7 +52,10 @@ def _xml(path: Path, text: str) -> ET.Element:
     if "<!ENTITY" in text or "<!DOCTYPE" in text:
         raise CalibrationError(f"{path}: XML with a DOCTYPE is not read")
     # the declared encoding no longer holds for decoded text
-    return ET.fromstring(re.sub(r"\A\s*<\?xml.*?\?>", "", text))
+    try:
+        return ET.fromstring(re.sub(r"\A\s*<\?xml.*?\?>", "", text))
+    except (ET.ParseError, ValueError) as error:
+        raise CalibrationError(f"{path}: cannot be parsed as XML ({' '.join(str(error).split())})") from None
 
 
 def _matrices(where: str, value: Any) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 from posefuse.core import SE3, CalibrationError, Camera, Rig, ShapeError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.foundation.parsing import short
 
 from .plausible import require_plausible
 
@@ -19,6 +20,8 @@ from .plausible import require_plausible
 ROTATION_TOLERANCE = 1e-3
 # no recording room is larger, and a camera in millimetres is always farther
 FARTHEST_M = 200.0
+# no pixel, metre or coefficient is larger; squares of damaged numbers overflow
+_LARGEST = 1e12
 # keys beside the cameras in files of some format
 NOT_CAMERAS = (
     "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px", "refused",
@@ -29,12 +32,14 @@ def numbers(where: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     """`value` as finite float64; raises CalibrationError otherwise, or when its shape is not `shape`."""
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CalibrationError(f"{where}: expected numbers, got {_short(value)}") from None
     if shape is not None and array.shape != shape:
         raise CalibrationError(f"{where}: expected {'x'.join(map(str, shape))} numbers, got shape {array.shape}")
     if not np.isfinite(array).all():
         raise CalibrationError(f"{where}: expected finite numbers, got NaN or infinity")
+    if np.abs(array).max(initial=0) > _LARGEST:
+        raise CalibrationError(f"{where}: expected numbers up to {_LARGEST:g}, got {np.abs(array).max():.3g}")
     return array
 
 
@@ -164,9 +169,11 @@ def rows(array: Array) -> list[Any]:
 
 
 def _named_once(where: str, message: str) -> str:
-    return message if message.startswith(where) else f"{where}: {message}"
+    """`where` ends in "camera NAME", with which messages of `core.Camera` begin."""
+    camera = "camera " + where.rpartition("camera ")[2]
+    return message if message.startswith(where) else f"{where}: {message.removeprefix(f'{camera}: ')}"
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    text = short(value)
     return text if len(text) <= 60 else text[:57] + "..."

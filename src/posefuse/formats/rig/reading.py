@@ -8,7 +8,9 @@ from types import ModuleType
 
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import atomic_file, atomic_folder
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.foundation.output_folder import output_folder
 
 from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros_camera_info
 from .document import read_document
@@ -81,9 +83,9 @@ def write_rig(path: Path | str, rig: Rig, format: str = anipose_toml.NAME) -> No
         raise CalibrationError(f"{path}: no rig format {format!r}; there are: {choices(RIG_FORMATS)}")
     if format in _FOLDER and not path.suffix:
         texts = _FOLDER[format](rig)
-        with atomic_folder(path) as beside:
+        with output_folder(path, command="calibrate", replace=True) as out:
             for name, text in texts.items():
-                (beside / name).write_text(text, encoding="utf-8")
+                (out.folder / name).write_text(text, encoding="utf-8")
         return
     endings = _ONE_FILE.get(format, {})
     if path.suffix not in endings:
@@ -95,7 +97,9 @@ def write_rig(path: Path | str, rig: Rig, format: str = anipose_toml.NAME) -> No
 
 
 def _read_folder(folder: Path) -> Rig:
-    files = sorted(file for file in folder.iterdir() if file.suffix in _FOLDER_SUFFIXES and file.is_file())
+    files = sorted(
+        file for file in folder.iterdir() if file.suffix in _FOLDER_SUFFIXES and file.is_file() and file.name != MANIFEST_FILE
+    )
     if not files:
         raise CalibrationError(f"{folder}: expected one calibration file per camera ({', '.join(_FOLDER_SUFFIXES)}), got none")
     rigs = [read_rig(file) for file in files]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Joints, Kind, PoseSequence, Recording
+from posefuse.core import JointAngles, Kind, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.kinematics.joints import Workspace, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
@@ -31,7 +31,7 @@ class BodyFit:
     """
 
     poses: PoseSequence
-    joints: Joints
+    joints: JointAngles
     bodies: Mapping[int, Body]
 
 
@@ -59,24 +59,25 @@ def fit_poses(
 
 
 def fit_views(
-    recording: Recording,
+    sequence: PoseSequence,
+    rig: Rig,
+    views: ViewSequence,
     settings: BodySettings | None = None,
     bodies: Mapping[int, Body] | None = None,
     joint_settings: JointSettings | None = None,
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
-    The recording's own 3D gives lengths and the start. Raises as `fit_poses`.
+    `views` are of the people and times of `sequence`, which gives lengths and the start. Raises as `fit_poses`.
     """
-    sequence, rig = recording.poses, recording.rig
     projections = rig.projections()
 
     def measured(i: int, n: int, at: Array) -> Measurement:
         xy, inverse_var = rays_of(
             rig,
-            recording.xy_img[i, n][:, at].astype(np.float64),
-            recording.score[i, n][:, at],
-            recording.sigma_px[i, n][:, at].astype(np.float64),
+            views.xy_img[i, n][:, at],
+            views.score[i, n][:, at],
+            views.sigma_px[i, n][:, at],
         )
         xyz, cov = sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at]
         return Measurement(int(sequence.t_ns[i]), xyz, cov, projections, xy, inverse_var)

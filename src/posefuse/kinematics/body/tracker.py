@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from posefuse.core import InputError, Joints, Kind, Pose3D, Rig, Skeleton, Views
+from posefuse.core import InputError, JointAngles, Kind, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.kinematics.definitions import JOINT_NAMES
@@ -43,7 +43,7 @@ class BodyTracker:
         self._rig = rig
         self._projections = rig.projections() if rig else np.zeros((0, 3, 4))
 
-    def step(self, pose: Pose3D) -> tuple[Pose3D, Joints]:
+    def step(self, pose: Pose3D) -> tuple[Pose3D, JointAngles]:
         """Pose and joints of one instant, each person's points fitted by their covariance.
 
         People without a body keep their points and have no angles. Raises InputError for another skeleton.
@@ -60,7 +60,7 @@ class BodyTracker:
                 )
         return self._stepped(pose, measured)
 
-    def step_views(self, pose: Pose3D, views: Views) -> tuple[Pose3D, Joints]:
+    def step_views(self, pose: Pose3D, views: Views) -> tuple[Pose3D, JointAngles]:
         """As `step`, fitted directly to the rays of all views of the same people; `pose` is where a start is guessed from.
 
         Raises:
@@ -87,7 +87,7 @@ class BodyTracker:
         if skeleton != self._skeleton:
             raise InputError(f"BodyTracker: expected skeleton {self._skeleton.name}, got {skeleton.name}")
 
-    def _stepped(self, pose: Pose3D, measured: Mapping[int, Measurement]) -> tuple[Pose3D, Joints]:
+    def _stepped(self, pose: Pose3D, measured: Mapping[int, Measurement]) -> tuple[Pose3D, JointAngles]:
         xyz, cov, kind = pose.xyz_world.copy(), pose.cov_world.copy(), pose.kind.copy()
         rotation, origin, angles, sigmas = empty_joints(1, len(pose.person_id), len(JOINT_NAMES))
         for n, seen in measured.items():

@@ -1,4 +1,4 @@
-"""USB cameras (V4L2) and network cameras (RTSP, HTTP), through the libraries PyAV brings.
+"""USB cameras (V4L2, AVFoundation, DirectShow) and network cameras (RTSP, HTTP), through the libraries PyAV brings.
 
 A stream's own time stamps are even but start anywhere; arrival is late by a delay that varies. The stamps are placed so
 that the frame with the least delay arrives just when it says: an offset that is the least of (arrival - stamp) over the
@@ -20,6 +20,7 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
+from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
 
 _FOLLOW_NS = 10_000_000_000
 _OPEN_S, _READ_S = 8.0, 5.0
@@ -35,7 +36,8 @@ class StreamConfig:
     """One live camera.
 
     Attributes:
-        where: ``/dev/video0``, ``rtsp://...``, ``http://...``.
+        where: ``rtsp://...``, ``http://...``, or a USB camera: ``/dev/video0`` on Linux, its number or name on macOS, its
+            name on Windows.
         camera: name of the camera in the rig.
         size: ``WIDTHxHEIGHT`` or ``WIDTHxHEIGHT@RATE`` to ask a USB camera for; empty takes its own choice.
         delay_s: how old an image is when it arrives, at best: half the exposure plus reading out, coding and transport.
@@ -94,6 +96,8 @@ class StreamSource:
             decoded = next(self._decoded)
         except StopIteration:
             raise SourceError(f"{self._where}: the stream has ended") from None
+        except av.error.ExitError:
+            raise SourceError(f"{self._where}: no image for {self._config.read_s:g} s") from None
         except (av.error.FFmpegError, OSError) as error:
             raise SourceError(f"{self._where}: no image any more ({getattr(error, 'strerror', None) or error})") from None
         now_ns = time.monotonic_ns() + self._epoch_ns
@@ -133,30 +137,43 @@ class StampClock:
 def _connected(config: StreamConfig) -> Any:
     where = f"{config.where}: camera {config.camera}"
     device = "://" not in config.where
-    if device and _missing(config.where):
-        there = choices(sorted(str(path) for path in Path("/dev").glob("video*")))
-        raise SourceError(f"{where}: no such device; there are: {there}")
+    if device and usb_camera_format() == "v4l2" and _missing(config.where):
+        raise SourceError(f"{where}: no such device; there are: {choices(usb_cameras())}")
     size, _, rate = config.size.partition("@")
     options = {"fflags": "nobuffer", "flags": "low_delay"}
     if config.where.startswith("rtsp"):
         options["rtsp_transport"] = "tcp"
     options |= ({"video_size": size} if size else {}) | ({"framerate": rate} if rate else {})
+    begun_s = time.monotonic()
     try:
         container: Any = av.open(
-            config.where, format="v4l2" if device else None, options=options, timeout=(config.open_s, config.read_s)
+            usb_camera_address(config.where) if device else config.where,
+            format=usb_camera_format() if device else None,
+            options=options,
+            timeout=(config.open_s, config.read_s),
         )
     except PermissionError:
         raise SourceError(f"{where}: no permission to read it; add yourself to its group ({_group(config.where)})") from None
     except (av.error.FFmpegError, OSError) as error:
+        # the library ends at its time limit with errors that name all sorts of causes
+        if isinstance(error, av.error.ExitError) or time.monotonic() - begun_s >= config.open_s:
+            advice = "is it switched on, and do address, port and path name a stream?"
+            raise SourceError(f"{where}: no answer within {config.open_s:g} s; {advice}") from None
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        advice = _ADVICE.get(getattr(error, "errno", None) or 0) if device else None
-        advice = advice or "is it switched on, and the address right?"
+        advice = _advice(getattr(error, "errno", None) or 0) if device else "is it switched on, and the address right?"
         raise SourceError(f"{where}: cannot be opened ({reason}); {advice}") from None
     if not container.streams.video:
         container.close()
         raise SourceError(f"{where}: carries no video")
     container.streams.video[0].thread_type = "SLICE"
     return container
+
+
+def _advice(code: int) -> str:
+    if code in _ADVICE:
+        return _ADVICE[code]
+    there = "" if usb_camera_format() == "v4l2" else f"; there are: {choices(usb_cameras())}"
+    return f"is it switched on, and the address right{there}?"
 
 
 def _missing(where: str) -> bool:
@@ -170,5 +187,5 @@ def _missing(where: str) -> bool:
 def _group(device: str) -> str:
     try:
         return Path(device).group()
-    except (KeyError, OSError):
+    except (KeyError, OSError, NotImplementedError):
         return "usually: video"

@@ -1,20 +1,31 @@
-"""The session in Rerun, live: views with what was seen in them, the skeleton in the room, and how every camera fares."""
+"""Live output ``rerun``: camera images with their detections, the skeleton in 3D, and the state of every camera."""
 
 from __future__ import annotations
 
 import colorsys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Pose3D
+from posefuse.core import (
+    Camera,
+    CameraHealth,
+    Detections2D,
+    LiveDetections,
+    LiveHealth,
+    LiveMessage,
+    LiveOutput,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    Pose3D,
+)
 from posefuse.core.arrays import Array
+from posefuse.foundation.settings import settings
 
-from .messages import Preview
-
-if TYPE_CHECKING:
-    from .outputs import OutputPlan
+from .parts import part_path
 
 TIMELINE = "session"
 _POSE_EVERY_NS = 30_000_000
@@ -27,36 +38,69 @@ _PLOTS = {"latency_p95_ms": "latency_p95_ms", "residual_sigmas": "innovation_sig
 _HUE_STEP, _SATURATION, _VALUE = 0.381966, 0.6, 0.95
 
 
-class ViewSink:
-    """Logs at a pace an eye can follow; cameras that are ill turn red."""
+@settings
+class RerunLiveConfig:
+    """The Rerun viewer (extra `viewer`), or a file it opens later.
 
-    name, keeps_all = "view", False
+    Attributes:
+        file: .rrd file to write; None opens the viewer.
+    """
 
-    def __init__(self, plan: OutputPlan) -> None:
-        from posefuse.outputs.rerun import check_rerun, opened_stream
+    file: Path | None = None
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose, LiveDetections, LivePreview, LiveHealth)
+    keeps_all: ClassVar[bool] = False
+
+    def build(self) -> LiveOutput:
+        """Not yet opened; raises DependencyError without the Rerun SDK."""
+        from posefuse.outputs.rerun import check_rerun
 
         check_rerun()
-        self._rig, self._zero_ns = plan.rig, plan.clock.now_ns()
-        self._stream = opened_stream("posefuse live", plan.view, _blueprint(plan.rig.cameras))
+        return RerunLiveOutput(self)
+
+
+class RerunLiveOutput:
+    """Logs at a pace an eye can follow; faulty cameras turn red."""
+
+    name = "rerun"
+
+    def __init__(self, config: RerunLiveConfig) -> None:
+        self._config = config
+        self.where = str(config.file or "viewer")
+        self._stream: Any = None
+        self._rig: Any = ()
+        self._zero_ns = 0
         self._shown_ns: dict[str, int] = {}
         self._captured: dict[str, tuple[int, float]] = {}
         self._people: set[int] = set()
-        self._log_cameras()
 
-    def take(self, kind: str, values: Sequence[Any]) -> None:
-        """See `LiveSink`."""
-        if kind == "pose" and self._due("pose", values[0].t_ns, _POSE_EVERY_NS):
-            self._pose(values[0])
-        elif kind == "view" and self._due(f"view {values[0].camera}", values[0].t_ns, _VIEW_EVERY_NS):
-            self._view(values[0])
-        elif kind == "preview":
-            self._preview(values[0])
-        elif kind == "health":
-            self._health(*values)
+    def take(self, message: LiveMessage) -> None:
+        """See `LiveOutput`."""
+        match message:
+            case LiveStart():
+                self._open(message)
+            case LivePose(pose=pose) if self._due("pose", pose.t_ns, _POSE_EVERY_NS):
+                self._pose(pose)
+            case LiveDetections(detections=view) if self._due(f"view {view.camera}", view.t_ns, _VIEW_EVERY_NS):
+                self._view(view)
+            case LivePreview():
+                self._preview(message)
+            case LiveHealth():
+                self._health(message.t_ns, message.cameras)
 
     def close(self) -> None:
         """Finish the stream."""
-        self._stream.disconnect()
+        if self._stream is not None:
+            self._stream.disconnect()
+
+    def _open(self, start: LiveStart) -> None:
+        from posefuse.outputs.rerun import SPAWN, opened_stream
+
+        if self._config.file is not None:
+            self.where = str(part_path(self._config.file, start.part))
+        place = SPAWN if self._config.file is None else self.where
+        self._rig, self._zero_ns = start.rig, start.t_ns
+        self._stream = opened_stream("posefuse live", place, _blueprint(start.rig.cameras))
+        self._log_cameras()
 
     def _due(self, what: str, t_ns: int, every_ns: int) -> bool:
         if t_ns - self._shown_ns.get(what, 0) < every_ns:
@@ -105,46 +149,44 @@ class ViewSink:
         points: Array = view.xy_img[view.score > 0] + 0.5
         self._stream.log(f"{_path(view.camera)}/detections", rr.Points2D(points, colors=_DETECTION_RGB, radii=-1.5))
 
-    def _preview(self, preview: Preview) -> None:
+    def _preview(self, preview: LivePreview) -> None:
         import cv2
         import rerun as rr
 
         if not self._due(f"preview {preview.camera}", preview.t_ns, 1):
             return
-        # one pixel grid for pictures, points and lines: the camera's own
+        # one pixel grid for images, points and lines: the camera's own
         size = self._rig[preview.camera].size_wh
         small = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
         shown = cv2.resize(np.asarray(small), size, interpolation=cv2.INTER_LINEAR)
         self._stream.log(f"{_path(preview.camera)}/image", rr.Image(shown).compress(jpeg_quality=70))
 
-    def _health(self, t_ns: int, states: dict[str, tuple[str, str]], rates: dict[str, dict[str, float]]) -> None:
+    def _health(self, t_ns: int, cameras: Mapping[str, CameraHealth]) -> None:
         import rerun as rr
 
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
-        for name, (state, _) in states.items():
-            self._stream.log(_path(name), _pinhole(self._rig[name], _GOOD_RGB if state == "ok" else _BAD_RGB))
+        for name, camera in cameras.items():
+            self._stream.log(_path(name), _pinhole(self._rig[name], _GOOD_RGB if camera.state == "ok" else _BAD_RGB))
             for plot, key in _PLOTS.items():
-                self._stream.log(f"plots/{plot}/{name}", rr.Scalars(rates[name][key]))
-        came_hz = {name: self._rate_hz(name, t_ns, rates[name]["captured"]) for name in states}
-        self._stream.log("health", rr.TextDocument(health_table(states, rates, came_hz), media_type="text/markdown"))
+                self._stream.log(f"plots/{plot}/{name}", rr.Scalars(camera.figures[key]))
+        came_hz = {name: self._rate_hz(name, t_ns, camera.figures["captured"]) for name, camera in cameras.items()}
+        self._stream.log("health", rr.TextDocument(health_table(cameras, came_hz), media_type="text/markdown"))
 
     def _rate_hz(self, name: str, t_ns: int, captured: float) -> float:
-        """Frames that came per second since the last word."""
+        """Frames that came per second since the last message."""
         before_ns, before = self._captured.get(name, (t_ns, captured))
         self._captured[name] = t_ns, captured
         return (captured - before) * 1e9 / (t_ns - before_ns) if t_ns > before_ns else 0.0
 
 
-def health_table(
-    states: Mapping[str, tuple[str, str]], rates: Mapping[str, Mapping[str, float]], came_hz: Mapping[str, float]
-) -> str:
-    """Markdown, one row per camera; an ill one in bold."""
-    rows = ["| camera | state | frames/s | age ms | given up | p95 ms | residual |", "|---" * 7 + "|"]
-    for name, (state, text) in states.items():
-        rate, words = rates[name], state if state == "ok" else f"**{state}** {text}"
+def health_table(cameras: Mapping[str, CameraHealth], came_hz: Mapping[str, float]) -> str:
+    """Markdown, one row per camera; a faulty one in bold."""
+    rows = ["| camera | state | frames/s | age ms | dropped | p95 ms | residual |", "|---" * 7 + "|"]
+    for name, camera in cameras.items():
+        figures, words = camera.figures, camera.state if camera.state == "ok" else f"**{camera.state}** {camera.text}"
         rows.append(
-            f"| {name} | {words} | {came_hz[name]:.0f} | {rate['age_ms']:.0f} | {rate['replaced']:.0f} "
-            f"| {rate['latency_p95_ms']:.0f} | {rate['innovation_sigmas']:.2f} |"
+            f"| {name} | {words} | {came_hz[name]:.0f} | {figures['age_ms']:.0f} | {figures['replaced']:.0f} "
+            f"| {figures['latency_p95_ms']:.0f} | {figures['innovation_sigmas']:.2f} |"
         )
     return "\n".join(rows)
 

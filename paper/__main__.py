@@ -1,0 +1,40 @@
+"""Run the experiments of the paper: `python -m paper NAME --out DIR`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from paper.experiments.command import EXPERIMENTS, experiment
+from posefuse.cli.commands.options import add_networks
+from posefuse.cli.terminal import Terminal
+from posefuse.core import PosefuseError
+
+
+def main() -> int:
+    """Render, detect, fuse, compare with the truth, write a page and its figures."""
+    parser = argparse.ArgumentParser(prog="python -m paper", description=main.__doc__)
+    parser.add_argument("name", choices=(*EXPERIMENTS, "all"), help="which experiment; all: every one, and a summary")
+    parser.add_argument("--out", type=Path, default=Path("out/paper"), metavar="DIR", help="pages and figures; default out/paper")
+    parser.add_argument("--sessions", type=Path, metavar="DIR", help="where rendered sessions are kept; default DIR/sessions")
+    parser.add_argument("--quick", action="store_true", help="seconds of everything: to see that it works, not for figures")
+    parser.add_argument(
+        "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
+        help="any setting of `posefuse track`, in place of its default, e.g. detector.name=NAME; take another --out",
+    )  # fmt: skip
+    add_networks(parser)
+    parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
+    parser.add_argument("--json", action="store_true", help="figures as one JSON object on stdout")
+    args = parser.parse_args()
+    terminal = Terminal(as_json=args.json)
+    try:
+        terminal.figures(dict(experiment(args, terminal)))
+    except PosefuseError as error:
+        print(f"paper {args.name}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,40 @@
+"""The bundled clip: four simulated cameras, ten seconds of a walking person."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import InputError
+
+from .commands import track as track_command
+from .terminal import Terminal
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+# a wheel brings the videos and the rig; a checkout has the exact truth as well
+_PLACES = (_PACKAGE.parents[1] / "examples" / "demo", _PACKAGE / "demo_clip")
+
+
+def clip_folder() -> Path:
+    """The session folder of the clip; raises InputError when this installation has none."""
+    for place in _PLACES:
+        if (place / "rig.toml").is_file():
+            return place
+    raise InputError(f"the bundled clip is not in this installation (looked in {_PLACES[-1]}); reinstall posefuse")
+
+
+def demo(out: Path, force: bool, terminal: Terminal) -> Mapping[str, Any]:
+    """What `posefuse track` makes of the clip; returns its figures."""
+    clip = clip_folder()
+    parser = argparse.ArgumentParser()
+    track_command.add_arguments(parser)
+    args = parser.parse_args([str(clip), "--out", str(out), *(["--force"] if force else [])])
+    terminal.note(f"the clip lies in {clip}; the same as: posefuse track {clip} --out {out}")
+    figures = track_command.run(args, terminal)
+    terminal.next(f"open {out / 'overlay.mp4'}", "all four views with the skeleton drawn in")
+    terminal.next(
+        "posefuse track SESSION --out RESULT", "your own recording: a folder with a calibration file and one video per camera"
+    )
+    return figures

@@ -1,0 +1,125 @@
+"""What a live session gives to its outputs: one class per kind of message. Times are session time, ns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from .rig import Rig
+from .values import Detections2D, JointAngles, Pose3D
+
+OK, FAILED = "ok", "failed"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiveStart:
+    """The first message an output takes; files and streams are opened with it.
+
+    Attributes:
+        t_ns: when the session began. rig: its cameras. rate_hz: output rate, poses per second.
+        clock_offset_ns: session time minus `time.monotonic_ns()` of this machine.
+        notes: how the session was made, texts for a file.
+        part: 1; one more each time an output goes on after a failure.
+    """
+
+    t_ns: int
+    rig: Rig
+    rate_hz: float
+    clock_offset_ns: int
+    notes: Mapping[str, str] = field(default_factory=dict)
+    part: int = 1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiveJointCentres:
+    """How joint centres lie relative to the keypoints in the detections of some cameras.
+
+    Attributes:
+        t_ns: when it became known. cameras: their names.
+        fields: of `track.JointCentres` by name; without offsets where the keypoints are not moved.
+    """
+
+    t_ns: int
+    cameras: tuple[str, ...]
+    fields: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiveDetections:
+    """The people one camera saw in one frame.
+
+    Attributes:
+        detections: their t_ns is mid-exposure. stages_ns: when the frame passed each stage, by stage name.
+    """
+
+    detections: Detections2D
+    stages_ns: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LivePose:
+    """One output tick.
+
+    Attributes:
+        pose: everybody, predicted to its t_ns. joints: angles of the same people, T = 1; None where they are not wanted.
+        stages_ns: when it passed each stage, by stage name.
+    """
+
+    pose: Pose3D
+    joints: JointAngles | None = None
+    stages_ns: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LivePreview:
+    """A small image of a camera, for viewers.
+
+    Attributes:
+        camera: its name. t_ns: mid-exposure. jpeg: the file's bytes. size_wh: of the small image, px.
+    """
+
+    camera: str
+    t_ns: int
+    jpeg: bytes
+    size_wh: tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraHealth:
+    """State of one camera: ``ok`` or what is wrong (docs/live.md lists them), why, and its figures by name."""
+
+    state: str
+    text: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputHealth:
+    """State of one output.
+
+    Attributes:
+        state: ``ok``, ``failed`` (it is opened again after a while) or ``hangs``. text: why.
+        where: file or address it goes to now; may be empty.
+        taken, dropped: messages. failures: how often it failed. fault: of the newest failure, empty when there was none.
+    """
+
+    state: str = OK
+    text: str = ""
+    where: str = ""
+    taken: int = 0
+    dropped: int = 0
+    failures: int = 0
+    fault: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiveHealth:
+    """How every camera and every output fares, by name; a few times a second."""
+
+    t_ns: int
+    cameras: Mapping[str, CameraHealth]
+    outputs: Mapping[str, OutputHealth] = field(default_factory=dict)
+
+
+LiveMessage = LiveStart | LiveJointCentres | LiveDetections | LivePose | LivePreview | LiveHealth

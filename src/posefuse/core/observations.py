@@ -1,0 +1,252 @@
+"""The log of a recording: every detection of every camera, raw, at its own exposure time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from .arrays import Array, check_fields, freeze_fields
+from .errors import ShapeError, choices
+from .skeleton import Skeleton
+from .values import Detections2D
+
+LIVE_STEP = -1
+NOT_KEPT = -1
+
+
+class LookKind(IntEnum):
+    """Why the detector looked at the frames of a time step; in this order, where there are several looks."""
+
+    EXPECTED = 0  # at the regions in which the people of earlier time steps are expected
+    SEARCH = 1  # at whole images
+    SECOND = 2  # at the regions of the people whom the search found in other views
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DetectionBatch:
+    """The detector's answer to one look at the frames of one time step.
+
+    Attributes:
+        step: time step of the recording, counted from 0. t_ns: its time, session clock.
+        kind: why the detector looked.
+        detections: one entry per camera that has a frame, in the order of the rig, each at its own exposure time.
+    """
+
+    step: int
+    t_ns: int
+    kind: LookKind
+    detections: tuple[Detections2D, ...]
+
+
+_DTYPES = {
+    "step_t_ns": np.int64,
+    "frame_camera": np.int16,
+    "frame_t_ns": np.int64,
+    "frame_step": np.int32,
+    "frame_look": np.uint8,
+    "n_detections": np.int32,
+    "person_id": np.int64,
+    "xy_img": np.float32,
+    "score": np.float32,
+    "sigma_px": np.float32,
+    "box_img": np.float32,
+}
+_DETECTION_FIELDS = ("xy_img", "score", "sigma_px", "box_img")
+_AXES = {
+    "step_t_ns": "T",
+    "frame_camera": "F",
+    "frame_t_ns": "F",
+    "frame_step": "F",
+    "frame_look": "F",
+    "n_detections": "F",
+    "person_id": "R",
+    "xy_img": "R K 2",
+    "score": "R K",
+    "sigma_px": "R K",
+    "box_img": "R 4",
+}
+OBSERVATION_ARRAYS = tuple(_AXES)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Observations:
+    """Every detection of every camera at its own exposure time; nothing is resampled and nothing is thrown away.
+
+    Two tables, F frames and R detections; the detections of one frame follow each other. A frame that the detector looked
+    at several times has several rows.
+
+    Attributes:
+        skeleton: names axis K. camera_names: axis C, as in the rig.
+        step_t_ns: (T,) time steps common to all cameras, session clock; empty for a live session.
+        frame_camera: (F,) index in camera_names. Frames are in the order in which the detector answered.
+        frame_t_ns: (F,) mid-exposure, session clock.
+        frame_step: (F,) the time step that the frame belongs to; -1 live.
+        frame_look: (F,) uint8 of `LookKind`.
+        n_detections: (F,) detections in the frame.
+        person_id: (R,) -1: belongs to no person of the result.
+        xy_img: (R, K, 2) float32 raw distorted px; NaN where a keypoint is missing.
+        score, sigma_px: (R, K) float32; 0 and NaN where missing.
+        box_img: (R, 4) float32 left, top, right, bottom.
+
+    Raises:
+        ShapeError: arrays that do not fit together, or a person who is twice in one camera at one time step.
+    """
+
+    skeleton: Skeleton
+    camera_names: tuple[str, ...]
+    step_t_ns: Array
+    frame_camera: Array
+    frame_t_ns: Array
+    frame_step: Array
+    frame_look: Array
+    n_detections: Array
+    person_id: Array
+    xy_img: Array
+    score: Array
+    sigma_px: Array
+    box_img: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "camera_names", tuple(self.camera_names))
+        freeze_fields(self, _DTYPES)
+        sizes = check_fields(self, _AXES)
+        if sizes["K"] != len(self.skeleton):
+            raise ShapeError(
+                f"Observations: skeleton {self.skeleton.name} has {len(self.skeleton)} keypoints, arrays have {sizes['K']}"
+            )
+        _check_range("frame_camera", self.frame_camera, 0, len(self.camera_names))
+        _check_range("frame_step", self.frame_step, LIVE_STEP, sizes["T"])
+        if (np.diff(self.step_t_ns) <= 0).any():
+            raise ShapeError("Observations.step_t_ns: expected strictly increasing times")
+        if (self.n_detections < 0).any() or self.n_detections.sum() != sizes["R"]:
+            raise ShapeError(
+                f"Observations.n_detections: expected counts that add up to the {sizes['R']} detections, "
+                f"got {int(self.n_detections.sum())}"
+            )
+        self._check_people()
+
+    def _check_people(self) -> None:
+        frame = self.detection_frame
+        kept = (self.person_id != NOT_KEPT) & (self.frame_step[frame] != LIVE_STEP)
+        who = np.stack([self.person_id[kept], self.frame_step[frame[kept]], self.frame_camera[frame[kept]]])
+        if np.unique(who, axis=1).shape[1] != who.shape[1]:
+            raise ShapeError("Observations.person_id: expected a person at most once in one camera at one time step")
+
+    def __len__(self) -> int:
+        """How many detections."""
+        return len(self.person_id)
+
+    def __repr__(self) -> str:
+        return (
+            f"Observations({len(self)} detections in {len(self.frame_t_ns)} frames of {len(self.camera_names)} cameras, "
+            f"{self.skeleton.name}, {len(self.step_t_ns)} time steps)"
+        )
+
+    @cached_property
+    def frame_begin(self) -> Array:
+        """(F + 1,) the first detection of each frame, and the number of all."""
+        return np.concatenate([[0], np.cumsum(self.n_detections, dtype=np.int64)])
+
+    @cached_property
+    def detection_frame(self) -> Array:
+        """(R,) the frame of each detection."""
+        return np.repeat(np.arange(len(self.n_detections)), self.n_detections)
+
+    def detections(self, i: int) -> Detections2D:
+        """Row i of the frame table: all that one look found in one frame."""
+        rows = slice(self.frame_begin[i], self.frame_begin[i + 1])
+        return Detections2D(
+            self.camera_names[self.frame_camera[i]], int(self.frame_t_ns[i]), self.skeleton,
+            self.xy_img[rows], self.score[rows], self.sigma_px[rows], self.box_img[rows],
+        )  # fmt: skip
+
+    def of(self, camera: str) -> Observations:
+        """What one camera observed; raises ShapeError for a name that is not there."""
+        if camera not in self.camera_names:
+            raise ShapeError(f"Observations: no camera {camera!r}; there are: {choices(self.camera_names)}")
+        frames = self.frame_camera == self.camera_names.index(camera)
+        rows = frames[self.detection_frame]
+        parts = {name: getattr(self, name)[frames if axes == "F" else rows] for name, axes in _AXES.items() if axes != "T"}
+        parts["frame_camera"] = np.zeros(frames.sum())
+        return replace(self, camera_names=(camera,), **parts)
+
+    def with_person_ids(self, person_id: Array) -> Observations:
+        """The same detections with other people (R,)."""
+        return replace(self, person_id=person_id)
+
+    def keeping(self, people: Iterable[int]) -> Observations:
+        """The same detections; those of other people belong to no person any more."""
+        return self.with_person_ids(np.where(np.isin(self.person_id, list(people)), self.person_id, NOT_KEPT))
+
+    @staticmethod
+    def concatenate(parts: Sequence[Observations]) -> Observations:
+        """One log after the other; the time steps of each follow those of the one before.
+
+        Raises:
+            ShapeError: no part, another skeleton or other cameras.
+        """
+        if not parts:
+            raise ShapeError("Observations.concatenate: expected at least 1 part, got 0")
+        first = parts[0]
+        if any(part.skeleton != first.skeleton or part.camera_names != first.camera_names for part in parts):
+            raise ShapeError("Observations.concatenate: expected the same skeleton and cameras in every part")
+        shifts = np.cumsum([0, *(len(part.step_t_ns) for part in parts)])
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _AXES}
+        steps = [
+            np.where(p.frame_step == LIVE_STEP, LIVE_STEP, p.frame_step + s) for p, s in zip(parts, shifts[:-1], strict=True)
+        ]
+        joined["frame_step"] = np.concatenate(steps)
+        return Observations(skeleton=first.skeleton, camera_names=first.camera_names, **joined)
+
+    @staticmethod
+    def from_batches(
+        skeleton: Skeleton,
+        camera_names: Sequence[str],
+        batches: Sequence[DetectionBatch],
+        person_ids: Sequence[Sequence[Array]] | None = None,
+    ) -> Observations:
+        """The log of a recording.
+
+        Args:
+            skeleton: of all detections. camera_names: axis C.
+            batches: in the order in which they were made; every time step from 0 on has at least one.
+            person_ids: per batch and entry of it, the person of each detection; None: belongs to no person.
+
+        Raises:
+            ShapeError: a time step without a batch, a camera that is not among `camera_names`.
+        """
+        place = {name: c for c, name in enumerate(camera_names)}
+        frames = [(batch, one) for batch in batches for one in batch.detections]
+        unknown = sorted({one.camera for _, one in frames} - set(place))
+        if unknown:
+            raise ShapeError(f"Observations: no camera {choices(unknown)}; there are: {choices(camera_names)}")
+        times = {batch.step: batch.t_ns for batch in batches}
+        if sorted(times) != list(range(len(times))):
+            raise ShapeError("Observations: expected a batch for every time step from 0 on")
+        none = Detections2D.nobody("", 0, skeleton)
+        found = [none, *(one for _, one in frames)]
+        ids = [ids for batch in person_ids for ids in batch] if person_ids is not None else []
+        joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in _DETECTION_FIELDS}
+        return Observations(
+            skeleton=skeleton,
+            camera_names=tuple(camera_names),
+            step_t_ns=np.array([times[step] for step in range(len(times))], np.int64),
+            frame_camera=np.array([place[one.camera] for _, one in frames], np.int16),
+            frame_t_ns=np.array([one.t_ns for _, one in frames], np.int64),
+            frame_step=np.array([batch.step for batch, _ in frames], np.int32),
+            frame_look=np.array([batch.kind for batch, _ in frames], np.uint8),
+            n_detections=np.array([len(one) for _, one in frames], np.int32),
+            person_id=np.concatenate([np.zeros(0), *ids]) if person_ids is not None else np.full(len(joined["score"]), NOT_KEPT),
+            **joined,
+        )
+
+
+def _check_range(name: str, values: Array, least: int, end: int) -> None:
+    if len(values) and (values.min() < least or values.max() >= end):
+        raise ShapeError(
+            f"Observations.{name}: expected values from {least} to {end - 1}, got {int(values.min())} to {int(values.max())}"
+        )

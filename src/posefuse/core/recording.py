@@ -1,0 +1,77 @@
+"""A finished result with everything that it was made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .arrays import Array
+from .errors import ShapeError, choices
+from .observations import Observations
+from .rig import Rig
+from .values import PoseSequence
+from .views_over_time import ViewSequence, observations_from_views, views_over_time
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording:
+    """A finished result: what was observed, what came out, and how it was made.
+
+    Attributes:
+        rig: the cameras used.
+        poses: the 3D result.
+        observations: every detection that it was made from, raw, with the people that `poses` has.
+        provenance: plain JSON values: version, rig id, config, inputs.
+
+    Raises:
+        ShapeError: other cameras, another skeleton or other time steps in the observations than in the rest.
+    """
+
+    rig: Rig
+    poses: PoseSequence
+    observations: Observations
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        seen = self.observations
+        if seen.camera_names != self.rig.names:
+            raise ShapeError(
+                f"Recording: the rig has cameras {choices(self.rig.names)}, the observations {choices(seen.camera_names)}"
+            )
+        if seen.skeleton != self.poses.skeleton:
+            raise ShapeError(
+                f"Recording: skeleton {self.poses.skeleton.name} of the poses, observations have {seen.skeleton.name}"
+            )
+        if not np.array_equal(seen.step_t_ns, self.poses.t_ns):
+            raise ShapeError(
+                f"Recording: expected the observations' time steps to be the poses' {len(self.poses)}, got {len(seen.step_t_ns)}"
+            )
+
+    @staticmethod
+    def from_views(
+        rig: Rig, poses: PoseSequence, xy_img: Array, score: Array, sigma_px: Array, provenance: Mapping[str, Any] | None = None
+    ) -> Recording:
+        """A recording of cameras that were exposed exactly at the poses' times: made-up data, results of other tools.
+
+        Args:
+            rig: C cameras. poses: (T, N, K).
+            xy_img, score, sigma_px: (T, N, C, K, 2), (T, N, C, K), (T, N, C, K) as in `ViewSequence`.
+        """
+        views = ViewSequence(poses.t_ns, poses.skeleton, rig.names, poses.person_id, xy_img, score, sigma_px)
+        return Recording(rig, poses, observations_from_views(views), provenance or {})
+
+    def __repr__(self) -> str:
+        poses = self.poses
+        return (
+            f"Recording({len(self.rig)} cameras, {len(poses)} time steps, {len(poses.person_id)} people, "
+            f"{poses.skeleton.name}, {len(self.observations)} detections)"
+        )
+
+    @cached_property
+    def views(self) -> ViewSequence:
+        """What each camera saw of the people at the poses' time steps, see `views_over_time`."""
+        return views_over_time(self.observations, self.poses.person_id.tolist())

@@ -1,0 +1,216 @@
+"""Detections stored while they are made: an append-only file that loses nothing but its last moment, whatever happens.
+
+A header, then one record per answer of the detector. Each begins with its length and CRC-32, so that a tail that was cut off or
+never reached the disk is noticed. Numbers are little endian.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import time
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind, PosefuseError, Skeleton
+
+LOG_FILE = "detections.log"
+_MAGIC = b"posefuse detections 1\n"
+_FRAME = struct.Struct("<II")  # bytes of the record, CRC-32
+_BATCH = struct.Struct("<iqBH")  # time step, its ns, look, frames
+_CAMERA = struct.Struct("<HqH")  # camera, exposure ns, detections
+_LARGEST = 1 << 28  # bytes of one record; more is a damaged length
+_SYNC_S = 2.0  # seconds of work that a power failure may cost
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredDetections:
+    """The whole records of a log.
+
+    Attributes:
+        skeleton: of all detections. camera_names: axis C. made_with: plain JSON values that identify inputs and settings.
+        batches: in the order in which they were made. ends: byte in the file after each.
+        begin: byte at which the first record begins. cut: bytes at the end that are no whole record.
+    """
+
+    skeleton: Skeleton
+    camera_names: tuple[str, ...]
+    made_with: Mapping[str, Any]
+    batches: tuple[DetectionBatch, ...]
+    ends: tuple[int, ...]
+    begin: int
+    cut: int
+
+    def whole_steps(self) -> tuple[tuple[DetectionBatch, ...], int]:
+        """The batches of all time steps but the last, which may lack a look, and the byte in the file after them."""
+        last = self.batches[-1].step if self.batches else 0
+        count = sum(batch.step < last for batch in self.batches)
+        return self.batches[:count], self.ends[count - 1] if count else self.begin
+
+
+class ObservationLog:
+    """Writes a log; every record is handed to the operating system at once, and to the disk every few seconds.
+
+    Args:
+        path: the file; a new one, or one that goes on after its first `keep` bytes.
+        skeleton: of all detections. camera_names: axis C. made_with: see `StoredDetections`.
+
+    Raises:
+        InputError: the file cannot be written to, or another process writes to it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        skeleton: Skeleton,
+        camera_names: tuple[str, ...],
+        made_with: Mapping[str, Any],
+        keep: int = 0,
+    ) -> None:
+        self._path, self._skeleton, self._camera_names = path, skeleton, camera_names
+        self._synced_s = time.monotonic()
+        try:
+            self._file: BinaryIO = path.open("r+b" if keep else "xb", buffering=0)
+        except OSError as error:
+            raise _unwritable(path, error) from None
+        try:
+            _lock(self._file, path)
+            self._file.truncate(keep)
+            self._file.seek(keep)
+            if not keep:
+                about = {"skeleton": asdict(skeleton), "camera_names": camera_names, "made_with": made_with}
+                self._write(_MAGIC + _record(json.dumps(about).encode()))
+        except BaseException:
+            self._file.close()
+            raise
+
+    def append(self, batch: DetectionBatch) -> None:
+        """Store one answer of the detector; raises InputError when it cannot be written (the disk is full)."""
+        self._write(_record(_bytes_of(batch, self._camera_names)))
+        now_s = time.monotonic()
+        if now_s - self._synced_s > _SYNC_S:
+            os.fsync(self._file.fileno())
+            self._synced_s = now_s
+
+    def close(self) -> None:
+        """Close the file; safe to call twice."""
+        self._file.close()
+
+    def _write(self, content: bytes) -> None:
+        try:
+            _write_all(self._file, content)
+        except OSError as error:
+            raise _unwritable(self._path, error) from None
+
+
+def is_in_use(path: Path) -> bool:
+    """Whether another process writes to the log (not known on Windows)."""
+    try:
+        with path.open("rb") as file:
+            _lock(file, path)
+    except (InputError, OSError):
+        return True
+    return False
+
+
+def read_log(path: Path) -> StoredDetections:
+    """All whole records of a log; a tail that was cut off is left out and counted.
+
+    Raises:
+        InputError: the file cannot be read or is no log.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    if not content.startswith(_MAGIC):
+        raise InputError(f"{path}: not a log of detections, or of another version of posefuse")
+    records = _records(content, len(_MAGIC))
+    header = next(records, None)
+    if header is None:
+        raise InputError(f"{path}: the header is cut off; nothing can be read from it")
+    about, begin = json.loads(header[0]), header[1]
+    try:
+        skeleton = Skeleton(**{**about["skeleton"], "bones": tuple(map(tuple, about["skeleton"]["bones"]))})
+        names = tuple(about["camera_names"])
+        batches, ends = [], [begin]
+        for record, end in records:
+            batches.append(_batch_of(record, skeleton, names))
+            ends.append(end)
+    except (KeyError, TypeError, ValueError, IndexError, struct.error, PosefuseError) as error:
+        raise InputError(f"{path}: a record is not as it was written ({error})") from None
+    return StoredDetections(
+        skeleton=skeleton,
+        camera_names=names,
+        made_with=about["made_with"],
+        batches=tuple(batches),
+        ends=tuple(ends[1:]),
+        begin=begin,
+        cut=len(content) - ends[-1],
+    )
+
+
+def _records(content: bytes, at: int) -> Iterator[tuple[bytes, int]]:
+    """Each whole record from byte `at` on, and the byte after it."""
+    while at + _FRAME.size <= len(content):
+        size, crc = _FRAME.unpack_from(content, at)
+        at += _FRAME.size
+        record = content[at : at + size]
+        if size > _LARGEST or len(record) < size or zlib.crc32(record) != crc:
+            return
+        at += size
+        yield record, at
+
+
+def _record(content: bytes) -> bytes:
+    return _FRAME.pack(len(content), zlib.crc32(content)) + content
+
+
+def _bytes_of(batch: DetectionBatch, names: tuple[str, ...]) -> bytes:
+    parts = [_BATCH.pack(batch.step, batch.t_ns, batch.kind, len(batch.detections))]
+    for one in batch.detections:
+        parts.append(_CAMERA.pack(names.index(one.camera), one.t_ns, len(one)))
+        parts += [np.ascontiguousarray(array, "<f4").tobytes() for array in (one.xy_img, one.score, one.sigma_px, one.box_img)]
+    return b"".join(parts)
+
+
+def _batch_of(record: bytes, skeleton: Skeleton, names: tuple[str, ...]) -> DetectionBatch:
+    stream, k = BytesIO(record), len(skeleton)
+    step, t_ns, kind, frames = _BATCH.unpack(stream.read(_BATCH.size))
+    detections = []
+    for _ in range(frames):
+        camera, exposed_ns, people = _CAMERA.unpack(stream.read(_CAMERA.size))
+        shapes = ((people, k, 2), (people, k), (people, k), (people, 4))
+        arrays = [np.frombuffer(stream.read(4 * int(np.prod(shape))), "<f4").reshape(shape) for shape in shapes]
+        detections.append(Detections2D(names[camera], exposed_ns, skeleton, *arrays))
+    return DetectionBatch(step=step, t_ns=t_ns, kind=LookKind(kind), detections=tuple(detections))
+
+
+def _write_all(file: BinaryIO, content: bytes) -> None:
+    while content:
+        content = content[file.write(content) :]
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: detections cannot be stored ({error.strerror})")
+
+
+def _lock(file: BinaryIO, path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows: the file has no lock, two runs into one folder are not noticed
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError(f"{path}: another posefuse is writing to it; wait for it, or choose another folder") from None
+    except OSError:  # a network file system without locks
+        return

@@ -1,0 +1,231 @@
+"""The one way in which commands write a folder of results.
+
+Results are made in a staging folder ``.NAME.xxxxxxxx.unfinished`` in the same parent and renamed at the end. An older result is
+replaced only when posefuse wrote all of it (`manifest`) and nobody changed it since; it is moved aside first and removed last.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from posefuse.core import InputError
+
+from .atomic import new_folder
+from .manifest import MANIFEST_FILE, Manifest, completed, contents, read_manifest, remove_written, write_manifest
+from .places import check_apart, check_space, holds_working_folder, name_aside, real_path
+
+Warn = Callable[[str], None]
+_SUFFIX = ".unfinished"
+_NAMED = 3  # entries named in a message
+_LONGEST_NAME = 40  # characters of the target's name in that of its staging folder
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OutputFolder:
+    """A folder of results in the making.
+
+    Attributes:
+        folder: staging folder to write to. target: absolute path it takes at the end. command: such as ``track``.
+    """
+
+    folder: Path
+    target: Path
+    command: str
+
+    def final(self, path: Path) -> Path:
+        """Where a file of the staging folder lies at the end."""
+        return self.target / path.relative_to(self.folder)
+
+
+@contextmanager
+def output_folder(
+    path: Path,
+    *,
+    command: str,
+    inputs: Sequence[Path] = (),
+    replace: bool = False,
+    estimated_bytes: int = 0,
+    keep_unfinished: bool = False,
+    unfinished: Path | None = None,
+    warn: Warn | None = None,
+) -> Iterator[OutputFolder]:
+    """Give a staging folder to fill; it becomes `path` when the block ends well. Everything is checked before the block.
+
+    When the block raises, nothing is left and an older `path` stays as it was.
+
+    Args:
+        command: what makes the results; only results of the same command are replaced.
+        inputs: what the results are made from; `path` may not be, contain or lie inside any of them.
+        replace: whether an older result may be replaced.
+        estimated_bytes: what will be written, compared with the free space.
+        keep_unfinished: leave the staging folder when the block raises, if something was written to it; see `find_unfinished`.
+        unfinished: a staging folder from `find_unfinished` to go on in, instead of a new one.
+        warn: is told of files that stay behind of a replaced result.
+
+    Raises:
+        InputError: before the block: `path` cannot be made or written to, overlaps an input, holds results (without
+            `replace`) or anything that posefuse did not write; or too little space. After the block: `path` was changed
+            meanwhile or cannot be written to; the finished results stay in the staging folder, which the message names.
+    """
+    target = real_path(path)
+    check_apart(path, inputs)
+    check_replaceable(path, command=command, replace=replace)
+    made = _make_parents(path, target)
+    of_parent = bool(inputs) and all(real_path(one).parent == target.parent for one in inputs)
+    manifest = Manifest(command=command, target=str(target), of_parent=of_parent)
+    staging = unfinished
+    try:
+        check_space(target.parent, estimated_bytes)
+        staging = unfinished or _new_staging(path, target, manifest)
+        yield OutputFolder(folder=staging, target=target, command=command)
+    except BaseException:
+        if staging is not None and not (keep_unfinished and _holds_work(staging)):
+            shutil.rmtree(staging, ignore_errors=True)
+        _remove_empty(made)
+        raise
+    _finish(path, staging, target, manifest, replace, warn)
+
+
+def find_unfinished(path: Path) -> list[Path]:
+    """Staging folders that posefuse left when it was interrupted while it made `path`, oldest first."""
+    target = real_path(path)
+    if not target.parent.is_dir():
+        return []
+    found = []
+    for folder in target.parent.glob(f".*{_SUFFIX}"):
+        manifest = read_manifest(folder) if folder.is_dir() and not folder.is_symlink() else None
+        if manifest is not None and not manifest.complete and manifest.target == str(target):
+            found.append(folder)
+    return sorted(found, key=lambda folder: (folder / MANIFEST_FILE).stat().st_mtime_ns)
+
+
+def check_replaceable(path: Path, *, command: str, replace: bool) -> None:
+    """Raise InputError unless results of `command` can go to `path` without touching anything that posefuse did not write.
+
+    A place where nothing is, an empty folder, and with `replace` an unchanged complete result of the same command can be used.
+    """
+    target = real_path(path)
+    if not target.name:
+        raise InputError(f"{path}: expected a folder to write results to, got the top of a disk")
+    try:
+        if not target.exists():
+            return
+        if not target.is_dir():
+            raise InputError(f"{path}: expected a folder to write results to, got a file")
+        if holds_working_folder(target):
+            raise InputError(f"{path}: is the folder posefuse was started in, or contains it; choose another folder")
+        if any(target.iterdir()):
+            _check_own(path, target, command, replace)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be looked at ({error.strerror}); choose another folder") from None
+
+
+def _check_own(path: Path, target: Path, command: str, replace: bool) -> None:
+    manifest = read_manifest(target)
+    foreign = contents(target).foreign
+    if manifest is None or foreign:
+        names = ", ".join(name.as_posix() for name in foreign[:_NAMED]) + (", ..." if len(foreign) > _NAMED else "")
+        raise InputError(
+            f"{path}: holds what posefuse did not write or what was changed since ({names}); that is never replaced: "
+            "choose an empty or a new folder"
+        )
+    if manifest.command != command:
+        raise InputError(f"{path}: holds results of `posefuse {manifest.command}`; choose another folder")
+    if not replace:
+        raise InputError(f"{path}: holds results already; choose another folder or add --force to replace them")
+
+
+def _make_parents(path: Path, target: Path) -> list[Path]:
+    """Make the folders that `target` lies in; returns those made, innermost first."""
+    missing = [folder for folder in target.parents if not folder.exists()]
+    made: list[Path] = []
+    try:
+        for folder in reversed(missing):
+            folder.mkdir()
+            made.insert(0, folder)
+    except OSError as error:
+        _remove_empty(made)
+        raise InputError(f"{path}: no folder can be made there ({error.strerror})") from None
+    return made
+
+
+def _new_staging(path: Path, target: Path, manifest: Manifest) -> Path:
+    staging = None
+    try:
+        if not target.exists():
+            # a name the disk does not take shows here, and not after the work
+            target.mkdir()
+            target.rmdir()
+        staging = new_folder(target.parent, f".{target.name[:_LONGEST_NAME]}.", _SUFFIX)
+        write_manifest(staging, manifest)
+    except OSError as error:
+        if staging is not None:
+            shutil.rmtree(staging, ignore_errors=True)
+        raise InputError(f"{path}: no folder can be made there ({error.strerror})") from None
+    return staging
+
+
+def _holds_work(staging: Path) -> bool:
+    return any(entry.name != MANIFEST_FILE for entry in staging.iterdir())
+
+
+def _remove_empty(folders: Sequence[Path]) -> None:
+    # not empty: something else was put there meanwhile, and it stays
+    with suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
+
+
+def _finish(path: Path, staging: Path, target: Path, manifest: Manifest, replace: bool, warn: Warn | None) -> None:
+    try:
+        write_manifest(staging, completed(staging, manifest))
+        # once more: hours may have passed
+        check_replaceable(path, command=manifest.command, replace=replace)
+        aside = _swap(staging, target)
+    except (OSError, InputError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path}: the results are complete in {staging} but cannot be moved there ({reason})") from None
+    if aside is not None:
+        clear_aside(aside, warn)
+
+
+def _swap(staging: Path, target: Path) -> Path | None:
+    """Put the staging folder in its place; returns where the older result is now."""
+    aside = move_aside(target)
+    try:
+        staging.rename(target)
+    except BaseException:
+        if aside is not None:
+            aside.rename(target)
+        raise
+    return aside
+
+
+def move_aside(folder: Path) -> Path | None:
+    """Rename a folder to ``NAME.replaced-TIME``; an empty one is removed instead. Returns where it is now.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    if not folder.exists():
+        return None
+    if not any(folder.iterdir()):
+        folder.rmdir()
+        return None
+    aside = name_aside(folder)
+    folder.rename(aside)
+    return aside
+
+
+def clear_aside(aside: Path, warn: Warn | None = None) -> None:
+    """Remove what posefuse wrote of a replaced result; what else is there stays, and is reported."""
+    try:
+        reason = None if remove_written(aside) else "holds files that posefuse did not write or that were changed"
+    except OSError as error:
+        reason = f"cannot be removed ({error.strerror})"
+    if reason is not None and warn is not None:
+        warn(f"{aside}: the replaced result {reason}; it stays there")

@@ -1,0 +1,113 @@
+"""Text, TOML, JSON and YAML of a user's files to plain values: whatever is in them, one clear error and bounded work."""
+
+from __future__ import annotations
+
+import codecs
+import json
+import reprlib
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from posefuse.core import InputError
+
+# YAML aliases let a few lines stand for 9^9 values; no settings or calibration file comes near this number of values
+MOST_YAML_VALUES = 1_000_000
+# digits of the largest integer that is kept exactly; longer ones become floating point, as in other JSON readers
+_EXACT_DIGITS = 18
+# characters in a message of a value, and of what a library says
+_MOST_SHOWN, _MOST_SAID = 100, 400
+_UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+def read_text(path: Path, error: type[InputError] = InputError) -> str:
+    """The UTF-8 text of a file, without a byte order mark; raises `error` when it cannot be read or is not UTF-8."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise error(f"{path}: cannot be read as text ({problem})") from None
+
+
+def read_any_text(path: Path) -> str:
+    """The text of a table as spreadsheets save it: UTF-8, UTF-16 with a byte order mark, else Windows Latin-1.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read ({problem.strerror})") from None
+    if content.startswith(_UTF16_MARKS):
+        return content.decode("utf-16", errors="replace")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", errors="replace")
+
+
+def parse_toml(where: str, text: str, error: type[InputError] = InputError) -> dict[str, Any]:
+    """The tables of a TOML text; raises `error` in one line when it is not TOML."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError, OverflowError) as problem:
+        raise error(f"{where}: cannot be parsed as TOML ({one_line(problem)})") from None
+
+
+def parse_json(where: str, text: str | bytes, error: type[InputError] = InputError) -> Any:
+    """The value of a JSON text; integers beyond 18 digits become floats. Raises `error` in one line when it is not JSON."""
+    try:
+        return json.loads(text, parse_int=_json_integer)
+    except (ValueError, RecursionError) as problem:
+        raise error(f"{where}: cannot be parsed as JSON ({one_line(problem)})") from None
+
+
+def parse_yaml(where: str, text: str, error: type[InputError] = InputError, loader: type = yaml.SafeLoader) -> Any:
+    """The value of a YAML text with at most `MOST_YAML_VALUES` values, aliases counted each time they are used.
+
+    Raises:
+        error: not YAML, more values than that, or a value that contains itself; one line.
+    """
+    try:
+        value = yaml.load(text, Loader=loader)
+        count = _value_count(value, {})
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError, OverflowError) as problem:
+        raise error(f"{where}: cannot be parsed as YAML ({one_line(problem)})") from None
+    if count > MOST_YAML_VALUES:
+        raise error(f"{where}: its aliases stand for {count:.3g} values; expected at most {MOST_YAML_VALUES}")
+    return value
+
+
+def _json_integer(digits: str) -> int | float:
+    return int(digits) if len(digits) <= _EXACT_DIGITS else float(digits)
+
+
+def _value_count(value: Any, known: dict[int, int]) -> int:
+    """Values below this one, with aliases written out; each shared value is looked at once."""
+    if not isinstance(value, dict | list):
+        return 1
+    if id(value) in known:
+        if not known[id(value)]:
+            raise ValueError("a value contains itself")
+        return known[id(value)]
+    known[id(value)] = 0
+    inner = value.values() if isinstance(value, dict) else value
+    known[id(value)] = 1 + sum(_value_count(part, known) for part in inner)
+    return known[id(value)]
+
+
+def one_line(problem: BaseException | str) -> str:
+    """What an exception says, on one line that is not longer than a person reads."""
+    if isinstance(problem, RecursionError):
+        return "nested too deeply"
+    text = " ".join(str(problem).split()) or type(problem).__name__
+    return text if len(text) <= _MOST_SAID else f"{text[:_MOST_SAID]}..."
+
+
+def short(value: Any) -> str:
+    """The value on one line of a few words, whatever its size: a few lines of YAML can stand for 9^9 values."""
+    shown = reprlib.Repr()
+    shown.maxstring = shown.maxother = shown.maxlong = _MOST_SHOWN
+    return " ".join(shown.repr(value).split())

@@ -1,0 +1,112 @@
+"""What differs between Linux, macOS and Windows, in one place: cores, priorities, cameras, message channels."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import socket
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+# how FFmpeg reads USB cameras of each system; any other system is taken for one with Video4Linux
+_CAMERA_FORMATS = {"win32": "dshow", "darwin": "avfoundation"}
+_BELOW_NORMAL_PRIORITY_CLASS = 0x4000
+_TIMER_MS = 1
+
+
+def usable_cores() -> int:
+    """How many cores this process may use; at least 1."""
+    if hasattr(os, "process_cpu_count"):  # Python 3.13
+        return os.process_cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def lower_priority(steps: int) -> None:
+    """Let other processes go first: by so many steps of niceness, on Windows by one class. No effect where not allowed."""
+    if hasattr(os, "nice"):
+        with contextlib.suppress(OSError):
+            os.nice(steps)
+    elif sys.platform == "win32":
+        kernel32 = ctypes.WinDLL("kernel32")
+        kernel32.GetCurrentProcess.restype = ctypes.c_void_p
+        kernel32.SetPriorityClass.argtypes = (ctypes.c_void_p, ctypes.c_ulong)
+        kernel32.SetPriorityClass(kernel32.GetCurrentProcess(), _BELOW_NORMAL_PRIORITY_CLASS)
+
+
+@contextlib.contextmanager
+def punctual() -> Iterator[None]:
+    """This process is scheduled first and its waits end on time, where the system allows it; its children do not inherit it."""
+    if sys.platform == "win32":
+        # waits end every 15.6 ms otherwise
+        winmm = ctypes.WinDLL("winmm")
+        winmm.timeBeginPeriod(_TIMER_MS)
+        try:
+            yield
+        finally:
+            winmm.timeEndPeriod(_TIMER_MS)
+        return
+    try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+    except (OSError, AttributeError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
+
+
+def peak_memory_mb(pids: Sequence[int]) -> float:
+    """Most memory processes have held (resident, shared memory counted in each), added up; NaN where the system does not say."""
+    try:
+        status = [Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace") for pid in pids]
+        return sum(int(text.split("VmHWM:")[1].split()[0]) for text in status) / 1024
+    except (OSError, IndexError, ValueError):
+        return float("nan")
+
+
+def message_sockets() -> tuple[socket.socket, socket.socket, bool]:
+    """Two connected sockets of this machine, and whether they keep message boundaries (Linux does; a byte stream elsewhere)."""
+    try:
+        return *socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET), True
+    except (AttributeError, OSError):
+        # macOS knows the name and refuses it; Windows has neither and connects two TCP sockets on the loopback
+        ends = socket.socketpair()
+    for end in ends:
+        if end.family in (socket.AF_INET, socket.AF_INET6):
+            end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return *ends, False
+
+
+def usb_camera_format() -> str:
+    """FFmpeg's name of the input that reads USB cameras here."""
+    return _CAMERA_FORMATS.get(sys.platform, "v4l2")
+
+
+def usb_camera_address(device: str) -> str:
+    """What FFmpeg calls the camera: DirectShow wants to be told that it is a video device."""
+    return f"video={device}" if usb_camera_format() == "dshow" and not device.startswith("video=") else device
+
+
+def usb_cameras() -> list[str]:
+    """The cameras that are there, as a user may name them; empty where the system cannot list them."""
+    import av
+
+    if usb_camera_format() == "v4l2":
+        return sorted(str(path) for path in Path("/dev").glob("video*"))
+    try:
+        found = av.enumerate_input_devices(usb_camera_format())
+    except (av.error.FFmpegError, ValueError):
+        return []
+    named = "description" if usb_camera_format() == "dshow" else "name"
+    return [getattr(device, named) for device in found if "video" in device.media_types]
+
+
+def offscreen_backends() -> tuple[str, ...]:
+    """MuJoCo's ways to draw without a screen here, best first."""
+    return {"win32": ("wgl",), "darwin": ("cgl",)}.get(sys.platform, ("egl", "osmesa"))

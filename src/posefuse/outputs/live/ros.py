@@ -1,0 +1,149 @@
+"""Live outputs ``ros2`` and ``ros1``: topics of docs/ros.md, with or without an installed ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from posefuse.core import (
+    LiveDetections,
+    LiveHealth,
+    LiveJointCentres,
+    LiveMessage,
+    LiveOutput,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    OutputHealth,
+)
+from posefuse.foundation.settings import settings
+from posefuse.messages import topics
+from posefuse.messages.joint_centre_messages import message_from_joint_centres
+from posefuse.messages.messages import header, message_from_detections, optical_frame
+from posefuse.messages.ros_output import Health, RosOutput
+from posefuse.messages.types import message
+
+_OK, _WARNING, _ERROR = 0, 1, 2
+_LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "bumped", "out of step", "hangs"), _WARNING) | {"ok": _OK}
+_EVERYTHING = (LiveDetections, LivePose, LiveJointCentres, LiveHealth, LivePreview)
+
+
+@settings
+class Ros2Config:
+    """ROS 2 topics over DDS; no ROS needed.
+
+    Attributes:
+        domain_id: ROS_DOMAIN_ID. local_only: nothing leaves this machine. interface: network card; empty: the library chooses.
+        peers: other machines, where multicast is off. detections: publish 2D poses too; not where they came from ROS.
+    """
+
+    domain_id: Annotated[int, Ge(0), Le(232)] = 0
+    local_only: bool = False
+    interface: str = ""
+    peers: tuple[str, ...] = ()
+    detections: bool = True
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
+    keeps_all: ClassVar[bool] = False
+
+    def build(self) -> LiveOutput:
+        """Not yet opened; raises DependencyError without the extra `ros`."""
+        return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self.detections)
+
+    def _node(self) -> Any:
+        from posefuse.messages.dds import Network, RosNode
+
+        return RosNode("posefuse", Network(self.domain_id, self.local_only, self.interface, self.peers))
+
+
+@settings
+class Ros1Config:
+    """ROS 1 topics at the master that ROS_MASTER_URI names; needs rospy."""
+
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
+    keeps_all: ClassVar[bool] = False
+
+    def build(self) -> LiveOutput:
+        """Not yet opened."""
+        return RosLiveOutput("ros1", _ros1_node, "ROS 1", detections=True)
+
+
+def _ros1_node() -> Any:
+    from posefuse.messages.ros1 import Ros1Node
+
+    return Ros1Node("posefuse")
+
+
+class RosLiveOutput:
+    """Publishes to a node; detections and previews only while there is a subscriber."""
+
+    def __init__(self, name: str, node: Callable[[], Any], where: str, detections: bool) -> None:
+        self.name, self.where = name, where
+        self._make_node, self._detections = node, detections
+        self._node: Any = None
+        self._ros: Any = None
+
+    def take(self, message: LiveMessage) -> None:
+        """See `LiveOutput`."""
+        match message:
+            case LiveStart():
+                self._node = self._make_node()
+                self._ros = RosOutput(self._node, message.rig)
+                self._ros.start(message.t_ns)
+            case LivePose():
+                self._ros.step(message.pose, message.joints, message.stages_ns)
+            case LiveHealth():
+                self._ros.diagnose(message.t_ns, health_lines(message))
+            case LivePreview():
+                publish_preview(self._node, message)
+            case LiveJointCentres() if self._detections:
+                self._node.publish(topics.JOINT_CENTRES, message_from_live_centres(message), message.t_ns)
+            case LiveDetections(detections=view) if self._detections and self._node.wanted(topics.DETECTIONS):
+                self._node.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
+
+    def close(self) -> None:
+        """Leave the network."""
+        if self._node is not None:
+            self._node.close()
+
+
+def message_from_live_centres(told: LiveJointCentres) -> Any:
+    """`posefuse_msgs/JointCentres`."""
+    return message_from_joint_centres(told.cameras, told.fields, told.t_ns)
+
+
+def publish_preview(outlet: topics.Outlet, preview: LivePreview) -> None:
+    """A small image on its camera's topic, while there is a subscriber."""
+    topic = topics.preview(preview.camera)
+    if outlet.wanted(topic):
+        msg = message(
+            topic.type_name,
+            header=header(preview.t_ns, optical_frame(preview.camera)),
+            format="rgb8; jpeg compressed bgr8",
+            data=np.frombuffer(preview.jpeg, np.uint8),
+        )
+        outlet.publish(topic, msg, preview.t_ns)
+
+
+def health_lines(health: LiveHealth) -> list[Health]:
+    """One line of ROS diagnostics per camera, and per output."""
+    cameras = [
+        Health(f"camera {name}", _LEVELS.get(camera.state, _ERROR), camera.text or camera.state, _shown(camera.figures))
+        for name, camera in health.cameras.items()
+    ]
+    return cameras + [_output_line(name, output) for name, output in health.outputs.items()]
+
+
+def _output_line(name: str, output: OutputHealth) -> Health:
+    """An output that failed and goes on stays a warning: a part of what it wrote is missing."""
+    level, text = _LEVELS.get(output.state, _ERROR), output.text or output.state
+    if level == _OK and output.failures:
+        level, text = _WARNING, f"goes on after {output.failures} failures, the last: {output.fault}"
+    figures = {"taken": output.taken, "dropped": output.dropped, "failures": output.failures}
+    return Health(f"output {name}", level, text, {**_shown(figures), "where": output.where})
+
+
+def _shown(figures: Any) -> dict[str, str]:
+    return {name: f"{value:g}" for name, value in figures.items()}

@@ -1,0 +1,120 @@
+"""A session made ready for tracking: sources opened, the detector built, the time steps known."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+import numpy as np
+
+from posefuse.core import InputError, Rig, Skeleton, SourceError
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.sources import RecordedSource
+from posefuse.tracking import JointCentres
+
+from .config import TrackConfig
+from .images import ImageInstants, Timeline, common_timeline
+from .session import LEAST_CAMERAS, Input, Session, fitted_camera
+from .time_steps import TimeStep
+
+Say = Callable[[str], None]
+
+
+class TimeSteps(Protocol):
+    """The time steps of an opened session."""
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The detector's keypoints."""
+        ...
+
+    @property
+    def joint_centres(self) -> JointCentres | None:
+        """Where joint centres lie relative to the keypoints; None where that is not known."""
+        ...
+
+    def steps(self, first: int = 0) -> Iterator[TimeStep]:
+        """The time steps from number `first` on; may be called once."""
+        ...
+
+    def incomplete(self) -> list[str]:
+        """One line for each camera of which part cannot be read, or that ends before the others; after all steps."""
+        ...
+
+    def close(self) -> None:
+        """Stop decoding and release files."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Opened:
+    """A session that can be tracked.
+
+    Attributes:
+        session, config: as given. rig: the cameras as they apply to the images. steps: the time steps, to be closed.
+        timeline: the times that they are expected at.
+    """
+
+    session: Session
+    config: TrackConfig
+    rig: Rig
+    steps: TimeSteps
+    timeline: Timeline
+
+
+def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
+    """Open the data of all cameras and build the detector; cameras that cannot be read are reported to `warn`.
+
+    Raises:
+        PosefuseError: several kinds of data, fewer than two cameras that can be read, nothing recorded in the time asked for.
+    """
+    kinds = {entry.kind for entry in session.inputs}
+    if len(kinds) > 1:
+        raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
+    steps: TimeSteps
+    if kinds == {"pose2d"}:
+        from .pose2d import pose2d_instants
+
+        rig, steps, timeline = pose2d_instants(session, config)
+    else:
+        rig, steps, timeline = _images(session, config, warn)
+    return Opened(session=session, config=config, rig=rig, steps=steps, timeline=timeline)
+
+
+def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageInstants, Timeline]:
+    from posefuse.detection.build import build_detector
+
+    sources, cameras = [], []
+    for entry in session.inputs:
+        try:
+            source = build_source(entry, config)
+        except SourceError as error:
+            warn(f"{error}; goes on without camera {entry.camera}")
+            continue
+        sources.append(source)
+        cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
+    if len(sources) < LEAST_CAMERAS:
+        raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
+    rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
+    timeline = common_timeline(
+        {s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps
+    )
+    detector = build_detector(config.detector, rig)
+    lost = lambda name, error: warn(f"{error}; goes on without camera {name} from here")  # noqa: E731
+    return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline
+
+
+def build_source(entry: Input, config: TrackConfig) -> RecordedSource:
+    """Open one camera's videos or images."""
+    from posefuse.sources import ImagesConfig, VideoConfig
+
+    offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
+    if entry.kind == "videos":
+        return VideoConfig(entry.path, entry.camera, offset_s, drift_ppm).build()
+    return ImagesConfig(entry.path, entry.camera, config.rate_hz or 30.0, offset_s, drift_ppm).build()
+
+
+def _times(source: Any) -> Array:
+    return np.asarray(source.times_ns())

@@ -1,0 +1,100 @@
+"""From observations to the 3D result: a pure function of observations, rig and settings, which can be run again at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posefuse.association import AssociateSettings
+from posefuse.core import InputError, Observations, Recording, Rig, views_over_time
+from posefuse.core.observations import NOT_KEPT
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.fusion import FuseSettings
+from posefuse.tracking import JointCentres, SmoothSettings
+
+from .clock import StageClock
+from .config import TrackConfig
+from .following import Follower
+from .second_pass import long_enough, poses_over_time
+from .time_steps import stored_steps
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolveSettings:
+    """All that a solve depends on besides observations and rig.
+
+    Attributes:
+        associate, fuse: see the packages.
+        smooth: None: every time step as it was fused, no smoothing, no bridged gaps.
+        centres: moves keypoints to joint centres; None: they stay where the detector marks them.
+    """
+
+    associate: AssociateSettings
+    fuse: FuseSettings
+    smooth: SmoothSettings | None
+    centres: JointCentres | None
+
+    @staticmethod
+    def of(config: TrackConfig, centres: JointCentres | None) -> SolveSettings:
+        """The part of a configuration that matters after detection."""
+        return SolveSettings(
+            associate=config.associate,
+            fuse=config.fuse,
+            smooth=None if config.raw else config.smooth,
+            centres=centres if config.joint_centres else None,
+        )
+
+
+def solve(
+    observations: Observations, rig: Rig, settings: SolveSettings, provenance: Mapping[str, Any], clock: StageClock | None = None
+) -> Recording:
+    """Associate, fuse and smooth the observations of a recording.
+
+    The first pass is repeated on the stored answers of the detector: with the settings of the first time the result is the
+    same to the last bit.
+
+    Raises:
+        InputError: no person could be followed.
+    """
+    follower = Follower(
+        skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
+    )
+    steps, person_id = list(stored_steps(observations)), np.full(len(observations), NOT_KEPT)
+    for step, one in zip(steps, follower.follow(steps), strict=True):
+        for (_, rows), people in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
+            person_id[rows] = people
+    return finish(observations.with_person_ids(person_id), rig, settings, provenance, clock)
+
+
+def finish(
+    observations: Observations, rig: Rig, settings: SolveSettings, provenance: Mapping[str, Any], clock: StageClock | None = None
+) -> Recording:
+    """The second pass on observations whose people are known already.
+
+    Raises:
+        InputError: no person could be followed.
+    """
+    with (clock or StageClock()).stage("smooth"):
+        kept = observations.keeping(long_enough(observations))
+        views = views_over_time(kept, long_enough(kept))
+        poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
+    return Recording(rig, poses, kept, provenance)
+
+
+def solve_again(recording: Recording, config: TrackConfig | None = None) -> Recording:
+    """Solve a recording again from its observations, with its own settings or others.
+
+    Raises:
+        InputError: the provenance does not have the settings (the recording was not made by `posefuse track`).
+    """
+    about = recording.provenance
+    if config is None:
+        if not isinstance(about.get("config"), Mapping):
+            raise InputError("recording: its provenance has no settings; give the settings to solve it with")
+        config = settings_from_mapping(about["config"], TrackConfig, where="provenance: config")
+    table = about.get("joint_centres")
+    centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
+    return solve(recording.observations, recording.rig, SolveSettings.of(config, centres), about)

@@ -1,0 +1,94 @@
+"""The seam between detection and the rest: one time step of a recording, which can be looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from posefuse.core import Detections2D, LookKind, Observations, Pose3D
+from posefuse.core.arrays import Array
+
+# two boxes that share more than this part of their union hold the same person
+_SAME_PERSON = 0.5
+
+
+class TimeStep(Protocol):
+    """One time step of a recording."""
+
+    @property
+    def t_ns(self) -> int:
+        """Session clock."""
+        ...
+
+    def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
+        """What the detector finds in each camera that has a frame, each at its own exposure time, in the order of the rig.
+
+        `expected`: the people to look for; None (in a search): everywhere.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class StoredStep:
+    """A time step whose detections are known already: the answers come from the log.
+
+    Attributes:
+        observations: the log. step: which of its time steps.
+        frames: rows of its frame table for this time step.
+    """
+
+    observations: Observations
+    step: int
+    frames: Array
+
+    @property
+    def t_ns(self) -> int:
+        """Session clock."""
+        return int(self.observations.step_t_ns[self.step])
+
+    def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
+        """The stored answer to this look; where the detector did not look so, all different detections of each frame."""
+        return tuple(self._answer(frame, rows) for frame, rows in self.rows(kind))
+
+    def rows(self, kind: LookKind) -> list[tuple[int, Array]]:
+        """Where the answers of `look` lie in the log: (row of the frame table, rows of the detection table) of each."""
+        log, kinds = self.observations, self.observations.frame_look[self.frames]
+        if (kinds == kind).any():
+            return [(int(i), np.arange(log.frame_begin[i], log.frame_begin[i + 1])) for i in self.frames[kinds == kind]]
+        cameras = log.frame_camera[self.frames]
+        by_camera = [self.frames[cameras == camera] for camera in np.unique(cameras)]
+        return [(int(frames[0]), self._union(frames)) for frames in by_camera]
+
+    def _answer(self, frame: int, rows: Array) -> Detections2D:
+        log = self.observations
+        camera, t_ns = log.camera_names[log.frame_camera[frame]], int(log.frame_t_ns[frame])
+        return Detections2D(
+            camera, t_ns, log.skeleton, log.xy_img[rows], log.score[rows], log.sigma_px[rows], log.box_img[rows]
+        )  # fmt: skip
+
+    def _union(self, frames: Array) -> Array:
+        """Detections of several looks at one frame, each person once, as the last look that found the person has it."""
+        log, kept = self.observations, np.zeros(0, np.int64)
+        for frame in frames[::-1]:
+            rows = np.arange(log.frame_begin[frame], log.frame_begin[frame + 1])
+            new = [row for row in rows if (log.score[row] > 0).any() and not _known(log.box_img[row], log.box_img[kept])]
+            kept = np.concatenate([kept, np.array(new, np.int64)])
+        return kept
+
+
+def stored_steps(observations: Observations) -> Iterator[StoredStep]:
+    """The time steps of a log, in order."""
+    order = np.argsort(observations.frame_step, kind="stable")
+    begin = np.searchsorted(observations.frame_step[order], np.arange(len(observations.step_t_ns) + 1))
+    for step in range(len(observations.step_t_ns)):
+        yield StoredStep(observations, step, order[begin[step] : begin[step + 1]])
+
+
+def _known(box_img: Array, others: Array) -> bool:
+    low, high = np.maximum(box_img[:2], others[:, :2]), np.minimum(box_img[2:], others[:, 2:])
+    shared = np.prod(np.clip(high - low, 0, None), axis=-1)
+    areas = np.prod(others[:, 2:] - others[:, :2], axis=-1) + np.prod(box_img[2:] - box_img[:2])
+    return bool((shared > _SAME_PERSON * (areas - shared)).any())

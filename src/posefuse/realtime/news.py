@@ -1,0 +1,42 @@
+"""What changes in a session, said at once: cameras, outputs, the rig watch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from .fusion import Fusion
+from .output_plan import PROCESS
+
+Say = Callable[[str], None]
+T = TypeVar("T")
+
+
+class News:
+    """Says what has not been said yet; times are given from `zero_ns`, session time."""
+
+    def __init__(self, fusion: Fusion, zero_ns: int, say: Say) -> None:
+        self._fusion, self._zero_ns, self._say = fusion, zero_ns, say
+        self._cameras_said = self._outputs_said = 0
+        self._trouble = ""
+
+    def tell(self, now_ns: int) -> None:
+        """Say what is new."""
+        monitor, outlets, watch = self._fusion.monitor, self._fusion.outlets, self._fusion.watch
+        for camera in _newest(monitor.events, monitor.event_count - self._cameras_said):
+            self._say_at(camera.t_ns, f"camera {camera.camera}: {camera.state}", camera.text)
+        for output in _newest(outlets.events, outlets.event_count - self._outputs_said):
+            who = "outputs" if output.output == PROCESS else f"output {output.output}"
+            self._say_at(output.t_ns, f"{who}: {output.state}", output.text)
+        self._cameras_said, self._outputs_said = monitor.event_count, outlets.event_count
+        if watch is not None and watch.trouble != self._trouble:
+            self._trouble = watch.trouble
+            self._say_at(now_ns, "rig watch", watch.trouble)
+
+    def _say_at(self, t_ns: int, what: str, why: str) -> None:
+        self._say(f"{(t_ns - self._zero_ns) / 1e9:6.2f} s  {what}{': ' + why if why else ''}")
+
+
+def _newest(events: Iterable[T], count: int) -> list[T]:
+    # asked for every few milliseconds: mostly there is nothing
+    return list(events)[-count:] if count else []

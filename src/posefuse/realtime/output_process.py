@@ -1,0 +1,246 @@
+"""The process of a live session's outputs: one thread and one bounded queue each; what fails is reported and opened again."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import signal
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from posefuse.core import LiveMessage, LiveOutput, LiveOutputConfig, LiveStart, OutputHealth, PosefuseError
+from posefuse.core.live_messages import FAILED, OK
+from posefuse.foundation.platform import lower_priority
+
+from .channel import Channel, ChannelClosed
+from .kept_messages import KeptMessages
+
+END_S = 1.5
+_QUEUE = 4000
+# what an output that wants the newest may be behind: about 60 ms of poses and detections
+_LIVE_QUEUE = 12
+_WAIT_S = 0.1
+_REPORT_S = 0.25
+_FIRST_RETRY_S = 0.5
+_LONGEST_RETRY_S = 10.0
+# after so long without a failure the next one is tried again soon
+_SETTLED_S = 30.0
+_HANGS_S = 2.0
+HANGS = "hangs"
+
+
+@dataclass(frozen=True)
+class OutputsReady:
+    """All outputs are open; their health by name."""
+
+    health: Mapping[str, OutputHealth]
+
+
+@dataclass(frozen=True)
+class OutputsFailed:
+    """The process cannot begin: one line says why."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class OutputsHealth:
+    """How the outputs fare; the last one of a process is `final`."""
+
+    health: Mapping[str, OutputHealth]
+    final: bool = False
+
+
+@dataclass(frozen=True)
+class OutputsEnd:
+    """Finish and leave."""
+
+
+def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, channel: Channel) -> None:
+    """Body of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    lower_priority(2)
+    workers: list[Worker] = []
+    with contextlib.suppress(ChannelClosed):
+        try:
+            workers += [Worker(name, config, start) for name, config in configs.items()]
+        except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
+            channel.send(OutputsFailed(words_of(error, "outputs")), 1.0)
+            os._exit(1)
+        channel.send(OutputsReady(_health(workers)), 1.0)
+        _hand_out(channel, workers)
+    # also when the session was killed: files are finished
+    end_s = time.monotonic() + END_S
+    for worker in workers:
+        worker.finish()
+    for worker in workers:
+        worker.join(max(0.0, end_s - time.monotonic()))
+    with contextlib.suppress(ChannelClosed):
+        channel.send(OutputsHealth(_health(workers), final=True), 1.0)
+    # a viewer or network that hangs must not keep the process
+    os._exit(0)
+
+
+def _hand_out(channel: Channel, workers: Sequence[Worker]) -> None:
+    told, told_s = _states(workers), time.monotonic()
+    while True:
+        channel.wait(_WAIT_S)
+        while (message := channel.receive()) is not None:
+            if isinstance(message, OutputsEnd):
+                return
+            for worker in workers:
+                worker.put(message)
+        now_s, states = time.monotonic(), _states(workers)
+        # a report there is no room for is sent again
+        if (states != told or now_s - told_s > _REPORT_S) and channel.send(OutputsHealth(_health(workers))):
+            told, told_s = states, now_s
+
+
+def _health(workers: Sequence[Worker]) -> dict[str, OutputHealth]:
+    return {worker.name: worker.health() for worker in workers}
+
+
+def _states(workers: Sequence[Worker]) -> list[tuple[str, int]]:
+    return [(health.state, health.failures) for health in _health(workers).values()]
+
+
+class Worker:
+    """An output's thread and its queue: one that keeps all is given what it has room for, another the newest.
+
+    Raises:
+        PosefuseError: the output cannot be opened at the start.
+    """
+
+    def __init__(self, name: str, config: LiveOutputConfig, start: LiveStart) -> None:
+        self.name, self._config, self._start = name, config, start
+        self._queue: queue.Queue[LiveMessage | None] = queue.Queue(_QUEUE if config.keeps_all else _LIVE_QUEUE)
+        self._kept = KeptMessages()
+        self._part, self._retry_s, self._again_s = start.part, _FIRST_RETRY_S, 0.0
+        self._failed_s = self._busy_s = 0.0
+        self._output: LiveOutput | None = self._opened()
+        self._told = OutputHealth(where=self._output.where)
+        self._dropped = 0
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def put(self, message: LiveMessage) -> None:
+        """Queue it, never waiting."""
+        if not isinstance(message, self._config.takes):
+            return
+        while True:
+            try:
+                self._queue.put_nowait(message)
+                return
+            except queue.Full:
+                self._dropped += 1
+                if self._config.keeps_all:
+                    return
+                with contextlib.suppress(queue.Empty):
+                    self._queue.get_nowait()
+
+    def health(self) -> OutputHealth:
+        """As it is now."""
+        told = replace(self._told, dropped=self._dropped)
+        busy_s = self._busy_s
+        if told.state == OK and busy_s and time.monotonic() - busy_s > _HANGS_S:
+            return replace(told, state=HANGS, text=f"has taken nothing for more than {_HANGS_S:g} s")
+        return told
+
+    def finish(self) -> None:
+        """Ask for the end, after what is queued; an output that hangs loses one message for it."""
+        while self._thread.is_alive():
+            try:
+                self._queue.put_nowait(None)
+                return
+            except queue.Full:
+                with contextlib.suppress(queue.Empty):
+                    self._queue.get_nowait()
+                    self._dropped += 1
+
+    def join(self, wait_s: float) -> None:
+        """Wait for the end; one that does not come counts as a failure."""
+        self._thread.join(wait_s)
+        if self._thread.is_alive():
+            self._fail(f"not finished within {END_S:g} s; what it wrote last may be missing")
+
+    def _run(self) -> None:
+        while (message := self._queue.get()) is not None:
+            self._kept.keep(message)
+            if self._output is None and not self._open_again():
+                self._dropped += 1
+            elif self._output is not None:
+                self._take(self._output, message)
+        self._close()
+
+    def _take(self, output: LiveOutput, message: LiveMessage) -> None:
+        self._busy_s = time.monotonic()
+        try:
+            output.take(message)
+            self._told = replace(self._told, taken=self._told.taken + 1)
+        except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
+            self._dropped += 1
+            self._again_later(words_of(error, output.where))
+        finally:
+            self._busy_s = 0.0
+
+    def _opened(self) -> LiveOutput:
+        output = self._config.build()
+        try:
+            output.take(replace(self._start, part=self._part))
+            for message in self._kept.messages():
+                output.take(message)
+        except BaseException:
+            with contextlib.suppress(Exception):
+                output.close()
+            raise
+        return output
+
+    def _open_again(self) -> bool:
+        """Whether it is open now."""
+        if time.monotonic() < self._again_s:
+            return False
+        try:
+            self._output = self._opened()
+        except Exception as error:  # noqa: BLE001 - see `_take`
+            self._again_later(words_of(error, self.name), counts=False)
+            return False
+        where = self._output.where
+        self._told = replace(self._told, state=OK, text=f"goes on in {where}" if where else "goes on", where=where)
+        return True
+
+    def _again_later(self, why: str, counts: bool = True) -> None:
+        now_s = time.monotonic()
+        self._retry_s = _FIRST_RETRY_S if now_s - self._failed_s > _SETTLED_S else min(2 * self._retry_s, _LONGEST_RETRY_S)
+        self._failed_s, self._again_s = now_s, now_s + self._retry_s
+        self._part += counts
+        # what closing raises is of the same cause
+        output, self._output = self._output, None
+        with contextlib.suppress(Exception):
+            if output is not None:
+                output.close()
+        self._fail(why, counts)
+
+    def _fail(self, why: str, counts: bool = True) -> None:
+        told = self._told
+        self._told = replace(told, state=FAILED, text=why, fault=why, failures=told.failures + counts)
+
+    def _close(self) -> None:
+        output, self._output = self._output, None
+        if output is None:
+            return
+        try:
+            output.close()
+        except Exception as error:  # noqa: BLE001 - see `_take`
+            self._fail(f"not finished: {words_of(error, output.where)}")
+
+
+def words_of(error: Exception, where: str) -> str:
+    """One line about what an output raised."""
+    if isinstance(error, PosefuseError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{where}: {error.strerror or error}"
+    return f"{where}: {type(error).__name__}: {' '.join(str(error).split())}"

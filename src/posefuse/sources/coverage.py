@@ -1,0 +1,121 @@
+"""How much of each camera's recording could be read: a damaged or short one is named, with its share and where it stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from posefuse.core import Frame, Source
+from posefuse.core.arrays import Array
+
+# containers list a frame or two that players never show; an end that differs by so little is how cameras are stopped
+_FRAMES_THAT_DO_NOT_MATTER = 3
+_SHARE_THAT_DOES_NOT_MATTER = 0.01
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What was read of one camera between two session times.
+
+    Attributes:
+        expected: frames its file or folder lists or states. read: of these, how many were delivered.
+        end_ns: time of the last one delivered; None where none was. period_ns: between its frames.
+    """
+
+    camera: str
+    expected: int
+    read: int
+    end_ns: int | None
+    period_ns: int
+
+    @property
+    def missing(self) -> int:
+        """Frames that were expected and not delivered."""
+        return max(0, self.expected - self.read)
+
+
+class RecordedSource(Source, Protocol):
+    """A source that knows beforehand what it should deliver."""
+
+    def times_ns(self) -> Array:
+        """(F,) int64 session times of the frames it lists."""
+        ...
+
+    @property
+    def stated_frames(self) -> int:
+        """How many frames it says that it has; 0 where it does not."""
+        ...
+
+
+class CountedSource:
+    """A source that remembers what it delivered; otherwise the source itself."""
+
+    def __init__(self, source: RecordedSource) -> None:
+        self._source = source
+        self._delivered_ns: list[int] = []
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        return self._source.camera
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """(width, height) of every frame in px."""
+        return self._source.size_wh
+
+    def times_ns(self) -> Array:
+        """(F,) int64 session times of the frames it lists."""
+        return self._source.times_ns()
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames in time order from the start, counted anew."""
+        self._delivered_ns = []
+        for frame in self._source.frames():
+            self._delivered_ns.append(frame.t_ns)
+            yield frame
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+    def coverage(self, start_ns: int, end_ns: int) -> Coverage:
+        """What the last call of `frames` delivered from `start_ns` to `end_ns`."""
+        listed = self._source.times_ns()
+        period_ns = int(np.median(np.diff(listed))) if len(listed) > 1 else 0
+        cut_off = max(0, self._source.stated_frames - len(listed))
+        if cut_off and period_ns:
+            # frames that the file states and no longer holds would have come at its end
+            cut_off = min(cut_off, max(0, (end_ns - int(listed[-1])) // period_ns))
+        read = [t for t in self._delivered_ns if start_ns <= t <= end_ns]
+        expected = int(((listed >= start_ns) & (listed <= end_ns)).sum()) + cut_off
+        return Coverage(self.camera, expected, len(read), read[-1] if read else None, period_ns)
+
+
+def incomplete_cameras(coverages: Sequence[Coverage], stated_end_ns: int | None = None) -> list[str]:
+    """One line for each camera of which part cannot be read, or that ends before the others.
+
+    Args:
+        coverages: one per camera.
+        stated_end_ns: until when all should go on, where that is known better than by the one that lasts longest.
+    """
+    ends = [one.end_ns for one in coverages if one.end_ns is not None]
+    last_ns = max([*ends, *([] if stated_end_ns is None else [stated_end_ns])], default=0)
+    return [line for one in coverages if (line := _line(one, last_ns))]
+
+
+def _line(one: Coverage, last_ns: int) -> str | None:
+    if one.end_ns is None:
+        return f"camera {one.camera}: none of its {one.expected} frames can be read" if one.expected else None
+    early_ns = last_ns - one.end_ns
+    frames_ns = one.period_ns * max(one.read, 1)
+    matters = max(_FRAMES_THAT_DO_NOT_MATTER * one.period_ns, _SHARE_THAT_DOES_NOT_MATTER * frames_ns)
+    stops = f"it stops at {one.end_ns / 1e9:.2f} s, the recording at {last_ns / 1e9:.2f} s" if early_ns > matters else ""
+    if one.missing > max(_FRAMES_THAT_DO_NOT_MATTER - 1, _SHARE_THAT_DOES_NOT_MATTER * one.expected):
+        share = one.missing / one.expected
+        line = f"camera {one.camera}: {share:.0%} of its frames cannot be read ({one.missing} of {one.expected})"
+        return f"{line}; {stops}" if stops else line
+    return f"camera {one.camera}: {stops}" if stops else None

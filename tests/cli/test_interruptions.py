@@ -1,0 +1,236 @@
+"""Finished work survives: whatever ends `posefuse track`, --resume gives the bytes of an uninterrupted run."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import SE3, Rig
+from posefuse.core.observations import OBSERVATION_ARRAYS
+from posefuse.core.skeleton import COCO17
+from posefuse.formats.detection_log import LOG_FILE, read_log
+from posefuse.formats.recording import read_recording
+from posefuse.formats.rig import read_rig, write_rig
+from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.foundation.output_folder import find_unfinished
+from posefuse.pipeline.solve import solve_again
+
+STEPS, K = 40, len(COCO17)
+AT_MOST_S = 300
+RUN, STORE, OUTPUTS = "posefuse.pipeline.run", "posefuse.pipeline.store", "posefuse.pipeline.writing"
+DETECTING = [STORE, "DetectionStore.append", 25]
+STORING = ["posefuse.formats.detection_log", "_write_all", 25]
+SOLVING = [RUN, "finish", 1]
+WRITING = [OUTPUTS, "write_recording", 1]
+EXPORTING = [OUTPUTS, "write_each", 1]
+
+
+@pytest.fixture(scope="module")
+def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A person who walks, is gone for a while and comes back, as OpenPose JSON of three cameras."""
+    folder, rig, rng = tmp_path_factory.mktemp("interrupted") / "session", ring_rig(3), np.random.default_rng(3)
+    body = rng.normal(size=(K, 3)) * [0.2, 0.2, 0.4] + [-0.5, 0.3, 1.0]
+    for camera in rig:
+        place = folder / "openpose_json" / f"{camera.name}_json"
+        place.mkdir(parents=True)
+        for i in range(STEPS):
+            xy = camera.project(body + [0.03 * i, 0, 0]) + rng.normal(0, 1, (K, 2))
+            points = np.concatenate([xy, np.full((K, 1), 0.9)], axis=1)
+            people = [] if 12 <= i < 16 else [{"pose_keypoints_2d": points.ravel().tolist()}]
+            (place / f"{camera.name}_{i:06d}.json").write_text(json.dumps({"people": people}))
+    write_rig(folder / "rig.toml", rig)
+    return folder
+
+
+def track(session: Path, out: Path, *options: str, at: tuple[list, ...] = ()) -> subprocess.CompletedProcess[str]:
+    script = Path(__file__).with_name("interrupting.py")
+    command = [sys.executable, str(script), json.dumps(at), "track", str(session), "--out", str(out), "--outputs", "trc,csv"]
+    return subprocess.run([*command, *options], capture_output=True, text=True, timeout=AT_MOST_S, env=dict(os.environ))
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != MANIFEST_FILE}
+
+
+@pytest.fixture(scope="module")
+def whole(session: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    out = tmp_path_factory.mktemp("whole") / "result"
+    done = track(session, out)
+    assert done.returncode == 0, done.stderr
+    return results(out)
+
+
+def check_resumed(session: Path, out: Path, whole: dict[str, bytes]) -> None:
+    done = track(session, out, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert results(out) == whole
+    assert not find_unfinished(out)
+
+
+def test_a_result_solves_again_to_the_last_bit(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+    for name, content in whole.items():
+        (tmp_path / name).write_bytes(content)
+    recording = read_recording(tmp_path)
+    again = solve_again(recording)
+    assert sorted(whole) == sorted([*["observations.npz", "recording.json", "recording.npz", "rig.toml", "pose.trc", "pose.csv"]])
+    for name in OBSERVATION_ARRAYS:
+        np.testing.assert_array_equal(getattr(again.observations, name), getattr(recording.observations, name))
+    for name in ("t_ns", "person_id", "xyz_world", "cov_world", "reproj_px", "n_views", "kind"):
+        np.testing.assert_array_equal(getattr(again.poses, name), getattr(recording.poses, name))
+    assert (recording.observations.frame_look > 0).any(), "searches are part of what is replayed"
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        pytest.param([[*DETECTING, "SIGKILL"]], id="killed while detecting"),
+        pytest.param([[*SOLVING, "SIGTERM"]], id="terminated while solving", marks=pytest.mark.slow),
+        pytest.param([[*DETECTING, "SIGINT"], [*SOLVING, "SIGINT"]], id="Ctrl-C twice"),
+        pytest.param([[*STORING, "full"]], id="disk full while detecting", marks=pytest.mark.slow),
+        pytest.param([[*SOLVING, "SIGKILL"]], id="killed while solving", marks=pytest.mark.slow),
+        pytest.param([[*WRITING, "SIGINT"]], id="Ctrl-C while writing", marks=pytest.mark.slow),
+        pytest.param([[*WRITING, "full"]], id="disk full while writing", marks=pytest.mark.slow),
+        pytest.param([[*EXPORTING, "SIGTERM"]], id="terminated while exporting", marks=pytest.mark.slow),
+        pytest.param([[*EXPORTING, "SIGKILL"]], id="killed while exporting", marks=pytest.mark.slow),
+    ],
+)
+def test_detections_survive_and_resume_gives_the_same_bytes(
+    session: Path, whole: dict[str, bytes], tmp_path: Path, points: list[list]
+) -> None:
+    out = tmp_path / "result"
+    ended = track(session, out, at=tuple(points))
+    assert ended.returncode != 0
+    assert not out.exists()
+    [left] = find_unfinished(out)
+    assert (left / LOG_FILE).stat().st_size > 0
+    if "SIGKILL" not in str(points):
+        assert "with --resume continues" in ended.stderr
+        assert ended.returncode == (1 if "full" in str(points) else 143 if "SIGTERM" in str(points) else 130)
+    if "full" in str(points):
+        assert "No space left on device" in ended.stderr.splitlines()[-1] and "Traceback" not in ended.stderr
+    refused = track(session, out)
+    assert refused.returncode == 1
+    assert refused.stderr.strip().endswith("an earlier run was interrupted; --resume continues it, --force starts anew")
+    check_resumed(session, out, whole)
+
+
+@pytest.mark.parametrize(("request_", "code"), [("SIGINT", 130), pytest.param("SIGTERM", 143, marks=pytest.mark.slow)])
+def test_one_request_finishes_what_there_is_and_resume_the_rest(
+    session: Path, whole: dict[str, bytes], tmp_path: Path, request_: str, code: int
+) -> None:
+    out = tmp_path / "result"
+    ended = track(session, out, "--json", at=([*DETECTING, request_],))
+    assert ended.returncode == code, ended.stderr
+    assert json.loads(ended.stdout)["interrupted"] is True
+    part = read_recording(out)
+    assert 2 <= len(part.poses) < STEPS
+    check_resumed(session, out, whole)
+
+
+@pytest.mark.slow
+def test_a_run_that_is_interrupted_again_and_again_comes_to_its_end(
+    session: Path, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    out = tmp_path / "result"
+    for options in ((), ("--resume",)):
+        assert track(session, out, *options, at=([*DETECTING[:2], 10, "SIGKILL"],)).returncode == -signal.SIGKILL
+    [left] = find_unfinished(out)
+    assert 10 < len({batch.step for batch in read_log(left / LOG_FILE).batches}) < STEPS
+    check_resumed(session, out, whole)
+
+
+def test_a_tail_that_never_reached_the_disk_is_detected_again(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+    out = tmp_path / "result"
+    track(session, out, at=([*DETECTING, "SIGKILL"],))
+    [left] = find_unfinished(out)
+    log = left / LOG_FILE
+    log.write_bytes(log.read_bytes()[:-7] + bytes(3))
+    check_resumed(session, out, whole)
+
+
+@pytest.mark.slow
+def test_force_starts_anew(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+    out = tmp_path / "result"
+    track(session, out, at=([*DETECTING, "SIGKILL"],))
+    done = track(session, out, "--force")
+    assert done.returncode == 0, done.stderr
+    assert results(out) == whole
+    assert not find_unfinished(out)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (("--set", "associate.max_people=2"), "setting associate.max_people"),
+        pytest.param(("--end", "1.0"), "setting end_s", marks=pytest.mark.slow),
+        pytest.param("rig", "rig", marks=pytest.mark.slow),
+        ("data", "data of camera cam01"),
+    ],
+)
+def test_other_inputs_or_settings_are_refused_by_name(
+    session: Path, tmp_path: Path, change: tuple[str, ...] | str, named: str
+) -> None:
+    out, own = tmp_path / "result", Path(shutil.copytree(session, tmp_path / "session"))
+    assert track(own, out, at=([*DETECTING, "SIGKILL"],)).returncode == -signal.SIGKILL
+    if change == "rig":
+        write_rig(own / "rig.toml", read_rig(own / "rig.toml").moved(SE3(np.array([1.0, 0, 0, 0]), np.array([0, 0, 1e-6]))))
+    if change == "data":
+        with next((own / "openpose_json" / "cam01_json").iterdir()).open("a") as file:
+            file.write(" ")
+    done = track(own, out, "--resume", *(change if isinstance(change, tuple) else ()))
+    assert done.returncode == 1
+    assert f"--resume: {named} has changed since the detections were made" in done.stderr.splitlines()[-1]
+    [left] = find_unfinished(out)
+    assert read_log(left / LOG_FILE).batches
+
+
+def test_a_failing_output_costs_no_other_and_is_named(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+    for what, reason in (("full", "No space left on device"), ("bug", "ValueError: not thought of")):
+        out = tmp_path / what
+        done = track(session, out, "--json", at=(["posefuse.outputs.trc", "write_trc", 1, what],))
+        assert done.returncode == 1, done.stderr
+        assert f"output trc: not written ({reason})" in done.stderr
+        assert json.loads(done.stdout)["failed"] == {"trc": reason}
+        assert results(out) == {name: content for name, content in whole.items() if name != "pose.trc"}
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(place)]
+    try:
+        mounted = subprocess.run(mount, capture_output=True, timeout=10).returncode == 0
+    except OSError:
+        mounted = False
+    if not mounted:
+        pytest.skip("a file system of 8 MB can be mounted by root only")
+    yield place
+    subprocess.run(["umount", str(place)], check=True, timeout=10)
+
+
+def test_a_disk_that_is_full_is_told_before_or_costs_no_detection(
+    session: Path, whole: dict[str, bytes], small_disk: Path
+) -> None:
+    out, filler = small_disk / "result", small_disk / "filler"
+    free = shutil.disk_usage(small_disk).free
+    filler.write_bytes(bytes(free - 40_000))
+    refused = track(session, out)
+    assert refused.returncode == 1
+    assert "MB will be written" in refused.stderr.splitlines()[-1]
+    assert [path.name for path in small_disk.iterdir()] == ["filler"]
+    filler.unlink()
+    ended = track(session, out, at=([*DETECTING[:2], 20, "SIGKILL"],))
+    assert ended.returncode == -signal.SIGKILL
+    filler.write_bytes(bytes(shutil.disk_usage(small_disk).free - 4096))
+    full = track(session, out, "--resume")
+    assert full.returncode == 1
+    filler.unlink()
+    check_resumed(session, out, whole)

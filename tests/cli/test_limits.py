@@ -1,0 +1,122 @@
+"""Absurd work and values that cannot be meant are refused with the number, before anything is done."""
+
+import argparse
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.cli.main import main
+from posefuse.cli.tracking import settled_config
+from posefuse.core import ConfigError, InputError, SourceError
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.pipeline.config import read_config
+from posefuse.pipeline.images import common_timeline
+from posefuse.simulation.render import backend
+from posefuse.simulation.scene import Scene
+
+PERSON_OPTIONS = ("--start", "--end", "--person")
+
+
+def options(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    import_module("posefuse.cli.commands.track").add_arguments(parser)
+    return parser.parse_args(["here", "--out", "there", *words])
+
+
+def test_options_reach_the_settings() -> None:
+    config = settled_config(
+        options("--start=1", "--person=2,3", "--weights=none", "--raw", "--outputs=trc,c3d", "--set", "end_s=5")
+    )
+    assert (config.start_s, config.end_s, config.raw, config.outputs) == (1.0, 5.0, True, ("trc", "c3d"))
+    assert (config.associate.near_xy_m, config.fuse.weights) == ((2.0, 3.0), "none")
+
+
+@pytest.mark.parametrize("word", ["--start=nan", "--end=inf", "--person=nan,0", "--start=1e300", "--person=1e300,0"])
+def test_options_are_validated_like_settings_and_named(word: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{word.partition('=')[0]}: ") as caught:
+        settled_config(options(word))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["rate_hz=1e9", "rate_hz=nan", "cameras.a.offset_s=1e12", "cameras.a.offset_s=nan", "associate.max_people=-1", "end_s=inf"],
+)
+def test_settings_that_cannot_be_meant(setting: str) -> None:
+    with pytest.raises(ConfigError, match=setting.partition("=")[0].rpartition(".")[2]):
+        read_config(None, [setting])
+
+
+def test_time_steps_are_bounded() -> None:
+    times_ns = {"a": np.arange(100) * 33_333_333, "b": np.arange(100) * 33_333_333}
+    assert common_timeline(times_ns, 1000.0, None, None).count > 3000
+    with pytest.raises(SourceError, match=r"3\.3e\+03|33\d\d time steps .* expected at most 1000: check rate_hz"):
+        common_timeline(times_ns, 1000.0, None, None, max_time_steps=1000)
+    late = times_ns | {"b": times_ns["b"] + 3 * 10**18}
+    with pytest.raises(SourceError, match=r"9e\+10 time steps"):
+        common_timeline(late, None, None, None)
+
+
+SCENE = {"duration_s": 1.0, "cameras": {"kind": "ring", "count": 2}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"count": 1_000_000}, "less than or equal to 1000, got 1000000"),
+        ({"image": {"size_px": [20_000, 20_000]}}, "less than or equal to 16384, got 20000"),
+        ({"sensor": {"rate_hz": 1e9}}, "less than or equal to 1000, got 1000000000"),
+    ],
+)
+def test_scenes_that_cannot_be_rendered(changes: dict, problem: str) -> None:
+    with pytest.raises(ConfigError, match=problem):
+        settings_from_mapping(SCENE | {"cameras": SCENE["cameras"] | changes}, Scene, "scene.yaml")
+
+
+def test_an_image_larger_than_the_framebuffer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend, "_largest_side_px", lambda _: 4096)
+    backend.check_framebuffer("egl", 4096)
+    with pytest.raises(InputError, match=r"side of 5000 px .* expected at most 4096 px"):
+        backend.check_framebuffer("egl", 5000)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "calibrate print --target markers --marker-mm nan --ids 1 --out a.pdf",
+        "calibrate clocks here --seconds inf",
+        "calibrate verify a=b --rig rig.toml --every 0",
+        "simulate scene.yaml --out there --workers -1",
+        "compare a.trc b.trc --align-first nan",
+    ],
+)
+def test_options_of_other_commands(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    said = capsys.readouterr().err
+    assert ended.value.code == 1 and "expected a" in said and said.count("\n") == 1
+
+
+def test_openpose_files_numbered_by_date(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    people = '{"people": [{"pose_keypoints_2d": [' + ", ".join(["1, 2, 0.5"] * 17) + "]}]}"
+    for camera, number in (("cam00", 1), ("cam01", 20261122153000)):
+        folder = tmp_path / "pose2d" / camera
+        folder.mkdir(parents=True)
+        (folder / f"{number}_keypoints.json").write_text(people)
+    assert main(["track", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    assert "frame numbers 1 to 20261122153000: 2.026e+13 time steps" in capsys.readouterr().err
+
+
+def test_a_cut_camera_is_named_by_track(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    folder = tmp_path / "pose2d"
+    people = '{"people": [{"pose_keypoints_2d": [' + ", ".join(["300, 200, 0.5"] * 17) + "]}]}"
+    for camera, frames in (("cam00", 40), ("cam01", 20)):
+        (folder / camera).mkdir(parents=True)
+        for i in range(frames):
+            (folder / camera / f"{i:04d}.json").write_text(people)
+    main(["track", str(tmp_path), "--out", str(tmp_path / "out"), "--outputs", ""])
+    assert "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s" in capsys.readouterr().err

@@ -1,0 +1,258 @@
+"""No command removes or changes a file that posefuse did not write, wherever its output is sent; names print as they are."""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from posefuse.cli.main import main
+from posefuse.foundation.growing_folder import growing_folder
+from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
+
+Command = Callable[[Path, bool], int]
+
+
+def tree(folder: Path) -> dict[str, bytes | None]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def track(session: Path, out: Path, *options: str) -> int:
+    """Track a third of a second with the truth in place of a network."""
+    truth = Path(__file__).resolve().parents[2] / "examples" / "demo" / "truth" / "truth.npz"
+    told = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--end", "0.3", "--outputs", "")
+    return main(["track", str(session), "--out", str(out), *told, *options])
+
+
+@pytest.fixture(scope="module")
+def results(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a result, R."""
+    folder = tmp_path_factory.mktemp("results")
+    assert track(demo_session, folder / "R") == 0
+    return folder
+
+
+def test_tracking_a_session_into_itself_is_refused(demo_session: Path, tmp_path: Path, capsys) -> None:
+    session = Path(shutil.copytree(demo_session, tmp_path / "S"))
+    (tmp_path / "link").symlink_to(session)
+    before = tree(session)
+    for out, reason in ((session, "is the input"), (tmp_path / "link", "is the input"), (session / "videos", "lies inside"),
+                        (tmp_path, "contains the input")):  # fmt: skip
+        assert track(session, out, "--force") == 1
+        assert reason in capsys.readouterr().err
+    assert tree(session) == before
+
+
+def test_a_report_into_a_foreign_folder_is_refused(results: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "report.html").write_text("mine")
+    (tmp_path / "paper" / "thesis.docx").write_text("years of work")
+    before = tree(tmp_path)
+    assert main(["report", str(results / "R"), "--out", str(tmp_path / "paper")]) == 1
+    assert "report.html, thesis.docx" in capsys.readouterr().err
+    assert tree(tmp_path) == before
+
+
+def test_a_second_report_leaves_notes_alone_and_a_clean_one_is_renewed(results: Path, tmp_path: Path, capsys) -> None:
+    result = Path(shutil.copytree(results / "R", tmp_path / "R"))
+    for _ in range(2):
+        assert main(["report", str(result), "--fit", "none"]) == 0
+    assert not list(tmp_path.rglob("*.replaced-*"))
+    (result / "biomechanics" / "notes.txt").write_text("the user's")
+    before = tree(tmp_path)
+    assert main(["report", str(result), "--fit", "none"]) == 1
+    assert "notes.txt" in capsys.readouterr().err
+    assert tree(tmp_path) == before
+
+
+def test_a_folder_called_partial_is_nothing_special(demo_session: Path, tmp_path: Path) -> None:
+    (tmp_path / "take.partial").mkdir()
+    (tmp_path / "take.partial" / "raw.bin").write_text("the user's")
+    assert track(demo_session, tmp_path / "take") == 0
+    assert (tmp_path / "take.partial" / "raw.bin").read_text() == "the user's"
+
+
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_simulating_a_scene_into_its_own_folder_is_refused(tmp_path: Path, capsys, force: list[str]) -> None:
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "scene.yaml").write_text("duration_s: 1\ncameras: {kind: ring}\n")
+    (tmp_path / "p" / "raw.bin").write_text("the user's")
+    before = tree(tmp_path)
+    assert main(["simulate", str(tmp_path / "p" / "scene.yaml"), "--out", str(tmp_path / "p"), *force]) == 1
+    assert "contains the input" in capsys.readouterr().err
+    shutil.copy(tmp_path / "p" / "scene.yaml", tmp_path / "scene.yaml")
+    assert main(["simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "p"), *force]) == 1
+    assert "raw.bin" in capsys.readouterr().err
+    (tmp_path / "scene.yaml").unlink()
+    assert tree(tmp_path) == before
+
+
+def test_a_marker_of_the_user_makes_no_folder_a_session(tmp_path: Path) -> None:
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "INCOMPLETE").write_text("my list of what is left to do")
+    (tmp_path / "scene.yaml").write_text("duration_s: 1\ncameras: {kind: ring}\n")
+    before = tree(tmp_path)
+    assert main(["simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "p"), "--force"]) == 1
+    assert tree(tmp_path) == before
+
+
+# names that commands write themselves, or wrote once, and some of the user's
+NAMES = st.sampled_from(
+    ["report.html", "recording.json", "recording.npz", "rig.toml", "scene.yaml", "INCOMPLETE", MANIFEST_FILE, "compare.json"]
+    + ["compare.html", "latency.json", "walking.json", "out", "out.partial", "videos", "thesis [final].docx", "x[/b]", ".hidden"]
+)
+TREES = st.dictionaries(st.lists(NAMES, min_size=1, max_size=3).map("/".join), st.binary(max_size=20), max_size=6)
+PLACES = st.sampled_from([".", "out", "out/deep", "videos", "x[/b]"])
+
+
+def grow(folder: Path, files: dict[str, bytes]) -> dict[Path, bytes]:
+    """Write what can be written of a tree; returns the foreign files: those that were not there before."""
+    made = {}
+    for name, content in files.items():
+        path = folder / name
+        if path.exists() or any(parent.is_file() for parent in path.parents):
+            continue
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+        made[path] = content
+    return made
+
+
+def check_nothing_is_lost(command: Command, files: dict[str, bytes], place: str, again: bool, force: bool) -> None:
+    """Run the command into a random tree, also over a result of its own: every foreign file is as it was."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "user"
+        folder.mkdir()
+        if again:
+            command(folder / place, force)
+        foreign = grow(folder, files)
+        code = command(folder / place, force)
+        assert code in (0, 1)
+        for path, content in foreign.items():
+            assert path.read_bytes() == content, path
+
+
+def tracked(results: Path, out: Path, force: bool) -> int:
+    return track(Path(__file__).resolve().parents[2] / "examples" / "demo", out, *(["--force"] if force else []))
+
+
+def reported(results: Path, out: Path, force: bool) -> int:
+    return main(["report", str(results / "R"), "--fit", "none", "--out", str(out)])
+
+
+def compared(results: Path, out: Path, force: bool) -> int:
+    return main(["compare", str(results / "R"), str(results / "R"), "--out", str(out)])
+
+
+def printed(results: Path, out: Path, force: bool) -> int:
+    return main(["calibrate", "print", "--cube", "--marker-mm", "100", "--out", str(out)])
+
+
+def live_reported(results: Path, out: Path, force: bool) -> int:
+    """What `posefuse live --report` does around its session."""
+    from posefuse.core import InputError
+
+    try:
+        check_replaceable(out, command="live", replace=False)
+        with output_folder(out, command="live") as made:
+            (made.folder / "latency.json").write_text("{}")
+    except InputError:
+        return 1
+    return 0
+
+
+def experimented(results: Path, out: Path, force: bool) -> int:
+    """What `python -m paper` does around its experiments."""
+    from posefuse.core import InputError
+
+    try:
+        made = growing_folder(out, command="experiment", names=["walking.json"])
+        (made.folder / "walking.json").write_text("{}")
+        made.add([made.folder / "walking.json"])
+    except InputError:
+        return 1
+    return 0
+
+
+@pytest.mark.parametrize("command", [tracked, reported, compared, printed, live_reported, experimented])
+def test_every_foreign_file_is_the_same_afterwards(command: Callable[[Path, Path, bool], int], results: Path) -> None:
+    # each example of the first two is a second of work
+    count = 8 if command in (tracked, reported) else 25
+
+    @settings(max_examples=count, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    @example({"thesis [final].docx": b"x", "report.html": b"x"}, ".", False, True)
+    @example({"out/deep/thesis [final].docx": b"x"}, "out", True, True)
+    @example({"out.partial/raw": b"x"}, "out", True, True)
+    @given(TREES, PLACES, st.booleans(), st.booleans())
+    def check(files: dict[str, bytes], place: str, again: bool, force: bool) -> None:
+        check_nothing_is_lost(lambda out, forced: command(results, out, forced), files, place, again, force)
+
+    with tempfile.TemporaryDirectory() as fresh:
+        assert command(results, Path(fresh) / "out", False) == 0, "it writes where nothing is"
+    check()
+
+
+def test_the_check_finds_the_rule_that_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One name in common was once taken for a result of one's own, and NAME.partial for a leftover."""
+
+    @contextmanager
+    def as_it_was(path: Path, **_: object):
+        partial = path.with_name(path.name + ".partial")
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        yield OutputFolder(folder=partial, target=path, command="compare")
+        if path.exists():
+            names = {entry.name for entry in path.iterdir()}
+            if names and not names & {entry.name for entry in partial.iterdir()}:
+                return
+            shutil.rmtree(path)
+        partial.rename(path)
+
+    def write(out: Path, force: bool) -> int:
+        with as_it_was(out) as made:
+            (made.folder / "report.html").write_text("new")
+        return 0
+
+    for files in ({"out/report.html": b"x", "out/thesis": b"x"}, {"out.partial/raw": b"x"}):
+        with pytest.raises((AssertionError, FileNotFoundError)):
+            check_nothing_is_lost(write, files, "out", again=False, force=False)
+    with pytest.raises((AssertionError, FileNotFoundError)):
+        check_nothing_is_lost(write, {"out/notes.txt": b"x"}, "out", again=True, force=False)
+
+
+@pytest.mark.parametrize("name", ["take [final]", "x[/b]", "[red]"])
+def test_square_brackets_are_printed_as_they_are(
+    name: str, demo_session: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # wide enough for one line
+    monkeypatch.setenv("COLUMNS", "400")
+    tmp_path = tmp_path / "here"
+    tmp_path.mkdir()
+    out = tmp_path / name
+    assert track(demo_session, out) == 0
+    assert name in capsys.readouterr().out
+    assert main(["report", str(out), "--fit", "none"]) == 0
+    assert f"{name}/biomechanics/report.html" in capsys.readouterr().out
+    assert main(["compare", str(out), str(out), "--out", str(tmp_path / f"{name} compared")]) == 0
+    assert f"{name} compared" in capsys.readouterr().err
+    assert track(demo_session, out) == 1
+    assert name in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["take [final]", "x[/b]", "posefuse[biomech]"])
+def test_titles_columns_and_progress_print_brackets_too(text: str, capsys) -> None:
+    from posefuse.cli.terminal import Terminal
+
+    terminal = Terminal(as_json=False)
+    terminal.table(f"title {text}", (f"column {text}",), [(f"cell {text}",)])
+    terminal.facts(f"facts {text}", {f"name {text}": f"value {text}"})
+    with terminal.progress(f"label {text}") as advance:
+        advance(1, 1)
+    printed = "".join(capsys.readouterr())
+    for part in ("title", "column", "cell", "facts", "name", "value", "label"):
+        assert f"{part} {text}" in printed

@@ -1,0 +1,97 @@
+"""The log keeps every detection as it was made, and is checked once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, ShapeError, ViewSequence
+from posefuse.core.observations import OBSERVATION_ARRAYS
+from posefuse.core.skeleton import COCO17
+from posefuse.core.views_over_time import observations_from_views, people_in, views_over_time
+
+K, NAMES = len(COCO17), ("left", "middle", "right")
+
+
+def batches(steps: int, seed: int = 0) -> list[DetectionBatch]:
+    """Now and then a search as well; cameras without a frame, and frames without a detection."""
+    rng, made = np.random.default_rng(seed), []
+    for step in range(steps):
+        for kind in LookKind if step % 3 == 0 else (LookKind.EXPECTED,):
+            here = [name for c, name in enumerate(NAMES) if (step + c) % 4]
+            found = tuple(detections(rng, name, step * 100 + c, int(rng.integers(0, 4))) for c, name in enumerate(here))
+            made.append(DetectionBatch(step=step, t_ns=step * 100, kind=kind, detections=found))
+    return made
+
+
+def detections(rng: np.random.Generator, camera: str, t_ns: int, people: int) -> Detections2D:
+    arrays = (rng.normal(size=(people, K, *shape)) for shape in ((2,), (), ()))
+    return Detections2D(camera, t_ns, COCO17, *arrays, rng.normal(size=(people, 4)))
+
+
+def same(one: Observations, other: Observations) -> bool:
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in OBSERVATION_ARRAYS)
+
+
+def test_every_detection_comes_back_as_it_was_made() -> None:
+    made = batches(9)
+    log = Observations.from_batches(COCO17, NAMES, made)
+    wanted = [one for batch in made for one in batch.detections]
+    assert len(log) == sum(map(len, wanted))
+    for i, one in enumerate(wanted):
+        got = log.detections(i)
+        assert (got.camera, got.t_ns) == (one.camera, one.t_ns)
+        for name in ("xy_img", "score", "sigma_px", "box_img"):
+            np.testing.assert_array_equal(getattr(got, name), getattr(one, name))
+    assert repr(log) == f"Observations({len(log)} detections in {len(wanted)} frames of 3 cameras, coco17, 9 time steps)"
+
+
+def test_the_parts_of_a_log_are_the_log() -> None:
+    whole, tail = batches(8), batches(5, seed=1)
+    first = Observations.from_batches(COCO17, NAMES, whole)
+    later = [replace(batch, step=batch.step + 8, t_ns=batch.t_ns + 800) for batch in tail]
+    joined = Observations.from_batches(COCO17, NAMES, [*whole, *later])
+    second = Observations.from_batches(COCO17, NAMES, tail)
+    second = replace(second, step_t_ns=second.step_t_ns + 800)
+    assert same(Observations.concatenate([first, second]), joined)
+    assert len(joined) == sum(len(joined.of(name)) for name in NAMES)
+    assert joined.of("right").camera_names == ("right",)
+    with pytest.raises(ShapeError, match="no camera 'up'; there are: left, middle, right"):
+        joined.of("up")
+
+
+def test_views_of_cameras_in_step_are_what_was_seen() -> None:
+    rng = np.random.default_rng(0)
+    score = rng.uniform(0.1, 1, (6, 2, 3, K))
+    score[2:4, 1], score[5, :, 0] = 0, 0
+    xy = np.where(score[..., None] > 0, rng.normal(size=(*score.shape, 2)), np.nan).astype(np.float32)
+    sigma = np.where(score > 0, 1.5, np.nan)
+    views = ViewSequence(np.arange(6) * 10, COCO17, NAMES, [7, 3], xy, score.astype(np.float32), sigma)
+    back = views_over_time(observations_from_views(views), [7, 3])
+    for name in ("t_ns", "person_id", "xy_img", "score", "sigma_px"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
+    ids, counts = people_in(observations_from_views(views))
+    assert (ids.tolist(), counts.tolist()) == ([3, 7], [4, 6])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n_detections": lambda log: log.n_detections + 1}, "counts that add up to the"),
+        ({"frame_camera": lambda log: log.frame_camera + 3}, r"frame_camera: expected values from 0 to 2, got 3 to 5"),
+        ({"frame_step": lambda log: log.frame_step - 2}, "frame_step: expected values from -1 to 8"),
+        ({"step_t_ns": lambda log: log.step_t_ns[::-1]}, "strictly increasing"),
+        ({"person_id": lambda log: np.zeros(len(log))}, "a person at most once in one camera"),
+        ({"score": lambda log: log.score[:-1]}, "score: expected axis R"),
+        ({"skeleton": lambda _: replace(COCO17, keypoints=COCO17.keypoints[:-1], bones=())}, "has 16 keypoints, arrays have 17"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change: dict, message: str) -> None:
+    log = Observations.from_batches(COCO17, NAMES, batches(9))
+    with pytest.raises(ShapeError, match=message):
+        replace(log, **{name: make(log) for name, make in change.items()})
+
+
+def test_a_time_step_that_was_never_looked_at_is_refused() -> None:
+    with pytest.raises(ShapeError, match="a batch for every time step"):
+        Observations.from_batches(COCO17, NAMES, batches(9)[5:])

@@ -1,0 +1,95 @@
+"""No test waits without a limit: a machine that stalls makes a failure with a reason, never a run that hangs."""
+
+import ast
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from running import Lines, Running
+
+TESTS = Path(__file__).resolve().parents[1]
+FILES = sorted(TESTS.rglob("*.py"))
+# methods that wait for another process or thread, and how many arguments they take with the limit
+WAITING = {"communicate": 2, "wait": 1, "join": 1}
+STREAMS = ("stdout", "stderr")
+SAYS_AND_STAYS = [sys.executable, "-u", "-c", "import time; print('hello'); time.sleep(60)"]
+
+
+def unbounded(path: Path) -> list[str]:
+    """Calls that may wait for ever, with their lines."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.For | ast.comprehension):
+            waits = isinstance(node.iter, ast.Attribute) and node.iter.attr in STREAMS
+            node = node.iter
+        else:
+            waits = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and waits_for_ever(node)
+        if waits:
+            found.append(f"{path.name}:{node.lineno}: {ast.unparse(node)[:80]}")
+    return found
+
+
+def waits_for_ever(call: ast.Call) -> bool:
+    if any(word.arg == "timeout" for word in call.keywords):
+        return False
+    name = call.func.attr
+    return name == "readline" or ast.unparse(call.func) == "subprocess.run" or len(call.args) < WAITING.get(name, 0)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(TESTS)))
+def test_every_wait_for_a_process_or_thread_has_a_limit(path: Path) -> None:
+    assert not unbounded(path)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "process.wait()",
+        "process.communicate()",
+        "thread.join()",
+        "pipe.readline()",
+        "subprocess.run(['x'], check=True)",
+        "[x for x in p.stdout]",
+    ],
+)
+def test_the_guard_can_fail(tmp_path: Path, code: str) -> None:
+    path = tmp_path / "x.py"
+    path.write_text(f"{code}\n")
+    assert len(unbounded(path)) == 1
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "process.wait(3)",
+        "process.communicate(timeout=3)",
+        "thread.join(9.0)",
+        "', '.join(names)",
+        "subprocess.run([], timeout=3)",
+    ],
+)
+def test_the_guard_lets_limited_waits_pass(tmp_path: Path, code: str) -> None:
+    path = tmp_path / "x.py"
+    path.write_text(f"{code}\n")
+    assert not unbounded(path)
+
+
+def test_a_line_that_never_comes_is_waited_for_no_longer_than_said() -> None:
+    with Running(SAYS_AND_STAYS) as running:
+        assert running.out.wait_for("hel+o")[0] == "hello"
+        began_s = time.monotonic()
+        with pytest.raises(AssertionError, match=r"'bye' did not come within 0.3 s in: hello"):
+            running.out.wait_for("bye", 0.3)
+        assert time.monotonic() - began_s < 30
+        with pytest.raises(AssertionError, match=r"still running after 0.1 s"):
+            running.finished(0.1)
+
+
+def test_the_end_of_the_output_ends_the_wait() -> None:
+    with Running([sys.executable, "-c", "print('one'); print('two')"]) as running:
+        with pytest.raises(AssertionError, match="'three' never came; the output ended: one\ntwo"):
+            running.out.wait_for("three")
+        assert running.finished() == ("one\ntwo\n", "")
+        assert running.process.returncode == 0
+    assert isinstance(running.out, Lines)

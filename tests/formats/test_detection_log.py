@@ -1,0 +1,100 @@
+"""The log of detections gives all whole records back, wherever it was cut or damaged."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind
+from posefuse.core.skeleton import COCO17
+from posefuse.formats.detection_log import ObservationLog, is_in_use, read_log
+
+K, NAMES = len(COCO17), ("cam00", "cam01")
+
+
+def batch(step: int, kind: LookKind = LookKind.EXPECTED) -> DetectionBatch:
+    rng = np.random.default_rng(step)
+    found = []
+    for c, name in enumerate(NAMES[: step % 3]):
+        arrays = [rng.normal(size=(c + 1, *shape)) for shape in ((K, 2), (K,), (K,), (4,))]
+        found.append(Detections2D(name, step * 100 + c, COCO17, *arrays))
+    return DetectionBatch(step=step, t_ns=step * 100, kind=kind, detections=tuple(found))
+
+
+def opened(path: Path, keep: int = 0) -> ObservationLog:
+    return ObservationLog(path, skeleton=COCO17, camera_names=NAMES, made_with={"rig": "abc"}, keep=keep)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "detections.log"
+    writer = opened(path)
+    for step in range(6):
+        writer.append(batch(step))
+    writer.append(batch(5, LookKind.SEARCH))
+    writer.close()
+    return path
+
+
+def test_every_record_comes_back(log: Path) -> None:
+    got = read_log(log)
+    assert (got.skeleton, got.camera_names, got.made_with, got.cut) == (COCO17, NAMES, {"rig": "abc"}, 0)
+    assert [(one.step, one.kind) for one in got.batches] == [*((i, 0) for i in range(6)), (5, 1)]
+    for one in got.batches[:6]:
+        for found, wanted in zip(one.detections, batch(one.step).detections, strict=True):
+            assert (found.camera, found.t_ns) == (wanted.camera, wanted.t_ns)
+            for name in ("xy_img", "score", "sigma_px", "box_img"):
+                np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+
+
+def test_a_cut_tail_is_left_out_wherever_it_was_cut(log: Path) -> None:
+    whole = log.read_bytes()
+    ends = [read_log(log).begin, *read_log(log).ends]
+    for size in range(ends[0], len(whole), 61):
+        log.write_bytes(whole[:size])
+        got = read_log(log)
+        count = sum(end <= size for end in ends[1:])
+        assert (len(got.batches), got.cut) == (count, size - ends[count])
+
+
+def test_a_damaged_record_ends_the_log(log: Path) -> None:
+    ends = read_log(log).ends
+    content = bytearray(log.read_bytes())
+    content[ends[2] + 20] ^= 1
+    log.write_bytes(content)
+    assert len(read_log(log).batches) == 3
+
+
+def test_writing_goes_on_after_the_whole_time_steps(log: Path) -> None:
+    before = log.read_bytes()
+    batches, keep = read_log(log).whole_steps()
+    assert [one.step for one in batches] == [0, 1, 2, 3, 4]
+    writer = opened(log, keep)
+    writer.append(batch(5))
+    writer.append(batch(5, LookKind.SEARCH))
+    writer.close()
+    assert log.read_bytes() == before
+
+
+def test_two_writers_do_not_share_a_log(log: Path) -> None:
+    pytest.importorskip("fcntl")
+    writer = opened(log, len(log.read_bytes()))
+    assert is_in_use(log)
+    with pytest.raises(InputError, match="another posefuse is writing to it"):
+        opened(log, 10)
+    writer.close()
+    assert not is_in_use(log)
+
+
+def test_what_is_no_log_is_said(tmp_path: Path, log: Path) -> None:
+    other = tmp_path / "other.log"
+    with pytest.raises(InputError, match="cannot be read"):
+        read_log(other)
+    other.write_bytes(b"something else")
+    with pytest.raises(InputError, match="not a log of detections"):
+        read_log(other)
+    other.write_bytes(log.read_bytes()[:40])
+    with pytest.raises(InputError, match="header is cut off"):
+        read_log(other)
+    with pytest.raises(InputError, match=r"detections cannot be stored \(File exists\)"):
+        opened(log)

@@ -1,0 +1,317 @@
+"""Results appear whole or not at all, and only what posefuse wrote and nobody changed is ever replaced."""
+
+import json
+import os
+import shutil
+from collections import namedtuple
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from posefuse.core import InputError
+from posefuse.foundation.manifest import MANIFEST_FILE, contents, read_manifest
+from posefuse.foundation.output_folder import find_unfinished, output_folder
+
+
+def make(path: Path, text: str = "one", **options: Any) -> None:
+    options = {"command": "track", "replace": True, **options}
+    with output_folder(path, **options) as out:
+        (out.folder / "recording.json").write_text(text)
+        (out.folder / "deep").mkdir()
+        (out.folder / "deep" / text).write_text(text)
+
+
+def tree(folder: Path) -> dict[str, bytes | None]:
+    """Every entry below `folder` with its bytes, None for folders and links."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() and not path.is_symlink() else None
+        for path in folder.rglob("*")
+    }
+
+
+def refused(path: Path, reason: str, **options: Any) -> None:
+    """`path` is refused before the block, in one line, and nothing at all changes in the folder it lies in."""
+    before = tree(path.parent) if path.parent.is_dir() else {}
+    with pytest.raises(InputError, match=reason) as caught:
+        make(path, "new", **options)
+    assert "\n" not in str(caught.value)
+    assert (tree(path.parent) if path.parent.is_dir() else {}) == before
+
+
+def test_a_folder_appears_at_the_end_and_replaces_its_like(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "result"
+    for text in ("one", "two"):
+        with output_folder(path, command="track", replace=True) as out:
+            assert [entry.name for entry in out.folder.iterdir()] == [MANIFEST_FILE]
+            assert out.folder.parent == path.parent and out.target == path
+            (out.folder / "recording.json").write_text(text)
+            (out.folder / text).write_text(text)
+            assert out.final(out.folder / text) == path / text
+            assert not (path / text).exists()
+    assert (path / "recording.json").read_text() == "two"
+    assert not (path / "one").exists()
+    assert [entry.name for entry in path.parent.iterdir()] == ["result"]
+
+
+def test_the_manifest_lists_every_file(tmp_path: Path) -> None:
+    make(tmp_path / "result")
+    manifest = read_manifest(tmp_path / "result")
+    assert manifest is not None and manifest.complete and manifest.command == "track"
+    assert {one.path: one.size for one in manifest.files} == {"recording.json": 3, "deep/one": 3}
+    assert manifest.target == "."
+    make(tmp_path / "another")
+    lists = [(tmp_path / name / MANIFEST_FILE).read_bytes() for name in ("result", "another")]
+    assert lists[0] == lists[1]  # the same work gives the same bytes
+    assert contents(tmp_path / "result").foreign == ()
+
+
+@pytest.mark.parametrize("problem", [ValueError, KeyboardInterrupt])
+def test_a_folder_that_fails_leaves_the_old_one(tmp_path: Path, problem: type[BaseException]) -> None:
+    path = tmp_path / "result"
+    make(path)
+    before = tree(tmp_path)
+    with pytest.raises(problem), output_folder(path, command="track", replace=True) as out:
+        (out.folder / "recording.json").write_text("half")
+        raise problem
+    with pytest.raises(problem), output_folder(tmp_path / "new" / "deep", command="track"):
+        raise problem
+    assert tree(tmp_path) == before
+
+
+def test_a_result_is_replaced_only_when_asked_and_by_the_same_command(tmp_path: Path) -> None:
+    make(tmp_path / "result")
+    refused(tmp_path / "result", "holds results already; choose another folder or add --force", replace=False)
+    refused(tmp_path / "result", "holds results of `posefuse track`", command="simulate")
+    make(tmp_path / "result", "two")
+
+
+def add_file(result: Path) -> None:
+    (result / "thesis.docx").write_text("years of work")
+
+
+def add_folder(result: Path) -> None:
+    (result / "empty").mkdir()
+
+
+def add_link(result: Path) -> None:
+    (result / "deep" / "one").rename(result.parent / "elsewhere")
+    (result / "deep" / "one").symlink_to(result.parent / "elsewhere")
+
+
+def change(result: Path) -> None:
+    (result / "recording.json").write_text("ONE")
+
+
+def remove_manifest(result: Path) -> None:
+    (result / MANIFEST_FILE).unlink()
+
+
+def damage_manifest(result: Path) -> None:
+    (result / MANIFEST_FILE).write_text("[" * 100_000)
+
+
+def list_of_another(result: Path) -> None:
+    (result / MANIFEST_FILE).write_text('{"files": ["thesis.docx"]}')
+
+
+def put_another_result_in(result: Path) -> None:
+    make(result / "of another day")
+
+
+@pytest.mark.parametrize(
+    "meddle",
+    [
+        add_file,
+        add_folder,
+        add_link,
+        change,
+        remove_manifest,
+        damage_manifest,
+        list_of_another,
+        put_another_result_in,
+    ],
+)
+def test_what_posefuse_did_not_write_is_refused_by_name_with_and_without_force(
+    tmp_path: Path, meddle: Callable[[Path], None]
+) -> None:
+    make(tmp_path / "result")
+    meddle(tmp_path / "result")
+    for replace in (True, False):
+        refused(tmp_path / "result", r"did not write or what was changed since \(.+\)", replace=replace)
+
+
+def test_a_foreign_folder_is_refused_and_an_empty_one_used(tmp_path: Path) -> None:
+    (tmp_path / "home").mkdir()
+    make(tmp_path / "home", replace=False)
+    shutil.rmtree(tmp_path / "home")
+    (tmp_path / "home").mkdir()
+    for name in ("a", "b", "c", "d", "recording.json"):
+        (tmp_path / "home" / name).write_text("the user's")
+    refused(tmp_path / "home", r"\(a, b, c, \.\.\.\)")
+
+
+def test_what_was_made_from_a_result_goes_with_it(tmp_path: Path) -> None:
+    result = tmp_path / "result"
+    make(result)
+    report = {"command": "report", "inputs": [result / "recording.json"]}
+    make(result / "report", **report)
+    make(result / "report", **report)
+    make(result, "two")
+    assert not (result / "report").exists()
+    make(result / "report", inputs=[result / "recording.json"], command="report")
+    (result / "report" / "notes.txt").write_text("the user's")
+    refused(result, "notes.txt")
+    refused(result / "report", "notes.txt", **report)
+
+
+def test_outputs_keep_apart_from_inputs(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    (session / "videos").mkdir(parents=True)
+    (session / "videos" / "cam.mp4").write_text("video")
+    (tmp_path / "link").symlink_to(session, target_is_directory=True)
+    for inputs in ([session], [tmp_path / "link"]):
+        for name in ("session", "link"):
+            refused(tmp_path / name, "is the input .* itself", inputs=inputs)
+            refused(tmp_path / name / "result", "lies inside the input", inputs=inputs)
+            refused(tmp_path / name / "new" / "result", "lies inside the input", inputs=inputs)
+        refused(tmp_path, "contains the input", inputs=inputs)
+    refused(session / "videos" / ".." / "videos", "contains the input", inputs=[session / "videos" / "cam.mp4"])
+    refused(session / "videos" / "cam.mp4", "is the input", inputs=[session / "videos" / "cam.mp4"])
+    make(tmp_path / "result", inputs=[session, tmp_path / "not there"])
+
+
+def test_capital_letters_make_no_difference_where_the_disk_makes_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "session").mkdir()
+    real_stat = os.stat
+    monkeypatch.setattr(os, "stat", lambda path, **options: real_stat(str(path).replace("SESSION", "session"), **options))
+    with pytest.raises(InputError, match="lies inside the input"):
+        make(tmp_path / "SESSION" / "result", inputs=[tmp_path / "session"])
+    with pytest.raises(InputError, match="is the input"):
+        make(tmp_path / "SESSION", inputs=[tmp_path / "session"])
+
+
+def test_places_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("x")
+    refused(tmp_path / "file", "expected a folder to write results to, got a file")
+    refused(tmp_path / "file" / "result", "no folder can be made there|cannot be looked at")
+    refused(tmp_path / ("x" * 300), "File name too long")
+    with pytest.raises(InputError, match="top of a disk"):
+        make(Path(tmp_path.anchor))
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    refused(tmp_path / "circle", "cannot be followed|no folder can be made there|cannot be looked at")
+    make(tmp_path / "here")
+    monkeypatch.chdir(tmp_path / "here" / "deep")
+    for place in (Path(), Path(), Path(".."), tmp_path / "here"):
+        refused(place, "is the folder posefuse was started in, or contains it")
+    make(Path("..") / ".." / "other")
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="needs a user who may not write everywhere")
+def test_a_parent_that_cannot_be_written_to(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir(mode=0o500)
+    refused(tmp_path / "mine" / "result", "no folder can be made there")
+
+
+def test_a_full_disk_is_told_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 10**9 - 5_000_000, 5_000_000))
+    refused(tmp_path / "new" / "result", "about 7 MB will be written, 5 MB are free", estimated_bytes=7_000_000)
+    make(tmp_path / "result", estimated_bytes=4_000_000)
+
+
+def test_a_link_to_a_folder_is_followed(tmp_path: Path) -> None:
+    make(tmp_path / "result")
+    (tmp_path / "link").symlink_to(tmp_path / "result", target_is_directory=True)
+    make(tmp_path / "link", "two")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "result" / "deep" / "two").is_file()
+
+
+def test_an_interrupted_run_can_be_found_and_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "result"
+    with pytest.raises(KeyboardInterrupt), output_folder(path, command="track", keep_unfinished=True) as out:
+        (out.folder / "half").write_text("half")
+        raise KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt), output_folder(path, command="track", keep_unfinished=True):
+        raise KeyboardInterrupt  # before anything was written: nothing to keep
+    (tmp_path / ".result.1.unfinished").mkdir()
+    make(tmp_path / "another")
+    assert find_unfinished(path) == [out.folder]
+    assert find_unfinished(tmp_path / "another") == find_unfinished(tmp_path / "no" / "such") == []
+    with output_folder(path, command="track", unfinished=out.folder) as again:
+        assert (again.folder / "half").read_text() == "half"
+        (again.folder / "whole").write_text("whole")
+    assert sorted(entry.name for entry in path.iterdir()) == ["half", MANIFEST_FILE, "whole"]
+    assert contents(path).foreign == () and find_unfinished(path) == []
+
+
+def test_what_came_meanwhile_is_not_replaced_and_the_new_results_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "result"
+    with pytest.raises(InputError, match=r"the results are complete in .* but cannot be moved there"):  # noqa: SIM117
+        with output_folder(path, command="track", replace=True) as out:
+            (out.folder / "recording.json").write_text("new")
+            path.mkdir()
+            (path / "thesis.docx").write_text("years of work")
+    assert (path / "thesis.docx").read_text() == "years of work"
+    assert (out.folder / "recording.json").read_text() == "new"
+    manifest = read_manifest(out.folder)
+    assert manifest is not None and manifest.complete
+
+
+def test_what_is_put_into_a_replaced_result_at_the_last_moment_stays_and_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "result"
+    make(path)
+    rename = Path.rename
+
+    def rename_late(self: Path, target: Path) -> Path:
+        if self == path:
+            (path / "late.txt").write_text("the user's")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", rename_late)
+    warnings: list[str] = []
+    make(path, "two", warn=warnings.append)
+    (aside,) = tmp_path.glob("result.replaced-*")
+    assert (aside / "late.txt").read_text() == "the user's"
+    assert len(warnings) == 1 and str(aside) in warnings[0]
+    assert (path / "recording.json").read_text() == "two"
+
+
+def test_the_old_result_comes_back_when_the_new_one_cannot_take_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "result"
+    make(path)
+    before = tree(path)
+    rename = Path.rename
+
+    def rename_not(self: Path, target: Path) -> Path:
+        if self.suffix == ".unfinished":
+            raise OSError(28, "No space left on device")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", rename_not)
+    with pytest.raises(InputError, match=r"complete in .* but cannot be moved there \(No space left"):
+        make(path, "two")
+    assert tree(path) == before
+
+
+def test_a_list_that_points_outside_removes_nothing_there(tmp_path: Path) -> None:
+    make(tmp_path / "result")
+    outside = tmp_path / "outside"
+    outside.write_text("one")
+    about = json.loads((tmp_path / "result" / MANIFEST_FILE).read_text())
+    about["files"] += [{**about["files"][0], "path": path} for path in ("../outside", str(outside))]
+    (tmp_path / "result" / MANIFEST_FILE).write_text(json.dumps(about))
+    make(tmp_path / "result", "two")
+    assert outside.read_text() == "one"
+
+
+def test_a_folder_has_the_permissions_of_the_users_other_folders(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    make(tmp_path / "result")
+    assert (tmp_path / "result").stat().st_mode == (tmp_path / "other").stat().st_mode

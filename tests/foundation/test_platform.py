@@ -1,0 +1,93 @@
+"""What differs between systems, asked for as each of them would answer."""
+
+import os
+import socket
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from posefuse.foundation import platform
+
+
+def test_cores_come_from_the_newest_question_the_system_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5}, raising=False)
+    monkeypatch.setattr(os, "process_cpu_count", lambda: 2, raising=False)
+    assert platform.usable_cores() == 2
+    monkeypatch.delattr(os, "process_cpu_count")
+    assert platform.usable_cores() == 3
+    monkeypatch.delattr(os, "sched_getaffinity")
+    assert platform.usable_cores() == 64
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert platform.usable_cores() == 1
+
+
+def test_a_priority_that_may_not_be_changed_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError
+
+    asked = []
+    monkeypatch.setattr(os, "nice", asked.append, raising=False)
+    platform.lower_priority(7)
+    assert asked == [7]
+    monkeypatch.setattr(os, "nice", refused)
+    platform.lower_priority(7)
+    monkeypatch.setattr(os, "sched_setscheduler", refused, raising=False)
+    with platform.punctual():
+        pass
+
+
+@pytest.mark.parametrize(
+    ("system", "camera_format", "address", "backends"),
+    [
+        ("linux", "v4l2", "/dev/video0", ("egl", "osmesa")),
+        ("darwin", "avfoundation", "/dev/video0", ("cgl",)),
+        ("win32", "dshow", "video=/dev/video0", ("wgl",)),
+    ],
+)
+def test_cameras_and_drawing_by_system(
+    monkeypatch: pytest.MonkeyPatch, system: str, camera_format: str, address: str, backends: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(platform, "sys", SimpleNamespace(platform=system))
+    assert platform.usb_camera_format() == camera_format
+    assert platform.usb_camera_address("/dev/video0") == address
+    assert platform.usb_camera_address(address) == address
+    assert platform.offscreen_backends() == backends
+
+
+def test_cameras_are_listed_by_what_opens_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    import av
+
+    found = [
+        SimpleNamespace(name="@device_pnp_1", description="Front camera", media_types=["video"]),
+        SimpleNamespace(name="@device_cm_2", description="Microphone", media_types=["audio"]),
+    ]
+    monkeypatch.setattr(av, "enumerate_input_devices", lambda name: found)
+    monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="win32"))
+    assert platform.usb_cameras() == ["Front camera"]
+    monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="darwin"))
+    assert platform.usb_cameras() == ["@device_pnp_1"]
+
+
+def test_sockets_fall_back_where_packets_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = socket.socketpair
+
+    def without_packets(*arguments: int) -> tuple[socket.socket, socket.socket]:
+        if len(arguments) > 1:
+            raise OSError("protocol not supported")
+        return original()
+
+    monkeypatch.setattr(socket, "socketpair", without_packets)
+    one, other, packets = platform.message_sockets()
+    with one, other:
+        one.sendall(b"x")
+        assert not packets and other.recv(1) == b"x"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says how much memory a process has held")
+def test_memory_of_processes_adds_up() -> None:
+    own = platform.peak_memory_mb([os.getpid()])
+    assert own > 1
+    assert platform.peak_memory_mb([os.getpid()] * 2) >= 2 * own
+    assert platform.peak_memory_mb([2**30]) != platform.peak_memory_mb([2**30])

@@ -1,0 +1,194 @@
+"""The fuzz stage: damaged files for every reader and every command, each variant bounded in time, in a process that may crash.
+
+python tests/fuzz/drive.py --variants 110 --write docs/reliability.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from damage import damaged
+from options import OPTIONS
+
+from examples import EXAMPLES, ROOT, Example, openpose_session
+
+LIMIT_S = 20.0
+# a fresh process imports everything, and compiles numeric kernels where none are kept yet
+START_LIMIT_S = 300.0
+OUTCOMES = ("clear", "accepted", "trace", "hang", "crash")
+BAD = ("trace", "hang", "crash")
+COLUMNS = ("variants", "one clear line", "accepted", "traceback or warning", "hang over 20 s", "crash")
+# commands take a second each, readers milliseconds: commands get this share of the variants
+COMMAND_SHARE = 0.25
+BEGIN, END = "<!-- fuzz: begin -->", "<!-- fuzz: end -->"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A variant that was not handled."""
+
+    kind: str
+    seed: int
+    damage: str
+    outcome: str
+    detail: str
+
+
+class Worker:
+    """`worker.py` with a limit on every answer; started anew after a crash or a hang."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+        self._answers: queue.Queue[str | None] = queue.Queue()
+
+    def ask(self, kind: str, folder: Path, file: str, limit_s: float) -> tuple[str, str]:
+        """Outcome and detail of one variant."""
+        if self._process is None:
+            self._start()
+        assert self._process is not None and self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps([kind, str(folder), file]) + "\n")
+            self._process.stdin.flush()
+            line = self._answers.get(timeout=limit_s)
+        except queue.Empty:
+            self.stop()
+            return "hang", f"no answer within {limit_s:g} s"
+        except OSError:
+            line = None
+        if line is None:
+            code = self._process.wait(timeout=LIMIT_S)
+            self.stop()
+            return "crash", f"the interpreter ended with code {code}"
+        answer = json.loads(line)
+        return answer["outcome"], answer["detail"]
+
+    def stop(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait(timeout=LIMIT_S)
+            self._process = None
+
+    def _start(self) -> None:
+        command = [sys.executable, str(Path(__file__).with_name("worker.py"))]
+        # a narrow terminal would fold messages; colours would hide them
+        environment = {**os.environ, "COLUMNS": "500", "NO_COLOR": "1"}
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, encoding="utf-8"
+        )
+        answers: queue.Queue[str | None] = queue.Queue()
+        threading.Thread(target=_pump, args=(process, answers), daemon=True).start()
+        self._process, self._answers = process, answers
+        if answers.get(timeout=START_LIMIT_S) is None:
+            raise RuntimeError("the worker of the fuzz stage does not start")
+
+
+def _pump(process: subprocess.Popen[str], answers: queue.Queue[str | None]) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        answers.put(line)
+    answers.put(None)
+
+
+def run(variants: int, kinds: Sequence[str], commands: bool = True) -> tuple[dict[str, Counter[str]], list[Failure]]:
+    """Damage and read `variants` files of each kind; the counts per kind and what went wrong."""
+    counts: dict[str, Counter[str]] = {}
+    failures: list[Failure] = []
+    worker = Worker()
+    with tempfile.TemporaryDirectory(prefix="posefuse-fuzz-") as folder:
+        try:
+            for kind, seed, damage, place, file, limit_s in _variants(Path(folder), variants, kinds, commands):
+                outcome, detail = worker.ask(kind, place, file, limit_s)
+                counts.setdefault(kind, Counter())[outcome] += 1
+                if outcome in BAD:
+                    failures.append(Failure(kind, seed, damage, outcome, detail))
+        finally:
+            worker.stop()
+    return counts, failures
+
+
+def _variants(
+    folder: Path, variants: int, kinds: Sequence[str], commands: bool
+) -> Iterator[tuple[str, int, str, Path, str, float]]:
+    for kind in (kind for kind in EXAMPLES if kind in kinds):
+        example, is_command = EXAMPLES[kind], kind.startswith(("track", "compare"))
+        if is_command and not commands:
+            continue
+        sound = folder / "sound"
+        sound.mkdir()
+        example.make(sound)
+        content = (sound / example.file).read_bytes()
+        for seed in range(-1, max(3, round(variants * (COMMAND_SHARE if is_command else 1)))):
+            damage, bytes_ = ("none", content) if seed < 0 else damaged(content, kind, seed)
+            place = folder / "variant"
+            shutil.copytree(sound, place)
+            (place / example.file).write_bytes(bytes_)
+            # the first one of a kind may still compile
+            yield kind, seed, damage, place, example.file, START_LIMIT_S if seed < 0 else LIMIT_S
+            shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(sound)
+    if commands and "options" in kinds:
+        yield from _options(folder)
+
+
+def _options(folder: Path) -> Iterator[tuple[str, int, str, Path, str, float]]:
+    for seed, words in enumerate(OPTIONS):
+        place = folder / "variant"
+        place.mkdir()
+        openpose_session(place)
+        (place / "words.txt").write_text(words)
+        yield "options", seed, words, place, "words.txt", START_LIMIT_S if seed == 0 else LIMIT_S
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def table(counts: dict[str, Counter[str]]) -> str:
+    """The counts as Markdown."""
+    rows = [(kind, sum(count.values()), *(count[outcome] for outcome in OUTCOMES)) for kind, count in counts.items()]
+    rows.append(("**all**", *(sum(row[i] for row in rows) for i in range(1, 2 + len(OUTCOMES)))))
+    lines = [f"| kind | {' | '.join(COLUMNS)} |", "|---|" + "---:|" * len(COLUMNS)]
+    lines += [f"| {' | '.join(str(cell) for cell in row)} |" for row in rows]
+    return "\n".join(lines)
+
+
+def write_between_marks(page: Path, text: str) -> None:
+    """Replace what is between the marks of a page."""
+    before, mark, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (mark and end):
+        raise SystemExit(f"{page}: expected the marks {BEGIN} and {END}")
+    page.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+
+
+def main() -> int:
+    """0 when every variant was handled."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--variants", type=int, default=110, help="per reader; commands get a quarter")
+    parser.add_argument("--only", action="append", metavar="KIND", help=f"one of: {', '.join([*EXAMPLES, 'options'])}")
+    parser.add_argument("--readers-only", action="store_true", help="leave the commands out")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="put the table between the marks of this page")
+    args = parser.parse_args()
+    counts, failures = run(args.variants, args.only or [*EXAMPLES, "options"], not args.readers_only)
+    for one in failures:
+        print(f"--- {one.kind}, seed {one.seed} ({one.damage}): {one.outcome}\n{one.detail}", flush=True)
+    print(table(counts))
+    if args.write:
+        write_between_marks(args.write, table(counts))
+    return 1 if failures else 0
+
+
+__all__ = ["ROOT", "Example", "main", "run"]
+
+if __name__ == "__main__":
+    sys.exit(main())

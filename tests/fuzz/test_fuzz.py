@@ -1,0 +1,44 @@
+"""Damaged files: a few of every kind here, thousands by `make fuzz`."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+DRIVE = [sys.executable, str(HERE / "drive.py")]
+# of a whole run; a single variant has 20 s
+LIMIT_S = 600
+FULL_LIMIT_S = 7200
+
+
+def test_a_few_damaged_files_of_every_reader() -> None:
+    done = subprocess.run([*DRIVE, "--variants", "17", "--readers-only"], capture_output=True, text=True, timeout=LIMIT_S)
+    assert done.returncode == 0, done.stdout[:5000] + done.stderr[-5000:]
+
+
+@pytest.mark.fuzz
+def test_thousands_of_damaged_files() -> None:
+    done = subprocess.run(DRIVE, capture_output=True, text=True, timeout=FULL_LIMIT_S)
+    assert done.returncode == 0, done.stdout[:20_000] + done.stderr[-5000:]
+
+
+def test_the_stage_can_fail() -> None:
+    """A reader that raises, hangs, crashes or warns is found out, and the next variant is still read."""
+    code = """
+import sys, json
+sys.path.insert(0, sys.argv[1])
+import drive
+from pathlib import Path
+worker = drive.Worker()
+asked = [("self-test " + what, worker.ask("self-test " + what, Path("."), "x", 2.0 if what == "hang" else 300.0)[0])
+         for what in ("trace", "warning", "hang", "crash", "clear", "accepted")]
+worker.stop()
+print(json.dumps(asked))
+"""
+    done = subprocess.run([sys.executable, "-c", code, str(HERE)], capture_output=True, text=True, timeout=LIMIT_S, check=True)
+    outcomes = dict(json.loads(done.stdout.splitlines()[-1]))
+    expected = ("trace", "trace", "hang", "crash", "clear", "accepted")
+    assert tuple(outcomes.values()) == expected

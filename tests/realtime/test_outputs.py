@@ -1,0 +1,296 @@
+"""Outputs of a live session that fail: it is reported, they go on in a new file, and nothing is written over."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import InputError, LiveHealth, LiveJointCentres, LivePose, LiveStart
+from posefuse.core.live_messages import FAILED, OK
+from posefuse.evaluation.live_session import made_up_messages, made_up_rig, made_up_start
+from posefuse.messages import topics
+from posefuse.messages.bags import read_mcap, read_notes, read_poses
+from posefuse.outputs.live import RecordConfig, record
+from posefuse.outputs.live.ros import health_lines
+from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.output_process import HANGS, Worker
+from posefuse.realtime.outputs import OutputProcess
+
+MESSAGES = list(made_up_messages())
+POSE = next(message for message in MESSAGES if isinstance(message, LivePose) and len(message.pose.person_id) == 2)
+CENTRES = next(message for message in MESSAGES if isinstance(message, LiveJointCentres))
+PATIENCE_S = 60.0
+
+
+def until(condition: Callable[[], bool], work: Callable[[], None] = lambda: None) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s, "waited in vain"
+        work()
+        time.sleep(0.005)
+
+
+@dataclass(frozen=True)
+class Scripted:
+    """An output that fails where its script says; `log` holds what happened."""
+
+    fails: Callable[[int], Exception | None] = lambda count: None
+    close_fails: bool = False
+    open_fails: Callable[[int], Exception | None] = lambda part: None
+    waits_s: float = 0.0
+    log: list = field(default_factory=list)
+    takes = (LivePose, LiveJointCentres)
+    keeps_all = True
+
+    def build(self):
+        return ScriptedOutput(self)
+
+
+class ScriptedOutput:
+    name = "scripted"
+
+    def __init__(self, config: Scripted) -> None:
+        self.config, self.where = config, ""
+
+    def take(self, message) -> None:
+        if isinstance(message, LiveStart):
+            self.where = f"part {message.part}"
+            if error := self.config.open_fails(message.part):
+                raise error
+        elif isinstance(message, LivePose):
+            time.sleep(self.config.waits_s)
+            if error := self.config.fails(sum(what == "pose" for what, _ in self.config.log)):
+                self.config.log.append(("pose", "failed"))
+                raise error
+        self.config.log.append((type(message).__name__.removeprefix("Live").lower(), self.where))
+
+    def close(self) -> None:
+        self.config.log.append(("close", self.where))
+        if self.config.close_fails:
+            raise OSError(28, "No space left on device")
+
+
+def test_an_output_that_raises_is_reported_closed_and_opened_again(capfd) -> None:
+    config = Scripted(fails=lambda count: ValueError("two\nlines") if count == 2 else None)
+    worker = Worker("scripted", config, made_up_start(1))
+    worker.put(CENTRES)
+    until(lambda: worker.health().failures == 1, lambda: worker.put(POSE))
+    failed = worker.health()
+    assert (failed.state, failed.text) == (FAILED, "part 1: ValueError: two lines")
+    until(lambda: worker.health().state == OK, lambda: worker.put(POSE))
+    until(lambda: config.log[-1] == ("pose", "part 2"), lambda: worker.put(POSE))
+    worker.finish()
+    worker.join(PATIENCE_S)
+    health = worker.health()
+    assert (health.failures, health.fault, health.text, health.where) == (1, failed.text, "goes on in part 2", "part 2")
+    first, second = config.log[:6], config.log[6:9]
+    assert first == [
+        ("start", "part 1"), ("jointcentres", "part 1"), ("pose", "part 1"), ("pose", "part 1"), ("pose", "failed"),
+        ("close", "part 1"),
+    ]  # fmt: skip
+    # what a replay must know stands in the new part, too
+    assert second == [("start", "part 2"), ("jointcentres", "part 2"), ("pose", "part 2")]
+    assert config.log[-1] == ("close", "part 2")
+    assert health.dropped >= 1
+    assert capfd.readouterr() == ("", "")
+
+
+def test_opening_that_fails_again_is_one_failure_and_one_part(monkeypatch) -> None:
+    monkeypatch.setattr("posefuse.realtime.output_process._FIRST_RETRY_S", 0.001)
+    monkeypatch.setattr("posefuse.realtime.output_process._LONGEST_RETRY_S", 0.001)
+    tries: list[int] = []
+
+    def busy(part: int) -> Exception | None:
+        tries.append(part)
+        return InputError("still full") if 1 < len(tries) < 6 else None
+
+    config = Scripted(fails=lambda count: OSError(28, "No space left on device") if count == 0 else None, open_fails=busy)
+    worker = Worker("scripted", config, made_up_start(1))
+    until(lambda: worker.health().taken > 0, lambda: worker.put(POSE))
+    assert tries == [1, 2, 2, 2, 2, 2]
+    assert worker.health().failures == 1
+    worker.finish()
+    worker.join(PATIENCE_S)
+
+
+def test_what_closing_raises_is_a_failure_and_no_trace(capfd) -> None:
+    config = Scripted(close_fails=True)
+    worker = Worker("scripted", config, made_up_start(1))
+    worker.put(POSE)
+    worker.finish()
+    worker.join(PATIENCE_S)
+    health = worker.health()
+    assert (health.state, health.failures, health.taken) == (FAILED, 1, 1)
+    assert health.fault == "not finished: part 1: No space left on device"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_output_that_hangs_is_named(monkeypatch) -> None:
+    monkeypatch.setattr("posefuse.realtime.output_process._HANGS_S", 0.05)
+    worker = Worker("scripted", Scripted(waits_s=0.5), made_up_start(1))
+    worker.put(POSE)
+    until(lambda: worker.health().state == HANGS)
+    until(lambda: worker.health().state == OK)
+    assert worker.health().failures == 0
+    worker.finish()
+    worker.join(PATIENCE_S)
+
+
+def test_an_output_is_given_only_what_it_takes() -> None:
+    config = Scripted()
+    worker = Worker("scripted", config, made_up_start(1))
+    for message in MESSAGES:
+        worker.put(message)
+    worker.finish()
+    worker.join(PATIENCE_S)
+    assert {what for what, _ in config.log} == {"start", "jointcentres", "pose", "close"}
+    assert worker.health().dropped == 0
+
+
+def plan(path: Path) -> OutputPlan:
+    configs = {"record": RecordConfig(path=path)}
+    return OutputPlan(rig=made_up_rig(), clock=SessionClock.begin(), configs=configs, notes={"rig_id": "x"})
+
+
+class Fed:
+    """An output process that is offered messages, as a session does."""
+
+    def __init__(self, path: Path) -> None:
+        pytest.importorskip("mcap", reason="the extra ros is not installed")
+        self.outputs = OutputProcess(plan(path))
+        self.outputs.wait_ready()
+        self.count = 0
+        self.outputs.offer(CENTRES)
+
+    def feed(self) -> None:
+        self.count += 1
+        # noise: a recording packs anything else to almost nothing
+        noise = np.random.default_rng(self.count).normal(size=POSE.pose.cov_world.shape)
+        pose = replace(POSE.pose, t_ns=POSE.pose.t_ns + self.count, cov_world=noise)
+        self.outputs.offer(replace(POSE, pose=pose))
+        self.outputs.poll()
+
+    def state(self) -> str:
+        return self.outputs.health["record"].state
+
+    def taken(self) -> int:
+        return self.outputs.health["record"].taken
+
+    def events(self) -> list[tuple[str, str]]:
+        return [(event.output, event.state) for event in self.outputs.events]
+
+
+@pytest.fixture
+def fed(tmp_path: Path):
+    made = Fed(tmp_path / "live.mcap")
+    yield made
+    made.outputs.close()
+
+
+def test_a_killed_process_is_named_started_again_and_recording_goes_on(fed: Fed, tmp_path: Path, capfd) -> None:
+    first, second, third = (tmp_path / name for name in ("live.mcap", "live.2.mcap", "live.3.mcap"))
+    second.write_text("somebody else's")
+    until(lambda: first.stat().st_size > 400_000, fed.feed)
+    pid = int(fed.outputs.whereabouts().split()[-1])
+    os.kill(pid, signal.SIGKILL)
+    until(lambda: fed.outputs.failed, fed.feed)
+    assert fed.events() == [("process", FAILED)]
+    assert f"process {pid} ended by signal SIGKILL; starting again" in fed.outputs.events[0].text
+    kept, taken = first.read_bytes(), fed.taken()
+    until(lambda: fed.state() == OK, fed.feed)
+    assert fed.events()[-1] == ("record", OK)
+    assert fed.outputs.events[-1].text == f"goes on in {third}"
+    until(lambda: fed.taken() > taken + 50, fed.feed)
+    fed.outputs.close()
+    assert fed.outputs.failed
+    figures = fed.outputs.figures()["record"]
+    assert (figures["failures"], figures["finished"], figures["where"]) == (1, True, str(third))
+    # nothing is written over, what was recorded can be read, and the new part is whole
+    assert first.read_bytes() == kept
+    assert second.read_text() == "somebody else's"
+    said: list[str] = []
+    before = [pose.t_ns for pose, _ in read_poses(first, warn=said.append)]
+    assert len(before) > 50 and len(said) == 1
+    after = [pose.t_ns for pose, _ in read_poses(third, warn=said.append)]
+    assert len(after) >= 50 and len(said) == 1
+    assert after[0] > before[-1]
+    assert next(read_mcap(third, {topics.JOINT_CENTRES.name})).topic == topics.JOINT_CENTRES.name
+    assert read_notes(third, record.NOTES) == {"rig_id": "x", "part": "2"}
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_process_that_leaves_without_finishing_is_a_failure(fed: Fed) -> None:
+    until(lambda: fed.taken() > 0, fed.feed)
+    os.kill(int(fed.outputs.whereabouts().split()[-1]), signal.SIGSTOP)
+    fed.outputs.close()
+    assert fed.outputs.failed
+    assert "ended before the outputs had finished" in fed.outputs.events[-1].text
+
+
+def test_a_healthy_session_has_no_failure(fed: Fed, tmp_path: Path) -> None:
+    for message in MESSAGES:
+        fed.outputs.offer(message)
+    # one more before them
+    due = 1 + sum(isinstance(message, RecordConfig.takes) for message in MESSAGES)
+    until(lambda: fed.taken() == due, fed.outputs.poll)
+    fed.outputs.close()
+    assert not fed.outputs.failed
+    assert fed.events() == []
+    recorded = {entry.topic for entry in read_mcap(tmp_path / "live.mcap")}
+    assert {topics.POSE.name, topics.DETECTIONS.name, topics.DIAGNOSTICS.name} <= recorded
+
+
+def test_what_cannot_be_opened_is_said_before_the_session_begins(tmp_path: Path) -> None:
+    pytest.importorskip("mcap", reason="the extra ros is not installed")
+    outputs = OutputProcess(plan(tmp_path / "no" / "live.mcap"))
+    with pytest.raises(InputError, match="cannot be written"):
+        outputs.wait_ready()
+    outputs.close()
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path):
+    """A file system of 12 MB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    if sys.platform != "linux" or os.geteuid() != 0:
+        pytest.skip("a small file system can be mounted by root on Linux only")
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12m", "posefuse-test", folder], capture_output=True, check=False)
+    if done.returncode:
+        pytest.skip(f"no small file system can be mounted here ({done.stderr.decode().strip()})")
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+def test_a_full_disk_is_reported_and_recording_goes_on_once_there_is_room(small_disk: Path, capfd) -> None:
+    ballast = small_disk / "ballast"
+    ballast.write_bytes(bytes(11 * 2**20))
+    fed = Fed(small_disk / "live.mcap")
+    try:
+        until(lambda: fed.state() == FAILED, fed.feed)
+        assert fed.events() == [("record", FAILED)]
+        assert fed.outputs.events[0].text == f"{small_disk / 'live.mcap'}: No space left on device"
+        [line] = health_lines(LiveHealth(t_ns=0, cameras={}, outputs=fed.outputs.health))
+        assert (line.name, line.level) == ("output record", 2) and "No space" in line.text
+        ballast.unlink()
+        until(lambda: fed.state() == OK, fed.feed)
+        until(lambda: fed.taken() > fed.count // 2, fed.feed)
+    finally:
+        fed.outputs.close()
+    assert fed.outputs.failed
+    assert sorted(path.name for path in small_disk.iterdir()) == ["live.2.mcap", "live.mcap"]
+    [line] = health_lines(LiveHealth(t_ns=0, cameras={}, outputs=fed.outputs.health))
+    assert line.level == 1 and "goes on after 1 failures, the last" in line.text
+    said: list[str] = []
+    assert len(list(read_poses(small_disk / "live.mcap", warn=said.append))) > 50
+    assert len(said) == 1
+    assert list(read_poses(small_disk / "live.2.mcap", warn=said.append)) and len(said) == 1
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,90 @@
+"""A camera of which part cannot be read is named, with its share and where it stops."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from posefuse.formats.video import VideoWriter
+from posefuse.sources import CountedSource, Coverage, VideoConfig, incomplete_cameras
+
+PERIOD_NS = 40_000_000
+FRAMES = 50
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    with VideoWriter(tmp_path / "cam.mp4", (64, 48), 25.0, 18) as writer:
+        for i in range(FRAMES):
+            writer.write(rng.integers(0, 255, (48, 64, 3), np.uint8), i * PERIOD_NS)
+    return tmp_path / "cam.mp4"
+
+
+def read(path: Path) -> Coverage:
+    source = CountedSource(VideoConfig(path, "cam01").build())
+    list(source.frames())
+    return source.coverage(0, (FRAMES - 1) * PERIOD_NS)
+
+
+def whole(camera: str, frames: int = FRAMES) -> Coverage:
+    return Coverage(camera, frames, frames, (frames - 1) * PERIOD_NS, PERIOD_NS)
+
+
+def test_whole_videos_are_not_mentioned(video: Path) -> None:
+    assert read(video) == whole("cam01")
+    assert incomplete_cameras([whole("cam00"), read(video)]) == []
+
+
+def test_a_few_frames_at_the_end_are_not_mentioned() -> None:
+    assert incomplete_cameras([whole("a", 3000), whole("b", 2998)]) == []
+
+
+def test_a_shorter_camera_says_where_it_stops() -> None:
+    [line] = incomplete_cameras([whole("a"), whole("b", 25)])
+    assert line == "camera b: it stops at 0.96 s, the recording at 1.96 s"
+
+
+def index_first(path: Path) -> Path:
+    """The same video with its index at the start, as cameras for the web write it."""
+    moved = path.with_name("moved.mp4")
+    with av.open(str(path)) as whole, av.open(str(moved), "w", options={"movflags": "faststart"}) as copy:
+        stream = copy.add_stream_from_template(whole.streams.video[0])
+        for packet in whole.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                copy.mux(packet)
+    return moved
+
+
+def test_a_cut_video_names_its_missing_share(video: Path) -> None:
+    """The index lists every frame; the bytes of the later half are not there."""
+    path = index_first(video)
+    content = path.read_bytes()
+    path.write_bytes(content[: (content.index(b"mdat") + len(content)) // 2])
+    coverage = read(path)
+    assert coverage.expected == FRAMES and 0.3 * FRAMES < coverage.read < 0.7 * FRAMES
+    assert coverage.end_ns is not None
+    [line] = incomplete_cameras([whole("cam00"), coverage])
+    assert line == (
+        f"camera cam01: {coverage.missing / FRAMES:.0%} of its frames cannot be read ({coverage.missing} of {FRAMES}); "
+        f"it stops at {coverage.end_ns / 1e9:.2f} s, the recording at 1.96 s"
+    )
+
+
+def test_text_in_a_video_that_is_not_utf8_does_no_harm(video: Path) -> None:
+    content = video.read_bytes()
+    assert b"Lavf" in content
+    video.write_bytes(content.replace(b"Lavf", b"L\xe4vf"))
+    assert read(video) == whole("cam01")
+
+
+def test_a_camera_that_gives_nothing_is_named() -> None:
+    lines = incomplete_cameras([whole("a"), Coverage("b", 50, 0, None, PERIOD_NS)])
+    assert lines == ["camera b: none of its 50 frames can be read"]
+
+
+def test_gaps_are_counted_between_start_and_end() -> None:
+    [line] = incomplete_cameras([whole("a"), Coverage("b", 50, 40, 49 * PERIOD_NS, PERIOD_NS)])
+    assert line == "camera b: 20% of its frames cannot be read (10 of 50)"
