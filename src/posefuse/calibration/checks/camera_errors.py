@@ -28,6 +28,8 @@ class VerifyLimits:
     Attributes:
         turn_rad, shift_m: of the pose: 0.2 deg is 14 mm at 4 m. focal_share: of the focal length. late_s: of the clock.
             All by judgement: what the fusion of a person's keypoints begins to show.
+        effect_px_per_1000: and what the errors together do to the image, per 1000 px of width: 1.5 is about 0.1 deg. Errors that cancel in
+            the image (a longer focal length from farther away) hardly show at a person. Judgement; a real rig of four webcams has 0.7.
         sigma: standard errors. views: least views shared with other cameras.
     """
 
@@ -35,6 +37,7 @@ class VerifyLimits:
     shift_m: float = 0.012
     focal_share: float = 0.01
     late_s: float = 0.004
+    effect_px_per_1000: float = 1.5
     sigma: float = 5.0
     views: int = 10
 
@@ -45,6 +48,7 @@ class CameraError:
 
     Attributes:
         name, views: shared with other cameras. others: cameras it is measured against. turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
+        effect: what they do together to the image, in px (rms) per 1000 px of width.
     """
 
     name: str
@@ -58,6 +62,7 @@ class CameraError:
     focal_sigma: float = np.nan
     late_s: float = np.nan
     late_sigma: float = np.nan
+    effect: float = np.nan
 
     def excess(self, limits: VerifyLimits) -> float:
         """The largest error over its limit; more than 1 is wrong, NaN is not known."""
@@ -67,7 +72,8 @@ class CameraError:
         )  # fmt: skip
         # one camera alone knows the target's distance badly, and in ways that standard errors do not show
         alone = _ONE_OTHER if self.others == 1 else 1.0
-        return max(abs(value) / (alone * max(least, limits.sigma * sigma)) for value, sigma, least in pairs)
+        single = max(abs(value) / (alone * max(least, limits.sigma * sigma)) for value, sigma, least in pairs)
+        return min(single, self.effect / limits.effect_px_per_1000)
 
     @property
     def words(self) -> str:
@@ -75,7 +81,7 @@ class CameraError:
         return (
             f"{self.name} is turned by {np.rad2deg(self.turn_rad):.2f} ± {np.rad2deg(self.turn_sigma):.2f} deg, shifted by"
             f" {self.shift_m * 1e3:.1f} ± {self.shift_sigma * 1e3:.1f} mm, its focal length off by {self.focal:+.2%} ±"
-            f" {self.focal_sigma:.2%}, its clock {self.late_s * 1e3:+.1f} ± {self.late_sigma * 1e3:.1f} ms late"
+            f" {self.focal_sigma:.2%}, its clock {self.late_s * 1e3:+.1f} ± {self.late_sigma * 1e3:.1f} ms late: {self.effect:.1f} px per 1000"
         )
 
 
@@ -120,11 +126,11 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
     count = len(np.unique(seen.instant[seen.camera == c]))
     if count < limits.views or not trusted:
         return CameraError(rig.names[c], count)
-    solution = _freed(rig, seen, target, c)
-    return CameraError(rig.names[c], count) if solution is None else _error(rig, solution, c, count, len(trusted))
+    freed = _freed(rig, seen, target, c)
+    return CameraError(rig.names[c], count) if freed is None else _error(rig, freed[0], freed[1], target, c, count, len(trusted))
 
 
-def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> PropSolution | None:
+def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
     corners, lenses, cameras = patch_corners(target, seen.patches), Lenses(tuple(rig)), tuple(rig)
     pose = Poses.from_se3(
         SE3(np.stack([one.cam_from_world.wxyz for one in rig]), np.stack([one.cam_from_world.xyz for one in rig]))
@@ -141,10 +147,24 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> PropSolution | 
     state = PropState(pose, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)), nothing)
     focal_px = _FREE_FOCAL * cameras[c].K[0, 0]
     sigma = np.array([focal_px, focal_px, _HELD_PX, _HELD_PX, _HELD_BEND, _HELD_BEND])
-    return solve_prop(seen, corners, cameras, state, Freedom(None, None, True, False, sigma, (c,), (c,)))
+    return solve_prop(seen, corners, cameras, state, Freedom(None, None, True, False, sigma, (c,), (c,))), seen
 
 
-def _error(rig: Rig, solution: PropSolution, c: int, count: int, others: int) -> CameraError:
+def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int) -> float:
+    """How far the camera as it is sees points from where the camera of the rig would, px (rms) per 1000 px of width."""
+    mine = seen.rows(seen.camera == c)
+    corners = patch_corners(target, mine.patches)[mine.patch, mine.corner]
+    xyz = solution.state.world_from_prop[mine.instant].move(corners)
+    before, after = rig.cameras[c].cam_from_world @ xyz, solution.state.cam_from_world[mine.camera].move(xyz)
+    late_s = solution.state.delay_s[c, 0]
+    apart = (
+        Lenses(tuple(rig), solution.state.lens_delta).px(mine.camera, after) - mine.velocity_px_s * late_s
+        - Lenses(tuple(rig)).px(mine.camera, before)
+    )  # fmt: skip
+    return float(np.sqrt(np.nanmean((apart**2).sum(axis=1)))) * 1000 / max(rig.cameras[c].size_wh)
+
+
+def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int, count: int, others: int) -> CameraError:
     before, after = rig.cameras[c].cam_from_world, solution.state.cam_from_world
     covariance = solution.camera_covariance[c]
     turn = float(angle_between(after.R[c][None], before.matrix()[None])[0])
@@ -157,5 +177,5 @@ def _error(rig: Rig, solution: PropSolution, c: int, count: int, others: int) ->
         rig.names[c], count, others, turn, float(np.sqrt(np.trace(covariance[:3, :3]))),
         shift, float(np.sqrt(np.trace(slope @ covariance @ slope.T))),
         float(mean @ solution.state.lens_delta[c]), float(np.sqrt(mean @ solution.lens_covariance[c] @ mean)),
-        float(solution.state.delay_s[c, 0]), float(solution.delay_sigma_s[c, 0]),
+        float(solution.state.delay_s[c, 0]), float(solution.delay_sigma_s[c, 0]), _effect(rig, solution, seen, target, c),
     )  # fmt: skip

@@ -53,7 +53,7 @@ class Limits:
     moved_rad: float = float(np.deg2rad(0.03))
     focal_share: float = 0.005
     centre_rad: float = float(np.deg2rad(1.0))
-    bend_px_per_1000: float = 2.5
+    bend_px_per_1000: float = 1.0
     lens_sigma: float = 6.0
     late_s: float = 0.004
     late_sigma: float = 5.0
