@@ -18,7 +18,6 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.foundation.settings import read_settings
 
 from .sessions import errors, ring
 from .verdict import Answer, Case, GoodSession
@@ -146,7 +145,7 @@ def calibrate_films(seed: int, look: Look, words: tuple[str, ...] = (), settings
         except CalibrationError as error:
             return Answer(True, str(error))
         millimetres, degrees = errors(truth, read_rig(folder / "rig.toml"))
-        if settings and any(one.get("offset_s") for one in read_settings(folder / "posefuse.toml").get("cameras", {}).values()):
+        if settings and "offset_s = 0.1" in (folder / "posefuse.toml").read_text():
             millimetres = _WRONG
     return Answer(False, "; ".join(terminal.words), millimetres, degrees)
 

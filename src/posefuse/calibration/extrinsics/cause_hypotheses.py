@@ -9,13 +9,16 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco
 from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
+from .board_shape import DEFORMATIONS, DEFORMED_REMEDY, best_deformation
 from .cause_solves import anew_trial, near_solve, solve_anew, trial
 from .cause_splits import moved_or_jumped
-from .causes import Hypothesis, Trial, Trouble
+from .causes import Hypothesis, Trial, Trouble, base_spread_px
 from .clocks import rough_offsets
 from .lens_check import lens_change, lens_words
 from .pipeline import Solved
@@ -25,8 +28,10 @@ from .solution_checks import let_lenses_free
 _LONGEST_OFFSET_S = 2.0
 _LEAST_DRIFT = 1e-4
 _TURN = np.diag([-1.0, -1.0, 1.0])
-_BAD_SHARE = 0.5
-_DEFORMED = 0.02
+_BAD_SHARE, _SHARED_TIME, _AT_ONCE_S = 0.5, 0.25, 0.05
+_LEAST_DEFORMED = 0.002
+# corners of a board described otherwise are off by squares, not by some px
+_ANOTHER_BOARD_PX = 4.0
 _FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
 
 
@@ -141,7 +146,7 @@ def clocks_off(trouble: Trouble) -> Iterator[Trial]:
     start = np.stack([late, np.zeros(len(cameras))], axis=1)
     for clocks, frees in (("offset", 1), ("drift", 2)):
         solved, lost = solve_anew(trouble, trouble.observations, cameras, trouble.target, clocks, start)
-        if solved is None:
+        if solved is None or not _see_together(trouble.observations, solved.solution.state.delay_s[:, 0]):
             continue
         words = _clock_story(cameras, solved)
         if words:
@@ -149,6 +154,22 @@ def clocks_off(trouble: Trouble) -> Iterator[Trial]:
                 "" if np.abs(late).max() < trouble.options.most_offset_s else ", and stamps shifted by these offsets"
             )
             yield from anew_trial(words, remedy, solved, lost, frees * (len(cameras) - 1))
+
+
+def _see_together(observations: Observations, delay_s: Array) -> bool:
+    """Whether all cameras hang together through pairs that see the target at once for a good part of their frames.
+
+    With offsets that are wide enough, a little of any two recordings overlaps.
+    """
+    seen = [np.unique(observations.t_ns[observations.camera == c]) / 1e9 - late for c, late in enumerate(delay_s)]
+    linked = np.eye(len(seen), dtype=bool)
+    for a, first in enumerate(seen):
+        for b, second in enumerate(seen):
+            if a != b and len(first) and len(second):
+                after = np.searchsorted(second, first).clip(1, max(len(second) - 1, 1))
+                apart = np.minimum(np.abs(first - second[after - 1]), np.abs(first - second[after % len(second)]))
+                linked[a, b] = (apart < _AT_ONCE_S).sum() >= _SHARED_TIME * min(len(first), len(second))
+    return len(linked_groups(linked | linked.T)) == 1
 
 
 def _clock_story(cameras: tuple[Camera, ...], solved: Solved) -> str:
@@ -166,6 +187,8 @@ def _clock_story(cameras: tuple[Camera, ...], solved: Solved) -> str:
 def board_swapped(trouble: Trouble) -> Iterator[Trial]:
     """A board whose columns and rows are swapped."""
     target = trouble.target
+    if np.isfinite(spread := base_spread_px(trouble)) and spread < _ANOTHER_BOARD_PX:
+        return
     if isinstance(target, Charuco | ArucoBoard) and target.columns != target.rows:
         try:
             other = replace(target, columns=target.rows, rows=target.columns)
@@ -181,36 +204,14 @@ def board_swapped(trouble: Trouble) -> Iterator[Trial]:
 
 
 def board_deformed(trouble: Trouble) -> Iterator[Trial]:
-    """The board's corners moved along one way of being deformed at a time, as far as fits best (a parabola through three solves)."""
+    """The board stretched or bent, as far as fits best."""
     solved = trouble.solved
     if solved is None or not isinstance(trouble.target, Charuco | ArucoBoard):
         return
-    corners = solved.corners
-    middle, half = (corners.max(axis=(0, 1)) + corners.min(axis=(0, 1))) / 2, np.ptp(corners, axis=(0, 1)).max() / 2
-    off = (corners - middle) / half
-    ways = (
-        ("longer in one direction than described: printed stretched by {0:+.1%}", off * [0, 1, 0]),
-        ("not flat: bent across by {1:+.0f} mm", np.square(off[..., :1]) * [0, 0, 1]),
-        ("not flat: bent along by {1:+.0f} mm", np.square(off[..., 1:2]) * [0, 0, 1]),
-    )
-    for words, way in ways:
-
-        def cost(share: float, way: Array = way) -> tuple[float, PropSolution]:
-            bent = replace(solved, corners=corners + share * half * way)
-            solution = near_solve(bent, trouble.cameras, solved.solution.state)
-            return float(np.nanmean(np.log1p((solution.residual_px**2).sum(axis=1)))), solution
-
-        (low, _), (middle_cost, _), (high, _) = (cost(share) for share in (-_DEFORMED, 0.0, _DEFORMED))
-        curve = low + high - 2 * middle_cost
-        if curve <= 0:
-            continue
-        share = float(np.clip(_DEFORMED * (low - high) / (2 * curve), -5 * _DEFORMED, 5 * _DEFORMED))
-        if abs(share) < 2e-3:
-            continue
-        said = words.format(share, share * half * 1e3)
-        yield trial(
-            f"the board is {said}", "glue it to a plate and measure it: squares must be square", solved, cost(share)[1], 1
-        )
+    for way in DEFORMATIONS:
+        found = best_deformation(solved, trouble.cameras, way)
+        if found is not None and abs(found.share) > _LEAST_DEFORMED:
+            yield trial(f"the board is {found.words}", DEFORMED_REMEDY, solved, found.solution, 1)
 
 
 HYPOTHESES = (
@@ -223,5 +224,5 @@ HYPOTHESES = (
     Hypothesis("clocks, near", "offset of each clock", clocks_near, near=True),
     Hypothesis("images mirrored", "nothing: one image is flipped back", image_mirrored, near=False),
     Hypothesis("clocks", "offset, or offset and drift, of each clock", clocks_off, near=False),
-    Hypothesis("board described wrongly", "nothing: columns and rows are swapped", board_swapped, near=False),
+    Hypothesis("board described wrongly", "nothing: columns and rows are swapped", board_swapped, near=True),
 )

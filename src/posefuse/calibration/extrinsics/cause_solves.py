@@ -11,8 +11,8 @@ from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .causes import TIME_STEPS, Trial, Trouble
-from .pipeline import Options, Solved, key_snapshots, link, solve_linked
+from .causes import Trial, Trouble
+from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
 from .prop_solve import Freedom, PropSolution, PropState, solve_prop
 
 

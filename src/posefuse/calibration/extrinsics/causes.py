@@ -7,7 +7,7 @@ those that take away about as much, the one that frees least is named. Two that 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,8 +27,6 @@ _LEAST_SIGMA_PX = 0.1
 _LEAST_EXPLAINED, _ABOUT_AS_MUCH, _INSEPARABLE = 0.5, 0.1, 0.02
 # what explains so much leaves nothing to look for from the beginning
 _ENOUGH = 0.85
-# time steps that are enough to tell explanations apart
-TIME_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,17 +122,6 @@ def cause_check(causes: Sequence[Cause], before_px: float) -> Check:
     evidence = f"it takes away {causes[0].explained:.0%} of the misfit" if len(causes) == 1 else "the images do not tell which"
     spread = "" if np.isnan(before_px) else f": corners spread {causes[0].spread_px:.2f} px instead of {before_px:.2f} px"
     return Check("cause", False, f"{words} ({evidence}{spread})", " or ".join(dict.fromkeys(c.trial.remedy for c in causes)))
-
-
-def thinned(solved: Solved) -> Solved:
-    """The solution on fewer time steps: enough to tell explanations apart."""
-    used = np.unique(solved.seen.instant)
-    keep = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), TIME_STEPS)).astype(np.int64))]
-    rows = np.isin(solved.seen.instant, keep)
-    return replace(
-        solved, seen=solved.seen.rows(rows), solution=replace(
-            solved.solution, residual_px=solved.solution.residual_px[rows], weight=solved.solution.weight[rows])
-    )  # fmt: skip
 
 
 def _base(trouble: Trouble) -> Trial:

@@ -28,7 +28,8 @@ class Limits:
         focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
         centre_rad: and the principal point by this angle. Judgement: a smaller one is taken up by the camera's rotation.
         bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.
-        lens_sigma: none of the three refuses below so many standard errors.
+        stretch_share: a board may be longer in one direction by this: printers are true to 0.5 %.
+        lens_sigma: none of the four refuses below so many standard errors.
         late_s, late_sigma: clocks of synchronised cameras. 4 ms is 4 mm at 1 m/s.
         apart_m: two cameras nearer than this share a body. Judgement.
         facing_share: of marker views that must show the printed face. Judgement; a mirrored board has 0.
@@ -54,6 +55,7 @@ class Limits:
     focal_share: float = 0.005
     centre_rad: float = float(np.deg2rad(1.0))
     bend_px_per_1000: float = 1.0
+    stretch_share: float = 0.01
     lens_sigma: float = 6.0
     late_s: float = 0.004
     late_sigma: float = 5.0

@@ -26,6 +26,8 @@ _MOST_CLOCK_ROUNDS = 5
 _CLOCK_SETTLED_S = 1e-4
 _INLIER_SIGMA = 4.0
 _LEAST_PATCH_SHARE = 0.6
+# time steps that are enough to tell explanations apart
+TIME_STEPS = 100
 CLOCK_MODES = ("auto", "together", "offset", "drift")
 
 
@@ -181,3 +183,14 @@ def _settle_clocks(observations: Observations, cameras: tuple[Camera, ...], solv
         if np.abs(solved.solution.state.delay_s[:, 0] - state.delay_s[:, 0]).max() < _CLOCK_SETTLED_S:
             break
     return solved
+
+
+def thinned(solved: Solved) -> Solved:
+    """The solution on fewer time steps: enough to tell explanations apart."""
+    used = np.unique(solved.seen.instant)
+    keep = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), TIME_STEPS)).astype(np.int64))]
+    rows = np.isin(solved.seen.instant, keep)
+    return replace(
+        solved, seen=solved.seen.rows(rows), solution=replace(
+            solved.solution, residual_px=solved.solution.residual_px[rows], weight=solved.solution.weight[rows])
+    )  # fmt: skip

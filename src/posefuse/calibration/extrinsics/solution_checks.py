@@ -6,14 +6,15 @@ import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.corners import Observations
-from posefuse.calibration.targets.kinds import Target
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from . import self_checks as checks
+from .board_shape import check_board_shape
 from .halves import Halves, half_checks, solve_halves
 from .lens_check import LensChange, check_lenses, lens_change
-from .pipeline import Options, Solved
+from .pipeline import Options, Solved, thinned
 from .prop_solve import Freedom, PropSolution, solve_prop
 from .size_check import check_rig_size
 
@@ -41,6 +42,8 @@ def solution_checks(
         *half_checks(cameras, solved, halves, distance_m, limits),
         check_lenses(cameras, _lens_change(cameras, solved, halves, options), limits),
     ]
+    if isinstance(target, Charuco | ArucoBoard):
+        done.append(check_board_shape(thinned(solved), cameras, limits))
     if options.clocks == "together":
         freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
         free = solve_prop(solved.seen, solved.corners, cameras, state, freedom)

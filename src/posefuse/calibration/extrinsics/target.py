@@ -17,11 +17,11 @@ from posefuse.core.arrays import Array
 
 from . import self_checks as checks
 from .cause_hypotheses import HYPOTHESES
-from .causes import Trouble, base_spread_px, cause_check, likely_causes, thinned
+from .causes import Trouble, base_spread_px, cause_check, likely_causes
 from .clocks import rough_offsets
 from .limits import LIMITS, Limits
 from .locate import aligned
-from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
+from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks, thinned
 from .self_checks import IN_STEP, check_same_video
 from .size_check import check_target_size
 from .snapshots import middle_ns
