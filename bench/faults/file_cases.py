@@ -73,7 +73,8 @@ def _every(key: str, change: Callable[[list[float]], list[float]]) -> Callable[[
 
 CASES = (
     _cameras("fx twice as large as fy", r"cam01.*fx.*fy", _one(_matrix(np.diag([2.0, 1, 1]) + 1 - np.eye(3)))),
-    _cameras("focal length a hundredth (mm for px)", r"cam01.*focal length", _one(_matrix(np.array([[0.01, 1, 1], [1, 0.01, 1], [1, 1, 1]])))),
+    _cameras("focal length a hundredth (mm for px)", r"cam01.*focal length",
+             _one(_matrix(np.array([[0.01, 1, 1], [1, 0.01, 1], [1, 1, 1]])))),
     _cameras("all cameras at one place (intrinsics only)", r"intrinsics only|at one place|same place",
              lambda cs: tuple(replace(c, cam_from_world=SE3.identity()) for c in cs)),
     _cameras("two cameras at one place", r"cam01 and cam02.*(place|pose)",
@@ -88,6 +89,7 @@ CASES = (
     _text("rotation in degrees", r"rotation.*deg", _every("rotation", lambda v: [float(np.rad2deg(x)) for x in v])),
     _text("translation in millimetres", r"millimetres", _every("translation", lambda v: [1e3 * x for x in v])),
     _text("translation in centimetres", r"centimetres|metres", _every("translation", lambda v: [1e2 * x for x in v])),
-    _text("NaN in a matrix", r"finite|NaN", lambda text: text.replace("translation = [", "translation = [nan, ", 1).replace(", ", " ,", 0)),
-    _text("size in the order height, width for all", r"width and height|size", _every("size", lambda v: [int(x) for x in v[::-1]])),
+    _text("NaN in a translation", r"finite|NaN", lambda text: text.replace("translation = [", "translation = [nan, ", 1)),
+    _text("size in the order height, width for all", r"width and height|size",
+          _every("size", lambda v: [int(x) for x in v[::-1]])),
 )  # fmt: skip

@@ -67,7 +67,7 @@ class RefusedCalibration(CalibrationError):
     """A calibration whose own checks do not hold.
 
     Attributes:
-        report: with the checks. kept: the refused `Calibration` itself, for those who want it all the same; None where there is none.
+        report: with the checks. kept: the refused `Calibration` itself, for those who want it all the same, or None.
     """
 
     def __init__(self, report: CalibrationReport, kept: Any = None) -> None:

@@ -16,7 +16,7 @@ from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import SE3, Rig
 
-_MOST_VIEWS, _ONE_OTHER = 120, 4.0
+_MOST_VIEWS, _ONE_OTHER = 80, 4.0
 # intrinsics besides the focal length are taken as given (px, and distortion coefficients)
 _HELD_PX, _HELD_BEND, _FREE_FOCAL = 0.01, 1e-6, 0.2
 
@@ -28,8 +28,9 @@ class VerifyLimits:
     Attributes:
         turn_rad, shift_m: of the pose: 0.2 deg is 14 mm at 4 m. focal_share: of the focal length. late_s: of the clock.
             All by judgement: what the fusion of a person's keypoints begins to show.
-        effect_px_per_1000: and what the errors together do to the image, per 1000 px of width: 1.5 is about 0.1 deg. Errors that cancel in
-            the image (a longer focal length from farther away) hardly show at a person. Judgement; a real rig of four webcams has 0.7.
+        effect_px_per_1000: and what the errors together do to the image, per 1000 px of width: 1.5 is about 0.1 deg. Errors that
+            cancel in the image (a longer focal length from farther away) hardly show at a person. Judgement; a real rig of
+            four webcams has 0.7.
         sigma: standard errors. views: least views shared with other cameras.
     """
 
@@ -47,7 +48,8 @@ class CameraError:
     """One camera against the others, with standard errors; NaN where it shares too few views.
 
     Attributes:
-        name, views: shared with other cameras. others: cameras it is measured against. turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
+        name, views: shared with other cameras. others: cameras it is measured against.
+        turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
         effect: what they do together to the image, in px (rms) per 1000 px of width.
     """
 
@@ -81,7 +83,8 @@ class CameraError:
         return (
             f"{self.name} is turned by {np.rad2deg(self.turn_rad):.2f} ± {np.rad2deg(self.turn_sigma):.2f} deg, shifted by"
             f" {self.shift_m * 1e3:.1f} ± {self.shift_sigma * 1e3:.1f} mm, its focal length off by {self.focal:+.2%} ±"
-            f" {self.focal_sigma:.2%}, its clock {self.late_s * 1e3:+.1f} ± {self.late_sigma * 1e3:.1f} ms late: {self.effect:.1f} px per 1000"
+            f" {self.focal_sigma:.2%}, its clock {self.late_s * 1e3:+.1f} ± {self.late_sigma * 1e3:.1f} ms late:"
+            f" {self.effect:.1f} px per 1000"
         )
 
 

@@ -1,7 +1,7 @@
 """Why a calibration was refused: explanations tested against each other on the same corners.
 
-A hypothesis undoes or frees one thing and solves again. All are judged by the share of the excess residual that they take away; among
-those that take away about as much, the one that frees least is named. Two that cannot be separated are both named.
+A hypothesis undoes or frees one thing and solves again. All are judged by the share of the excess residual that they take
+away; among those that take away about as much, the one that frees least is named. Two that cannot be separated are both named.
 """
 
 from __future__ import annotations

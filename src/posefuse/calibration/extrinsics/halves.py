@@ -14,7 +14,7 @@ from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .limits import Limits
-from .pipeline import Options, Solved, key_snapshots, link, solve_linked
+from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
 from .self_checks import camera_differences, check_halves, position_sigma_m
 from .snapshots import middle_ns
 
@@ -76,7 +76,7 @@ def half_checks(cameras: Sequence[Camera], solved: Solved, halves: Halves, dista
 def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float, limits: Limits) -> Check:
     """One rig fits both halves as well as each fits its own, or the difference is none of the poses.
 
-    Larger residuals alone do not refuse: time stamps that are uneven, or a lens model that fits one region better, enlarge them too.
+    Larger residuals alone do not refuse: uneven time stamps, or a lens model that fits one region better, enlarge them too.
     A camera that was moved has poses that differ by more than their standard errors.
     """
     ratio = np.nan_to_num(halves.together / np.maximum(halves.apart, 1e-6), nan=1.0).max(axis=0)
@@ -90,8 +90,8 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float
     c = int(np.argmax(np.where(wrong, 1e3, 1.0) * ratio))
     return Check(
         "one place per camera", not wrong.any(),
-        f"{cameras[c].name}'s corners spread {ratio[c]:.2f} times as far in one rig for the whole recording as in one for each half"
-        f" (limit {limits.spread_ratio:.2f} where poses differ too), and its pose differs between the halves by"
+        f"{cameras[c].name}'s corners spread {ratio[c]:.2f} times as far in one rig for the whole recording as in one for each"
+        f" half (limit {limits.spread_ratio:.2f} where poses differ too), and its pose differs between the halves by"
         f" {apart_m[c] * 1e3:.1f} ± {_shared(sigma_m)[c] * 1e3:.1f} mm and"
         f" {np.rad2deg(turned_rad[c]):.2f} ± {np.rad2deg(_shared(sigma_rad)[c]):.2f} deg",
         "it was moved during the recording: calibrate again, or use the part before or after",
@@ -121,7 +121,7 @@ def _solve_half(
     part: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
 ) -> tuple[Solved | None, str]:
     delay_s = solved.solution.state.delay_s
-    together = replace(options, clocks="together", instants=max(options.instants // 2, 8))
+    together = replace(options, clocks="together", instants=max(options.instants // 2, min(options.instants, TIME_STEPS)))
     if set(np.unique(part.camera)) != set(range(len(cameras))):
         return None, "a camera sees nothing in it"
     seen = key_snapshots(part, together, delay_s)

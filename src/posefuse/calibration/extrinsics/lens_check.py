@@ -24,8 +24,8 @@ class LensChange:
     """Change of each camera's intrinsics (C,) when they are let free, with standard errors.
 
     Attributes:
-        focal: share of the focal length. centre_rad: shift of the principal point, as an angle. bend_px: shift of the image points
-            at the rim of what was seen, by distortion alone.
+        focal: share of the focal length. centre_rad: shift of the principal point, as an angle. bend_px: shift of the image
+            points at the rim of what was seen, by distortion alone.
     """
 
     focal: Array

@@ -16,15 +16,15 @@ class Limits:
     Attributes:
         corner_spread_px_per_1000: of a corner coordinate, per 1000 px of image width. Detection leaves 0.1 to 0.4 (docs).
         inlier_share: of each camera's marker views that must agree. Judgement; good sessions have 0.9 or more (bench).
-        segments, segment_views, segment_share: the recording is cut into so many parts; a part of a camera with so many views must
-            agree by this share. Judgement.
-        position_sigma_share: standard error of a camera's position over the usual distance of the target. Judgement: 20 mm at 4 m.
-        halves_share, halves_most_share, halves_sigma: two solves without common data may differ by so many standard errors, within
-            these shares of the distance. Real lenses deviate alike in neighbouring views (four webcams of `caliscope`).
+        segments, segment_views, segment_share: the recording is cut into so many parts; a part of a camera with so many views
+            must agree by this share. Judgement.
+        position_sigma_share: standard error of a camera's position over the target's usual distance. Judgement: 20 mm of 4 m.
+        halves_share, halves_most_share, halves_sigma: two solves without common data may differ by so many standard errors,
+            within these shares of the distance. Real lenses deviate alike in neighbouring views (four webcams of `caliscope`).
         halves_rad: and by this angle. From the same webcams.
         spread_ratio: of residuals in one rig to those in a rig for each half. Bench: 1.1 in good sessions.
-        moved_sigma, moved_share, moved_rad: a spread ratio above its limit refuses only with a pose that differs between the halves
-            by so many standard errors, and by this share of the distance or this angle. The webcams differ by 0.2 deg at 2 sigma.
+        moved_sigma, moved_share, moved_rad: a spread ratio above its limit refuses only with a pose that differs between the
+            halves by so many standard errors, and by this share of the distance or this angle. The webcams: 2 sigma.
         focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
         centre_rad: and the principal point by this angle. Judgement: a smaller one is taken up by the camera's rotation.
         bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.

@@ -43,6 +43,7 @@ def check_rig_size(target: Target, cameras: tuple[Camera, ...], cam_from_world: 
     return Check(
         "rig has a plausible size", least_m <= distance_m <= most_m,
         f"with a {_edge(target)} of {target_side_m(target) * _MM:g} mm the target was {distance_m:.2f} m from the cameras, and"
-        f" {cameras[a].name} and {cameras[b].name} are {away[a, b]:.2f} m apart (expected a distance of {least_m:g} to {most_m:g} m)",
+        f" {cameras[a].name} and {cameras[b].name} are {away[a, b]:.2f} m apart"
+        f" (expected a distance of {least_m:g} to {most_m:g} m)",
         f"measure the print: {UNITS}; for a rig that really has this size add --any-size",
     )  # fmt: skip

@@ -159,8 +159,8 @@ def _warn_of_old_clocks(path: Path, names: Sequence[str], terminal: Terminal) ->
     stale = [name for name in names if name in old and (old[name].offset_s or old[name].drift_ppm)]
     if stale:
         terminal.warn(
-            f"{path} holds clock offsets of {', '.join(stale)}, but these cameras are synchronised: `posefuse track` would shift them;"
-            " remove offset_s and drift_ppm there, or the file"
+            f"{path} holds clock offsets of {', '.join(stale)}, but these cameras are synchronised: `posefuse track` would"
+            " shift them; remove offset_s and drift_ppm there, or the file"
         )
 
 

@@ -83,7 +83,10 @@ def _lens_problem(camera: Camera, limits: PlausibleLimits) -> str:
     rim = half - 0.5 + limits.rim * half * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if np.isfinite(camera.norm_from_px(rim)).all():
         return ""
-    return f"distortion: {camera.distortion.tolist()} folds the image well inside of its border; are these coefficients of {camera.model}?"
+    return (
+        f"distortion: {camera.distortion.tolist()} folds the image well inside of its border;"
+        f" are these coefficients of {camera.model}?"
+    )
 
 
 def require_placed(where: str, rig: Rig, limits: PlausibleLimits = LIMITS) -> Rig:
