@@ -84,7 +84,8 @@ def _blurred_views(trouble: Trouble) -> Iterator[Trial]:
     blurred = [c for c, value in enumerate(usual) if value > limit]
     if blurred:
         names = ", ".join(trouble.cameras[c].name for c in blurred)
-        left = np.full((len(seen.camera), 2), max(usual)) / np.sqrt(2)
+        # seen in each image by itself: no solve is needed to show it
+        left = np.zeros((len(seen.camera), 2))
         yield Trial(
             f"the images of {names} are blurred or noisy: corners scatter by {max(usual):.1f} px in single images",
             "focus, add light, shorten the exposure, use larger markers; is the target described as it is?",

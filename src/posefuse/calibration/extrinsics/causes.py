@@ -23,7 +23,8 @@ from .pipeline import Options, Solved
 _ROBUST = 3.0
 # what a corner costs that the hypothesis cannot place, and one that only has noise (mean of log(1 + chi2 / 9))
 _LOST, _NOISE = 3.0, 0.095
-_LEAST_SIGMA_PX = 0.1
+# what detection leaves of a corner: the yardstick that an explanation has to come near
+_LEAST_SIGMA_PX, _MOST_SIGMA_PX = 0.1, 0.6
 _LEAST_EXPLAINED, _ABOUT_AS_MUCH, _INSEPARABLE = 0.5, 0.1, 0.02
 # what explains so much leaves nothing to look for from the beginning
 _ENOUGH = 0.85
@@ -101,7 +102,7 @@ def _best(trouble: Trouble, trials: Sequence[Trial]) -> tuple[Cause, ...]:
     if not trials:
         return ()
     base = _base(trouble)
-    sigma_px = max(min(_spread_px(trial) for trial in trials), _LEAST_SIGMA_PX)
+    sigma_px = float(np.clip(min(_spread_px(trial) for trial in trials), _LEAST_SIGMA_PX, _MOST_SIGMA_PX))
     before = _cost(base, sigma_px)
     causes = [Cause(trial, (before - _cost(trial, sigma_px)) / max(before - _NOISE, 1e-9), _spread_px(trial)) for trial in trials]
     causes = [cause for cause in causes if cause.explained >= _LEAST_EXPLAINED]
