@@ -117,7 +117,7 @@ def wall(ring_rig: Any) -> Rig:
 
 @pytest.fixture(scope="module")
 def held(wall: Rig) -> Any:
-    motion = Waving(seconds=12.0, rate_hz=8.0, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
+    motion = Waving(seconds=20.0, rate_hz=8.0, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
     return observe_prop(wall, board(), TARGET, motion, Faults(noise_px=0.1))
 
 
