@@ -18,7 +18,7 @@ from .kinds import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, M
 from .marker_fit import fit_marker
 
 # a step that is wider than this in every image is out of focus or moved
-_BLURRED_EDGE_PX = 8.0
+_BLURRED_EDGE_PX = 6.0
 _REFINE_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 _MIN_CHARUCO_CORNERS = 4
 # a wrong grid is off by whole squares, the bend of a lens by less than this share of one
