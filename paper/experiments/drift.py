@@ -78,7 +78,7 @@ def run(context: Context) -> Outcome:
         "Summary", "Level distance of the pelvis from the truth; drift is the slope of that distance over the way walked."
     )
     page.table(["path", "walked m", "cameras mm/m", "suit mm/m", "cameras: end mm", "suit: end mm"], rows)
-    return Outcome(figures, page)
+    return Outcome(files=figures, failed=page)
 
 
 def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit_s: Array, vision: Any, worn: Any) -> list[str]:

@@ -58,7 +58,7 @@ def run(context: Context) -> Outcome:
     clock = SpikeClock()
     done = run_scene("walking-1", scene, context, clock)
     figures |= show_recorded(page, clock, len(done.recording.rig))
-    return Outcome(figures, page)
+    return Outcome(files=figures, failed=page)
 
 
 def decode_ms(film: Path) -> float:

@@ -40,7 +40,7 @@ def run(context: Context) -> Outcome:
     figures: dict[str, Any] = {case: _case(case, context, page) for case in HALF_HIDDEN}
     page.section("Summary", "Mean error in mm over what the screens hide (left arm and leg), and over the other joints.")
     page.table(["case", "", *figures["free"]["columns"]], summary_rows(figures))
-    return Outcome(figures, page)
+    return Outcome(files=figures, failed=page)
 
 
 def _case(case: str, context: Context, page: Page) -> dict[str, Any]:

@@ -52,4 +52,4 @@ def run(context: Context) -> Outcome:
         columns = [study["title"], *(f"{x:g}" for x in study["x"])]
         shares = [[f"{name}, % of points", *(100 * share for share in study[key])] for key, name in _SHARES.items()]
         page.table(columns, [*([f"{name}, mm", *study[key]] for key, name in _LINES.items()), *shares])
-    return Outcome({"studies": studies}, page)
+    return Outcome(files={"studies": studies}, failed=page)

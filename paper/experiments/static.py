@@ -42,7 +42,7 @@ def run(context: Context) -> Outcome:
         page.pictures({k: v for c in around for k, v in pictures(done, c, [0], 400).items()})
     if not context.quick:
         figures["check"] = _check(context, page)
-    return Outcome(figures, page)
+    return Outcome(files=figures, failed=page)
 
 
 def _columns(done: Run) -> dict[str, JointErrors]:

@@ -69,7 +69,7 @@ def run(context: Context) -> Outcome:
     page.pictures(moments(done, 0, np.linspace(0, count - 1, _MOMENTS + 2).astype(int)[1:-1].tolist()))
     if not context.quick:
         figures["check"] = _check(context, page)
-    return Outcome(figures, page)
+    return Outcome(files=figures, failed=page)
 
 
 def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:

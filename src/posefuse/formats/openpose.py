@@ -167,7 +167,9 @@ def _detections(camera: str, t_ns: int, skeleton: Skeleton, people: list[Array],
         return Detections2D.nobody(camera, t_ns, skeleton)
     xy, score = xy[kept], score[kept]
     box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
-    return Detections2D(camera, t_ns, skeleton, xy, score, _sigma_px(score, box), box)
+    return Detections2D(
+        camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy, score=score, sigma_px=_sigma_px(score, box), box_img=box
+    )
 
 
 def _sigma_px(score: Array, box_img: Array) -> Array:
