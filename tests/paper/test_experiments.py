@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.cli.comparing import plain_name, read_tracks
 from posefuse.cli.main import main
 from posefuse.core import InputError
+from posefuse.evaluation.tracks import plain_name, read_tracks
 from posefuse.formats.trc import TrcData, write_trc
 
 NAMES = ("RShoulder", "LShoulder", "RWrist", "LWrist")

@@ -110,6 +110,18 @@ def _has_display() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
+def show_recording(recording: Recording, open_viewer: Callable[[Path], None] = open_in_viewer) -> None:
+    """Show a recording without images in the Rerun viewer until it is closed.
+
+    Raises:
+        DependencyError: no Rerun SDK or no display; names the extra to install.
+    """
+    check_rerun()
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
+        [path] = write_outputs([RerunSink()], recording, Path(folder))
+        open_viewer(path)
+
+
 def view_recording(
     folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
 ) -> Path:

@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink, SourceError
+from posefuse.core import Progress as StageProgress
 from posefuse.formats.recording import write_recording
-from posefuse.foundation.output_folder import OutputFolder
+from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import write_each
+from posefuse.outputs.frames import write_each, write_outputs
 from posefuse.sources import FramesAhead, frame_sets
 
 from .config import TrackConfig
 from .opening import Opened, build_source
-from .session import Session
+from .session import Session, find_session
+from .solve import config_of
 
 Progress = Callable[[int, int], None]
 
@@ -41,6 +43,27 @@ def write_result(
     outcome = write_each(sinks, recording, out.folder, _frames(recording, session, config, progress))
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
+
+
+def save_recording(
+    recording: Recording, path: Path, formats: Sequence[str], session: Path | None, replace: bool, progress: StageProgress
+) -> list[Path]:
+    """Write a result folder and files of other formats; images are drawn on where `session` names the session folder.
+
+    Raises:
+        ConfigError: no such format. InputError: the folder holds anything else, or a file cannot be written.
+    """
+    sinks = build_sinks(formats)
+    opened = find_session(session, config_of(recording)) if session is not None else None
+    inputs = () if session is None else (session,)
+    with output_folder(path, command="track", inputs=inputs, replace=replace) as out:
+        written = write_recording(out.folder, recording)
+        frames: Iterator[tuple[int, tuple[Frame | None, ...]]] = iter(())
+        if opened is not None:
+            report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
+            frames = _frames(recording, opened, config_of(recording), report)
+        written += write_outputs(sinks, recording, out.folder, frames)
+        return [out.final(file) for file in written]
 
 
 def _reason(error: Exception) -> str:
