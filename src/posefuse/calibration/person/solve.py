@@ -147,8 +147,8 @@ def _check_same_video(views: PersonViews) -> Check:
         off = np.linalg.norm(views.xy_img[a] - views.xy_img[b], axis=-1)
         if np.isfinite(off).any() and float(np.nanmedian(off)) < _SAME_VIDEO_PX:
             alike.append(f"{views.cameras[a]} and {views.cameras[b]}")
-    return Check("videos differ", not alike, f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same",
-                 "give each camera its own video")  # fmt: skip
+    detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
+    return Check("videos differ", not alike, detail, "give each camera its own video")
 
 
 def _solve(views: PersonViews, cameras: tuple[Camera, ...]) -> tuple[PointSolution, PointViews]:
