@@ -53,6 +53,8 @@ FINGERS = {"hand_root", "thumb", "index", "middle", "ring", "pinky"}
 @pytest.mark.parametrize("name", SKELETONS)
 def test_every_body_keypoint_belongs_to_a_segment(name):
     skeleton = SKELETONS[name]
-    loose = {k.removeprefix("left_").removeprefix("right_").rstrip("0123456789") for k in skeleton.keypoints if k not in SEGMENT_OF}
+    loose = {
+        k.removeprefix("left_").removeprefix("right_").rstrip("0123456789") for k in skeleton.keypoints if k not in SEGMENT_OF
+    }
     assert loose <= FACE | FINGERS
     assert {SEGMENT_OF[k] for k in skeleton.keypoints if k in SEGMENT_OF} == set(SEGMENTS)
