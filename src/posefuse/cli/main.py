@@ -7,7 +7,7 @@ import importlib
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, cast
 
 from posefuse import __version__
 
@@ -112,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"posefuse {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for name in COMMANDS:
-        command: Command = importlib.import_module(f"posefuse.cli.commands.{name.replace('-', '_')}")  # type: ignore[assignment]
+        command: Command = cast(Any, importlib.import_module(f"posefuse.cli.commands.{name.replace('-', '_')}"))
         sub = commands.add_parser(name, help=command.SUMMARY, description=command.SUMMARY)
         sub.add_argument("--json", action="store_true", help="figures as one JSON object on stdout, all else on stderr")
         command.add_arguments(sub)

@@ -102,7 +102,7 @@ def log_person(
 
     bones = skeleton.bone_indices
     rgb, bone_rgb = np.array(keypoint_colours(skeleton), np.uint8), _bone_rgb(skeleton)
-    here: Array = np.isfinite(xyz_world).all(axis=-1)
+    here = np.asarray(np.isfinite(xyz_world).all(axis=-1))
     whole = here[bones].all(axis=1)
     names = [name for name, known in zip(skeleton.keypoints, here, strict=True) if known]
     points = rr.Points3D(xyz_world[here], colors=rgb[here], radii=_POINT_M, labels=names, show_labels=False)

@@ -142,7 +142,7 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolut
     shape = PropShape({0: Poses(np.eye(3), np.zeros(3))}, {}, 0)
     in_images = prop_views(trusted, planar_views(trusted, corners, lenses), shape, corners, lenses)
     track = prop_track(trusted, in_images, shape, corners, lenses, pose)
-    known = np.isfinite(track.t).all(axis=1)
+    known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         return None
     seen = seen.rows(known[seen.instant])

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.calibration.solving.rotations import Poses, angle_between
+from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .cause_solves import near_solve
@@ -121,10 +122,10 @@ def _rough_jump_s(trouble: Trouble, c: int, t_s: float) -> float:
 def _solve_split(
     trouble: Trouble,
     solved: Solved,
-    cameras: tuple,
+    cameras: tuple[Camera, ...],
     c: int,
     t_s: float,
-    jump_s: float,  # type: ignore[type-arg]
+    jump_s: float,
 ) -> tuple[Solved, PropSolution]:
     seen, state, count = solved.seen, solved.solution.state, len(trouble.cameras)
     delay = np.concatenate([state.delay_s, state.delay_s[c : c + 1] + [[jump_s, 0.0]]])

@@ -137,7 +137,7 @@ def solve_linked(
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     cam_from_world = stacked([links.placed[i] for i in range(len(cameras))]).inverse()
     track = prop_track(seen, in_images, links.shape, corners, lenses, cam_from_world)
-    known = np.isfinite(track.t).all(axis=1)
+    known = np.asarray(np.isfinite(track.t).all(axis=1))
     placed = links.shape.prop_from_patch
     dropped = {
         int(seen.patches[i]): "never seen together with the rest of the prop, or moving independently of it"

@@ -95,7 +95,7 @@ class PropSolution:
     @property
     def lens_sigma(self) -> Array:
         """(C, 6) standard errors of `LENS_PARAMETERS`; 0 where held."""
-        return np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2))
+        return np.asarray(np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2)))
 
 
 def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
@@ -291,7 +291,7 @@ class _Model:
     def _clock_jacobian(self) -> Array:
         per_offset = self._white(-self._seen.velocity_px_s)
         per_drift = per_offset * self._seen.t_s[self._seen.instant][:, None]
-        return np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S
+        return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
 
     def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> Block:
         count = len(state.cam_from_world)

@@ -163,8 +163,8 @@ def _greedy(observations: Observations, candidates: Array, most: int, delay_s: A
     pair = seen.instant * cameras + seen.camera
     corners = np.bincount(pair, minlength=instants * cameras).reshape(instants, cameras)
     present = corners > 0
-    centre = np.stack([np.bincount(pair, seen.xy_img[:, k], instants * cameras) for k in (0, 1)], axis=-1)
-    centre = centre.reshape(instants, cameras, 2) / np.maximum(corners, 1)[..., None]
+    total = np.stack([np.bincount(pair, seen.xy_img[:, k], instants * cameras) for k in (0, 1)], axis=-1)
+    centre = total.reshape(instants, cameras, 2) / np.maximum(corners, 1)[..., None]
     share = centre / np.array(observations.sizes_wh, np.float64)
     cell = np.clip((share * 4).astype(np.int64), 0, 3) @ np.array([4, 1])
     speed = np.bincount(seen.instant, np.linalg.norm(seen.velocity_px_s, axis=1), instants) / np.maximum(corners.sum(axis=1), 1)

@@ -7,6 +7,7 @@ views can carry, and a result whose standard errors or coverage are poor is refu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -174,7 +175,8 @@ def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
 
 
 def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _Solved:
-    rms, K, distortion, rotvec, _, sigma, _, per_view = cv2.calibrateCameraExtended(
+    calibrate: Any = cv2.calibrateCameraExtended  # whose stubs forbid None where the documentation asks for it
+    rms, K, distortion, rotvec, _, sigma, _, per_view = calibrate(
         [view.xyz.astype(np.float32) for view in views],
         [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
         size_wh, None, None, flags=flags,

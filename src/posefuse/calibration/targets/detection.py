@@ -285,7 +285,8 @@ def _flat_grid(answer: tuple[bool, Array], target: Chessboard) -> Array | None:
     if not found:
         return None
     points = np.asarray(xy, np.float64).reshape(-1, 2)
-    homography, _ = cv2.findHomography(target.corners(BOARD_PATCH)[:, :2], points)
+    # None for degenerate corners, which the stubs of OpenCV leave out
+    homography: Array | None = cv2.findHomography(target.corners(BOARD_PATCH)[:, :2], points)[0]
     if homography is None:
         return None
     flat = cv2.perspectiveTransform(target.corners(BOARD_PATCH)[None, :, :2], homography)[0]

@@ -129,7 +129,8 @@ def _both(value: float, sigma: float, digits: int) -> str:
 
 def clocks_of(found: Calibration) -> ClockEstimate:
     """What a calibration from a prop says of the cameras' clocks."""
-    return ClockEstimate(*found.delay_s.T, *found.delay_sigma_s.T, found.middle_ns / 1e9)
+    (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
+    return ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
 
 
 def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate, terminal: Terminal) -> Path | None:

@@ -50,8 +50,10 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     terminal.table(f"Models in {cache_dir}", ("model", "for", "state", "licence"), rows)
     paths = [str(model_path(card, cache_dir)) for card in list_cards()]
     names = ("name", "summary", "state", "licence", "path")
-    figures = {"models": [dict(zip(names, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
-    return figures | (_measured(round(args.measure[0]), args.measure[1], terminal) if args.measure else {})
+    figures: dict[str, Any] = {
+        "models": [dict(zip(names, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]
+    }
+    return {**figures, **(_measured(round(args.measure[0]), args.measure[1], terminal) if args.measure else {})}
 
 
 def _measured(cameras: int, rate_hz: float, terminal: Terminal) -> Mapping[str, Any]:

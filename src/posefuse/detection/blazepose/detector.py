@@ -190,4 +190,4 @@ def _in_image(look: Look, region: Region, side_px: int) -> Look:
 def _known(region: Region, others: Sequence[Region]) -> bool:
     """Whether a region is about a person that another region already holds."""
     apart = [np.linalg.norm(region.centre_img - other.centre_img) / max(region.side_px, other.side_px) for other in others]
-    return min(apart, default=np.inf) < _SAME_PERSON
+    return bool(min(apart, default=np.inf) < _SAME_PERSON)

@@ -121,7 +121,7 @@ class BodyFilter:
             p.preferred_sd * np.sqrt(max(1.0, habit)), seen.xyz, information / repeats, seen.projections, seen.xy,
             seen.inverse_var / repeats, self.settings.robust_dof, steps, q, rot,
         )  # fmt: skip
-        return hessian
+        return np.asarray(hessian)
 
     def _guess(self, seen: Measurement) -> tuple[Array, Array] | None:
         """Angles straight from the segment frames of the points; None without a pelvis."""
@@ -176,6 +176,6 @@ def smoothed(filter_: BodyFilter, moments: list[Moment | None]) -> list[State | 
 
 def _information(cov: Array) -> Array:
     """Inverse (A, 3, 3) of covariances; 0 where a point is missing."""
-    known = np.isfinite(cov).all(axis=(-1, -2))
+    known = np.asarray(np.isfinite(cov).all(axis=(-1, -2)))
     safe = np.where(known[:, None, None], cov, np.eye(3)) + 1e-12 * np.eye(3)
     return np.where(known[:, None, None], np.linalg.inv(safe), 0.0)
