@@ -80,7 +80,7 @@ def triangulate(
     elif weights == "all":
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
-        solved = solve_all(rig, xy, score, sigma, skeleton, None, settings)
+        solved = solve_all(rig, xy, score, sigma=sigma, skeleton=skeleton, previous_world=None, settings=settings)
     else:
         solved = solve_weighted(rig, xy, score, sigma, plain_weight(weights, xy, score, settings))
     return Triangulated(*(part.reshape(*lead, *part.shape[1:]) for part in vars(solved).values()))

@@ -126,6 +126,6 @@ def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
         cameras, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)),
         np.zeros((len(rig), len(LENS_PARAMETERS))),
     )  # fmt: skip
-    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(None, None))
+    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(reference=None, patch=None))
     poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
     return Located(times, poses.se3(), seen, solution.residual_px)

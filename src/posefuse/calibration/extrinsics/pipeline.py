@@ -149,7 +149,13 @@ def solve_linked(
         cam_from_world, Poses(track.R, np.nan_to_num(track.t)), patch, delay_s, np.zeros((len(cameras), len(LENS_PARAMETERS)))
     )
     lens_sigma = None if options.lens_sigma is None else np.array(options.lens_sigma)
-    freedom = Freedom(links.reference, links.shape.root, options.clocks != "together", options.clocks == "drift", lens_sigma)
+    freedom = Freedom(
+        reference=links.reference,
+        patch=links.shape.root,
+        offset=options.clocks != "together",
+        drift=options.clocks == "drift",
+        lens_sigma=lens_sigma,
+    )
     use = known[seen.instant] & np.isin(seen.patch, list(placed))
     seen = seen.rows(use)
     solution = solve_prop(seen, corners, cameras, state, freedom)

@@ -81,9 +81,9 @@ def observations_from_frames(
         if len(found.xy_img):
             rows.append((np.full(len(found.xy_img), frame.t_ns), found, sharpness(grey, found.xy_img)))
     return Observations(
-        (camera,),
-        (size_wh,),
-        (count,),
+        cameras=(camera,),
+        sizes_wh=(size_wh,),
+        frame_count=(count,),
         camera=np.zeros(sum(len(t) for t, _, _ in rows), np.int64),
         t_ns=_concatenated([t for t, _, _ in rows]),
         patch=_concatenated([found.patch for _, found, _ in rows]),

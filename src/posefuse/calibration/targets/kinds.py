@@ -61,7 +61,7 @@ class Markers:
         return _MARKER * self.side_m
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Charuco:
     """Chessboard with ArUco markers in its white squares.
 
@@ -115,7 +115,7 @@ class Chessboard:
         return _grid(self.columns, self.rows, self.square_m)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArucoBoard:
     """Grid of ArUco markers with ids counting up row by row.
 

@@ -33,12 +33,28 @@ def target_from_arguments(args: argparse.Namespace) -> Target:
         return Markers(side, args.dictionary, tuple(args.ids), args.inverted)
     if args.target == "charuco":
         columns, rows, square, marker = need("columns", "rows", "square_mm", "marker_mm")
-        return Charuco(columns, rows, square, marker, args.dictionary, args.inverted, args.legacy)
+        return Charuco(
+            columns=columns,
+            rows=rows,
+            square_m=square,
+            marker_m=marker,
+            dictionary=args.dictionary,
+            inverted=args.inverted,
+            legacy=args.legacy,
+        )
     if args.target == "chessboard":
         columns, rows, square = need("columns", "rows", "square_mm")
         return Chessboard(columns, rows, square)
     columns, rows, side, gap = need("columns", "rows", "marker_mm", "gap_mm")
-    return ArucoBoard(columns, rows, side, gap, args.dictionary, args.ids[0] if args.ids else 0, args.inverted)
+    return ArucoBoard(
+        columns=columns,
+        rows=rows,
+        side_m=side,
+        gap_m=gap,
+        dictionary=args.dictionary,
+        first_id=args.ids[0] if args.ids else 0,
+        inverted=args.inverted,
+    )
 
 
 def sources_from_arguments(inputs: list[str]) -> list[Source]:

@@ -88,7 +88,14 @@ def _seen(
     if len(videos) == len(paths):
         choice = read_config(None, args.overrides).detector
         views, seen_by, clocks = person_in_videos(
-            paths, Rig(cameras), length, choice, args.instants, terminal, args.clocks, args.most_s
+            paths,
+            Rig(cameras),
+            length,
+            choice=choice,
+            instants=args.instants,
+            terminal=terminal,
+            clocks=args.clocks,
+            most_s=args.most_s,
         )
         return _Seen(views.tracks(), views, seen_by, clocks, True)
     if videos:

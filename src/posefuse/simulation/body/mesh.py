@@ -121,10 +121,10 @@ def _solved_sliders(settings: BodySettings) -> dict[str, float]:
         "proportions": 0.5,
     }
     for _ in range(_ROUNDS):
-        _solve(sliders, "height", height_m, 0, "height_m", "m", _HEIGHT_TOLERANCE_M)
+        _solve(sliders, "height", height_m, place=0, key="height_m", unit="m", tolerance=_HEIGHT_TOLERANCE_M)
         if settings.weight_kg is None:
             break
-        _solve(sliders, "weight", settings.weight_kg, 1, "weight_kg", "kg", _WEIGHT_TOLERANCE_KG)
+        _solve(sliders, "weight", settings.weight_kg, place=1, key="weight_kg", unit="kg", tolerance=_WEIGHT_TOLERANCE_KG)
         if abs(stature_and_mass(sliders)[0] - height_m) < _HEIGHT_TOLERANCE_M:
             break
     return sliders
