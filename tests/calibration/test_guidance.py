@@ -99,7 +99,7 @@ def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path:
     page = next_page(state)
     assert page.startswith("# show the target to c\n")
     assert "| a | 100% | 40 | b 40 |" in page
-    assert "| c | 0% | 0 | **nobody** |" in page
+    assert "| c | 0% | 0 | **no camera** |" in page
     frame = Frame("a", 0, 0, 0, np.full((120, 160, 3), 90, np.uint8))
     corners = Corners(np.repeat([3, 7], 4), np.tile(np.arange(4), 2), everywhere()[:8])
     view = GuideView(("a", "b", "c"), str(tmp_path / "guide.rrd"))

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     out = args.out or args.result / FOLDER
     chosen = BiomechanicsSettings(fit=args.fit, opensim=args.opensim)
     inputs = [args.result / name for name in RECORDING_FILES]
-    # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
+    # its own unchanged files can be made again at any time: replaced without --force
     with (
         output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
         compiling("joint angles", terminal.note),
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     terminal.facts(
         "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
     )
-    terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot beside it hold the numbers")
+    terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot next to it hold the numbers")
     return {"out": out, "files": names, "people": len(recording.poses.person_id)}
 
 
