@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import tomllib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-# kinds of cards that the default detector reads; all others are networks of the user
-_BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
+from posefuse.core import ConfigError
 
 
 def add_networks(parser: argparse.ArgumentParser) -> None:
@@ -25,33 +22,17 @@ def add_networks(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def networks_settings(text: str) -> list[str]:
-    """KEY=VALUE settings of the detector for a bundled network's name or a model card.
-
-    Raises:
-        ValueError: a card that cannot be read.
-    """
-    if not text.endswith(".toml"):
-        return [f"detector.options.landmarks={text}"]
-    path = Path(text).absolute()
-    try:
-        kind = tomllib.loads(path.read_text(encoding="utf-8")).get("kind")
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ValueError(f"{text}: not a model card that can be read ({error})") from None
-    if kind in _BLAZEPOSE_KINDS:
-        return [f"detector.options.landmarks={path}"]
-    return ["detector.name=onnx", f"detector.options.card={path}"]
-
-
 class _Networks(argparse.Action):
     """Adds the settings to those of ``--set``, where they can be changed further."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
+        from posefuse.detection.build import network_settings
+
         try:
-            added = networks_settings(str(values))
-        except ValueError as error:
+            added = [f"{key}={value}" for key, value in network_settings(str(values)).items()]
+        except ConfigError as error:
             raise argparse.ArgumentError(self, str(error)) from None
         setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or []), *added])
 
