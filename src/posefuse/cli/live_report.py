@@ -98,8 +98,8 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         "poses": f"{figures['poses']} ({figures['poses_per_s']:.1f}/s), with a person in {figures['poses_with_people']}",
         "exposure to output": f"p50 {whole['p50']:.1f}, p95 {whole['p95']:.1f}, p99 {whole['p99']:.1f} ms",
         "output rate": (
-            f"p99 {ticks['behind_due_ms']['p99']:.2f} ms behind due, {ticks['period_deviation_ms']['p99']:.2f} ms off the period, "
-            f"{ticks['skipped']} skipped"
+            f"p99 {ticks['behind_due_ms']['p99']:.2f} ms behind due, "
+            f"{ticks['period_deviation_ms']['p99']:.2f} ms off the period, {ticks['skipped']} skipped"
         ),
         "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
         "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
