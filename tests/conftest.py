@@ -50,7 +50,9 @@ def _ring_rig(
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
         pose = SE3.from_matrix(rotation, -rotation @ centre)
-        cameras.append(Camera(f"cam{i:02d}", size_wh, intrinsics, pose, np.array(distortion)))
+        cameras.append(
+            Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=np.array(distortion))
+        )
     return Rig(tuple(cameras), world_set_by="test")
 
 

@@ -52,7 +52,7 @@ _FIRST_VIEW_S = 0.5
 
 def network_of(args: argparse.Namespace) -> Network:
     """Where the nodes of a session meet."""
-    return Network(args.domain, args.local_only, args.interface, tuple(args.peer))
+    return Network(domain_id=args.domain, local_only=args.local_only, interface=args.interface, peers=tuple(args.peer))
 
 
 def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:

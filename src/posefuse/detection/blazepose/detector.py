@@ -177,7 +177,9 @@ class BlazePoseDetector:
         xy[absent], score[absent], sigma[absent] = np.nan, 0.0, np.nan
         box = np.full((len(shown), 4), np.nan)
         box[~absent] = np.concatenate([xy[~absent].min(1), xy[~absent].max(1)], axis=-1)
-        return Detections2D(frame.camera, frame.t_ns, self._skeleton, xy, score, sigma, box)
+        return Detections2D(
+            camera=frame.camera, t_ns=frame.t_ns, skeleton=self._skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
+        )
 
 
 def _in_image(look: Look, region: Region, side_px: int) -> Look:
