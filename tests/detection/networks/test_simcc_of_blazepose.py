@@ -98,8 +98,6 @@ def test_fitted_noise_is_right_in_2d_and_3d(
     joints = [f"{s}_{joint}" for s in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")]
     exact = pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, joints)
     off = pick_keypoints(poses.xyz_world[:, 0], poses.skeleton, joints) - exact
-        true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, joints
-    )
     precision = np.linalg.inv(poses.cov_world[:, 0, poses.skeleton.indices(joints)])
     nees = np.nanmean(np.einsum("tki,tkij,tkj->tk", off, precision, off))
     assert 1.5 < nees < 4.0
