@@ -10,7 +10,6 @@ Bodies, motions and cameras are drawn for this purpose alone; none of them appea
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,7 +61,9 @@ def collect(folder: Path, network: Network, side_px: int) -> Samples:
             if region is None:
                 continue
             move, grow, turn = rng.normal(0, 0.02, 2) * region.side_px, rng.normal(0, 0.05), rng.normal(0, 0.06)
-            region = Region(region.centre_img + move, region.side_px * np.exp(grow), region.angle_rad + turn)
+            region = Region(
+                centre_img=region.centre_img + move, side_px=region.side_px * np.exp(grow), angle_rad=region.angle_rad + turn
+            )
             image = np.ascontiguousarray(cv2.imread(str(path))[..., ::-1])
             look = landmarks_from_outputs(*network([cut(image, region, side_px)]), len(BODY), side_px)
             affine = crop_from_img(region, side_px)
@@ -146,7 +147,7 @@ def stand_in(name: str, known: dict[str, float]) -> float:
 def fit(out: Path, card_name: str) -> None:
     card = read_card(card_name)
     decoding = card.decoding
-    file = fetch(card, default_cache_dir(os.environ))
+    file = fetch(card, default_cache_dir())
     network = Network(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
     folders = [folder for folder in sorted(out.glob("scene*")) if is_rendered(folder)]
     samples = [collect(folder, network, card.input.side_px) for folder in folders]

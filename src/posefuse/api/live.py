@@ -203,7 +203,7 @@ def live(
         ...         print(pose.t_ns, pose.xyz_world)
     """
     from posefuse.detection.build import network_settings
-    from posefuse.formats.rig import read_rig
+    from posefuse.formats.rig import read_placed_rig
     from posefuse.foundation.output_file import check_output_file
     from posefuse.foundation.plugins import plugin_config
     from posefuse.pipeline.config import changed_config
@@ -211,7 +211,7 @@ def live(
     from posefuse.realtime.inputs import inputs_from_arguments
     from posefuse.realtime.serve import ServePlan
 
-    cameras = rig if isinstance(rig, core.Rig) else read_rig(Path(rig))
+    cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
     arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
     options = {"track.max_people": people, "rate_hz": rate_hz}
     changes = {key: value for key, value in options.items() if value is not None}

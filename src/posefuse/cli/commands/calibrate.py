@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                      help="or: pixels per camera of three points of the floor: origin, one along x, one towards y")  # fmt: skip
     two.add_argument("--refine-lenses", type=positive(100), metavar="PERCENT",
                      help="let the lenses move too; how well their focal lengths are known, e.g. 0.5")  # fmt: skip
+    two.add_argument("--any-size", action="store_true", help="accept a rig far smaller or larger than a room")
+    two.add_argument("--keep-refused", action="store_true",
+                     help="write a refused result too, marked as refused; `posefuse track` then warns each time")  # fmt: skip
     two.add_argument("--upside-down", action="append", default=[], metavar="CAMERA", help="a camera that really hangs so")
     live = steps.add_parser("guide", help="at the cameras: what the waving has covered, and when it is enough")
     _add_target(live, "markers")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +43,7 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Fetch what is missing, then list every model with its state."""
     from posefuse.detection.models import fetch_all, list_cards, model_path, status
 
-    cache_dir = default_cache_dir(os.environ)
+    cache_dir = default_cache_dir()
     if not args.check:
         fetch_all(_wanted(args.models, args.source), cache_dir, args.source, terminal.note)
     rows = [(card.name, card.summary, status(card, cache_dir), card.licence) for card in list_cards()]
