@@ -186,7 +186,7 @@ def _mcap(folder: Path) -> None:
     shutil.rmtree(inside)
 
 
-CARDS = ROOT / "src" / "posefuse" / "detect" / "cards"
+CARDS = ROOT / "src" / "posefuse" / "detection" / "cards"
 EXAMPLES: dict[str, Example] = {
     "rig TOML": Example("rig.toml", _copied(GOLDEN / "rig.toml", "rig.toml")),
     "rig caliscope": Example("camera_array.toml", _copied(GOLDEN / "camera_array.toml", "camera_array.toml")),

@@ -263,11 +263,12 @@ def small_disk(tmp_path: Path):
     folder.mkdir()
     if sys.platform != "linux" or os.geteuid() != 0:
         pytest.skip("a small file system can be mounted by root on Linux only")
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12m", "posefuse-test", folder], capture_output=True, check=False)
+    mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "posefuse-test", folder]
+    done = subprocess.run(mount, capture_output=True, check=False, timeout=10)
     if done.returncode:
         pytest.skip(f"no small file system can be mounted here ({done.stderr.decode().strip()})")
     yield folder
-    subprocess.run(["umount", folder], check=True)
+    subprocess.run(["umount", folder], check=True, timeout=10)
 
 
 def test_a_full_disk_is_reported_and_recording_goes_on_once_there_is_room(small_disk: Path, capfd) -> None:

@@ -57,10 +57,15 @@ class Live:
             self.process.kill()
             raise
 
-    def figures(self) -> dict:
+    def ended(self, code: int = 0) -> tuple[dict, str]:
+        """Its figures and everything on stderr, once it has ended with this exit code."""
         out, err = self._running.finished(PATIENCE_S)
-        assert self.process.returncode == 0, err
-        return json.loads(out)
+        assert self.process.returncode == code, err
+        assert "Traceback" not in err
+        return json.loads(out), err
+
+    def figures(self) -> dict:
+        return self.ended()[0]
 
 
 def gone(pid: int) -> bool:
@@ -172,9 +177,16 @@ def test_a_recording_says_how_it_was_made(killed: tuple[dict, Path, list[int]], 
         replay(killed[1], read_rig(other), None, Terminal(as_json=True))
 
 
-def test_a_replay_needs_no_settings(demo_session: Path, tmp_path: Path) -> None:
+def test_sigterm_is_143_and_leaves_a_recording_that_replays_without_settings(demo_session: Path, tmp_path: Path) -> None:
     recording = tmp_path / "x.mcap"
-    Live(command(demo_session, "--record", str(recording), "--duration", "1.5", "--tracker", "latest")).figures()
+    live = Live(command(demo_session, "--record", str(recording), "--duration", "600", "--loop", "10", "--tracker", "latest"))
+    live.wait_for("cam03: ok")
+    until(lambda: recording.stat().st_size > 50_000)
+    live.process.send_signal(signal.SIGTERM)
+    _, err = live.ended(143)
+    assert "stopped by SIGTERM before 600 s were over" in err
+    said: list[str] = []
+    assert list(read_poses(recording, warn=said.append)) and not said
     figures = replay(recording, read_rig(demo_session / "rig.toml"), None, Terminal(as_json=True))
     assert figures["equal"] == figures["poses"] > 50
 
@@ -202,10 +214,7 @@ def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_
     live.wait_for(f"output record: ok: goes on in {tmp_path / 'a.2.mcap'}")
     until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
     live.process.send_signal(signal.SIGINT)
-    out, err = live.process.communicate(timeout=PATIENCE_S)
-    assert live.process.returncode == 1
-    assert "Traceback" not in "".join(live.notes) + err
-    figures = json.loads(out)
+    figures, _ = live.ended(1)
     assert figures["failed"] == ["record"]
     assert figures["outputs_lost"] > 0
     assert [(event["output"], event["state"]) for event in figures["output_events"]] == [("process", "failed"), ("record", "ok")]
