@@ -115,7 +115,8 @@ def _recording(folder: Path) -> None:
     poses = PoseSequence(times, skeleton, np.array([0]), points, cov, np.ones((8, 1, 17)), np.full((8, 1, 17), 4), kind)
     xy = np.stack([camera.project(points) for camera in rig], axis=2)
     score = np.where(np.isfinite(xy).all(-1), 0.9, 0.0)
-    write_recording(folder, Recording(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"made": "by the fuzz stage"}))
+    sigma_px = np.where(score > 0, 2.0, np.nan)
+    write_recording(folder, Recording.from_views(rig, poses, xy, score, sigma_px, {"made": "by the fuzz stage"}))
 
 
 def _video(folder: Path) -> None:
