@@ -6,14 +6,13 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from running import Running
+from live_session import Live, command, until
 
 from posefuse.cli.replay import difference_m, replay, replayed
 from posefuse.cli.terminal import Terminal
@@ -33,39 +32,6 @@ pytestmark = pytest.mark.realtime
 pytest.importorskip("mcap")
 PERIOD_NS = 10_000_000
 FRESH_NS = 70_000_000
-PATIENCE_S = 60.0
-
-
-def command(session: Path, *options: str, source: str | None = None) -> list[str]:
-    oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={session / 'truth' / 'truth.npz'}"]
-    oracle += ["--set", "detector.options.noise.sigma_px=1.0"]
-    sources = ["--source", source or f"sim:{session}"]
-    return [sys.executable, "-m", "posefuse.cli.main", "live", str(session / "rig.toml"), *sources, *oracle, "--json", *options]
-
-
-class Live:
-    """A running session whose notes are read as they come."""
-
-    def __init__(self, arguments: list[str]) -> None:
-        self._running = Running(arguments)
-        self.process = self._running.process
-
-    def wait_for(self, pattern: str) -> re.Match:
-        try:
-            return self._running.err.wait_for(pattern, PATIENCE_S)
-        except AssertionError:
-            self.process.kill()
-            raise
-
-    def ended(self, code: int = 0) -> tuple[dict, str]:
-        """Its figures and everything on stderr, once it has ended with this exit code."""
-        out, err = self._running.finished(PATIENCE_S)
-        assert self.process.returncode == code, err
-        assert "Traceback" not in err
-        return json.loads(out), err
-
-    def figures(self) -> dict:
-        return self.ended()[0]
 
 
 def gone(pid: int) -> bool:
@@ -201,47 +167,6 @@ def test_the_report_says_where_the_time_went(killed: tuple[dict, Path, list[int]
         assert parts == pytest.approx(stages["total"]["mean"], abs=0.5)
     assert "cam00 | dead" in (folder / "latency.md").read_text()
     assert "<svg" in (folder / "latency.html").read_text()
-
-
-def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_1(demo_session: Path, tmp_path: Path) -> None:
-    recording, report = tmp_path / "a.mcap", tmp_path / "report"
-    live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
-    outputs = int(live.wait_for(r"outputs record in process (\d+)")[1])
-    live.wait_for("cam03: ok")
-    until(lambda: recording.stat().st_size > 100_000)
-    os.kill(outputs, signal.SIGKILL)
-    live.wait_for(f"outputs: failed: process {outputs} ended by signal SIGKILL; starting again")
-    live.wait_for(f"output record: ok: goes on in {tmp_path / 'a.2.mcap'}")
-    until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
-    live.process.send_signal(signal.SIGINT)
-    figures, _ = live.ended(1)
-    assert figures["failed"] == ["record"]
-    assert figures["outputs_lost"] > 0
-    assert [(event["output"], event["state"]) for event in figures["output_events"]] == [("process", "failed"), ("record", "ok")]
-    assert "process | failed | process" in (report / "latency.md").read_text()
-    diagnostics = [entry.msg for entry in read_mcap(tmp_path / "a.2.mcap", {topics.DIAGNOSTICS.name})]
-    [line] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
-    assert "goes on after 1 failures" in line.message and "SIGKILL" in line.message
-    said: list[str] = []
-    first = list(read_poses(recording, warn=said.append))
-    second = list(read_poses(tmp_path / "a.2.mcap", warn=said.append))
-    assert first and second and len(said) == 1
-    # a replay takes what was cut off, too
-    done = subprocess.run(
-        [sys.executable, "-m", "posefuse.cli.main", "live", str(demo_session / "rig.toml"), "--replay", str(recording), "--json"],
-        capture_output=True, text=True, check=False, timeout=PATIENCE_S,
-    )  # fmt: skip
-    assert done.returncode == 0
-    assert "was cut off" in done.stderr
-    figures = json.loads(done.stdout)
-    assert figures["equal"] == figures["poses"] == len(first)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
 
 
 def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> None:

@@ -11,6 +11,8 @@ from posefuse.cli.terminal import Terminal
 
 SUMMARY = "joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets"
 FOLDER = "biomechanics"
+# of all files together, measured on the bundled clip
+_BYTES_PER_STEP_AND_PERSON = 6_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,9 +36,10 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     recording = read_recording(args.result)
     out = args.out or args.result / FOLDER
     inputs = [args.result / name for name in RECORDING_FILES]
+    estimate = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
     # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
     with (
-        output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
+        output_folder(out, command="report", inputs=inputs, replace=True, estimated_bytes=estimate, warn=terminal.warn) as place,
         terminal.progress("joint angles") as advance,
         compiling("joint angles", terminal.note),
     ):
