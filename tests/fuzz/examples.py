@@ -25,6 +25,7 @@ from posefuse.formats.video import VideoWriter
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden" / "files"
 DEMO = ROOT / "examples" / "demo"
+NETWORK = b"a network" * 100
 NAMES = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee")
 
 
@@ -160,11 +161,11 @@ def _demo_session(folder: Path) -> None:
 
 def _wheel(folder: Path) -> None:
     with zipfile.ZipFile(folder / "mediapipe-0.10.21-x.whl", "w", zipfile.ZIP_DEFLATED) as wheel:
-        wheel.writestr("mediapipe/modules/pose_landmark/pose_landmark_full.tflite", b"a network" * 100)
+        wheel.writestr("mediapipe/modules/pose_landmark/pose_landmark_full.tflite", NETWORK)
 
 
 def _npm(folder: Path) -> None:
-    (folder / "network").write_bytes(b"a network" * 100)
+    (folder / "network").write_bytes(NETWORK)
     with tarfile.open(folder / "mediapipe-pose-0.5.1675469404.tgz", "w:gz") as package:
         package.add(folder / "network", "package/pose_landmark_heavy.tflite")
 

@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import FloorTile, ThreePoints, WorldRule
 from posefuse.calibration.intrinsics.board import calibrate_intrinsics
-from posefuse.calibration.report_html import heat_picture
+from posefuse.calibration.report_page import heat_picture
 from posefuse.calibration.targets.corners import Observations, joined
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.targets.detection import observe, observe_all

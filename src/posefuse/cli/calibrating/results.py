@@ -15,12 +15,13 @@ import numpy as np
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.target import Calibration
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
-from posefuse.calibration.report_html import html_page
+from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.corners import Observations
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.formats.page import write_page
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import check_output_file, keep_copy
@@ -51,11 +52,10 @@ def reported(args: argparse.Namespace) -> Iterator[None]:
 
 
 def write_report(path: Path | None, report: CalibrationReport, pictures: Mapping[str, Any], rig: Rig | None = None) -> None:
-    """The HTML page with pictures by title (RGB images), where one was asked for."""
+    """The HTML page with images by caption (RGB arrays), where one was asked for."""
     if path is not None:
         keep_copy(path)
-        with atomic_file(path) as temporary:
-            temporary.write_text(html_page(report, pictures, rig), encoding="utf-8")
+        write_page(path, calibration_page(report, pictures, rig))
 
 
 def write_rig_file(path: Path, rig: Rig) -> None:
