@@ -33,7 +33,6 @@ BAD = ("trace", "hang", "crash")
 COLUMNS = ("variants", "one clear line", "accepted", "traceback or warning", "hang over 20 s", "crash")
 # commands take a second each, readers milliseconds: commands get this share of the variants
 COMMAND_SHARE = 0.25
-BEGIN, END = "<!-- fuzz: begin -->", "<!-- fuzz: end -->"
 
 
 @dataclass(frozen=True)
@@ -166,13 +165,14 @@ def table(counts: dict[str, Counter[str]]) -> str:
     return "\n".join(lines)
 
 
-def write_between_marks(page: Path, text: str) -> None:
-    """Replace what is between the marks of a page."""
-    before, mark, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    _, end, after = rest.partition(END)
+def write_between_marks(page: Path, text: str, name: str) -> None:
+    """Replace what is between the marks of this name in a page."""
+    first, last = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+    before, mark, rest = page.read_text(encoding="utf-8").partition(first)
+    _, end, after = rest.partition(last)
     if not (mark and end):
-        raise SystemExit(f"{page}: expected the marks {BEGIN} and {END}")
-    page.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+        raise SystemExit(f"{page}: expected the marks {first} and {last}")
+    page.write_text(f"{before}{first}\n{text}\n{last}{after}", encoding="utf-8")
 
 
 def main() -> int:
@@ -188,7 +188,7 @@ def main() -> int:
         print(f"--- {one.kind}, seed {one.seed} ({one.damage}): {one.outcome}\n{one.detail}", flush=True)
     print(table(counts))
     if args.write:
-        write_between_marks(args.write, table(counts))
+        write_between_marks(args.write, table(counts), "fuzz")
     return 1 if failures else 0
 
 
