@@ -81,7 +81,8 @@ def small_disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
 
     yield mounted
     for place in places:
-        subprocess.run(["umount", str(place)], check=True, timeout=10)
+        # lazily: a process of a test that failed may still hold a file there
+        subprocess.run(["umount", "--lazy", str(place)], check=True, timeout=10)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from running import Running
 
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 
 
 def command(session: Path, *options: str, source: str | None = None) -> list[str]:
