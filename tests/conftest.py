@@ -51,7 +51,9 @@ def _ring_rig(
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
         pose = SE3.from_matrix(rotation, -rotation @ centre)
-        cameras.append(Camera(f"cam{i:02d}", size_wh, intrinsics, pose, np.array(distortion)))
+        cameras.append(
+            Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=np.array(distortion))
+        )
     return Rig(tuple(cameras), world_set_by="test")
 
 
@@ -88,13 +90,12 @@ def small_disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
 @pytest.fixture(scope="session")
 def models() -> None:
     """The networks are there, fetched once; without them and without a network the tests that look at images skip, by name."""
-    import os
 
     from posefuse.core import ModelError
     from posefuse.detection import default_cards, fetch_all
 
     try:
-        fetch_all(default_cards(), default_cache_dir(os.environ))
+        fetch_all(default_cards(), default_cache_dir())
     except ModelError as error:
         pytest.skip(f"the networks cannot be had: {error}")
 
@@ -175,5 +176,7 @@ def _unpacked(data: dict[str, Any]) -> dict[str, Any]:
     arrays = [unpacked(one) for one in data["arrays"]]
     for plot in data["plots"]:
         for series in plot["series"]:
-            series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high") if key in series}
+            series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high", "width") if key in series}
+            if "width" in series:
+                series["high"] = series["low"] + series.pop("width")
     return data

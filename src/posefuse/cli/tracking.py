@@ -139,6 +139,7 @@ def settled_config(args: argparse.Namespace) -> TrackConfig:
         "--input": ("input", args.input),
         "--start": ("start_s", args.start),
         "--end": ("end_s", args.end),
+        "--rate": ("rate_hz", args.rate),
         "--raw": ("raw", args.raw or None),
         "--weights": ("fuse.weights", args.weights),
         "--person": ("associate.near_xy_m", args.person),

@@ -130,7 +130,16 @@ def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path
     sigma_m = np.sqrt(np.trace(poses.cov_world[:, n], axis1=-2, axis2=-1) / 3)
     span_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9
     rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0
-    write_c3d(made[1], C3dData(poses.skeleton.keypoints, poses.xyz_world[:, n], sigma_m, rate_hz, *_c3d_angles(joints, n)))
+    labels, angles = _c3d_angles(joints, n)
+    points = C3dData(
+        names=poses.skeleton.keypoints,
+        xyz_world=poses.xyz_world[:, n],
+        sigma_m=sigma_m,
+        rate_hz=rate_hz,
+        angle_names=labels,
+        angle_rad=angles,
+    )
+    write_c3d(made[1], points)
     if animation_gap(joints, n) is None:
         made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
         write_bvh(made[2], animation_from_joints(poses, joints, n, _CENTIMETRES))

@@ -82,7 +82,7 @@ def finish(
         kept = observations.keeping(long_enough(observations))
         views = views_over_time(kept, long_enough(kept))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
-    return Recording(rig, poses, kept, provenance)
+    return Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
 
 
 def solve_again(recording: Recording, config: TrackConfig | None = None) -> Recording:
