@@ -25,6 +25,7 @@ from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.session import run_live
 
 from .live_report import figures_of, show, write_report
+from .stopping import session_exit_code
 from .terminal import Terminal
 
 
@@ -44,12 +45,21 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     fetch_networks(config.detector, terminal)
     done = run_live(rig, inputs, config, plan, run_options(args).duration_s, terminal.note)
-    figures = figures_of(done)
+    figures = {**figures_of(done), **how_it_ended(done.stopped_by, args, terminal, failed=done.outputs_failed)}
     show(terminal, figures)
     if args.report:
         write_report(args.report, done, figures)
     _show_next(args, terminal)
     return figures
+
+
+def how_it_ended(stopped_by: str, args: argparse.Namespace, terminal: Terminal, *, failed: bool = False) -> dict[str, int]:
+    """Say what request ended the session early; the exit code, as a figure."""
+    duration_s = run_options(args).duration_s
+    code = session_exit_code(stopped_by, endless=duration_s is None, failed=failed)
+    if stopped_by and code:
+        terminal.note(f"stopped by {stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
+    return {"exit_code": code}
 
 
 def _show_next(args: argparse.Namespace, terminal: Terminal) -> None:

@@ -38,7 +38,7 @@ from posefuse.realtime.scheduling import expected_gain
 from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 
-from .live import output_configs, run_options, settled_config, settled_inputs
+from .live import how_it_ended, output_configs, run_options, settled_config, settled_inputs
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal
 
@@ -79,7 +79,8 @@ def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
         with stop_requests() as stopped:
             while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
                 worker.step(groups)
-    return {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
+    figures = {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
+    return {**figures, **how_it_ended(stopped[0] if stopped else "", args, terminal)}
 
 
 class CameraNode:
@@ -151,6 +152,7 @@ def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     counts = views.intake.intake.counts
     figures = {
         **figures_of(done),
+        **how_it_ended(done.stopped_by, args, terminal, failed=done.outputs_failed),
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
         "strangers": views.intake.strangers,

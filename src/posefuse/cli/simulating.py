@@ -22,7 +22,7 @@ def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[st
     began_s = time.perf_counter()
     try:
         with terminal.progress("rendering") as advance:
-            paths = simulate(scene, args.out, advance, args.workers, replace=args.force)
+            paths = simulate(scene, args.out, advance, args.workers, replace=args.force, warn=terminal.warn)
     except KeyboardInterrupt:
         terminal.warn(f"{args.out} is unfinished; the same command goes on where it stopped")
         raise

@@ -190,7 +190,10 @@ def new_board(rig: Rig) -> Board:
 
 @contextmanager
 def stop_requests() -> Iterator[list[str]]:
-    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual."""
+    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual.
+
+    Whatever interrupts the block is put down to the first request: the handler that was there before raises what it raises.
+    """
     stopped: list[str] = []
 
     def note(number: int, frame: Any) -> None:
@@ -201,6 +204,11 @@ def stop_requests() -> Iterator[list[str]]:
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stopped
+    except KeyboardInterrupt:
+        earlier = before[signal.Signals[stopped[0]]] if stopped else None
+        if callable(earlier):
+            earlier(signal.Signals[stopped[0]], None)
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

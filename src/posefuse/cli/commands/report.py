@@ -12,6 +12,8 @@ from posefuse.core import Progress
 
 SUMMARY = "joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets"
 FOLDER = "biomechanics"
+# of all files together, measured on the bundled clip
+_BYTES_PER_STEP_AND_PERSON = 6_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,9 +40,10 @@ def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     out = args.out or args.result / FOLDER
     chosen = BiomechanicsSettings(fit=args.fit, opensim=args.opensim)
     inputs = [args.result / name for name in RECORDING_FILES]
+    estimate = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
     # its own unchanged files can be made again at any time: replaced without --force
     with (
-        output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
+        output_folder(out, command="report", inputs=inputs, replace=True, estimated_bytes=estimate, warn=terminal.warn) as place,
         compiling("joint angles", terminal.note),
     ):
         made = write_biomechanics(recording, place.folder, chosen, title=args.title or TITLE, progress=_shown(terminal))
