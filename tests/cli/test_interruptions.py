@@ -52,6 +52,7 @@ def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFacto
 def track(session: Path, out: Path, *options: str, at: tuple[list, ...] = ()) -> subprocess.CompletedProcess[str]:
     script = Path(__file__).with_name("interrupting.py")
     command = [sys.executable, str(script), json.dumps(at), "track", str(session), "--out", str(out), "--outputs", "trc,csv"]
+    command += ["--rate", "30"]
     return subprocess.run([*command, *options], capture_output=True, text=True, timeout=AT_MOST_S, env=dict(os.environ))
 
 
