@@ -7,6 +7,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from posefuse.cli.calibrating.person_poses import person_in_videos
 
 from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import person_tracks
@@ -16,7 +17,6 @@ from posefuse.calibration.person.solve import KnownLength, PersonCalibration, ca
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.cli.calibrating.person_poses import person_in_videos
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, Rig
 from posefuse.detection.build import DetectorChoice

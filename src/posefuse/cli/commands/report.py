@@ -2,49 +2,51 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
-from posefuse.cli.terminal import Terminal
+from cyclopts import Parameter
 
-SUMMARY = "joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets"
+from .options import Figures, Shown
+
 FOLDER = "biomechanics"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The result, how angles are made, where they go."""
-    parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER})")
-    parser.add_argument(
-        "--fit", choices=("none", "points", "rays"), default="points",
-        help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",
-    )  # fmt: skip
-    parser.add_argument("--opensim", action="store_true", help="run OpenSim's inverse kinematics too (extra: biomech)")
+def report(
+    result: Annotated[Path, Parameter(metavar="DIR")],
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
+    fit: Literal["none", "points", "rays"] = "points",
+    opensim: bool = False,
+    terminal: Shown,
+) -> Figures:
+    """Compute joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets.
 
-
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Write the files; returns their names."""
+    Args:
+        result: Folder written by `posefuse track`.
+        out: Folder for the files (default DIR/biomechanics).
+        fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
+        opensim: Run OpenSim's inverse kinematics too (extra: biomech).
+    """
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
     from posefuse.formats.recording import RECORDING_FILES, read_recording
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
 
-    recording = read_recording(args.result)
-    out = args.out or args.result / FOLDER
-    inputs = [args.result / name for name in RECORDING_FILES]
+    recording = read_recording(result)
+    folder = out or result / FOLDER
+    inputs = [result / name for name in RECORDING_FILES]
     # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
     with (
-        output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
+        output_folder(folder, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
         terminal.progress("joint angles") as advance,
         compiling("joint angles", terminal.note),
     ):
-        made = write_biomechanics(recording, place.folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
+        made = write_biomechanics(recording, place.folder, BiomechanicsSettings(fit=fit, opensim=opensim))
         names = [path.relative_to(place.folder).as_posix() for path in made]
         advance(1, 1)
-    terminal.facts(
-        "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
-    )
-    terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot beside it hold the numbers")
-    return {"out": out, "files": names, "people": len(recording.poses.person_id)}
+    page = folder / "report.html"
+    terminal.facts("Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(page)})
+    terminal.next(f"open {page} in a browser", "angles.csv and angles.mot in the same folder hold the numbers")
+    return {"out": folder, "files": names, "people": len(recording.poses.person_id)}

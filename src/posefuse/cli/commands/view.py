@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from posefuse.cli.terminal import Terminal
+from cyclopts import Parameter
 
-SUMMARY = "look at a result in the Rerun viewer"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The result folder."""
-    parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
+from .options import Figures, Shown
 
 
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Show the result until the viewer is closed."""
+def view(result: Annotated[Path, Parameter(metavar="DIR")], /, *, terminal: Shown) -> Figures:
+    """Show a result in the Rerun viewer (extra: viewer), until the viewer is closed.
+
+    Args:
+        result: Folder written by `posefuse track`.
+    """
     from posefuse.outputs import view_recording
 
-    return {"viewed": view_recording(args.result)}
+    return {"viewed": view_recording(result)}
