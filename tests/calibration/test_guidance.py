@@ -14,7 +14,8 @@ import pytest
 from posefuse.calibration.targets.detection import Corners
 from posefuse.calibration.targets.guidance import seen, start
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.cli.calibrating.guiding import Look, guide
+from posefuse.cli.calibrating.guide_frame import GuideFrame
+from posefuse.cli.calibrating.guiding import guide
 from posefuse.core import Frame, SourceError
 from posefuse.realtime.capture import LiveInput
 
@@ -75,7 +76,7 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     page = np.full((120, 160, 3), 255, np.uint8)
     page[30:90, 50:110] = marker[..., None]
     told: list[str] = []
-    looks: list[Look] = []
+    looks: list[GuideFrame] = []
     inputs = [LiveInput(name, "film", Film((page,), name), reopen=False) for name in ("a", "b")]
     found = guide(inputs, Markers(0.1), lambda state: told.append(state.words), looks.append, 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
@@ -103,7 +104,7 @@ def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path:
     corners = Corners(np.repeat([3, 7], 4), np.tile(np.arange(4), 2), everywhere()[:8])
     view = GuideView(("a", "b", "c"), str(tmp_path / "guide.rrd"))
     for t_ns in (0, 10, 10**9):
-        view.look(Look(0, t_ns, frame, corners, state))
+        view.look(GuideFrame(camera=0, t_ns=t_ns, frame=frame, corners=corners, state=state))
     view.close()
     listing = printed(tmp_path / "guide.rrd")
     for entity in ("cameras/a/image", "cameras/a/markers", "together/links", "together/cameras", "next"):

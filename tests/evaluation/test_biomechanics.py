@@ -65,7 +65,7 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
     names = {path.name for path in made}
     assert {"angles_2.mot", "skeleton_2.bvh"} <= names
     assert not any("_7" in name for name in names)
-    assert "Not seen in any instant" in (tmp_path / "report.html").read_text()
+    assert "Not seen in any time step" in (tmp_path / "report.html").read_text()
 
 
 def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, monkeypatch):
@@ -82,3 +82,16 @@ def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
     views = {name: getattr(recording.views, name)[:1] for name in ("xy_img", "score", "sigma_px")}
     made = write_biomechanics(Recording.from_views(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
     assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}
+
+
+def test_stages_are_told_as_they_begin(recording, tmp_path):
+    reported = []
+    tell = lambda *report: reported.append(report)  # noqa: E731
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=tell)
+    assert reported == [
+        ("report", 0, 3, "fitting the skeleton to the points of 24 time steps"),
+        ("report", 1, 3, "tables and files for other programs"),
+        ("report", 2, 3, "gait cycles and the page"),
+        ("report", 3, 3),
+    ]
+    assert "<h1>Trial 7</h1>" in (tmp_path / "report.html").read_text()

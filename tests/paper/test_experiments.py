@@ -1,6 +1,7 @@
 """Experiments and comparisons as a user runs them."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,9 @@ def trc(tmp_path: Path) -> Path:
     return tmp_path / "a.trc"
 
 
-def test_a_file_compared_with_its_delayed_copy_of_another_kind(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_compared_with_its_delayed_copy_of_another_kind(
+    trc: Path, capsys: pytest.CaptureFixture[str], read_page: Callable
+) -> None:
     a = read_tracks(trc)
     assert "neck" in a.points and "mid_hip" not in a.points
     csv = trc.with_name("b.csv")
@@ -46,7 +49,10 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(trc: Path, capsys
     assert told["offset_s"] == pytest.approx(-0.1, abs=5e-4)
     assert told["mean_mm"] < 0.5
     assert json.loads((trc.parent / "out" / "compare.json").read_text())["mean_mm"] == told["mean_mm"]
-    assert "right shoulder" in (trc.parent / "out" / "compare.html").read_text()
+    page = read_page(trc.parent / "out" / "compare.html")
+    assert page.headings[0] == "b.csv compared with a.trc" and "right shoulder" in page.tables[1][-1] + page.tables[1][1]
+    [one, other] = page.plot("right shoulder, x")["series"]
+    np.testing.assert_allclose(one["y"][1:-1], other["y"][1:-1], atol=0.005)
 
 
 def test_a_result_is_the_same_as_each_of_its_files(

@@ -2,7 +2,6 @@
 
 import itertools
 import multiprocessing
-import re
 import socket
 import threading
 import time
@@ -227,20 +226,32 @@ def test_stages_add_up_to_the_total() -> None:
     assert figures["b"]["total"]["n"] == 0
 
 
-def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
-    latencies = Latencies(("a", "b"))
+def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> None:
+    latencies = Latencies(("a", "b", "silent"))
     for i in range(100):
         late_ns = 900_000_000 if i == 50 else 30_000_000
         for name in ("a", "b"):
             latencies.view_out(Way(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
-    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b"), id="r"))
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b", "silent"), id="r"))
     figures = {"latency": latencies.figures(), "events": [], "output_events": []}
     write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
-    page = (tmp_path / "latency.html").read_text()
-    blue, red = re.findall(r'stroke="#36c" d="([^"]*)"', page), re.findall(r'stroke="#c33" d="([^"]*)"', page)
-    assert [path.count("M") for path in blue] == [99, 99]
-    assert [path.count("M") for path in red] == [1, 1]
-    assert page.count("60 ms") == 2 and "highest 900.0 ms" in page
+    plots = read_page(tmp_path / "latency.html").data["plots"]
+    assert [plot["title"][-16:] for plot in plots] == ["highest 900.0 ms", "highest 900.0 ms", "silent: no view"[-16:]]
+    for plot in plots[:2]:
+        usual, high = plot["series"][:2]
+        assert (len(usual["high"]), len(high["high"])) == (99, 1)
+        np.testing.assert_allclose(usual["x"], np.delete(np.arange(100), 50) * PERIOD_NS / 1e9, atol=1e-3)
+        assert high["colour"] == "bad" and high["high"][0] == 900 and plot["ranges"][1] == [0, 60]
+        np.testing.assert_allclose(plot["series"][2]["y"], 38.7, atol=0.01)
+
+
+def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:
+    latencies = Latencies(("a",))
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a",), id="r"))
+    write_report(
+        tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), {"latency": latencies.figures(), "events": [], "output_events": []}
+    )
+    assert "No view reached an output" in read_page(tmp_path / "latency.html").text
 
 
 # --- between processes

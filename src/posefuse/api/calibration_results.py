@@ -10,7 +10,7 @@ from posefuse.calibration.checks.verify import Verification
 from posefuse.calibration.clocks.person import numbers
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.report_html import heat_picture
+from posefuse.calibration.report_page import heat_picture
 from posefuse.calibration.result_files import clock_settings, numbered, write_clock_settings, write_report, write_rig_file
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import Camera

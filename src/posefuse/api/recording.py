@@ -138,13 +138,22 @@ class Recording(core.Recording):
         with shown(progress) as report:
             return save_recording(self, Path(path), formats, None if session is None else Path(session), replace, report)
 
-    def report(self, path: str | Path, *, fit: Fit = "points", opensim: bool = False) -> Path:
+    def report(
+        self,
+        path: str | Path,
+        *,
+        fit: Fit = "points",
+        opensim: bool = False,
+        title: str = "Motion report",
+        progress: Progress | bool | None = None,
+    ) -> Path:
         """Write joint angles, gait, OpenSim, BVH, glTF and C3D files and one HTML page into a folder; returns the page."""
         from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
         from posefuse.foundation.output_folder import output_folder
 
-        with output_folder(Path(path), command="report", replace=True) as out:
-            write_biomechanics(self, out.folder, BiomechanicsSettings(fit=fit, opensim=opensim))
+        chosen = BiomechanicsSettings(fit=fit, opensim=opensim)
+        with shown(progress) as report, output_folder(Path(path), command="report", replace=True) as out:
+            write_biomechanics(self, out.folder, chosen, title=title, progress=report)
         return Path(path) / "report.html"
 
     def to_xarray(self, *, angles: bool = False) -> xr.Dataset:

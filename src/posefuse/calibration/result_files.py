@@ -10,22 +10,22 @@ import cv2
 
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.formats.page import write_page
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 
 from .clocks.sync import ClockEstimate
 from .report import CalibrationReport
-from .report_html import html_page
+from .report_page import calibration_page
 from .targets.corners import Observations
 from .targets.coverage import Coverage, coverage, coverage_sheet
 
 
 def write_report(path: Path, report: CalibrationReport, pictures: Mapping[str, Array], rig: Rig | None = None) -> None:
-    """The HTML page with pictures by title (RGB images); an older one is kept as NAME.replaced-TIME."""
+    """The HTML page with images by caption (RGB arrays); an older one is kept as NAME.replaced-TIME."""
     keep_copy(path)
-    with atomic_file(path) as temporary:
-        temporary.write_text(html_page(report, pictures, rig), encoding="utf-8")
+    write_page(path, calibration_page(report, pictures, rig))
 
 
 def write_rig_file(path: Path, rig: Rig) -> None:

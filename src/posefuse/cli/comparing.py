@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from paper.scenes.page import Line, Page, plot
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
 from posefuse.evaluation.tracks import read_tracks
+from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.foundation.plain_values import plain
@@ -34,7 +34,7 @@ def compare_files(path_a: Path, path_b: Path, options: CompareOptions, terminal:
     if options.out:
         # its own, unchanged, can be made again at any time: replaced without being asked
         with output_folder(options.out, command="compare", inputs=(path_a, path_b), replace=True, warn=terminal.warn) as out:
-            _page(a, b, found, rows).write(out.folder / "compare.html")
+            write_page(out.folder / "compare.html", comparison_page(a, b, found, rows))
             (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
         page = options.out / "compare.html"
         terminal.note(f"written: {page}")
@@ -80,36 +80,37 @@ def _figures(found: Comparison) -> dict[str, Any]:
     }
 
 
-def _page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
-    page = Page(f"{b.name} beside {a.name}")
-    page.section("Alignment", f"{b.name} is brought onto {a.name}.")
-    page.facts(_facts(found))
-    page.section("Distances")
-    page.table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows)
+def comparison_page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
+    """Alignment, distances, drift and every point over time."""
     t_s = found.t_s - found.t_s[0]
     both = np.isfinite(found.a_m) & np.isfinite(found.b_m)
     middle = [middle_of(np.where(both, one, np.nan)) for one in (found.a_m, found.b_m)]
-    page.section("Drift", "Level distance of the middles of all points.")
-    page.plots(
+    apart = Line("apart", found.walked_m, 1000 * found.apart_m)
+    paths = [Line(name, m[:, 0], m[:, 1]) for name, m in zip((a.name, b.name), middle, strict=True)]
+    points = [
+        Plot(
+            f"{point.replace('_', ' ')}, {axis}",
+            [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])],
+            x_label="s", y_label="m",
+        )
+        for k, point in enumerate(found.points)
+        for i, axis in enumerate("xyz")
+    ]  # fmt: skip
+    return Page(
+        f"{b.name} compared with {a.name}",
         [
-            plot("Over the way", "m walked", "mm", [Line("apart", found.walked_m, 1000 * found.apart_m)], from_zero=True),
-            plot(
-                "From above",
-                "x, m",
-                "m",
-                [Line(n, m[:, 0], m[:, 1]) for n, m in zip((a.name, b.name), middle, strict=True)],
-                True,
+            Heading("Alignment", f"{b.name} is aligned to {a.name}."),
+            Facts(_facts(found)),
+            Heading("Distances"),
+            Table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows),
+            Heading("Drift", "Horizontal distance between the means of all points."),
+            Plots(
+                [
+                    Plot("Along the path", [apart], x_label="distance walked, m", y_label="mm", from_zero=True),
+                    Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
+                ]
             ),
-        ]
-    )
-    page.section("Points over time")
-    page.plots(
-        [
-            plot(f"{point.replace('_', ' ')}, {axis}", "s", "m",
-                 [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])])
-            for k, point in enumerate(found.points)
-            for i, axis in enumerate("xyz")
+            Heading("Points over time"),
+            Plots(points, small=True),
         ],
-        many=True,
-    )  # fmt: skip
-    return page
+    )

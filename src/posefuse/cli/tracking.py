@@ -77,9 +77,9 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")
     terminal.next(f"posefuse view {options.out}", "the skeleton in the 3D viewer (extra: viewer)")
     if options.view:
-        from posefuse.outputs import view_recording
+        from .viewing import view_result
 
-        view_recording(options.out)
+        view_result(options.out, None if "rerun" in config.outputs else folder, terminal)
     return figures
 
 
@@ -140,6 +140,7 @@ def settled_config(folder: Path, options: TrackOptions, settings: SettingsOption
         "--input": ("input", options.input),
         "--start": ("start_s", options.start),
         "--end": ("end_s", options.end),
+        "--rate": ("rate_hz", options.rate),
         "--raw": ("raw", options.raw or None),
         "--weights": ("fuse.weights", options.weights),
         "--person": ("associate.near_xy_m", options.person),

@@ -115,16 +115,16 @@ def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T], o
     return settings_from_mapping(content, cls, where=str(path) if path else "settings")
 
 
-def changed_config(config: TrackConfig, changes: Mapping[str, Any]) -> TrackConfig:
+def changed_config(config: T, changes: Mapping[str, Any]) -> T:
     """The settings with other values by dotted key, e.g. ``{"fuse.weights": "score"}``, validated like a settings file.
 
     Raises:
         ConfigError: an unknown key or a wrong value.
     """
-    content = asdict(config)
+    content = asdict(config)  # type: ignore[call-overload]
     for dotted, value in changes.items():
         _put(content, dotted.split("."), value)
-    return settings_from_mapping(content, TrackConfig, where="settings")
+    return settings_from_mapping(content, type(config), where="settings")
 
 
 def _check_option(option: str, dotted: str, value: Any, cls: type[Any]) -> None:

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink, SourceError
+from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink
 from posefuse.core import Progress as StageProgress
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
 from posefuse.outputs.frames import write_each, write_outputs
-from posefuse.sources import FramesAhead, frame_sets
 
 from .config import TrackConfig
-from .opening import Opened, build_source
+from .opening import Opened
 from .session import Session, find_session
+from .session_images import session_frames
 from .solve import config_of
 
 Progress = Callable[[int, int], None]
@@ -40,7 +38,7 @@ def write_result(
         written = write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-    outcome = write_each(sinks, recording, out.folder, _frames(recording, session, config, progress))
+    outcome = write_each(sinks, recording, out.folder, session_frames(recording, session, progress, config))
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
 
@@ -61,7 +59,7 @@ def save_recording(
         frames: Iterator[tuple[int, tuple[Frame | None, ...]]] = iter(())
         if opened is not None:
             report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
-            frames = _frames(recording, opened, config_of(recording), report)
+            frames = session_frames(recording, opened, report)
         written += write_outputs(sinks, recording, out.folder, frames)
         return [out.final(file) for file in written]
 
@@ -86,27 +84,3 @@ def estimated_bytes(opened: Opened) -> int:
     per_keypoint += sum(_BYTES_PER_KEYPOINT.get(name, 0) for name in config.outputs)
     per_step = per_keypoint * keypoints * config.associate.max_people + _OVERLAY_BYTES * ("overlay" in config.outputs)
     return opened.timeline.count * per_step
-
-
-def _frames(
-    recording: Recording, session: Session, config: TrackConfig, progress: Progress
-) -> Iterator[tuple[int, tuple[Frame | None, ...]]]:
-    """The session's frames at the recording's time steps, decoded again; nothing where the session has no images."""
-    inputs = [entry for entry in session.inputs if entry.camera in recording.rig.names and entry.kind != "pose2d"]
-    if not inputs:
-        return
-    t_ns = recording.poses.t_ns
-    period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
-    streams = {entry.camera: FramesAhead(build_source(entry, config)) for entry in inputs}
-    try:
-        sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_reported_already)
-        for done, one in enumerate(sets, start=1):
-            yield one.t_ns, one.frames
-            progress(done, len(t_ns))
-    finally:
-        for stream in streams.values():
-            stream.close()
-
-
-def _reported_already(camera: str, error: SourceError) -> None:
-    """A camera that breaks off did so in tracking too, and was reported there."""

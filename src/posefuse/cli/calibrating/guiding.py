@@ -10,7 +10,7 @@ from posefuse.cli.commands.calibrate_guide import GuideOptions
 from posefuse.cli.commands.calibrate_options import TargetOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.formats.rig import read_rig
-from posefuse.outputs.rerun import SPAWN
+from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.realtime.guide import guide, guide_view
 from posefuse.realtime.inputs import inputs_from_arguments
 

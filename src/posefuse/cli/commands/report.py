@@ -18,6 +18,7 @@ def report(
     *,
     out: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
     fit: Literal["none", "points", "rays"] = "points",
+    title: Annotated[str | None, Parameter(metavar="TEXT")] = None,
     opensim: bool = False,
     terminal: Shown,
 ) -> Figures:
@@ -27,9 +28,11 @@ def report(
         result: Folder written by `posefuse track`.
         out: Folder for the files (default DIR/biomechanics).
         fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
+        title: Title of the page (default: Motion report).
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
     """
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
+    from posefuse.evaluation.report import TITLE
     from posefuse.formats.recording import RECORDING_FILES, read_recording
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
@@ -37,15 +40,15 @@ def report(
     recording = read_recording(result)
     folder = out or result / FOLDER
     inputs = [result / name for name in RECORDING_FILES]
+    settings = BiomechanicsSettings(fit=fit, opensim=opensim)
     # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
     with (
         output_folder(folder, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
-        terminal.progress("joint angles") as advance,
         compiling("joint angles", terminal.note),
+        terminal.stages() as progress,
     ):
-        made = write_biomechanics(recording, place.folder, BiomechanicsSettings(fit=fit, opensim=opensim))
+        made = write_biomechanics(recording, place.folder, settings, title=title or TITLE, progress=progress)
         names = [path.relative_to(place.folder).as_posix() for path in made]
-        advance(1, 1)
     page = folder / "report.html"
     terminal.facts("Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(page)})
     terminal.next(f"open {page} in a browser", "angles.csv and angles.mot in the same folder hold the numbers")

@@ -10,12 +10,19 @@ from cyclopts import Parameter
 from .options import Figures, Shown
 
 
-def view(result: Annotated[Path, Parameter(metavar="DIR")], /, *, terminal: Shown) -> Figures:
+def view(
+    result: Annotated[Path, Parameter(metavar="DIR")],
+    /,
+    *,
+    session: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
+    terminal: Shown,
+) -> Figures:
     """Show a result in the Rerun viewer (extra: viewer), until the viewer is closed.
 
     Args:
         result: Folder written by `posefuse track`.
+        session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
-    from posefuse.outputs import view_recording
+    from posefuse.cli.viewing import view_result
 
-    return {"viewed": view_recording(result)}
+    return {"viewed": view_result(result, session, terminal)}
