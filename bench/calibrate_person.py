@@ -7,7 +7,6 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from posefuse.cli.calibrating.person_poses import person_in_videos
 
 from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import person_tracks
@@ -20,8 +19,9 @@ from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, Rig
 from posefuse.detection.build import DetectorChoice
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
+from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.simulation.session import SessionPaths, simulate
 
 # where `python -m paper` keeps its own: the first walk is the one it reports

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_of, rendered_walk
-from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 
 from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
@@ -28,8 +27,9 @@ from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
 from posefuse.calibration.person.views import person_views
 from posefuse.core import CalibrationError, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
+from posefuse.pipeline.person_poses import poses_apart, timeline_of
 from posefuse.sources import VideoConfig
 
 # by seed: seconds, and how many of them have to do when the rig is not known; all at 30 Hz

@@ -10,11 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from posefuse.cli.calibrating.guide_frame import GuideFrame
 
 from posefuse.calibration.targets.detection import Corners
 from posefuse.calibration.targets.guidance import seen, start
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.cli.calibrating.guide_frame import GuideFrame
 from posefuse.cli.calibrating.guiding import guide
 from posefuse.core import Frame, SourceError
 from posefuse.realtime.capture import LiveInput

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from posefuse.cli.calibrating.person_poses import person_in_videos
 
 from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.clocks.person_tracks import person_tracks
@@ -25,8 +24,9 @@ from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Rig
 from posefuse.detection.build import DetectorChoice
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
+from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.sources import ImagesConfig, VideoConfig
 
 

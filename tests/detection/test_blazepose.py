@@ -30,7 +30,7 @@ def seen(detector, frame):
 
 
 def test_it_finds_the_man_where_openpose_does(detector, seen, shared_data):
-    from posefuse.detection import read_openpose_folder
+    from posefuse.formats.pose2d import read_openpose_folder
 
     assert isinstance(detector, Detector)
     theirs = read_openpose_folder(shared_data / "pose2sim_single" / "openpose_json" / "cam04_json", CAMERA).frame(0, 0)

@@ -40,7 +40,7 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
     from posefuse.formats.bvh import read_bvh
     from posefuse.formats.c3d import read_c3d
     from posefuse.formats.mot import read_mot
-    from posefuse.formats.openpose import read_openpose_folder
+    from posefuse.formats.pose2d import read_openpose_folder
     from posefuse.formats.recording import read_recording
     from posefuse.formats.rig import read_rig
     from posefuse.formats.trc import read_trc

@@ -158,11 +158,11 @@ def calibrate_person(
     """Find the poses of the cameras from a person who walks in front of them.
 
     Args:
-        inputs: per camera a video, or a folder of OpenPose JSON; a mapping by camera name, or paths.
+        inputs: per camera a video, or 2D poses of another tool; a mapping by camera name, or paths.
         intrinsics: a rig whose cameras have these names; its poses are not used.
         height_m: height of the person in metres, which sets the scale within a few per cent.
         camera_distance: or two cameras and their measured distance in metres.
-        rate_hz: frame rate of OpenPose JSON. time_steps: of videos, used at most.
+        rate_hz: frame rate of 2D poses. time_steps: of videos, used at most.
         clocks: as in `calibrate_extrinsics`. max_offset_s: largest clock offset between two cameras to search for.
         upside_down: cameras that are mounted upside down.
         settings: other settings of `track` by dotted key, e.g. ``{"detector.options.landmarks": "blazepose_best"}``.

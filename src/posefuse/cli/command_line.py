@@ -33,6 +33,7 @@ COMMANDS = (
     "simulate",
     "compare",
     "models",
+    "fit-noise",
     "plugins",
     "doctor",
 )
@@ -118,7 +119,8 @@ def _app() -> App:
         if name in STEPS:
             app.command(_with_steps(name, position))
         else:
-            app.command(f"{_MODULES}.{name}:{name}", name=name, sort_key=position)
+            module = name.replace("-", "_")
+            app.command(f"{_MODULES}.{module}:{module}", name=name, sort_key=position)
     return app
 
 

@@ -11,7 +11,7 @@ from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.core import InputError, Progress, Rig, silent
 from posefuse.detection.build import build_detector
 from posefuse.detection.downloading import fetch_networks
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_pose2d
 
 from .config import TrackConfig
 from .images import common_timeline
@@ -19,6 +19,7 @@ from .opening import build_source
 from .person_calibration import frame_period_s
 from .person_poses import poses_apart
 from .pose2d import stated_camera
+from .pose2d_rate import pose2d_rate_hz
 from .session import Session, find_session, fitted_camera
 
 # errors of neighbouring frames are correlated: more frames add little
@@ -49,7 +50,7 @@ def person_in_session(folder: Path, config: TrackConfig, seconds: float, progres
     if len(kinds) > 1:
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {', '.join(sorted(kinds))}")
     if kinds == {"pose2d"}:
-        return _from_files(session, config.rate_hz, seconds)
+        return _from_files(session, config, seconds)
     return _from_images(session, config, seconds, progress)
 
 
@@ -71,12 +72,12 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     return SessionSeen(rig=rig, tracks=tracks, frame_period_s=period_s)
 
 
-def _from_files(session: Session, rate_hz: float | None, seconds: float) -> SessionSeen:
-    if rate_hz is None:
-        raise InputError(f"{session.folder}: folders of 2D poses do not say their frame rate: add --rate-hz")
+def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:
+    poses = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
+    rate_hz = pose2d_rate_hz(session, poses, config)
     found = {}
-    for entry in session.inputs:
-        frames = list(read_openpose_folder(entry.path, entry.camera).frames(rate_hz))
+    for entry, one in zip(session.inputs, poses, strict=True):
+        frames = list(one.frames(rate_hz))
         spare = max(0, len(frames) - round(seconds * rate_hz)) // 2
         found[entry.camera] = frames[spare : len(frames) - spare]
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)

@@ -58,14 +58,15 @@ class TrackConfig:
 
     Attributes:
         rig: calibration file, relative to the session; found by name when left out.
-        input: ``videos``, ``images``, ``pose2d`` (OpenPose JSON), or ``auto``: the first of these that is there.
+        input: ``videos``, ``images``, ``pose2d`` (files of other tools, see docs/networks.md), or ``auto``: the first of these
+            that is there.
         cameras: per camera name, see `CameraInput`.
         start_s, end_s: part of the recording to work on, in session seconds.
-        rate_hz: output rate; the cameras' own when left out. Also the frame rate of image and 2D pose folders
-            that do not say theirs.
+        rate_hz: output rate; the cameras' own when left out. Also the frame rate of image folders and 2D poses that do not
+            state theirs.
         max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
-        joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
+        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
         outputs: names of sinks, see `posefuse plugins`.
     """

@@ -17,7 +17,7 @@ from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_pose2d
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .person_poses import person_in_videos
@@ -72,7 +72,7 @@ def find_person(
     search: PersonSearch,
     progress: Progress = silent,
 ) -> PersonSeen:
-    """The person in every recording: videos, or folders of OpenPose JSON.
+    """The person in every recording: videos, or 2D poses of another tool.
 
     Args:
         cameras: intrinsics in the order of `paths`; their poses are not used.
@@ -87,10 +87,8 @@ def find_person(
         )
         return PersonSeen(tracks=views.tracks(), views=views, cameras=seen_by, clocks=clocks, corrected=True)
     if videos:
-        raise InputError(
-            f"person: expected videos or folders of 2D poses for all cameras, got both: {choices(map(str, paths.values()))}"
-        )
-    tracks = _tracks_from_files(paths, search.rate_hz)
+        raise InputError(f"person: expected videos or 2D poses for all cameras, got both: {choices(map(str, paths.values()))}")
+    tracks = _tracks_from_files(paths, cameras, search.rate_hz)
     clocks = unplaced_clocks(tracks, cameras, length, search.clocks, search.most_s)
     return PersonSeen(tracks=tracks, views=person_views(tracks), cameras=cameras, clocks=clocks, corrected=False)
 
@@ -114,9 +112,9 @@ def solve_person(
 def frame_periods_s(paths: Mapping[str, Path], rate_hz: float | None) -> tuple[float, ...]:
     """Seconds between two frames of each camera; NaN where that is not known."""
     return tuple(
-        (1 / rate_hz if rate_hz else float("nan"))
-        if path.is_dir()
-        else frame_period_s(VideoConfig(path, name).build().times_ns())
+        frame_period_s(VideoConfig(path, name).build().times_ns())
+        if path.suffix.lower() in VIDEO_SUFFIXES
+        else (1 / rate_hz if rate_hz else float("nan"))
         for name, path in paths.items()
     )
 
@@ -126,7 +124,8 @@ def frame_period_s(times_ns: Array) -> float:
     return float(np.median(np.diff(times_ns))) / 1e9 if len(times_ns) > 1 else float("nan")
 
 
-def _tracks_from_files(paths: Mapping[str, Path], rate_hz: float | None) -> tuple[PersonTrack, ...]:
+def _tracks_from_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> tuple[PersonTrack, ...]:
     if rate_hz is None:
-        raise InputError("person: folders of 2D poses do not say their frame rate: add --rate-hz")
-    return person_tracks({name: list(read_openpose_folder(path, name).frames(rate_hz)) for name, path in paths.items()})
+        raise InputError("person: 2D poses do not state their frame rate: add --rate-hz")
+    poses = {camera.name: read_pose2d(paths[camera.name], camera.name, size_wh=camera.size_wh) for camera in cameras}
+    return person_tracks({name: list(frames.frames(rate_hz)) for name, frames in poses.items()})

@@ -133,7 +133,7 @@ def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan:
     count = config.groups or max(1, min(cores, len(inputs) // 2))
     count = min(count, len(inputs))
     detector = config.detector
-    if detector.name == "blazepose":
+    if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
     by_name = {entry.camera: entry for entry in inputs}

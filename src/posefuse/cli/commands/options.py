@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ Figures = Mapping[str, Any]
 Shown = Annotated[Terminal, Parameter(parse=False)]
 """Where a command shows what it does; the caller gives it."""
 
+# kinds of cards that the default detector reads; all others are networks of the user
+_BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
 InputKind = Literal["auto", "videos", "images", "pose2d"]
 # in the order of the help
 CAMERAS, TIMING, OUTPUTS = Group.create_ordered("Cameras"), Group.create_ordered("Timing"), Group.create_ordered("Outputs")
@@ -42,9 +45,27 @@ def count(most: int) -> Parameter:
     return Parameter(validator=check)
 
 
-def settings_of_networks(name: str) -> list[str]:
-    """``KEY=VALUE`` settings for what ``--networks`` names."""
-    return [f"detector.options.landmarks={name}"]
+def settings_of_networks(text: str) -> list[str]:
+    """``KEY=VALUE`` settings of the detector for a bundled network's name or a model card.
+
+    Raises:
+        ValueError: a card that cannot be read.
+    """
+    if not text.endswith(".toml"):
+        return [f"detector.options.landmarks={text}"]
+    path = Path(text).absolute()
+    try:
+        kind = tomllib.loads(path.read_text(encoding="utf-8")).get("kind")
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{text}: not a model card that can be read ({error})") from None
+    if kind in _BLAZEPOSE_KINDS:
+        return [f"detector.options.landmarks={path}"]
+    return ["detector.name=onnx", f"detector.options.card={path}"]
+
+
+def _check_networks(_: object, names: tuple[str, ...]) -> None:
+    for name in names:
+        settings_of_networks(name)
 
 
 @Parameter(name="*", group=SETTINGS)
@@ -55,9 +76,10 @@ class NetworkOptions:
     networks: Annotated[
         tuple[str, ...],
         Parameter(
-            metavar="NAME",
+            metavar="NAME|CARD.toml",
             help="2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, "
-            "or your own model card (TOML).",
+            "or your own model card (see docs/networks.md).",
+            validator=_check_networks,
         ),
     ] = ()
 

@@ -38,6 +38,8 @@ class TrackOptions:
     """Begin at this time of the session, in seconds."""
     end: Annotated[float | None, Parameter(metavar="S")] = None
     """End at this time of the session, in seconds."""
+    rate: Annotated[float | None, Parameter(metavar="HZ")] = None
+    """Output rate; also the frame rate of images and 2D poses that state none."""
     outputs: Annotated[str | None, Parameter(metavar="A,B,...")] = None
     """Which files to write; `posefuse plugins` lists them."""
     view: bool = False
