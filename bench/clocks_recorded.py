@@ -49,7 +49,7 @@ SHIFTED_FRAMES = (0, 0, 12, 0)
 def tracks_of(rig: Rig, session: Path) -> tuple[PersonTrack, ...]:
     """The person in every frame of the films, as the first look of `posefuse calibrate` has it."""
     sources = [VideoConfig(session / "videos" / f"{name}.mp4", name).build() for name in rig.names]
-    found = poses_apart(sources, build_detector(DetectorChoice(), rig), timeline_of(sources, 10**6), lambda *_: None)
+    found = poses_apart(sources, build_detector(DetectorChoice(), rig), timeline_of(sources, 10**6))
     return person_tracks(found)
 
 

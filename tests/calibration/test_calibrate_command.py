@@ -1,6 +1,5 @@
 """`posefuse calibrate` from the outside: exit codes, one-line errors, reports and files."""
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
@@ -8,14 +7,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from posefuse.cli.calibrating.floor_points import read_floor_points
-from posefuse.cli.calibrating.results import write_clocks
 
 from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
-from posefuse.cli.commands import calibrate
+from posefuse.cli.calibrating.showing import write_clocks
+from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.page import write_page
@@ -26,9 +25,9 @@ from posefuse.sources import ImagesConfig
 
 
 def run(*words: str) -> dict:
-    parser = argparse.ArgumentParser()
-    calibrate.add_arguments(parser)
-    return dict(calibrate.run(parser.parse_args(list(words)), Terminal(as_json=True)))
+    found = parse(["calibrate", *words])
+    assert found is not None
+    return dict(found.run(Terminal(as_json=True)))
 
 
 def test_printing_needs_its_sizes_and_says_which(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Clocks from what moves before known cameras: seconds apart, drifting, and what cannot be told."""
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -18,7 +17,7 @@ from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplace
 from posefuse.calibration.clocks.sync import ClockEstimate, Track, estimate_clocks
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.cli.commands import calibrate
+from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import SKELETONS, InputError, Rig
 from posefuse.formats.rig import write_rig
@@ -124,9 +123,9 @@ def test_views_at_found_clocks_lie_where_all_cameras_saw_the_person_at_once(rig:
 
 
 def clocks(*words: str) -> dict:
-    parser = argparse.ArgumentParser()
-    calibrate.add_arguments(parser)
-    return dict(calibrate.run(parser.parse_args(["clocks", *words]), Terminal(as_json=True)))
+    found = parse(["calibrate", "clocks", *words])
+    assert found is not None
+    return dict(found.run(Terminal(as_json=True)))
 
 
 def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_path: Path) -> None:

@@ -132,7 +132,8 @@ def calibrate_extrinsics(
     observations, world = world_rule(floor, seen, target)
     options = Options(clocks=clocks, lens_sigma=lens_sigma(focal_known_to_percent, cameras))
     found = moving_target.calibrate_extrinsics(observations, cameras, target, options, world, tuple(upside_down))
-    estimate = ClockEstimate(*found.delay_s.T, *found.delay_sigma_s.T, found.middle_ns / 1e9)
+    (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
+    estimate = ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
     return RigCalibration(
         rig=rig_of(found.rig),
         report=found.report,

@@ -158,6 +158,8 @@ def _problem(error: CycloptsError) -> str:
     if isinstance(error, ValidationError) and error.argument is not None:
         name = next((token.keyword for token in error.argument.tokens if token.keyword), error.argument.name)
         return f"{name}: {error.exception_message}"
+    if isinstance(error, ValidationError):
+        return error.exception_message
     if isinstance(error, UnknownCommandError) and error.unused_tokens:
         return _unknown(error.unused_tokens[0], error.command_chain or ())
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:

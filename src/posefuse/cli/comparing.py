@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from posefuse.cli.options.compare import CompareOptions
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
 from posefuse.evaluation.tracks import read_tracks
 from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
@@ -16,7 +17,6 @@ from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.foundation.plain_values import plain
 
-from .commands.compare import CompareOptions
 from .terminal import Terminal
 
 

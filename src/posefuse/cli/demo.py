@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from posefuse.cli.options.common import SettingsOptions
+from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError
 
-from .commands.options import SettingsOptions
-from .commands.track import TrackOptions
 from .terminal import Terminal
 
 _PACKAGE = Path(__file__).resolve().parents[1]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from posefuse.cli.options.fit_noise import FitOptions
 from posefuse.core import InputError
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card
@@ -27,7 +28,6 @@ from posefuse.pipeline.config import CameraInput, TrackConfig
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
 
-from .commands.fit_noise import FitOptions
 from .terminal import Terminal
 
 EVERYDAY, MOVING = "everyday", "moving"

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
+from posefuse.cli.options.common import Ros2Options
+from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.core import LiveOutputConfig, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import check_output_file
@@ -23,8 +25,6 @@ from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.session import run_live
 
-from .commands.live_options import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
-from .commands.options import Ros2Options
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal
 

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from posefuse.cli.options.common import Ros2Options
+from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_rig
@@ -38,8 +40,6 @@ from posefuse.realtime.scheduling import expected_gain
 from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 
-from .commands.live_options import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
-from .commands.options import Ros2Options
 from .live import output_configs, run_options, settled_config, settled_inputs
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal

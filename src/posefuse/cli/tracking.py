@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
+from posefuse.cli.options.common import SettingsOptions
+from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording, Sink
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.formats.detection_log import LOG_FILE
@@ -23,8 +25,6 @@ from posefuse.pipeline.session import Session, find_session
 from posefuse.pipeline.store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
 from posefuse.pipeline.writing import build_sinks, estimated_bytes, write_result
 
-from .commands.options import SettingsOptions
-from .commands.track import TrackOptions
 from .terminal import Terminal
 
 TRUTH_FILE = Path("truth") / "truth.npz"

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from posefuse.calibration.targets.guidance import Guidance
-from posefuse.cli.commands.calibrate_guide import GuideOptions
-from posefuse.cli.commands.calibrate_options import TargetOptions
+from posefuse.cli.options.calibration import GuideOptions, TargetOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.formats.rig import read_rig
 from posefuse.outputs.rerun_scene import SPAWN

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
-from posefuse.cli.commands.calibrate_options import TargetOptions
+from posefuse.cli.options.calibration import TargetOptions
 from posefuse.core import InputError, Rig
 from posefuse.foundation.output_file import check_output_file
 

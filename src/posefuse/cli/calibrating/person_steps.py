@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.api.calibrate import calibrate_clocks, calibrate_person
-from posefuse.cli.commands.calibrate_clocks import ClockOptions
-from posefuse.cli.commands.calibrate_options import ReportOptions, RigOptions
-from posefuse.cli.commands.calibrate_person import PersonOptions
-from posefuse.cli.commands.options import NetworkOptions
+from posefuse.cli.options.calibration import ClockOptions, PersonOptions, ReportOptions, RigOptions
+from posefuse.cli.options.common import NetworkOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.pipeline.config import CONFIG_FILE
 

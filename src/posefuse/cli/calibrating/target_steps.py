@@ -13,10 +13,15 @@ from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.result_files import coverage_path, write_coverage
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
-from posefuse.cli.commands.calibrate_extrinsics import ExtrinsicsOptions, FloorOptions
-from posefuse.cli.commands.calibrate_options import ReportOptions, RigOptions, TargetOptions
-from posefuse.cli.commands.calibrate_print import PrintOptions
-from posefuse.cli.commands.calibrate_verify import VerifyOptions
+from posefuse.cli.options.calibration import (
+    ExtrinsicsOptions,
+    FloorOptions,
+    PrintOptions,
+    ReportOptions,
+    RigOptions,
+    TargetOptions,
+    VerifyOptions,
+)
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError
 from posefuse.formats.rig import read_rig

@@ -2,41 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
-
-from .calibrate_options import CameraRecordings, Clocks, Every, MarkerTargetOptions, Millimetres, RigFile, RigOptions, UpsideDown
-from .options import FLOOR, Figures, Shown, positive
-
-
-@Parameter(name="*", group=FLOOR)
-@dataclass(frozen=True, kw_only=True)
-class FloorOptions:
-    """What sets the world coordinates; without it, up is estimated from the cameras."""
-
-    floor_marker: Annotated[int | None, Parameter(metavar="ID")] = None
-    """Marker that lies on the floor in the same recordings."""
-    floor_side_mm: Millimetres = None
-    """Edge of that marker, where it differs from --marker-mm."""
-    floor_points: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
-    """Or: pixels per camera of three points of the floor: origin, one along x, one towards y."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ExtrinsicsOptions:
-    """How the camera poses are found."""
-
-    intrinsics: RigFile
-    """Rig file with the intrinsics."""
-    every: Every = 1
-    clocks: Clocks = "auto"
-    refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
-    """Refine the intrinsics too; how well their focal lengths are known, in percent, e.g. 0.5."""
-    upside_down: UpsideDown = ()
+from posefuse.cli.options.calibration import (
+    CameraRecordings,
+    ExtrinsicsOptions,
+    FloorOptions,
+    MarkerTargetOptions,
+    RigOptions,
+)
+from posefuse.cli.options.common import Figures, Shown
 
 
 def calibrate_extrinsics(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .calibrate_options import CameraRecordings, Every, RigOptions, TargetOptions
-from .options import Figures, Shown
+from posefuse.cli.options.calibration import CameraRecordings, Every, RigOptions, TargetOptions
+from posefuse.cli.options.common import Figures, Shown
 
 
 def calibrate_intrinsics(

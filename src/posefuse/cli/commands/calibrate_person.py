@@ -2,43 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
-from cyclopts import Parameter
-
-from .calibrate_options import (
-    MOST_FRAMES,
-    MOST_HEIGHT_M,
+from posefuse.cli.options.calibration import (
     CameraRecordings,
-    Clocks,
-    MostSeconds,
-    RateHz,
-    RigFile,
+    PersonOptions,
     RigOptions,
-    UpsideDown,
 )
-from .options import Figures, NetworkOptions, Shown, count, positive
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class PersonOptions:
-    """How the camera poses are found from a person."""
-
-    intrinsics: RigFile
-    """Rig file with the intrinsics."""
-    height_m: Annotated[float | None, Parameter(metavar="M"), positive(MOST_HEIGHT_M)] = None
-    """Height of the person in metres, which sets the scale within a few per cent."""
-    apart: Annotated[tuple[str, str, float] | None, Parameter(metavar="CAMERA CAMERA METRES")] = None
-    """Or: the measured distance of two cameras."""
-    rate_hz: RateHz = None
-    """Frame rate of 2D poses."""
-    time_steps: Annotated[int, Parameter(alias="--instants", metavar="N"), count(MOST_FRAMES)] = 600
-    """Largest number of time steps of the videos to use."""
-    clocks: Clocks = "auto"
-    most_s: MostSeconds = 10.0
-    upside_down: UpsideDown = ()
+from posefuse.cli.options.common import Figures, NetworkOptions, Shown
 
 
 def calibrate_person(

@@ -2,25 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
-from cyclopts import Parameter
-
-from .calibrate_options import CameraRecordings, Every, ReportOptions, RigFile, TargetOptions
-from .options import Figures, Shown
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class VerifyOptions:
-    """What is verified."""
-
-    rig: RigFile
-    """Rig file to verify."""
-    every: Every = 1
-    offset_ms: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=MS")] = ()
-    """Clock offset found by `extrinsics`, in milliseconds. May be given several times."""
+from posefuse.cli.options.calibration import CameraRecordings, ReportOptions, TargetOptions, VerifyOptions
+from posefuse.cli.options.common import Figures, Shown
 
 
 def calibrate_verify(

@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
-from .options import Figures, Shown, count
+from posefuse.cli.options.common import Figures, Shown
+from posefuse.cli.options.fit_noise import FitOptions
 
 MOST_SCENES = 100
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class FitOptions:
-    """The scenes, and what runs the network."""
-
-    scenes_in: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder for the rendered scenes; later fits use them again."""
-    scenes: Annotated[int, Parameter(metavar="N"), count(MOST_SCENES)] = 24
-    """Scenes for the noise."""
-    moving: Annotated[int, Parameter(metavar="N"), count(MOST_SCENES)] = 16
-    """Scenes for the joint centres; 16 are all."""
-    engine: Literal["openvino", "onnxruntime"] = "openvino"
-    """What runs the network."""
 
 
 def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, options: FitOptions, terminal: Shown) -> Figures:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from posefuse.cli.options.common import Figures, Shown
 from posefuse.cli.terminal import Terminal
-
-from .options import Figures, Shown
 
 if TYPE_CHECKING:
     from posefuse.detection.models import ModelCard

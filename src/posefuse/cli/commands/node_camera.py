@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .live_options import LiveSettingsOptions, NodeTimingOptions, SourceOptions
-from .options import Figures, Ros2Options, Shown
+from posefuse.cli.options.common import Figures, Ros2Options, Shown
+from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, SourceOptions
 
 
 def node_camera(

@@ -1,7 +1,5 @@
 """Options that several commands have, and what their values may be."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,14 +1,12 @@
 """Options of `posefuse live` and `posefuse node`, in the groups that the functions below take."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .options import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions
+from .common import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions
 
 SOURCE_HELP = (
     "One per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
