@@ -10,7 +10,6 @@ Bodies, motions and cameras are drawn for this purpose alone; none of them appea
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -146,7 +145,7 @@ def stand_in(name: str, known: dict[str, float]) -> float:
 def fit(out: Path, card_name: str) -> None:
     card = read_card(card_name)
     decoding = card.decoding
-    file = fetch(card, default_cache_dir(os.environ))
+    file = fetch(card, default_cache_dir())
     network = Network(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
     folders = [folder for folder in sorted(out.glob("scene*")) if is_rendered(folder)]
     samples = [collect(folder, network, card.input.side_px) for folder in folders]

@@ -63,13 +63,12 @@ def demo_session() -> Path:
 @pytest.fixture(scope="session")
 def models() -> None:
     """The networks are there, fetched once; without them and without a network the tests that look at images skip, by name."""
-    import os
 
     from posefuse.core import ModelError
     from posefuse.detection import default_cards, fetch_all
 
     try:
-        fetch_all(default_cards(), default_cache_dir(os.environ))
+        fetch_all(default_cards(), default_cache_dir())
     except ModelError as error:
         pytest.skip(f"the networks cannot be had: {error}")
 
@@ -150,5 +149,7 @@ def _unpacked(data: dict[str, Any]) -> dict[str, Any]:
     arrays = [unpacked(one) for one in data["arrays"]]
     for plot in data["plots"]:
         for series in plot["series"]:
-            series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high") if key in series}
+            series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high", "width") if key in series}
+            if "width" in series:
+                series["high"] = series["low"] + series.pop("width")
     return data

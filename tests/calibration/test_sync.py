@@ -138,13 +138,13 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
             person = np.column_stack([xy, np.full(len(xy), 0.9)]).ravel().tolist()
             people = [{"pose_keypoints_2d": person}]
             (folder / f"{number:06d}.json").write_text(json.dumps({"people": people if camera.name != "cam03" else []}))
-    with pytest.raises(InputError, match="do not say their frame rate: add --rate-hz"):
-        clocks(str(tmp_path))
     with pytest.raises(InputError, match=r"camera cam03: no person"):
         clocks(str(tmp_path), "--rate-hz", "20")
     for path in (tmp_path / "pose2d" / "cam03").iterdir():
         path.unlink()
     (tmp_path / "pose2d" / "cam03").rmdir()
+    with pytest.raises(InputError, match="do not state their frame rate"):
+        clocks(str(tmp_path))
     figures = clocks(str(tmp_path), "--rate-hz", "20", "--most-s", "2")
     assert figures["cam01_offset_ms"] == pytest.approx(370, abs=3)
     assert figures["cam01_offset_sigma_ms"] < 5
@@ -152,7 +152,7 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
     assert config.cameras["cam02"].offset_s == pytest.approx(0.15, abs=0.003)
     session = find_session(tmp_path, replace(config, rate_hz=rate_hz))
     _, instants, _ = pose2d_instants(session, replace(config, rate_hz=rate_hz))
-    at = list(instants)[100]
+    at = list(instants.steps())[100]
     for c, seen in enumerate(at.look(None)):
         true = rig.cameras[c].project(body(np.array([seen.t_ns / 1e9])))
         np.testing.assert_allclose(seen.xy_img, true, atol=1.5)

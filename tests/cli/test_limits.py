@@ -98,23 +98,27 @@ def test_options_of_other_commands(words: str, capsys: pytest.CaptureFixture[str
 
 
 def test_openpose_files_numbered_by_date(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    session = tmp_path / "session"
+    session.mkdir()
+    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
     people = '{"people": [{"pose_keypoints_2d": [' + ", ".join(["1, 2, 0.5"] * 17) + "]}]}"
     for camera, number in (("cam00", 1), ("cam01", 20261122153000)):
-        folder = tmp_path / "pose2d" / camera
+        folder = session / "pose2d" / camera
         folder.mkdir(parents=True)
         (folder / f"{number}_keypoints.json").write_text(people)
-    assert main(["track", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    assert main(["track", str(session), "--out", str(tmp_path / "out"), "--rate", "30"]) == 1
     assert "frame numbers 1 to 20261122153000: 2.026e+13 time steps" in capsys.readouterr().err
 
 
 def test_a_cut_camera_is_named_by_track(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    folder = tmp_path / "pose2d"
+    session = tmp_path / "session"
+    session.mkdir()
+    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    folder = session / "pose2d"
     people = '{"people": [{"pose_keypoints_2d": [' + ", ".join(["300, 200, 0.5"] * 17) + "]}]}"
     for camera, frames in (("cam00", 40), ("cam01", 20)):
         (folder / camera).mkdir(parents=True)
         for i in range(frames):
             (folder / camera / f"{i:04d}.json").write_text(people)
-    main(["track", str(tmp_path), "--out", str(tmp_path / "out"), "--outputs", ""])
+    main(["track", str(session), "--out", str(tmp_path / "out"), "--outputs", "", "--rate", "30"])
     assert "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s" in capsys.readouterr().err

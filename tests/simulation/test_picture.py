@@ -1,7 +1,5 @@
 """Are the pictures good enough? The real network looks at a simulated person from every side."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ _LIMBS = tuple(
 
 @pytest.fixture(scope="module")
 def network():
-    cache = default_cache_dir(os.environ)
+    cache = default_cache_dir()
     missing = [card.name for card in default_cards() if status(card, cache) != "ready"]
     if missing:
         pytest.skip(f"networks not fetched yet: {', '.join(missing)} (posefuse models)")

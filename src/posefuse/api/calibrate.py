@@ -15,10 +15,12 @@ from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, lens_sigma, world_rule
+from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.intrinsics import board
 from posefuse.calibration.person.solve import KnownLength
+from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import Observations
 from posefuse.calibration.targets.detection import observe
 from posefuse.calibration.targets.kinds import Target
@@ -100,6 +102,8 @@ def calibrate_extrinsics(
     floor: FloorMarker | ThreePoints | None = None,
     focal_known_to_percent: float | None = None,
     upside_down: Sequence[str] = (),
+    any_size: bool = False,
+    keep_refused: bool = False,
     progress: Progress | bool | None = None,
 ) -> RigCalibration:
     """Find the poses of the cameras from a target that is moved in front of them.
@@ -113,6 +117,8 @@ def calibrate_extrinsics(
         floor: what sets the world coordinates; None: up is estimated from the cameras.
         focal_known_to_percent: refine the intrinsics too, whose focal lengths are known to so much; None keeps them.
         upside_down: cameras that are mounted upside down.
+        any_size: accept a rig far smaller or larger than a room.
+        keep_refused: return a refused calibration too, whose rig is marked as refused and whose `report.failed` says why.
 
     Raises:
         RefusedCalibration: a check fails; `report` says which, and what to do.
@@ -130,8 +136,14 @@ def calibrate_extrinsics(
             seen = observe_sources(sources, target, every, report)
     cameras = tuple(lenses[name] for name in seen.cameras)
     observations, world = world_rule(floor, seen, target)
-    options = Options(clocks=clocks, lens_sigma=lens_sigma(focal_known_to_percent, cameras))
-    found = moving_target.calibrate_extrinsics(observations, cameras, target, options, world, tuple(upside_down))
+    limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
+    options = Options(clocks=clocks, lens_sigma=lens_sigma(focal_known_to_percent, cameras), limits=limits)
+    try:
+        found = moving_target.calibrate_extrinsics(observations, cameras, target, options, world, tuple(upside_down))
+    except RefusedCalibration as refused:
+        if not keep_refused or refused.kept is None:
+            raise
+        found = refused.kept
     (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
     estimate = ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
     return RigCalibration(

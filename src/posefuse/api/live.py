@@ -202,7 +202,8 @@ def live(
         ...     for pose in session:
         ...         print(pose.t_ns, pose.xyz_world)
     """
-    from posefuse.formats.rig import read_rig
+    from posefuse.detection.build import network_settings
+    from posefuse.formats.rig import read_placed_rig
     from posefuse.foundation.output_file import check_output_file
     from posefuse.foundation.plugins import plugin_config
     from posefuse.pipeline.config import changed_config
@@ -210,10 +211,11 @@ def live(
     from posefuse.realtime.inputs import inputs_from_arguments
     from posefuse.realtime.serve import ServePlan
 
-    cameras = rig if isinstance(rig, core.Rig) else read_rig(Path(rig))
+    cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
     arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
-    options = {"track.max_people": people, "detector.options.landmarks": networks, "rate_hz": rate_hz}
-    changes = {key: value for key, value in options.items() if value is not None} | dict(settings or {})
+    options = {"track.max_people": people, "rate_hz": rate_hz}
+    changes = {key: value for key, value in options.items() if value is not None}
+    changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
     config = changed_config(LiveConfig(), changes)
     chosen: dict[str, dict[str, Any]] = {name: dict(one) for name, one in {**config.outputs, **(outputs or {})}.items()}
     if record is not None:

@@ -33,7 +33,8 @@ def track(
     Args:
         session: folder with a calibration file and one video, image folder or folder of 2D poses per camera. Its
             ``posefuse.toml`` is read where there is one; the arguments go before it.
-        people: at most so many. rig: another calibration file. networks: name of the 2D networks, e.g. ``blazepose_lite``.
+        people: at most so many. rig: another calibration file.
+        networks: name of the 2D networks, e.g. ``blazepose_lite``, or a model card (TOML).
         weights: how views are weighted: ``robust`` (default), ``score``, ``none``, ``all``.
         start_s, end_s: the part to work on, session seconds.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
@@ -51,6 +52,7 @@ def track(
         >>> recording = pf.track("examples/demo", end_s=0.5)  # doctest: +SKIP
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
+    from posefuse.detection.build import network_settings
     from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
     from posefuse.pipeline.run import track_session
@@ -61,12 +63,12 @@ def track(
     options = {
         "rig": None if rig is None else str(Path(rig).absolute()),
         "associate.max_people": people,
-        "detector.options.landmarks": networks,
         "fuse.weights": weights,
         "start_s": start_s,
         "end_s": end_s,
     }
-    changes = {key: value for key, value in options.items() if value is not None} | dict(settings or {})
+    changes = {key: value for key, value in options.items() if value is not None}
+    changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
     config = changed_config(read_config(path if path.is_file() else None, ()), changes)
     with shown(progress) as report:
         found = find_session(folder, config)

@@ -11,7 +11,7 @@ from posefuse.cli.networks import fetch_networks
 from posefuse.cli.options.common import Ros2Options
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.core import LiveOutputConfig, Rig
-from posefuse.formats.rig import read_rig
+from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.plugins import plugin_config
@@ -40,7 +40,7 @@ def run_session(
 ) -> Mapping[str, Any]:
     """Run a session; returns the figures of the tables."""
     config = settled_config(settings)
-    rig = read_rig(rig_file)
+    rig = read_placed_rig(rig_file)
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)
     inputs = settled_inputs(sources, timing, ros_2, rig)
@@ -61,7 +61,7 @@ def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOption
     from .replay import replay
 
     config = settled_config(settings)
-    return replay(recording, read_rig(rig_file), config if settings.given else None, terminal)
+    return replay(recording, read_placed_rig(rig_file), config if settings.given else None, terminal)
 
 
 def _show_next(rig_file: Path, outputs: OutputOptions, terminal: Terminal) -> None:

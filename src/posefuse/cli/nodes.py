@@ -14,7 +14,7 @@ from posefuse.cli.options.common import Ros2Options
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.formats.rig import read_rig
+from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.platform import peak_memory_mb
 from posefuse.health.cameras import Monitor
@@ -67,7 +67,7 @@ def camera_node(
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Capture and detect on this machine, send 2D poses; the fused pose tells where to look."""
-    config, rig, run = settled_config(settings), read_rig(rig_file), run_options(timing)
+    config, rig, run = settled_config(settings), read_placed_rig(rig_file), run_options(timing)
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
@@ -153,7 +153,7 @@ def fusion_node(
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig, network = settled_config(settings), read_rig(rig_file), network_of(ros_2)
+    config, rig, network = settled_config(settings), read_placed_rig(rig_file), network_of(ros_2)
     duration_s = run_options(timing).duration_s
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -54,7 +53,7 @@ def measured_costs(
     Raises:
         ModelError: none of them is there.
     """
-    folder = cache or default_cache_dir(os.environ)
+    folder = cache or default_cache_dir()
     ready = [name for name in names if _is_ready(name, folder)]
     if not ready:
         raise ModelError(f"none of the networks {', '.join(names)} is in {folder}; fetch them with: posefuse models")

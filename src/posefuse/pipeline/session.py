@@ -15,7 +15,7 @@ from posefuse.core import CalibrationError, Camera, InputError, Rig, Source
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.formats.pose2d import POSE2D_SUFFIXES
-from posefuse.formats.rig import fit_camera_to_video, read_rig
+from posefuse.formats.rig import fit_camera_to_video, read_placed_rig
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
 from .config import CameraInput, TrackConfig
@@ -85,7 +85,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     if (folder / UNFINISHED_FILE).exists():
         raise InputError(f"{folder}: this simulated session is unfinished; run the same `posefuse simulate` again to finish it")
     rig_path = _rig_path(folder, config)
-    rig = read_rig(rig_path)
+    rig = read_placed_rig(rig_path)
     unknown = sorted(set(config.cameras) - set(rig.names))
     if unknown:
         raise CalibrationError(f"config: no camera {choices(unknown)} in {rig_path}; there are: {choices(rig.names)}")
@@ -104,6 +104,11 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         )
     used = {entry.camera for entry in inputs}
     notes = tuple(f"camera {name}: calibrated, but no {kind} found; left aside" for name in rig.names if name not in used)
+    if rig.refused:
+        notes = (
+            *notes,
+            f"{rig_path}: this calibration was refused ({rig.refused}) and kept all the same: do not trust positions",
+        )
     return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, notes)
 
 

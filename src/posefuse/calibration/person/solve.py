@@ -31,6 +31,8 @@ _LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
 # feet that spread less across their path than this do not tell where up is
 _PLANE_M, _LEAST_WALK_SHARE = 0.15, 0.04
 _HALVES_SHARE, _HALVES_RAD = 0.03, np.deg2rad(1.5)
+# of people who can be asked to walk through a room
+_STATURES_M = (0.8, 2.4)
 _FEET = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
 _HEADS = ("head", "nose", "neck")
 _HIPS = ("left_hip", "right_hip")
@@ -67,6 +69,10 @@ class KnownLength:
         metres = self.distance_m if self.stature_m is None else self.stature_m
         if not (metres is not None and np.isfinite(metres) and metres > 0):
             raise CalibrationError(f"scale: expected a length > 0 m, got {metres}")
+        least_m, most_m = _STATURES_M
+        if self.stature_m is not None and not least_m <= self.stature_m <= most_m:
+            centimetres = f"; did you mean {metres / 100:g} m?" if least_m <= metres / 100 <= most_m else ""
+            raise CalibrationError(f"height of the person: expected {least_m:g} to {most_m:g} m, got {metres:g}{centimetres}")
 
 
 @dataclass(frozen=True, eq=False)

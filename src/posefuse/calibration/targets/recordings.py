@@ -51,11 +51,15 @@ def open_sources(inputs: Inputs) -> list[Source]:
 
 
 def observe_sources(sources: Sequence[Source], target: Target, every: int = 1, progress: Progress = silent) -> Observations:
-    """Corners of the target in every `every`-th frame of each source."""
+    """Corners of the target in every `every`-th frame of each source.
+
+    Raises:
+        CalibrationError: a camera in which the target was not found, with the likely reason.
+    """
     seen = []
     progress(STAGE, 0, len(sources))
     for done, source in enumerate(sources, start=1):
-        seen.append(observe(source, target, every))
+        seen.append(seen_or_why_not(observe(source, target, every), source, target))
         progress(STAGE, done, len(sources))
     return joined(seen)
 

@@ -11,6 +11,7 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
 from posefuse.calibration.result_files import clock_settings, write_clock_settings, write_report
 from posefuse.cli.terminal import Terminal
+from posefuse.pipeline.config import read_config
 
 
 @contextmanager
@@ -55,6 +56,7 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate | None,
     """
     text = "" if clocks is None else clock_settings(names, clocks)
     if not text:
+        _warn_of_old_clocks(path, names, terminal)
         return None
     if path.exists():
         terminal.warn(f"{path} exists and is left as it is; add the clock offsets found to it:\n{text}")
@@ -62,3 +64,16 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate | None,
     write_clock_settings(path, text)
     terminal.note(f"{path}: clock offsets of the cameras, for `posefuse track` of recordings made together with these")
     return path
+
+
+def _warn_of_old_clocks(path: Path, names: Sequence[str], terminal: Terminal) -> None:
+    """Warn where clock offsets of another recording would be applied to cameras that are synchronised."""
+    if not path.exists():
+        return
+    old = read_config(path, ()).cameras
+    stale = [name for name in names if name in old and (old[name].offset_s or old[name].drift_ppm)]
+    if stale:
+        terminal.warn(
+            f"{path} holds clock offsets of {', '.join(stale)}, but these cameras are synchronised: `posefuse track` would"
+            " shift them; remove offset_s and drift_ppm there, or the file"
+        )

@@ -24,7 +24,7 @@ from posefuse.cli.options.calibration import (
 )
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError
-from posefuse.formats.rig import read_rig
+from posefuse.formats.rig import read_placed_rig, read_rig
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
@@ -78,7 +78,12 @@ def extrinsics(
             floor=world,
             focal_known_to_percent=options.refine_lenses,
             upside_down=options.upside_down,
+            any_size=options.any_size,
+            keep_refused=options.keep_refused,
         )
+    if found.report.failed:
+        failed = ", ".join(check.name for check in found.report.failed)
+        terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")
     show(found.report, terminal)
     found.save(files.out, report=files.report, replace=files.force)
     settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
@@ -111,7 +116,7 @@ def verify_rig(
 ) -> Mapping[str, Any]:
     """Millimetres and pixels of a rig, from a target that it was not made from."""
     check_files((*inputs, options.rig), (("--report", files.report),), force=files.force)
-    kind, rig = target_of(target), read_rig(options.rig)
+    kind, rig = target_of(target), read_placed_rig(options.rig)
     offsets_s = clock_offsets_s(options.offset_ms, rig)
     with terminal.stages() as progress:
         found = verify(rig, recordings_of(inputs), target=kind, every=options.every, clock_offset_s=offsets_s, progress=progress)

@@ -38,12 +38,10 @@ def models(
         check: Only verify what is there.
         measure: Measure the installed networks, and name the largest one that processes every frame of so many cameras.
     """
-    import os
-
     from posefuse.detection.models import fetch_all, list_cards, model_path, status
     from posefuse.foundation.user_cache import default_cache_dir
 
-    cache_dir = default_cache_dir(os.environ)
+    cache_dir = default_cache_dir()
     if not check:
         fetch_all(_wanted(names, source), cache_dir, source, terminal.note)
     rows = [(card.name, card.summary, status(card, cache_dir), card.licence) for card in list_cards()]

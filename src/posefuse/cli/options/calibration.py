@@ -117,6 +117,10 @@ class ExtrinsicsOptions:
     clocks: Clocks = "auto"
     refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
     """Refine the intrinsics too; how well their focal lengths are known, in percent, e.g. 0.5."""
+    any_size: bool = False
+    """Accept a rig far smaller or larger than a room."""
+    keep_refused: bool = False
+    """Write a refused result too, marked as refused; `posefuse track` then warns each time."""
     upside_down: UpsideDown = ()
 
 

@@ -1,6 +1,5 @@
 """Options that several commands have, and what their values may be."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,6 @@ Figures = Mapping[str, Any]
 Shown = Annotated[Terminal, Parameter(parse=False)]
 """Where a command shows what it does; the caller gives it."""
 
-# kinds of cards that the default detector reads; all others are networks of the user
-_BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
 InputKind = Literal["auto", "videos", "images", "pose2d"]
 # in the order of the help
 CAMERAS, TIMING, OUTPUTS = Group.create_ordered("Cameras"), Group.create_ordered("Timing"), Group.create_ordered("Outputs")
@@ -49,16 +46,13 @@ def settings_of_networks(text: str) -> list[str]:
     Raises:
         ValueError: a card that cannot be read.
     """
-    if not text.endswith(".toml"):
-        return [f"detector.options.landmarks={text}"]
-    path = Path(text).absolute()
+    from posefuse.core import ConfigError
+    from posefuse.detection.build import network_settings
+
     try:
-        kind = tomllib.loads(path.read_text(encoding="utf-8")).get("kind")
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ValueError(f"{text}: not a model card that can be read ({error})") from None
-    if kind in _BLAZEPOSE_KINDS:
-        return [f"detector.options.landmarks={path}"]
-    return ["detector.name=onnx", f"detector.options.card={path}"]
+        return [f"{key}={value}" for key, value in network_settings(text).items()]
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
 
 
 def _check_networks(_: object, names: tuple[str, ...]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from pathlib import Path
@@ -58,7 +57,7 @@ class BlazePoseConfig:
     ) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
         persons, _, members = self._cards()
-        return fetch_all([persons, *members], self.cache or default_cache_dir(os.environ), self.models, progress, advance)
+        return fetch_all([persons, *members], self.cache or default_cache_dir(), self.models, progress, advance)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""

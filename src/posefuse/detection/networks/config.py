@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import field
 from pathlib import Path
@@ -58,7 +57,7 @@ class OnnxConfig:
         card = read_network_card(self.card)
         if card.kind not in TOP_DOWN or card.persons_card is not None:
             return []
-        return fetch_all([read_card(card.persons)], self.cache or default_cache_dir(os.environ), None, progress, advance)
+        return fetch_all([read_card(card.persons)], self.cache or default_cache_dir(), None, progress, advance)
 
     def build(self) -> TopDownDetector | OneStageDetector:
         """Read the card, check and compile its files.

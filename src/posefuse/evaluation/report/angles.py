@@ -10,7 +10,8 @@ from posefuse.formats.page import Band, Cell, Line, Plot, Series, Table, Ticks
 from posefuse.kinematics.gait import Gait
 
 _SHARE_DRAWN = 0.02
-_MOST_CYCLES = 20
+# single strides drawn per side; all of them are in gait_cycles.csv
+_MOST_CYCLES = 10
 _SIDES = ("left", "right")
 _FIRST = ("pelvis", "hip", "knee", "ankle")
 

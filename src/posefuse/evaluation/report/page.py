@@ -138,7 +138,7 @@ def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
             Heading(
                 f"{name}: joint angles over the gait cycle",
                 "From one foot strike (0 %) to the next strike of the same foot (100 %). Thick lines: mean; bands: "
-                "± 1 standard deviation; thin lines: single strides; ticks on the axis: foot off. "
+                "± 1 standard deviation; thin lines: the first strides; ticks on the axis: foot off. "
                 f"{_COLOURS} The pelvis rotates relative to the walking direction.",
             ),
             Plots(cycle_plots(cycles, gait), small=True),

@@ -1,4 +1,4 @@
-"""Numbers of a page as short JSON: decimal integers, each the difference from the one before."""
+"""Numbers of a page as short JSON: whole steps, each the difference from the one before."""
 
 from __future__ import annotations
 
@@ -8,36 +8,41 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 
-# of the range of the values: finer than any plot can be zoomed into
-_STEPS = 50_000.0
+# of the range of the values: finer than a screen shows, and coarse enough that noise is not stored
+FINE, COARSE = 10_000, 2_000
 _LEAST_DECIMALS, _MOST_DECIMALS = -6, 12
+_FACTORS = (5, 2, 1)
 
 
-def decimals_for(values: Array) -> int:
-    """Digits after the point that keep every value to 1 / 50,000 of the range of all."""
+def step_for(values: Array, parts: int = FINE) -> tuple[int, int]:
+    """(m, n) of the largest step m / 10^n, m one of 1, 2, 5, that is at most 1 / `parts` of the range of the values."""
     known = values[np.isfinite(values)]
     span = float(np.ptp(known)) if len(known) else 0.0
     span = span or (float(np.abs(known).max()) if len(known) else 0.0) or 1.0
-    return int(np.clip(np.ceil(np.log10(_STEPS / span)), _LEAST_DECIMALS, _MOST_DECIMALS))
+    decimals = int(np.clip(np.ceil(np.log10(parts / span)), _LEAST_DECIMALS, _MOST_DECIMALS))
+    return next((factor for factor in _FACTORS if factor * 10.0**-decimals <= span / parts), 1), decimals
 
 
-def packed(values: Array, decimals: int | None = None) -> dict[str, Any]:
-    """``{"n": decimals, "d": differences}`` of values (n,); what is not finite becomes null. Undone by `unpacked`."""
+def packed(values: Array, parts: int = FINE, step: tuple[int, int] | None = None) -> dict[str, Any]:
+    """``{"m": m, "n": n, "d": differences}`` in steps of m / 10^n of values (n,); what is not finite becomes null.
+
+    Undone by `unpacked` to half a step, which is `step` or the one that `step_for` finds.
+    """
     values = np.asarray(values, float).ravel()
-    n = decimals_for(values) if decimals is None else decimals
+    m, n = step or step_for(values, parts)
     known = np.isfinite(values)
-    whole = np.round(values[known] * 10.0**n).astype(np.int64)
+    whole = np.round(values[known] * 10.0**n / m).astype(np.int64)
     steps: list[int | None] = [None] * len(values)
-    for place, step in zip(np.flatnonzero(known).tolist(), np.diff(whole, prepend=0).tolist(), strict=True):
-        steps[place] = step
-    return {"n": n, "d": steps}
+    for place, difference in zip(np.flatnonzero(known).tolist(), np.diff(whole, prepend=0).tolist(), strict=True):
+        steps[place] = difference
+    return {"m": m, "n": n, "d": steps}
 
 
 def unpacked(content: dict[str, Any]) -> Array:
     """Values (n,) of what `packed` gives; NaN where it has null."""
     known = np.array([step is not None for step in content["d"]], bool)
     values = np.full(len(known), np.nan)
-    values[known] = np.cumsum([step for step in content["d"] if step is not None]) / 10.0 ** content["n"]
+    values[known] = np.cumsum([step for step in content["d"] if step is not None]) * content["m"] / 10.0 ** content["n"]
     return values
 
 
@@ -46,13 +51,13 @@ class PackedArrays:
 
     def __init__(self) -> None:
         self.content: list[dict[str, Any]] = []
-        self._known: dict[bytes, int] = {}
+        self._known: dict[tuple[bytes, int], int] = {}
 
-    def add(self, values: Array) -> int:
-        """The number of an array (n,)."""
+    def add(self, values: Array, parts: int = FINE) -> int:
+        """The number of an array (n,), kept to 1 / `parts` of its range."""
         values = np.ascontiguousarray(values, float)
-        key = values.tobytes()
+        key = values.tobytes(), parts
         if key not in self._known:
             self._known[key] = len(self.content)
-            self.content.append(packed(values))
+            self.content.append(packed(values, parts))
         return self._known[key]

@@ -17,7 +17,7 @@ Side = Literal["left", "right", "mid"]
 _MOST_HZ = 30.0
 _MOST_FRAMES = 5400
 # a millimetre, which no screen shows
-_DECIMALS_M, _DECIMALS_S = 3, 3
+_STEP_M, _STEP_S = (1, 3), (1, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +74,12 @@ def player_content(player: Player) -> dict[str, Any]:
     xyz = np.asarray(player.xyz_m, float)[kept]
     t_s = np.asarray(player.t_s, float)[kept]
     return {
-        "t": packed(t_s - t_s[:1], _DECIMALS_S),
+        "t": packed(t_s - t_s[:1], step=_STEP_S),
         "people": [
-            {"name": name, "xyz": [[packed(xyz[:, n, k, i], _DECIMALS_M)["d"] for i in range(3)] for k in range(xyz.shape[2])]}
+            {"name": name, "xyz": [[packed(xyz[:, n, k, i], step=_STEP_M)["d"] for i in range(3)] for k in range(xyz.shape[2])]}
             for n, name in enumerate(player.people)
         ],
-        "decimals": _DECIMALS_M,
+        "step": list(_STEP_M),
         "bones": np.asarray(player.bones).tolist(),
         "sides": list(player.sides),
         "across": [list(pair) for pair in player.right_left],

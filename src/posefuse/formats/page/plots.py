@@ -11,11 +11,13 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .packing import PackedArrays
+from .packing import COARSE, FINE, PackedArrays
 
 COLOURS = ("c0", "c1", "c2", "c3", "c4", "c5", "left", "right", "mid", "ink", "soft", "bad")
 _CYCLE = 6
 _MOST_POINTS = 3600
+# a band is background: as many as a screen shows
+_MOST_BAND_POINTS = 900
 _ROOM = 0.04
 # a band may widen the y axis by this share of the range of the lines, on each side
 _BAND_ROOM = 1.0
@@ -190,7 +192,14 @@ def _series_content(one: Series, colour: str, step: int, arrays: PackedArrays) -
         rows = {name: [float(value) for value in values] for name, values in one.rows.items()}
         return {"type": one.type, "parts": list(one.parts), "rows": list(rows), "values": list(rows.values())}
     content: dict[str, Any] = {"type": one.type, "name": one.name, "colour": colour}
-    content |= {name: arrays.add(np.asarray(getattr(one, name), float)[::step]) for name in one.of}
+    if isinstance(one, Band):
+        step = max(step, -(-len(one.x) // _MOST_BAND_POINTS))
+    kept = {name: np.asarray(getattr(one, name), float)[::step] for name in one.of}
+    if isinstance(one, Band):
+        # smoother than the upper edge, so shorter
+        kept["width"] = kept.pop("high") - kept["low"]
+    rough = isinstance(one, Band) or (isinstance(one, Line) and one.faint)
+    content |= {name: arrays.add(values, COARSE if rough and name != "x" else FINE) for name, values in kept.items()}
     if isinstance(one, Line):
         content |= {name: True for name in ("dashed", "faint") if getattr(one, name)}
     if isinstance(one, Dots) and one.labels:

@@ -17,7 +17,7 @@ from .player import Player, player_content
 from .plots import Plots, plot_content
 
 _HERE = Path(__file__).parent
-_PLOTLY = _HERE / "assets" / "plotly-basic-4.1.1.min.js.gz"
+PLOTLY = _HERE / "assets" / "plotly-basic-4.1.1.min.js.gz"
 
 
 def write_page(path: Path, page: Page) -> Path:
@@ -50,7 +50,7 @@ def page_html(page: Page) -> str:
         page=page,
         sections=_sections(page.blocks),
         data=_text_of(gzip.compress(json.dumps(content, separators=(",", ":"), allow_nan=False).encode(), 9, mtime=0)),
-        plotly=_text_of(_PLOTLY.read_bytes()) if content["plots"] else "",
+        plotly=_text_of(PLOTLY.read_bytes()) if content["plots"] else "",
         has_player=bool(content["players"]),
         place_of=lambda block: places[id(block)],
     )

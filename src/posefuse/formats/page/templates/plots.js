@@ -1,6 +1,11 @@
 (async () => {
   const data = await pageData;
-  const arrays = data.arrays.map(one => summed(one.d, one.n));
+  const arrays = data.arrays.map(one => summed(one.d, one.m, one.n));
+  for (const one of data.plots.flatMap(plot => plot.series)) if ("width" in one) {
+    // bands come as their lower edge and width
+    const width = arrays[one.width];
+    one.high = arrays.push(arrays[one.low].map((low, i) => low === null || width[i] === null ? null : Number((low + width[i]).toPrecision(12)))) - 1;
+  }
   const code = document.createElement("script");
   code.textContent = await inflated("page-plotly");
   document.head.append(code);
