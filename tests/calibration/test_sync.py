@@ -19,7 +19,7 @@ from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
-from posefuse.core import SKELETONS, InputError, Rig
+from posefuse.core import SKELETONS, InputError, LookKind, Rig
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.settings import read_settings
 from posefuse.health.rig_monitor import Finding
@@ -153,7 +153,7 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
     session = find_session(tmp_path, replace(config, rate_hz=rate_hz))
     _, instants, _ = pose2d_instants(session, replace(config, rate_hz=rate_hz))
     at = list(instants.steps())[100]
-    for c, seen in enumerate(at.look(None)):
+    for c, seen in enumerate(at.look(LookKind.SEARCH, None)):
         true = rig.cameras[c].project(body(np.array([seen.t_ns / 1e9])))
         np.testing.assert_allclose(seen.xy_img, true, atol=1.5)
         assert abs(seen.t_ns - at.t_ns) <= 0.5e9 / rate_hz + 1

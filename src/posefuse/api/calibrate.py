@@ -24,7 +24,14 @@ from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import Observations
 from posefuse.calibration.targets.detection import observe
 from posefuse.calibration.targets.kinds import Target
-from posefuse.calibration.targets.recordings import Inputs, observe_sources, open_sources, paths_by_camera, seen_or_why_not
+from posefuse.calibration.targets.recordings import (
+    Inputs,
+    check_seen,
+    observe_sources,
+    open_sources,
+    paths_by_camera,
+    seen_or_why_not,
+)
 from posefuse.core import SE3, InputError, Progress
 from posefuse.core.arrays import Array
 from posefuse.pipeline.clock_calibration import person_in_session
@@ -134,6 +141,7 @@ def calibrate_extrinsics(
             lenses[source.camera]
         with shown(progress) as report:
             seen = observe_sources(sources, target, every, report)
+        check_seen(seen, sources, target)
     cameras = tuple(lenses[name] for name in seen.cameras)
     observations, world = world_rule(floor, seen, target)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS

@@ -51,17 +51,19 @@ def open_sources(inputs: Inputs) -> list[Source]:
 
 
 def observe_sources(sources: Sequence[Source], target: Target, every: int = 1, progress: Progress = silent) -> Observations:
-    """Corners of the target in every `every`-th frame of each source.
-
-    Raises:
-        CalibrationError: a camera in which the target was not found, with the likely reason.
-    """
+    """Corners of the target in every `every`-th frame of each source."""
     seen = []
     progress(STAGE, 0, len(sources))
     for done, source in enumerate(sources, start=1):
-        seen.append(seen_or_why_not(observe(source, target, every), source, target))
+        seen.append(observe(source, target, every))
         progress(STAGE, done, len(sources))
     return joined(seen)
+
+
+def check_seen(observations: Observations, sources: Sequence[Source], target: Target) -> None:
+    """Raise CalibrationError with the likely reason for a camera in which the target was not found."""
+    for source in sources:
+        seen_or_why_not(observations.of_camera(source.camera), source, target)
 
 
 def seen_or_why_not(observations: Observations, source: Source, target: Target) -> Observations:

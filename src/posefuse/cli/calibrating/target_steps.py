@@ -13,6 +13,7 @@ from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.result_files import coverage_path, write_coverage
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
+from posefuse.calibration.targets.recordings import check_seen, open_sources
 from posefuse.cli.options.calibration import (
     ExtrinsicsOptions,
     FloorOptions,
@@ -69,6 +70,7 @@ def extrinsics(
         seen = observe_target(recordings, target=kind, every=options.every, progress=progress)
     # before the solve: it is needed most when that refuses
     terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
+    check_seen(seen, open_sources(recordings), kind)
     with reported(files.report):
         found = calibrate_extrinsics(
             seen,
