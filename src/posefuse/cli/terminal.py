@@ -136,7 +136,8 @@ def cell_text(value: Any) -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
-        return "-" if math.isnan(value) else f"{value:.3g}" if abs(value) < 10 else f"{value:,.1f}"
+        number = float(value)
+        return "-" if math.isnan(number) else f"{number:.3g}" if abs(number) < 10 else f"{number:,.1f}"
     if isinstance(value, int | np.integer):
         return f"{int(value):,}"
     return str(value)

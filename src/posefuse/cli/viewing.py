@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from posefuse.formats.recording import read_recording
-from posefuse.outputs.rerun import FILE, check_rerun, open_in_viewer, view_recording
+from posefuse.outputs.rerun import FILE, open_in_viewer, view_recording
+from posefuse.outputs.rerun_scene import check_rerun
 from posefuse.pipeline.session_images import nearby_session, session_frames, session_of
 
 from .terminal import Terminal
