@@ -14,10 +14,10 @@ import pytest
 from posefuse.calibration.targets.detection import Corners
 from posefuse.calibration.targets.guidance import seen, start
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.cli.calibrating.guide_frame import GuideFrame
-from posefuse.cli.calibrating.guiding import guide
 from posefuse.core import Frame, SourceError
 from posefuse.realtime.capture import LiveInput
+from posefuse.realtime.guide import guide
+from posefuse.realtime.guide_frame import GuideFrame
 
 SIZE = (160, 120)
 
@@ -91,7 +91,7 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
 
 def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
-    from posefuse.cli.calibrating.guide_view import GuideView, next_page
+    from posefuse.realtime.guide_view import GuideView, next_page
 
     state = start(("a", "b", "c"))
     for k in range(40):
