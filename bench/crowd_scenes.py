@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 from live_tracking import OUTLIER_PX, OUTLIERS, SWAPS, noise
 
-from posefuse.core import Detections2D, LookKind, Pose3D, Region, Rig, Skeleton, Truth
+from posefuse.core import CameraTruth, Detections2D, LookKind, Pose3D, Region, Truth
+from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.detection import region_from_pose
 from posefuse.formats.truth import read_truth, write_truth
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.exact import truth_of
+from posefuse.simulation.build import LiveScene, live_scene
 from posefuse.simulation.scene import Scene
+from posefuse.simulation.visibility import FLESH_M, hidden_by_shapes, in_image
 
-RATE_HZ, SECONDS = 30.0, 14.0
+RATE_HZ, SECONDS, VISIBLE_EVERY = 30.0, 11.0, 3
 DEVELOPMENT_SEED, REPORTED_SEED = 11, 47
 # nobody walks through another
 LEAST_APART_M = 0.26
@@ -30,7 +31,7 @@ SIGMA_SHARE, HIDDEN_FACTOR, HIDDEN_SCORE, SEEN_SCORE = 0.011, 4.0, 0.3, 0.95
 # of keypoints hidden behind another person, this share is taken from that person
 CONFUSED = 0.3
 CASES = (
-    ("walking", 2, 4), ("walking", 4, 8), ("walking", 6, 8),
+    ("walking", 2, 4), ("walking", 6, 8),
     ("crossing", 2, 4), ("crossing", 4, 4), ("crossing", 6, 8),
     ("close", 2, 4), ("close", 4, 8),
     ("hugging", 2, 4), ("hugging", 4, 8),
@@ -45,7 +46,7 @@ class Crowd:
 
     Attributes:
         truth: exact; NaN in 3D and in every view while a person is away. asked: (T, N) who counts: in the room and seen by two
-            cameras well enough. colours: (N, 16) what a camera would say of each one's clothes.
+            cameras well enough.
     """
 
     truth: Truth
@@ -57,12 +58,27 @@ def crowd(kind: str, people: int, cameras: int, seed: int, kept: Path) -> Crowd:
     path = kept / f"{kind}_{people}_{cameras}_{seed}.npz"
     if not path.is_file():
         kept.mkdir(parents=True, exist_ok=True)
-        write_truth(path, truth_of(_apart(kind, people, cameras, seed)))
+        write_truth(path, _truth(_apart(kind, people, cameras, seed)))
     truth = read_truth(path)
     if kind == "returning":
         truth = _without(truth, absences(people, len(truth.t_ns)))
     seen = np.stack([view.visible.mean(axis=-1) >= LEAST_VISIBLE for view in truth.views])
     return Crowd(truth, seen.sum(axis=0) >= 2)
+
+
+def _truth(live: LiveScene) -> Truth:
+    """As `simulation.exact.truth_of` for perfect cameras, with visibility by shapes in every third frame: much faster."""
+    t_ns = live.t_ns
+    xyz = live.keypoints(t_ns / 1e9)
+    frames, people, keypoints = xyz.shape[:3]
+    places, flesh = xyz[::VISIBLE_EVERY].reshape(-1, people * keypoints, 3), np.tile(FLESH_M, people)
+    views = []
+    for camera in live.rig:
+        hidden = hidden_by_shapes(camera.centre_world, places, flesh, live.boxes, xyz[::VISIBLE_EVERY])
+        free = np.repeat(~hidden, VISIBLE_EVERY, axis=0)[:frames].reshape(frames, people, keypoints)
+        xy = camera.project(xyz)
+        views.append(CameraTruth(camera.name, t_ns, xy, free & in_image(camera, xy)))
+    return Truth(live.rig, t_ns, ANATOMICAL23, np.arange(people), xyz, tuple(views))
 
 
 def absences(people: int, frames: int) -> np.ndarray:
@@ -74,14 +90,14 @@ def absences(people: int, frames: int) -> np.ndarray:
     return away
 
 
-def _apart(kind: str, people: int, cameras: int, seed: int) -> Scene:
+def _apart(kind: str, people: int, cameras: int, seed: int) -> LiveScene:
     for attempt in range(60):
         scene = _scene(kind, people, cameras, seed, attempt)
         live = live_scene(scene)
-        middle = live.keypoints(np.arange(0, SECONDS, 0.1)).mean(axis=2)[..., :2]
+        middle = live.keypoints(np.arange(0, SECONDS, 0.2)).mean(axis=2)[..., :2]
         gaps = np.linalg.norm(middle[:, :, None] - middle[:, None], axis=-1) + 9 * np.eye(people)
         if gaps.min() >= LEAST_APART_M:
-            return scene
+            return live
     raise SystemExit(f"{kind}: found no way for {people} people to pass each other")
 
 
@@ -116,10 +132,10 @@ def _motions(kind: str, people: int, rng: np.random.Generator) -> list[dict[str,
 
 
 def _crossing(n: int, rng: np.random.Generator) -> dict[str, Any]:
-    """Two by two along lines through the middle, in opposite directions, 0.3 m beside each other."""
-    angle, sense = np.pi * (n // 2) / 3, 1 - 2 * (n % 2)
-    ahead, left = np.array([np.cos(angle), np.sin(angle)]) * sense, np.array([-np.sin(angle), np.cos(angle)]) * sense
-    start, end = -2.0 * ahead - 0.15 * left, 2.0 * ahead - 0.15 * left
+    """Two by two along parallel lines, in opposite directions, 0.3 m beside each other."""
+    sense, middle = 1 - 2 * (n % 2), np.array([0.0, 1.75 * ((n // 2 + 1) // 2) * (-1) ** (n // 2)])
+    ahead, left = np.array([sense, 0.0]), np.array([0.0, sense])
+    start, end = middle - 2.0 * ahead - 0.15 * left, middle + 2.0 * ahead - 0.15 * left
     path = {"shape": "back_forth", "start_m": start.tolist(), "end_m": end.tolist()}
     return {"kind": "walk", "speed_mps": float(rng.uniform(0.8, 1.4)), "path": path}
 

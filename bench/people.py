@@ -15,6 +15,7 @@ import argparse
 import json
 import os
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from posefuse.core import Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.crowds import crowd_figures, frame_matches, person_distances, returned_right
 from posefuse.fusion import FuseSettings
+from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.following import Follower
 from posefuse.realtime.fusion import build_solve
 from posefuse.tracking.online import LiveSettings, build_tracker
@@ -39,13 +41,13 @@ AWAY, SETTLED = round(RATE_HZ), round(RATE_HZ / 2)
 
 def recorded(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
     """Poses of the first pass, and the seconds of each time step outside the network."""
-    follower = Follower(
-        skeleton=network.skeleton, rig=network.rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings()
-    )
+    clock = StageClock()
+    settings = AssociateSettings(max_people=people)
+    follower = Follower(skeleton=network.skeleton, rig=network.rig, associating=settings, fusing=FuseSettings(), clock=clock)
     poses, spent = [], []
     for one in follower.follow(network.steps()):
         poses.append(one.pose)
-        spent.append(follower.clock.seconds["fuse"] if hasattr(follower, "clock") else follower._clock.seconds["fuse"])
+        spent.append(clock.seconds["fuse"])
     return poses, np.diff([0.0, *spent]).tolist()
 
 
@@ -101,7 +103,7 @@ def main() -> None:
     parser.add_argument("--reported", action="store_true", help="the scenes nothing was tuned on")
     parser.add_argument("--only", help="one kind of scene")
     parser.add_argument("--how", choices=("recorded", "live"), action="append")
-    parser.add_argument("--kept", type=Path, default=Path("/tmp/posefuse_crowds"), help="where scenes are kept between runs")
+    parser.add_argument("--kept", type=Path, default=Path(tempfile.gettempdir()) / "posefuse_crowds", help="where scenes are kept between runs")
     args = parser.parse_args()
     seed = REPORTED_SEED if args.reported else DEVELOPMENT_SEED
     rows = []

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.association import AssociateSettings, assign
+from posefuse.association import AssociateSettings, Memory, assign
 from posefuse.core import DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT
@@ -77,8 +77,8 @@ class Follower:
     ) -> None:
         self._skeleton, self._rig, self._associating, self._fusing = skeleton, rig, associating, fusing
         self._clock, self._keep = clock or StageClock(), keep
-        self._last_good: Pose3D | None = None
-        self._newest: tuple[Pose3D, ...] = ()  # up to two good poses in a row
+        self._memory = Memory(skeleton=skeleton)
+        self._next_id = 0
         self._search_due = 0
         self._batches: list[DetectionBatch] = []
 
@@ -94,28 +94,28 @@ class Follower:
 
     def _step(self, i: int, step: TimeStep) -> Followed:
         self._batches = []
-        expected = _expected(self._newest, step.t_ns) if self._newest else _no_person(self._skeleton, step.t_ns)
-        seen = self._see(i, step, LookKind.EXPECTED, expected, self._last_good)
+        seen = self._see(i, step, LookKind.EXPECTED, self._memory.expected(step.t_ns), self._memory)
         if _people(seen.pose) < self._associating.max_people and i >= self._search_due:
             found = self._search(i, step)
             if _people(found.pose) > _people(seen.pose):
                 seen = found
             else:
                 self._search_due = i + _SEARCH_EVERY
-        self._newest = (*self._newest[-1:], seen.pose) if _people(seen.pose) else ()
-        self._last_good = seen.pose if self._newest else self._last_good
+        self._memory = self._memory.after(seen.pose, self._associating.lost_after_s)
+        self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
         chosen = self._batches.index(seen.batch)
         return Followed(batches=tuple(self._batches), chosen=chosen, person_ids=seen.person_ids, views=seen.views, pose=seen.pose)
 
     def _search(self, i: int, step: TimeStep) -> _Seen:
         """Look for people in whole images, then where a view missed one that others saw."""
-        seen = self._see(i, step, LookKind.SEARCH, None, self._last_good)
+        seen = self._see(i, step, LookKind.SEARCH, None, self._memory)
         if not _people(seen.pose) or not _some_view_lacks_a_person(seen.views):
             return seen
-        second = self._see(i, step, LookKind.SECOND, seen.pose, seen.pose)
+        memory = self._memory.after(seen.pose, self._associating.lost_after_s)
+        second = self._see(i, step, LookKind.SECOND, memory.expected(step.t_ns), memory)
         return second if _people(second.pose) >= _people(seen.pose) else seen
 
-    def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, previous: Pose3D | None) -> _Seen:
+    def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, memory: Memory) -> _Seen:
         with self._clock.stage("detect"):
             batch = DetectionBatch(step=i, t_ns=step.t_ns, kind=kind, detections=step.look(kind, expected))
         self._batches.append(batch)
@@ -126,9 +126,17 @@ class Follower:
             by_camera = {one.camera: one for one in batch.detections}
             absent = Detections2D.nobody("", step.t_ns, self._skeleton)
             detections = [by_camera.get(name) or replace(absent, camera=name) for name in self._rig.names]
-            assignment = assign(detections, self._rig, self._associating, step.t_ns, previous)
+            assignment = assign(
+                detections,
+                self._rig,
+                self._associating,
+                step.t_ns,
+                memory.expected(step.t_ns),
+                seen_ns=memory.seen_ns,
+                next_id=self._next_id,
+            )
             views = assignment.views(detections, step.t_ns)
-            pose = fuse(views, self._rig, self._fusing, previous)
+            pose = fuse(views, self._rig, self._fusing, memory.last(step.t_ns))
         place = {name: c for c, name in enumerate(self._rig.names)}
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
         return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose)
@@ -152,19 +160,3 @@ def _people(pose: Pose3D) -> int:
 
 def _some_view_lacks_a_person(views: Views) -> bool:
     return bool((np.nan_to_num(views.score).max(axis=2) == 0).any())
-
-
-def _no_person(skeleton: Skeleton, t_ns: int) -> Pose3D:
-    k = len(skeleton)
-    none = np.zeros((0, k))
-    return Pose3D(t_ns, skeleton, np.zeros(0), np.zeros((0, k, 3)), np.zeros((0, k, 3, 3)), none, none, none)
-
-
-def _expected(newest: tuple[Pose3D, ...], t_ns: int) -> Pose3D:
-    """The newest pose carried on to t_ns at the velocity between the last two."""
-    if len(newest) < 2 or not np.array_equal(newest[0].person_id, newest[1].person_id):
-        return newest[-1]
-    before, last = newest
-    share = (t_ns - last.t_ns) / max(last.t_ns - before.t_ns, 1)
-    step = (last.xyz_world - before.xyz_world) * share
-    return replace(last, xyz_world=last.xyz_world + np.nan_to_num(step))
