@@ -23,7 +23,7 @@ from posefuse.simulation.visibility import FLESH_M, hidden_by_shapes, in_image
 RATE_HZ, SECONDS, VISIBLE_EVERY = 30.0, 11.0, 3
 DEVELOPMENT_SEED, REPORTED_SEED = 11, 47
 # nobody walks through another
-LEAST_APART_M = 0.26
+LEAST_APART_M = 0.18
 # the network finds a person of whom it sees this share of the keypoints, in most frames
 LEAST_VISIBLE, MISSED = 0.4, 0.03
 # keypoint noise as a share of a person's height in the picture: 2.4 px of the demo clip's 215

@@ -44,11 +44,11 @@ def recorded(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], 
     clock = StageClock()
     settings = AssociateSettings(max_people=people)
     follower = Follower(skeleton=network.skeleton, rig=network.rig, associating=settings, fusing=FuseSettings(), clock=clock)
-    poses, spent = [], []
+    followed, spent = [], [0.0]
     for one in follower.follow(network.steps()):
-        poses.append(one.pose)
+        followed.append(one)
         spent.append(clock.seconds["fuse"])
-    return poses, np.diff([0.0, *spent]).tolist()
+    return [one.pose for one in follower.identified(followed)], np.diff(spent).tolist()
 
 
 def live(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list[float]]:

@@ -78,7 +78,8 @@ class Stage:
 
 
 def followed(stage: Stage, people: int = 1) -> list:
-    return list(follower(stage.rig, people).follow(stage))
+    one = follower(stage.rig, people)
+    return one.identified(list(one.follow(stage)))
 
 
 def follower(rig: Rig, people: int) -> Follower:
@@ -140,7 +141,8 @@ def test_the_log_answers_as_the_detector_did(ring_rig, blind: tuple[int, ...]) -
     stage.present = {0: [*range(7), *range(13, 30)], 1: range(5, 30)}
     first = followed(stage, people=2)
     log, asked = observations_of(first, COCO17, stage.rig), len(stage.searches)
-    again = list(follower(stage.rig, 2).follow(stored_steps(log)))
+    second = follower(stage.rig, 2)
+    again = second.identified(list(second.follow(stored_steps(log))))
     assert len(stage.searches) == asked, "the detector is not asked again"
     for one, other in zip(first, again, strict=True):
         assert [batch.kind for batch in one.batches] == [batch.kind for batch in other.batches]

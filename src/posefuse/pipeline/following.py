@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.association import AssociateSettings, Memory, assign
+from posefuse.association import AssociateSettings, Identity, Memory, assign, persons_at, with_persons
 from posefuse.core import DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT
@@ -26,12 +26,12 @@ _GOOD_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
-    """The result of one time step.
+    """The result of one time step. Ids are tracks, until `Follower.identified` tells who they are.
 
     Attributes:
         batches: every look that the detector took, in order. chosen: index of the one that the people are taken from.
         person_ids: per entry of the chosen batch, the person of each detection.
-        views: the people in every camera, each at its own exposure time. pose: the fused pose.
+        views: the tracks in every camera, each at its own exposure time. pose: the fused pose.
     """
 
     batches: tuple[DetectionBatch, ...]
@@ -78,6 +78,7 @@ class Follower:
         self._skeleton, self._rig, self._associating, self._fusing = skeleton, rig, associating, fusing
         self._clock, self._keep = clock or StageClock(), keep
         self._memory = Memory(skeleton=skeleton)
+        self._identity = Identity(people_max=associating.max_people, lost_after_s=associating.lost_after_s)
         self._next_id = 0
         self._search_due = 0
         self._batches: list[DetectionBatch] = []
@@ -92,6 +93,18 @@ class Follower:
                 return
             yield self._step(i, step)
 
+    def identified(self, followed: Sequence[Followed]) -> list[Followed]:
+        """The same time steps with people instead of tracks, by all that is known at the end."""
+        return [self._with_people(one) for one in followed]
+
+    def _with_people(self, one: Followed) -> Followed:
+        persons = {NOT_KEPT: NOT_KEPT}
+        for track in one.views.person_id.tolist():
+            persons[track] = persons_at(self._identity.names, track, one.pose.t_ns)
+        ids = tuple(np.array([persons[track] for track in tracks.tolist()], np.int64) for tracks in one.person_ids)
+        pose = with_persons(one.pose, [persons[track] for track in one.pose.person_id.tolist()])
+        return replace(one, person_ids=ids, pose=pose)
+
     def _step(self, i: int, step: TimeStep) -> Followed:
         self._batches = []
         seen = self._see(i, step, LookKind.EXPECTED, self._memory.expected(step.t_ns), self._memory)
@@ -102,6 +115,7 @@ class Follower:
             else:
                 self._search_due = i + _SEARCH_EVERY
         self._memory = self._memory.after(seen.pose, self._associating.lost_after_s)
+        self._identity = self._identity.after(seen.pose)
         self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
         chosen = self._batches.index(seen.batch)
         return Followed(batches=tuple(self._batches), chosen=chosen, person_ids=seen.person_ids, views=seen.views, pose=seen.pose)

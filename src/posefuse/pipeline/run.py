@@ -133,7 +133,7 @@ def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store |
         if len(followed) < 2:
             raise
         interrupted = True
-    return observations_of(followed, skeleton, rig), interrupted
+    return observations_of(follower.identified(followed), skeleton, rig), interrupted
 
 
 def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[str]) -> dict[str, Any]:
