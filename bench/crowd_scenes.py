@@ -13,6 +13,7 @@ from live_tracking import OUTLIER_PX, OUTLIERS, SWAPS, noise
 
 from posefuse.core import CameraTruth, Detections2D, LookKind, Pose3D, Region, Truth
 from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.core.views_over_time import keypoint_boxes
 from posefuse.detection import region_from_pose
 from posefuse.formats.truth import read_truth, write_truth
 from posefuse.foundation.settings import settings_from_mapping
@@ -156,11 +157,12 @@ def _furniture(rng: np.random.Generator) -> list[dict[str, Any]]:
 
 
 def _without(truth: Truth, away: np.ndarray) -> Truth:
+    gone = away[..., None]
     views = tuple(
-        dataclasses.replace(view, xy_img=np.where(away[..., None, None], np.nan, view.xy_img), visible=view.visible & ~away[..., None])
+        dataclasses.replace(view, xy_img=np.where(gone[..., None], np.nan, view.xy_img), visible=view.visible & ~gone)
         for view in truth.views
     )
-    return dataclasses.replace(truth, xyz_world=np.where(away[..., None, None], np.nan, truth.xyz_world), views=views)
+    return dataclasses.replace(truth, xyz_world=np.where(gone[..., None], np.nan, truth.xyz_world), views=views)
 
 
 class Network:
@@ -187,8 +189,7 @@ class Network:
         # looked at twice, a body is not marked in the very same places
         again = np.random.default_rng([i, c]).normal(0, 0.2, out_xy.shape) * out_sigma[..., None]
         out_xy = out_xy + (again if regions is not None else 0.0)
-        box = np.concatenate([np.nanmin(out_xy, 1, initial=np.inf), np.nanmax(out_xy, 1, initial=-np.inf)], -1) if len(chosen) else np.zeros((0, 4))
-        box[~np.isfinite(box)] = np.nan
+        box = keypoint_boxes(out_xy, out_score)
         return Detections2D(self.rig.names[c], int(self.t_ns[i]), self.skeleton, out_xy, out_score, out_sigma, box)
 
     def regions(self, c: int, xyz_world: np.ndarray) -> list[Region]:

@@ -103,7 +103,8 @@ def main() -> None:
     parser.add_argument("--reported", action="store_true", help="the scenes nothing was tuned on")
     parser.add_argument("--only", help="one kind of scene")
     parser.add_argument("--how", choices=("recorded", "live"), action="append")
-    parser.add_argument("--kept", type=Path, default=Path(tempfile.gettempdir()) / "posefuse_crowds", help="where scenes are kept between runs")
+    kept = Path(tempfile.gettempdir()) / "posefuse_crowds"
+    parser.add_argument("--kept", type=Path, default=kept, help="where scenes are kept between runs")
     args = parser.parse_args()
     seed = REPORTED_SEED if args.reported else DEVELOPMENT_SEED
     rows = []
@@ -126,7 +127,8 @@ def show(rows: list[dict]) -> None:
         table.add_column(name, justify="left" if name in ("scene", "how") else "right")
     for row in rows:
         figures = [f"{row[name]:.3f}" if name in ("idf1", "hota", "missed", "false") else f"{row[name]:.3g}" for name in names]
-        table.add_row(f"{row['scene']} {row['people']}x{row['cameras']}", row["how"], *figures, f"{row['returns_right']}/{row['returns']}")
+        scene, returns = f"{row['scene']} {row['people']}x{row['cameras']}", f"{row['returns_right']}/{row['returns']}"
+        table.add_row(scene, row["how"], *figures, returns)
     for how in sorted({row["how"] for row in rows}):
         mine = [row for row in rows if row["how"] == how]
         figures = [f"{np.mean([row[name] for row in mine]):.3f}" for name in names]

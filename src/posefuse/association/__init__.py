@@ -1,6 +1,7 @@
 """Association: which detection of each camera is which person, across cameras and time."""
 
 from .assignment import Assignment
+from .duplicates import duplicates
 from .identity import UNNAMED, Identity, persons_at, with_persons
 from .memory import Memory
 from .people import assign, associate
@@ -8,12 +9,13 @@ from .settings import AssociateSettings
 
 __all__ = [
     "UNNAMED",
-    "AssociateSettings",
     "Assignment",
+    "AssociateSettings",
     "Identity",
     "Memory",
     "assign",
     "associate",
+    "duplicates",
     "persons_at",
     "with_persons",
 ]

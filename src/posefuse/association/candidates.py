@@ -57,7 +57,8 @@ def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Arr
     """How well poses (H, K, 3) explain each detection: support (H, D) and share of its keypoints that agree (H, D).
 
     A keypoint supports by its score, less the square of its miss over the tolerance; the miss is measured at the depth
-    of the body. `tolerance_m` is one for all or (H, 1, 1). A detection with left and right exchanged still is this person: the better reading counts.
+    of the body. `tolerance_m` is one for all or (H, 1, 1). A detection with left and right exchanged still is this person:
+    the better reading counts.
     """
     as_named = _agreement(candidates, xyz_world, tolerance_m)
     exchanged = _agreement(candidates, xyz_world[:, candidates.mirror], tolerance_m)

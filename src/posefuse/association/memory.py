@@ -104,4 +104,5 @@ class Memory:
         xyz = xyz_world.reshape(n, k, 3)
         kind = np.where(np.isfinite(xyz[..., 0]), Kind.PREDICTED, Kind.MISSING)
         ids = np.array([one.person_id for one in self.people], np.int64)
-        return Pose3D(t_ns, self.skeleton, ids, xyz, np.full((n, k, 3, 3), np.nan), np.full((n, k), np.nan), np.zeros((n, k)), kind)
+        unknown = np.full((n, k), np.nan)
+        return Pose3D(t_ns, self.skeleton, ids, xyz, np.full((n, k, 3, 3), np.nan), unknown, np.zeros((n, k)), kind)

@@ -142,8 +142,9 @@ def _follow(candidates: Candidates, free: Array, followed: list[_Known], setting
     # a detection goes to the person it supports most
     mine = support >= support.max(axis=0, keepdims=True)
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
-        members = _best_per_camera(candidates, np.where(mine[row] & free, support[row], 0.0))
-        members = _settled(candidates, members, free, settings)
+        open_to = mine[row] & free
+        members = _best_per_camera(candidates, np.where(open_to, support[row], 0.0))
+        members = _settled(candidates, members, open_to, settings)
         if len(members) and _is_near(candidates, members, followed[row].xyz_world, reach[row], settings):
             found[followed[row].person_id] = members
             free[members] = False

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from posefuse import __version__
 
+from .people import with_places_joined
 from .stopping import StopRequests, stop_requests
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     with stop_requests() as requests:
         try:
-            args = _parser().parse_args(argv)
+            args = _parser().parse_args(with_places_joined(sys.argv[1:] if argv is None else list(argv)))
         except KeyboardInterrupt:
             return _stopped("posefuse", requests)
         return _run(args, requests)

@@ -141,6 +141,7 @@ def settled_config(args: argparse.Namespace) -> TrackConfig:
         "--end": ("end_s", args.end),
         "--raw": ("raw", args.raw or None),
         "--weights": ("fuse.weights", args.weights),
+        "--people": ("associate.max_people", args.people),
         "--person": ("associate.near_xy_m", args.person),
         "--outputs": ("outputs", outputs),
     }

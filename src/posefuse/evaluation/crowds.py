@@ -7,6 +7,7 @@ after Luiten et al. 2021 with the similarity 1 - distance / `gate_m`, switches a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -116,7 +117,7 @@ def _usual(matches: Array) -> int | None:
 def _gaps(present: Array, least: int) -> list[tuple[int, int]]:
     """(begin, end) of each stretch of absence of at least `least` frames between two of presence."""
     frames = np.flatnonzero(present)
-    return [(int(a) + 1, int(b)) for a, b in zip(frames[:-1], frames[1:], strict=True) if b - a - 1 >= least]
+    return [(int(a) + 1, int(b)) for a, b in pairwise(frames) if b - a - 1 >= least]
 
 
 def _on_unasked(distance_m: Array, asked: Array, there: Array, gate_m: float) -> Array:

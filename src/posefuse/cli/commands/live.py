@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from posefuse.cli.people import people_count
 from posefuse.cli.terminal import Terminal
 
 from .options import add_networks
@@ -66,7 +67,7 @@ def add_network(parser: argparse.ArgumentParser) -> None:
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """How it works."""
     parser.add_argument("--tracker", choices=("asynchronous", "latest"), help="how views become poses (default asynchronous)")
-    parser.add_argument("--people", type=int, metavar="N", help="how many people to follow (default 1)")
+    parser.add_argument("--people", type=people_count, metavar="N", help="how many people to follow (default 1), or all")
     parser.add_argument("--rate", type=float, metavar="HZ", help="poses per second (default 100)")
     parser.add_argument("--groups", type=int, metavar="N", help="camera processes (default: one per two cameras and core)")
     parser.add_argument("--config", type=Path, metavar="FILE", help="TOML settings")

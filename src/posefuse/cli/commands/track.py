@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from posefuse.cli.people import people_count
 from posefuse.cli.terminal import Terminal
 
 from .options import add_networks
@@ -34,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--input", choices=("auto", "videos", "images", "pose2d"), help="which data of the session to use")
     parser.add_argument("--weights", choices=("none", "score", "all", "robust"), help="how views are weighted (default robust)")
     parser.add_argument("--raw", action="store_true", help="every time step as it was fused: no smoothing, no bridged gaps")
+    parser.add_argument(
+        "--people", type=people_count, metavar="N", help="how many people to follow, the best seen ones (default 1), or all"
+    )
     parser.add_argument("--person", type=_xy, metavar="X,Y", help="follow the person nearest to this place (world metres)")
     parser.add_argument("--start", type=float, metavar="S", help="begin at this time of the session, seconds")
     parser.add_argument("--end", type=float, metavar="S", help="end at this time of the session, seconds")
