@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
+from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
@@ -16,10 +16,13 @@ from .assignment import UNSEEN, Assignment
 from .candidates import Candidates, agreement, candidates_from_detections, joint_points, meeting_points
 from .duplicates import duplicates
 from .settings import AssociateSettings
+from .traits import body_lengths_m, plausible_share
 
 # a newcomer needs this many keypoints in 3D: fewer say nothing about whose they are
 _MIN_POINTS = 3
 _ALONE_SHARE = 0.7
+# measured so shortly before the newest, a person is in sight
+_IN_SIGHT_S = 0.02
 
 
 def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, previous: Pose3D | None = None) -> Views:
@@ -66,14 +69,18 @@ def assign(
     candidates = candidates_from_detections(detections, rig)
     free = ~np.concatenate([duplicates(one, settings.duplicate_share) for one in detections])
     followed = _followed(previous, seen_ns, t_ns) if previous is not None and previous.skeleton == detections[0].skeleton else []
-    found = _follow(candidates, free, followed, settings)
+    newest_s = min((one.age_s for one in followed), default=0.0)
+    in_sight = [one for one in followed if one.age_s <= newest_s + _IN_SIGHT_S]
+    # the place of one out of sight is a guess: it takes what the others leave
+    found = _follow(candidates, free, in_sight, settings)
+    found |= _follow(candidates, free, [one for one in followed if one not in in_sight], settings)
     lost = [one for one in followed if one.person_id not in found and one.age_s <= settings.lost_after_s]
     room = settings.max_people - len(found)
     if room > 0:
         taken = {one.person_id for one in lost} | set(found)
         ids = itertools.count(next_id) if next_id is not None else (i for i in itertools.count() if i not in taken)
         strangers = room - len(lost)
-        for members in _newcomers(candidates, free, room, settings):
+        for members in _newcomers(candidates, free, room, detections[0].skeleton, settings):
             again = _found_again(candidates, members, lost, settings)
             if again is not None:
                 lost.remove(again)
@@ -160,7 +167,9 @@ def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: flo
     return _middle_distance_m(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
 
 
-def _newcomers(candidates: Candidates, free: Array, count: int, settings: AssociateSettings) -> list[Array]:
+def _newcomers(
+    candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings
+) -> list[Array]:
     """Members of up to `count` people nobody follows yet, the most convincing first."""
     people: list[Array] = []
     if count == 0:
@@ -176,10 +185,22 @@ def _newcomers(candidates: Candidates, free: Array, count: int, settings: Associ
             break
         members = _settled(candidates, _best_per_camera(candidates, support[best] * free), free, settings)
         support[best] = 0.0
-        if len(members) >= 2:
+        if len(members) >= 2 and _is_a_body(candidates, members, skeleton, settings):
             people.append(members)
             free[members] = False
     return people
+
+
+def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
+    """Whether a newcomer can be one: a third view that agrees shows it, two views must give the size of a human body.
+
+    The rays of two different people in two views meet in anything.
+    """
+    if len(members) > 2:
+        return True
+    pose = joint_points(candidates, members, settings.tolerance_m)
+    lengths = body_lengths_m(pose[None], skeleton)
+    return not np.isfinite(lengths).any() or bool(plausible_share(lengths)[0] >= settings.plausible_share)
 
 
 def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings) -> tuple[Array, Array]:

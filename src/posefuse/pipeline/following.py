@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.association import AssociateSettings, Identity, Memory, assign, persons_at, with_persons
-from posefuse.core import DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
+from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT
 from posefuse.fusion import FuseSettings, fuse
@@ -22,6 +22,8 @@ Keep = Callable[[DetectionBatch], None]
 _SEARCH_EVERY = 5
 # a pose that gives the views their regions has this share of its keypoints
 _GOOD_SHARE = 0.5
+# a newcomer of two views is nobody when more than so many others, in whose image this share of the body lies, see nobody there
+_MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,7 +129,17 @@ class Follower:
             return seen
         memory = self._memory.after(seen.pose, self._associating.lost_after_s)
         second = self._see(i, step, LookKind.SECOND, memory.expected(step.t_ns), memory)
-        return second if _people(second.pose) >= _people(seen.pose) else seen
+        ghosts = {int(person) for person in second.pose.person_id if person >= self._next_id and self._is_ghost(second, person)}
+        better = second if ghosts or _people(second.pose) >= _people(seen.pose) else seen
+        return _without(better, ghosts) if ghosts else better
+
+    def _is_ghost(self, seen: _Seen, person: int) -> bool:
+        """Whether most views that were told where a newcomer is see nobody there, so that two views alone make them up."""
+        row = int(np.flatnonzero(seen.pose.person_id == person)[0])
+        in_view = (np.nan_to_num(seen.views.score[row]) > 0).any(axis=1)
+        xyz = seen.pose.xyz_world[row]
+        should = [_in_image(camera, xyz) for camera in self._rig]
+        return int(in_view.sum()) <= 2 and int((np.array(should) & ~in_view).sum()) > _MOST_BLIND
 
     def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, memory: Memory) -> _Seen:
         with self._clock.stage("detect"):
@@ -170,6 +182,29 @@ def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) 
 def _people(pose: Pose3D) -> int:
     """How many people are known well enough to give the views their regions."""
     return int(((pose.kind != Kind.MISSING).mean(axis=1) >= _GOOD_SHARE).sum()) if len(pose.person_id) else 0
+
+
+def _in_image(camera: Camera, xyz_world: Array) -> bool:
+    """Whether most of a body (K, 3) lies in the picture."""
+    known = xyz_world[np.isfinite(xyz_world[:, 0])]
+    xy = camera.project(known)
+    inside = (xy >= 0).all(axis=-1) & (xy < np.array(camera.size_wh)).all(axis=-1)
+    return bool(len(known)) and bool(inside.mean() > _IN_IMAGE)
+
+
+def _without(seen: _Seen, people: set[int]) -> _Seen:
+    """The same look; detections of these people belong to no person."""
+    keep = ~np.isin(seen.views.person_id, list(people))
+    views = replace(
+        seen.views,
+        person_id=seen.views.person_id[keep],
+        xy_img=seen.views.xy_img[keep],
+        score=seen.views.score[keep],
+        sigma_px=seen.views.sigma_px[keep],
+    )
+    ids = tuple(np.where(np.isin(one, list(people)), NOT_KEPT, one) for one in seen.person_ids)
+    pose = with_persons(seen.pose, [NOT_KEPT if person in people else person for person in seen.pose.person_id.tolist()])
+    return _Seen(batch=seen.batch, person_ids=ids, views=views, pose=pose)
 
 
 def _some_view_lacks_a_person(views: Views) -> bool:

@@ -36,7 +36,7 @@ def others_line(seen: dict[str, int], followed: int) -> str | None:
     if len(seen) < _LEAST_CAMERAS:
         return None
     where = ", ".join(f"{camera} ({count})" for camera, count in seen.items())
-    return f"up to {max(seen.values())} more people were seen than the {followed} followed: {where}; --people all follows everybody"
+    return f"up to {max(seen.values())} people were seen besides the {followed} followed: {where}; --people all follows all"
 
 
 def _kept(observations: Observations, frames: Sequence[int]) -> Detections2D:
