@@ -14,6 +14,8 @@ _FADE_S = 0.4
 _NEXT_FRAME_S = 0.12
 # the body's speed is averaged over this time
 _SPEED_S = 0.15
+# faster, a frame was wrong
+_FASTEST_M_S = 6.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,11 +35,17 @@ class LastSeen:
     body_velocity_m_s: Array
 
     def at(self, t_ns: int) -> Array:
-        """(K, 3) where the person is expected."""
+        """(K, 3) where the person is expected: the body goes on, ever more slowly."""
         age_s = max(t_ns - self.t_ns, 0) * 1e-9
-        if age_s <= _NEXT_FRAME_S:
-            return np.asarray(self.xyz_world + self.velocity_m_s * age_s)
         return np.asarray(self.xyz_world + self.body_velocity_m_s * _FADE_S * (1 - np.exp(-age_s / _FADE_S)))
+
+    def moving_at(self, t_ns: int) -> Array:
+        """(K, 3) where each keypoint is expected in the next frame, by its own speed; later as `at`.
+
+        One wrong keypoint moves far: good to say where to look, too uncertain to say who is who.
+        """
+        age_s = max(t_ns - self.t_ns, 0) * 1e-9
+        return np.asarray(self.xyz_world + self.velocity_m_s * age_s) if age_s <= _NEXT_FRAME_S else self.at(t_ns)
 
     def measured(self, t_ns: int, xyz_world: Array) -> LastSeen:
         """The same person after one more measurement (K, 3); NaN where a keypoint is missing."""
@@ -45,6 +53,7 @@ class LastSeen:
         known = np.isfinite(xyz_world[:, 0])
         moved = (xyz_world - self.xyz_world) / step_s
         body = np.nanmedian(moved, axis=0) if np.isfinite(moved).any() else self.body_velocity_m_s
+        body = body * min(1.0, _FASTEST_M_S / max(float(np.linalg.norm(body)), 1e-9))
         weight = 1 - np.exp(-step_s / _SPEED_S)
         return LastSeen(
             person_id=self.person_id,
@@ -85,6 +94,10 @@ class Memory:
     def expected(self, t_ns: int) -> Pose3D:
         """Where the people are expected at this time, in the order of `people`; kind PREDICTED."""
         return self._pose(t_ns, np.array([one.at(t_ns) for one in self.people]))
+
+    def looked_for(self, t_ns: int) -> Pose3D:
+        """As `expected`, each keypoint by its own speed: the people whom the views should look for."""
+        return self._pose(t_ns, np.array([one.moving_at(t_ns) for one in self.people]))
 
     def last(self, t_ns: int) -> Pose3D:
         """Where they were last; the time is `t_ns`."""

@@ -116,7 +116,8 @@ def _found_again(candidates: Candidates, members: Array, lost: list[_Known], set
     pose = joint_points(candidates, members, settings.tolerance_m)
     distances = [_middle_distance_m(pose, one.xyz_world) for one in lost]
     nearest = int(np.argmin(distances))
-    return lost[nearest] if distances[nearest] <= _reach_m(lost[nearest].age_s, settings) else None
+    reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
+    return lost[nearest] if distances[nearest] <= reach else None
 
 
 def _middle_distance_m(one: Array, other: Array) -> float:

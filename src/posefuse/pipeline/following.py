@@ -109,7 +109,7 @@ class Follower:
 
     def _step(self, i: int, step: TimeStep) -> Followed:
         self._batches = []
-        seen = self._see(i, step, LookKind.EXPECTED, self._memory.expected(step.t_ns), self._memory)
+        seen = self._see(i, step, LookKind.EXPECTED, self._memory.looked_for(step.t_ns), self._memory)
         if _people(seen.pose) < self._associating.max_people and i >= self._search_due:
             found = self._search(i, step)
             if _people(found.pose) > _people(seen.pose):
