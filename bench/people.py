@@ -32,6 +32,7 @@ from posefuse.fusion import FuseSettings
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.following import Follower
 from posefuse.realtime.fusion import build_solve
+from posefuse.realtime.identity import NamedTracker
 from posefuse.tracking.online import LiveSettings, build_tracker
 
 SEARCH_EVERY_S = 1.0
@@ -54,7 +55,8 @@ def recorded(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], 
 def live(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
     """Poses at every frame, and the seconds of each frame's views in the tracker."""
     solve = build_solve(network.rig, AssociateSettings(max_people=people), FuseSettings())
-    tracker = build_tracker(network.rig, network.skeleton, LiveSettings(max_people=people), solve)
+    settings = LiveSettings(max_people=people)
+    tracker = NamedTracker(build_tracker(network.rig, network.skeleton, settings, solve), settings)
     poses, spent = [], []
     searched_s = np.full(len(network.rig), -1e9)
     expected = np.zeros((0, len(network.skeleton), 3))
@@ -70,8 +72,8 @@ def live(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list
             tracker.add(view)
         pose = tracker.at(int(t_ns))
         spent.append(time.perf_counter() - began)
-        known = np.isfinite(pose.xyz_world).any(axis=(1, 2))
-        expected = pose.xyz_world[known]
+        expected = tracker.looked_for(int(t_ns)).xyz_world
+        expected = expected[np.isfinite(expected).any(axis=(1, 2))]
         poses.append(pose)
     return poses, spent
 

@@ -14,8 +14,28 @@ NOISE_M = 0.012
 
 def body(scale: float) -> np.ndarray:
     """(17, 3) a standing person of 1.75 m times `scale`."""
-    heights = {"nose": 1.6, "eye": 1.63, "ear": 1.6, "shoulder": 1.43, "elbow": 1.13, "wrist": 0.88, "hip": 0.95, "knee": 0.52, "ankle": 0.09}
-    half = {"nose": 0.0, "eye": 0.03, "ear": 0.07, "shoulder": 0.18, "elbow": 0.22, "wrist": 0.25, "hip": 0.09, "knee": 0.1, "ankle": 0.1}
+    heights = {
+        "nose": 1.6,
+        "eye": 1.63,
+        "ear": 1.6,
+        "shoulder": 1.43,
+        "elbow": 1.13,
+        "wrist": 0.88,
+        "hip": 0.95,
+        "knee": 0.52,
+        "ankle": 0.09,
+    }
+    half = {
+        "nose": 0.0,
+        "eye": 0.03,
+        "ear": 0.07,
+        "shoulder": 0.18,
+        "elbow": 0.22,
+        "wrist": 0.25,
+        "hip": 0.09,
+        "knee": 0.1,
+        "ankle": 0.1,
+    }
     rows = []
     for name in COCO17.keypoints:
         part, side = name.split("_")[-1], -1 if name.startswith("left") else 1
@@ -43,9 +63,7 @@ class Room:
 
 def pose(xyz: np.ndarray, ids: list[int], t_ns: int = 0) -> Pose3D:
     shape = xyz.shape[:2]
-    return Pose3D(
-        t_ns, COCO17, ids, xyz, np.zeros((*shape, 3, 3)), np.ones(shape), np.full(shape, 4), np.full(shape, Kind.FUSED)
-    )
+    return Pose3D(t_ns, COCO17, ids, xyz, np.zeros((*shape, 3, 3)), np.ones(shape), np.full(shape, 4), np.full(shape, Kind.FUSED))
 
 
 def test_the_only_person_has_a_name_at_once_and_gets_it_back() -> None:
@@ -82,7 +100,9 @@ def test_two_who_touched_are_told_apart_after_they_part(exchanged: bool) -> None
     expected = [1, 0] if exchanged else [0, 1]
     assert [room.state.person_of(track) for track in (0, 1)] == expected
     assert [persons_at(room.state.names, track, parted_ns) for track in (0, 1)] == expected
-    assert [persons_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)] == [0, 1], "before they touched nothing changes"
+    assert [persons_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)] == [0, 1], (
+        "before they touched nothing changes"
+    )
 
 
 def test_two_of_one_size_keep_their_names_as_nothing_speaks_against_it() -> None:

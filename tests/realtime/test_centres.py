@@ -52,6 +52,8 @@ class Still:
             t_ns, BLAZEPOSE33, np.zeros(1), self._xyz[None], np.tile(np.eye(3) * 1e-4, (1, K, 1, 1)), ones, 4 * ones, ones
         )
 
+    looked_for = at
+
 
 @pytest.fixture
 def somebody() -> np.ndarray:

@@ -1,7 +1,6 @@
 """Association: which detection of each camera is which person, across cameras and time."""
 
 from .assignment import Assignment
-from .duplicates import duplicates
 from .identity import UNNAMED, Identity, persons_at, with_persons
 from .memory import Memory
 from .people import assign, associate
@@ -15,7 +14,6 @@ __all__ = [
     "Memory",
     "assign",
     "associate",
-    "duplicates",
     "persons_at",
     "with_persons",
 ]

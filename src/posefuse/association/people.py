@@ -10,11 +10,11 @@ import numpy as np
 
 from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Skeleton, Views
 from posefuse.core.arrays import Array
+from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 
 from .assignment import UNSEEN, Assignment
 from .candidates import Candidates, agreement, candidates_from_detections, joint_points, meeting_points
-from .duplicates import duplicates
 from .settings import AssociateSettings
 from .traits import body_lengths_m, plausible_share
 
@@ -168,9 +168,7 @@ def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: flo
     return _middle_distance_m(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
 
 
-def _newcomers(
-    candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings
-) -> list[Array]:
+def _newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings) -> list[Array]:
     """Members of up to `count` people nobody follows yet, the most convincing first."""
     people: list[Array] = []
     if count == 0:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
 
+from posefuse.core.duplicates import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
 
 # metres from the origin of the world; no place of a recording is farther
@@ -27,8 +28,7 @@ class AssociateSettings:
         plausible_share: share of a newcomer's body lengths (limbs, trunk, girdles) that a human body can have, from a child to
             a tall adult; below it the views are of different people. One length in four may be wrong in a single frame.
         duplicate_share: two detections of one view whose keypoints are closer than this share of their box (median) are one
-            body. A landmark network that looks twice at one body differs by 1 to 3 %; two people one behind the other who
-            coincide to 8 % cannot be told apart in that view anyway.
+            body.
         lost_after_s: how long the place of a followed person who is out of sight is kept free.
     """
 
@@ -38,5 +38,5 @@ class AssociateSettings:
     min_share: Annotated[float, Gt(0), Le(1)] = 0.4
     speed_max_m_s: Annotated[float, Gt(0)] = 4.0
     plausible_share: Annotated[float, Ge(0), Le(1)] = 0.7
-    duplicate_share: Annotated[float, Ge(0), Le(1)] = 0.08
+    duplicate_share: Annotated[float, Ge(0), Le(1)] = DUPLICATE_SHARE
     lost_after_s: Annotated[float, Ge(0)] = 1.0

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.association import AssociateSettings, duplicates
+from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, LookKind, Observations
+from posefuse.core.duplicates import duplicates
 from posefuse.core.observations import NOT_KEPT
 
 # a person seen by one camera alone may be a picture on the wall
