@@ -78,8 +78,9 @@ def _truth(live: LiveScene) -> Truth:
         hidden = hidden_by_shapes(camera.centre_world, places, flesh, live.boxes, xyz[::VISIBLE_EVERY])
         free = np.repeat(~hidden, VISIBLE_EVERY, axis=0)[:frames].reshape(frames, people, keypoints)
         xy = camera.project(xyz)
-        views.append(CameraTruth(camera.name, t_ns, xy, free & in_image(camera, xy)))
-    return Truth(live.rig, t_ns, ANATOMICAL23, np.arange(people), xyz, tuple(views))
+        views.append(CameraTruth(camera=camera.name, t_ns=t_ns, xy_img=xy, visible=free & in_image(camera, xy)))
+    ids = np.arange(people)
+    return Truth(rig=live.rig, t_ns=t_ns, skeleton=ANATOMICAL23, person_id=ids, xyz_world=xyz, views=tuple(views))
 
 
 def absences(people: int, frames: int) -> np.ndarray:
@@ -190,7 +191,15 @@ class Network:
         again = np.random.default_rng([i, c]).normal(0, 0.2, out_xy.shape) * out_sigma[..., None]
         out_xy = out_xy + (again if regions is not None else 0.0)
         box = keypoint_boxes(out_xy, out_score)
-        return Detections2D(self.rig.names[c], int(self.t_ns[i]), self.skeleton, out_xy, out_score, out_sigma, box)
+        return Detections2D(
+            camera=self.rig.names[c],
+            t_ns=int(self.t_ns[i]),
+            skeleton=self.skeleton,
+            xy_img=out_xy,
+            score=out_score,
+            sigma_px=out_sigma,
+            box_img=box,
+        )
 
     def regions(self, c: int, xyz_world: np.ndarray) -> list[Region]:
         found = [region_from_pose(self.rig.cameras[c], xyz, self.skeleton) for xyz in xyz_world]

@@ -63,7 +63,16 @@ class Room:
 
 def pose(xyz: np.ndarray, ids: list[int], t_ns: int = 0) -> Pose3D:
     shape = xyz.shape[:2]
-    return Pose3D(t_ns, COCO17, ids, xyz, np.zeros((*shape, 3, 3)), np.ones(shape), np.full(shape, 4), np.full(shape, Kind.FUSED))
+    return Pose3D(
+        t_ns=t_ns,
+        skeleton=COCO17,
+        person_id=ids,
+        xyz_world=xyz,
+        cov_world=np.zeros((*shape, 3, 3)),
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=np.full(shape, Kind.FUSED),
+    )
 
 
 def test_the_only_person_has_a_name_at_once_and_gets_it_back() -> None:

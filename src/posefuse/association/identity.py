@@ -203,10 +203,15 @@ def persons_at(names: tuple[Named, ...], track: int, t_ns: int) -> int:
 def with_persons(pose: Pose3D, persons: Sequence[int]) -> Pose3D:
     """The same pose with other ids (N,), in their order; people that are `UNNAMED` are left out."""
     rows = sorted((row for row, person in enumerate(persons) if person != UNNAMED), key=lambda row: persons[row])
-    return Pose3D(
-        pose.t_ns, pose.skeleton, np.array([persons[row] for row in rows], np.int64), pose.xyz_world[rows], pose.cov_world[rows],
-        pose.reproj_px[rows], pose.n_views[rows], pose.kind[rows],
-    )  # fmt: skip
+    return replace(
+        pose,
+        person_id=np.array([persons[row] for row in rows], np.int64),
+        xyz_world=pose.xyz_world[rows],
+        cov_world=pose.cov_world[rows],
+        reproj_px=pose.reproj_px[rows],
+        n_views=pose.n_views[rows],
+        kind=pose.kind[rows],
+    )
 
 
 def _unused(people: Mapping[int, Traits]) -> range:

@@ -118,4 +118,13 @@ class Memory:
         kind = np.where(np.isfinite(xyz[..., 0]), Kind.PREDICTED, Kind.MISSING)
         ids = np.array([one.person_id for one in self.people], np.int64)
         unknown = np.full((n, k), np.nan)
-        return Pose3D(t_ns, self.skeleton, ids, xyz, np.full((n, k, 3, 3), np.nan), unknown, np.zeros((n, k)), kind)
+        return Pose3D(
+            t_ns=t_ns,
+            skeleton=self.skeleton,
+            person_id=ids,
+            xyz_world=xyz,
+            cov_world=np.full((n, k, 3, 3), np.nan),
+            reproj_px=unknown,
+            n_views=np.zeros((n, k)),
+            kind=kind,
+        )

@@ -4,43 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from paper.scenes.page import Line, Page, plot
-from posefuse.core import InputError
-from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
-from posefuse.formats.c3d import read_c3d
-from posefuse.formats.points_csv import read_points_csv
-from posefuse.formats.recording import read_recording
-from posefuse.formats.trc import read_trc
+from posefuse.evaluation.tracks import read_tracks
+from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.foundation.plain_values import plain
 
 from .terminal import Terminal
-
-KINDS = "a posefuse result folder, .trc, .c3d, .csv or .mvnx"
-# the segment of an MVNX file whose origin is this joint
-_MVNX = {
-    "pelvis": "mid_hip", "neck": "neck", "head": "head",
-    **{f"{side}{segment}": f"{side}_{joint}" for side in ("left", "right") for segment, joint in (
-        ("upperarm", "shoulder"), ("forearm", "elbow"), ("hand", "wrist"),
-        ("upperleg", "hip"), ("lowerleg", "knee"), ("foot", "ankle"), ("toe", "big_toe"),
-    )},
-}  # fmt: skip
-_SYNONYMS = {"hip": "mid_hip", "hips": "mid_hip", "left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
-_ALIGN_FOR_DRIFT_S = 2.0
-# nothing that is compared is farther from its origin or lasts longer; damaged numbers are
-_FARTHEST_M = 10_000.0
-_LONGEST_S = 21_600.0
 
 
 def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
@@ -57,7 +33,7 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
     if args.out:
         # its own, unchanged, can be made again at any time: replaced without being asked
         with output_folder(args.out, command="compare", inputs=(args.a, args.b), replace=True, warn=terminal.warn) as out:
-            _page(a, b, found, rows).write(out.folder / "compare.html")
+            write_page(out.folder / "compare.html", comparison_page(a, b, found, rows))
             (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
         page = args.out / "compare.html"
         terminal.note(f"written: {page}")
@@ -65,102 +41,6 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
     else:
         terminal.next("the same with --out DIR", "a page with every point over time, and compare.json")
     return figures
-
-
-def read_tracks(path: Path, person: int | None = None) -> Tracks:
-    """Named points of one person (default: the one seen longest) from a file or result folder.
-
-    Raises:
-        InputError: no such file, a kind that is not read, or no such person.
-    """
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
-    if path.is_dir():
-        return _from_recording(path, person)
-    readers = {".trc": _from_trc, ".c3d": _from_c3d, ".csv": _from_csv, ".mvnx": _from_mvnx}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path}: cannot be compared; expected {KINDS}")
-    return reader(path, person)
-
-
-def plain_name(name: str) -> str:
-    """One spelling for all systems: ``RShoulder``, ``jRightShoulder`` and ``right shoulder`` are right_shoulder."""
-    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[\s.\-]+", "_", name.strip().split(":")[-1])
-    words = re.sub(r"^([RL])(?=[A-Z][a-z])", r"\1_", words).strip("_").lower().removeprefix("j_")
-    words = re.sub(r"^r_", "right_", re.sub(r"^l_", "left_", words))
-    words = re.sub(r"^(.*)_(right|left)$", r"\2_\1", words)
-    return _SYNONYMS.get(words, words)
-
-
-def _tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz_m: Array) -> Tracks:
-    points = [plain_name(name) for name in names]
-    middles = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
-    for name, (one, two) in middles.items():
-        if name not in points and one in points and two in points:
-            middle = (xyz_m[:, points.index(one)] + xyz_m[:, points.index(two)]) / 2
-            xyz_m, points = np.concatenate([xyz_m, middle[:, None]], axis=1), [*points, name]
-    known = np.isfinite(xyz_m).all(axis=-1)
-    if not known.any():
-        raise InputError(f"{path}: no point is known at any time: every coordinate is missing")
-    if not (np.isfinite(t_s).all() and (np.diff(t_s) > 0).all()):
-        raise InputError(f"{path}: expected increasing times in seconds")
-    if np.abs(xyz_m[known]).max() > _FARTHEST_M or t_s[-1] - t_s[0] > _LONGEST_S:
-        raise InputError(
-            f"{path}: expected points within {_FARTHEST_M:g} m and {_LONGEST_S:g} s, got {np.abs(xyz_m[known]).max():.3g} m "
-            f"and {t_s[-1] - t_s[0]:.3g} s; is the file damaged, or in other units?"
-        )
-    return Tracks(path.name, tuple(points), t_s, xyz_m)
-
-
-def _from_recording(path: Path, person: int | None) -> Tracks:
-    poses = read_recording(path).poses
-    seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
-    if person is not None and person not in poses.person_id:
-        raise InputError(f"{path}: no person {person}; there are: {', '.join(map(str, poses.person_id))}")
-    n = int(np.argmax(seen)) if person is None else int(np.flatnonzero(poses.person_id == person)[0])
-    return _tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
-
-
-def _from_trc(path: Path, _: int | None) -> Tracks:
-    data = read_trc(path)
-    return _tracks(path, data.names, data.t_s, data.xyz_world)
-
-
-def _from_c3d(path: Path, _: int | None) -> Tracks:
-    data = read_c3d(path)
-    return _tracks(path, data.names, np.arange(len(data.xyz_world)) / data.rate_hz, data.xyz_world)
-
-
-def _from_csv(path: Path, person: int | None) -> Tracks:
-    data = read_points_csv(path, person)
-    return _tracks(path, data.names, data.t_s, data.xyz_m)
-
-
-def _from_mvnx(path: Path, _: int | None) -> Tracks:
-    """Xsens MVNX: the origins of segments are joint centres; metres, Z up."""
-    labels: list[str] = []
-    times, positions = [], []
-    try:
-        for _event, element in ET.iterparse(path):
-            tag = element.tag.rpartition("}")[2]
-            if tag == "segment" and element.get("label"):
-                labels.append(str(element.get("label")))
-            elif tag == "frame":
-                text = next((child.text for child in element if child.tag.rpartition("}")[2] == "position"), None)
-                if element.get("type") == "normal" and text:
-                    times.append(float(element.get("time", "nan")) / 1000)
-                    positions.append([float(number) for number in text.split()])
-                element.clear()
-    except (ET.ParseError, ValueError, OSError, RecursionError) as error:
-        raise InputError(f"{path}: not an MVNX file ({' '.join(str(error).split())})") from None
-    if not positions or {len(row) for row in positions} != {3 * len(labels)}:
-        raise InputError(f"{path}: expected frames with a position of each of {len(labels)} segments")
-    known = [(i, _MVNX[label.lower()]) for i, label in enumerate(labels) if label.lower() in _MVNX]
-    if not known:
-        raise InputError(f"{path}: expected segments such as {choices(list(_MVNX)[:4])}, got {choices(labels[:8])}")
-    xyz = np.array(positions).reshape(len(times), -1, 3)[:, [i for i, _name in known]]
-    return _tracks(path, [name for _i, name in known], np.array(times), xyz)
 
 
 def _facts(found: Comparison) -> dict[str, Any]:
@@ -199,36 +79,37 @@ def _figures(found: Comparison) -> dict[str, Any]:
     }
 
 
-def _page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
-    page = Page(f"{b.name} beside {a.name}")
-    page.section("Alignment", f"{b.name} is brought onto {a.name}.")
-    page.facts(_facts(found))
-    page.section("Distances")
-    page.table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows)
+def comparison_page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
+    """Alignment, distances, drift and every point over time."""
     t_s = found.t_s - found.t_s[0]
     both = np.isfinite(found.a_m) & np.isfinite(found.b_m)
     middle = [middle_of(np.where(both, one, np.nan)) for one in (found.a_m, found.b_m)]
-    page.section("Drift", "Level distance of the middles of all points.")
-    page.plots(
+    apart = Line("apart", found.walked_m, 1000 * found.apart_m)
+    paths = [Line(name, m[:, 0], m[:, 1]) for name, m in zip((a.name, b.name), middle, strict=True)]
+    points = [
+        Plot(
+            f"{point.replace('_', ' ')}, {axis}",
+            [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])],
+            x_label="s", y_label="m",
+        )
+        for k, point in enumerate(found.points)
+        for i, axis in enumerate("xyz")
+    ]  # fmt: skip
+    return Page(
+        f"{b.name} compared with {a.name}",
         [
-            plot("Over the way", "m walked", "mm", [Line("apart", found.walked_m, 1000 * found.apart_m)], from_zero=True),
-            plot(
-                "From above",
-                "x, m",
-                "m",
-                [Line(n, m[:, 0], m[:, 1]) for n, m in zip((a.name, b.name), middle, strict=True)],
-                True,
+            Heading("Alignment", f"{b.name} is aligned to {a.name}."),
+            Facts(_facts(found)),
+            Heading("Distances"),
+            Table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows),
+            Heading("Drift", "Horizontal distance between the means of all points."),
+            Plots(
+                [
+                    Plot("Along the path", [apart], x_label="distance walked, m", y_label="mm", from_zero=True),
+                    Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
+                ]
             ),
-        ]
-    )
-    page.section("Points over time")
-    page.plots(
-        [
-            plot(f"{point.replace('_', ' ')}, {axis}", "s", "m",
-                 [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])])
-            for k, point in enumerate(found.points)
-            for i, axis in enumerate("xyz")
+            Heading("Points over time"),
+            Plots(points, small=True),
         ],
-        many=True,
-    )  # fmt: skip
-    return page
+    )

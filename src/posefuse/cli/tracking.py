@@ -76,9 +76,9 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     terminal.next(f"posefuse report {args.out}", "joint angles, gait, files for OpenSim and Blender, one page")
     terminal.next(f"posefuse view {args.out}", "the skeleton in the 3D viewer (extra: viewer)")
     if args.view:
-        from posefuse.outputs import view_recording
+        from .viewing import view_result
 
-        view_recording(args.out)
+        view_result(args.out, None if "rerun" in config.outputs else args.session, terminal)
     return figures
 
 
@@ -139,6 +139,7 @@ def settled_config(args: argparse.Namespace) -> TrackConfig:
         "--input": ("input", args.input),
         "--start": ("start_s", args.start),
         "--end": ("end_s", args.end),
+        "--rate": ("rate_hz", args.rate),
         "--raw": ("raw", args.raw or None),
         "--weights": ("fuse.weights", args.weights),
         "--people": ("associate.max_people", args.people),

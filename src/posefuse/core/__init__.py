@@ -25,6 +25,7 @@ from .live_messages import (
     OutputHealth,
 )
 from .observations import DetectionBatch, LookKind, Observations
+from .progress import Progress, silent
 from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
 from .recording import Recording
 from .rig import Rig
@@ -35,9 +36,9 @@ from .views_over_time import ViewSequence, observations_from_views, views_over_t
 
 __all__ = [
     "SE3", "SKELETONS", "AngleSeries", "CalibrationError", "Camera", "CameraHealth", "CameraTruth", "ConfigError",
-    "DependencyError", "DetectionBatch", "Detections2D", "Detector", "Frame", "InputError", "JointAngles", "Kind", "LiveDetections",
-    "LiveHealth",    "LiveJointCentres", "LiveMessage", "LiveOutput", "LiveOutputConfig", "LivePose", "LivePreview", "LiveStart", "LookKind",
-    "MessageError", "ModelError", "Observations", "OutputHealth", "Pose3D", "PoseSequence", "PosefuseError", "Recording",
-    "Region", "Rig", "ShapeError", "Sink", "Skeleton", "Source", "SourceError", "Truth", "ViewSequence", "Views",
-    "observations_from_views", "views_over_time",
+    "DependencyError", "DetectionBatch", "Detections2D", "Detector", "Frame", "InputError", "JointAngles", "Kind",
+    "LiveDetections", "LiveHealth", "LiveJointCentres", "LiveMessage", "LiveOutput", "LiveOutputConfig", "LivePose",
+    "LivePreview", "LiveStart", "LookKind", "MessageError", "ModelError", "Observations", "OutputHealth", "Pose3D",
+    "PoseSequence", "PosefuseError", "Progress", "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton",
+    "Source", "SourceError", "Truth", "ViewSequence", "Views", "observations_from_views", "silent", "views_over_time",
 ]  # fmt: skip

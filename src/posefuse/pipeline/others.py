@@ -45,10 +45,13 @@ def _kept(observations: Observations, frames: Sequence[int]) -> Detections2D:
     rows = np.concatenate([np.arange(observations.frame_begin[i], observations.frame_begin[i + 1]) for i in frames])
     rows = rows[observations.person_id[rows] != NOT_KEPT]
     one = observations.detections(frames[0])
-    return Detections2D(
-        one.camera, one.t_ns, one.skeleton, observations.xy_img[rows], np.where(observations.score[rows] > 0, 1.0, 0.0),
-        observations.sigma_px[rows], observations.box_img[rows],
-    )  # fmt: skip
+    return replace(
+        one,
+        xy_img=observations.xy_img[rows],
+        score=np.where(observations.score[rows] > 0, 1.0, 0.0),
+        sigma_px=observations.sigma_px[rows],
+        box_img=observations.box_img[rows],
+    )
 
 
 def _joined(one: Detections2D, other: Detections2D) -> Detections2D:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from posefuse.association import AssociateSettings
 from posefuse.core import InputError, Observations, Recording, Rig, views_over_time
 from posefuse.core.observations import NOT_KEPT
+from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings
 from posefuse.tracking import JointCentres, SmoothSettings
@@ -81,7 +82,7 @@ def finish(
         kept = observations.keeping(long_enough(observations))
         views = views_over_time(kept, long_enough(kept))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
-    return Recording(rig, poses, kept, provenance)
+    return Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
 
 
 def solve_again(recording: Recording, config: TrackConfig | None = None) -> Recording:
@@ -91,10 +92,20 @@ def solve_again(recording: Recording, config: TrackConfig | None = None) -> Reco
         InputError: the provenance does not have the settings (the recording was not made by `posefuse track`).
     """
     about = recording.provenance
-    if config is None:
-        if not isinstance(about.get("config"), Mapping):
-            raise InputError("recording: its provenance has no settings; give the settings to solve it with")
-        config = settings_from_mapping(about["config"], TrackConfig, where="provenance: config")
     table = about.get("joint_centres")
     centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
-    return solve(recording.observations, recording.rig, SolveSettings.of(config, centres), about)
+    chosen = config or config_of(recording)
+    settings = SolveSettings.of(chosen, centres)
+    return solve(recording.observations, recording.rig, settings, {**about, "config": plain(asdict(chosen))})
+
+
+def config_of(recording: Recording) -> TrackConfig:
+    """The settings that a recording was made with.
+
+    Raises:
+        InputError: the provenance does not have them (the recording was not made by `track`).
+    """
+    config = recording.provenance.get("config")
+    if not isinstance(config, Mapping):
+        raise InputError("recording: its provenance has no settings; give the settings to solve it with")
+    return settings_from_mapping(config, TrackConfig, where="provenance: config")

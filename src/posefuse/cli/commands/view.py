@@ -13,12 +13,16 @@ SUMMARY = "look at a result in the Rerun viewer"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The result folder."""
+    """The result folder and the session it was made from."""
     parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
+    parser.add_argument(
+        "--session", type=Path, metavar="FOLDER",
+        help="session the result was made from, for its images (default: a folder of its name near the result or here)",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Show the result until the viewer is closed."""
-    from posefuse.outputs import view_recording
+    from posefuse.cli.viewing import view_result
 
-    return {"viewed": view_recording(args.result)}
+    return {"viewed": view_result(args.result, args.session, terminal)}
