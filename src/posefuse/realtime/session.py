@@ -26,6 +26,7 @@ from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
 from .group import GroupPlan
+from .identity import NamedTracker
 from .joint_centres import Centring
 from .news import News, Say
 from .output_plan import NoOutputs, OutputPlan
@@ -150,7 +151,7 @@ def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
     """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
     warm_tracker(build_tracker(rig, skeleton, config.track, solve), rig, skeleton)
-    return build_tracker(rig, skeleton, config.track, solve)
+    return NamedTracker(build_tracker(rig, skeleton, config.track, solve), config.track)
 
 
 def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:

@@ -46,9 +46,7 @@ def report(
     size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
     # its own unchanged files can be made again at any time: replaced without --force
     with (
-        output_folder(
-            folder, command="report", inputs=inputs, replace=True, estimated_bytes=size, warn=terminal.warn
-        ) as place,
+        output_folder(folder, command="report", inputs=inputs, replace=True, estimated_bytes=size, warn=terminal.warn) as place,
         compiling("joint angles", terminal.note),
         terminal.stages() as progress,
     ):
