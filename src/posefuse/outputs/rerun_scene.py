@@ -143,7 +143,7 @@ def camera_views(names: Sequence[str], root: str = CAMERAS) -> Any:
 
 
 def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprint.Blueprint:
-    """3D on the left, all cameras beside it, plots and texts below."""
+    """3D on the left, all cameras on the right, plots and texts below."""
     import rerun.blueprint as rrb
 
     above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), camera_views(names), column_shares=[3, 4])
