@@ -108,3 +108,17 @@ def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
     toe = pick_keypoints(np.arange(33 * 3.0).reshape(33, 3), SKELETONS["blazepose33"], ["left_big_toe"])
     assert np.array_equal(toe[0], [93, 94, 95])
     assert set(PAPER14.keypoints) <= {*BODY_25.keypoints}
+
+
+def test_an_empty_pose_has_nobody_and_its_own_time() -> None:
+    nobody = Pose3D.empty(9, COCO17)
+    assert (nobody.t_ns, nobody.person_id.shape, nobody.cov_world.shape) == (9, (0,), (0, K, 3, 3))
+
+
+def test_people_are_picked_by_mask_or_by_place() -> None:
+    three = replace(pose(people=3), xyz_world=np.arange(3)[:, None, None] * np.ones((3, K, 3)))
+    assert three.people(np.array([True, False, True])).person_id.tolist() == [0, 2]
+    turned = three.people(np.array([2, 0]))
+    assert turned.person_id.tolist() == [2, 0]
+    assert turned.xyz_world[:, 0, 0].tolist() == [2.0, 0.0]
+    assert three.people(np.zeros(3, bool)).person_id.shape == (0,)

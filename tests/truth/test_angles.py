@@ -21,6 +21,12 @@ DEFINED = tuple(
     for joint, angle in (("knee", "flexion"), ("elbow", "flexion"), ("hip", "adduction"), ("hip", "internal_rotation"))
 )
 
+LEG_ANGLES = (("left_hip", "flexion"), ("right_hip", "flexion"), ("left_knee", "flexion"), ("right_knee", "flexion"))
+# RMSE over the walking clip in docs/kinematics.md: without the fit, fit to points, fit to rays
+DOCUMENTED_DEG = tuple(
+    dict(zip(LEG_ANGLES, row, strict=True)) for row in ((2.9, 2.1, 3.5, 3.1), (2.9, 2.2, 3.4, 3.1), (2.9, 2.3, 3.4, 3.2))
+)
+
 
 @pytest.fixture(scope="module")
 def truth(demo_session: Path) -> Truth:
@@ -71,8 +77,7 @@ def test_hips_and_knees_of_the_real_pipeline(demo_session: Path, truth: Truth, t
     recording = read_recording(out)
     fit = fit_poses(recording.poses)
     by_rays = fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=fit.bodies)
-    for joints in (joints_from_poses(recording.poses), fit.joints, by_rays.joints):
+    for joints, documented in zip((joints_from_poses(recording.poses), fit.joints, by_rays.joints), DOCUMENTED_DEG, strict=True):
         errors = by_name(angle_errors(joints, truth.joints))
-        for side in ("left", "right"):
-            assert errors[f"{side}_knee", "flexion"].rmse_deg < 5.0
-            assert errors[f"{side}_hip", "flexion"].rmse_deg < 5.0
+        got = {name: errors[name].rmse_deg for name in documented}
+        assert all(got[name] < 1.1 * documented[name] for name in documented), got

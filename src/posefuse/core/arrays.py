@@ -21,6 +21,10 @@ def frozen(value: Any, dtype: DTypeLike, name: str) -> Array:
     return array
 
 
+# standard deviation of a normal distribution from its median absolute deviation
+SIGMA_PER_MAD = 1.4826
+
+
 def freeze_fields(value: Any, dtypes: Mapping[str, DTypeLike]) -> None:
     """Make the named fields of a frozen dataclass `frozen` arrays; for its ``__post_init__``."""
     for name, dtype in dtypes.items():

@@ -7,7 +7,7 @@ mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (neve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
@@ -190,6 +190,18 @@ class Pose3D:
     def __post_init__(self) -> None:
         freeze_fields(self, _POSE_DTYPES)
         _check_keypoints(self, check_fields(self, _POSE_AXES))
+
+    @staticmethod
+    def empty(t_ns: int, skeleton: Skeleton) -> Pose3D:
+        """Nobody at this time."""
+        sizes = {"N": 0, "K": len(skeleton), "3": 3}
+        arrays = {name: np.zeros([sizes[axis] for axis in axes.split()]) for name, axes in _POSE_AXES.items()}
+        return Pose3D(t_ns=t_ns, skeleton=skeleton, **arrays)
+
+    def people(self, which: Array) -> Pose3D:
+        """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
+        chosen: dict[str, Any] = {name: getattr(self, name)[which] for name in _POSE_AXES}
+        return replace(self, **chosen)
 
 
 _POSE_DTYPES: dict[str, DTypeLike] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -178,7 +177,7 @@ class Fusion:
             return
         pose = self.tracker.looked_for(t_ns)
         known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
-        shown = pose if known.all() else _only(pose, known)
+        shown = pose if known.all() else pose.people(known)
         self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
         self._last_told = shown
 
@@ -212,18 +211,6 @@ class Fusion:
                 "age_ms": health[name].age_s * 1000,
             }
         return found
-
-
-def _only(pose: Pose3D, known: Array) -> Pose3D:
-    return replace(
-        pose,
-        person_id=pose.person_id[known],
-        xyz_world=pose.xyz_world[known],
-        cov_world=pose.cov_world[known],
-        reproj_px=pose.reproj_px[known],
-        n_views=pose.n_views[known],
-        kind=pose.kind[known],
-    )
 
 
 def velocity_between(before: Pose3D | None, now: Pose3D) -> Array:

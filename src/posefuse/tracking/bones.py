@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from posefuse.core import Skeleton
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 _MIN_INSTANTS = 10
 _ITERATIONS = 3
 _CHUNK = 256
 # of the absolute deviation to the standard deviation of a Gaussian
-_MAD_TO_SIGMA = 1.4826
 
 
 def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_min_m: float) -> tuple[Array, Array]:
@@ -39,7 +38,7 @@ def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_
     centre, spread = np.full(len(one), np.nan), np.full(len(one), np.nan)
     if enough.any():
         centre[enough] = np.nanmedian(length[:, enough], axis=0)
-        seen = _MAD_TO_SIGMA * np.nanmedian(np.abs(length[:, enough] - centre[enough]), axis=0)
+        seen = SIGMA_PER_MAD * np.nanmedian(np.abs(length[:, enough] - centre[enough]), axis=0)
         noise = np.nanmedian(np.where(counts, variance, np.nan)[:, enough], axis=0)
         spread[enough] = np.sqrt(np.maximum(seen**2 - noise, sigma_min_m**2))
     return centre, spread

@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.core import Camera
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 from .cause_solves import near_solve
 from .causes import Trial, Trouble
@@ -192,7 +192,7 @@ def _uneven_stamps(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
         if len(used) < _LEAST_STEPS:
             continue
         left = np.where(rows[:, None], residual - v * late_s[seen.instant][:, None], residual)
-        spread_s = 1.4826 * float(np.median(np.abs(late_s[used] - np.median(late_s[used]))))
+        spread_s = SIGMA_PER_MAD * float(np.median(np.abs(late_s[used] - np.median(late_s[used]))))
         yield Trial(
             f"the time stamps of {camera.name} are uneven by {spread_s * 1e3:.0f} ms from frame to frame",
             "read the true time of each frame, or fix the camera's exposure so that it keeps its frame rate",

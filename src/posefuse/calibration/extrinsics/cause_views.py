@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.kinds import patch_corners
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 from .causes import Trial, Trouble
 from .pipeline import TIME_STEPS, Solved, key_snapshots
@@ -61,7 +61,7 @@ def _noise_px(seen: Snapshots, residual: Array, cameras: int) -> tuple[Array, Ar
     middle = np.abs(mean) * np.sqrt(count)[:, None]
 
     def usual(values: Array, of: Array) -> Array:
-        return np.array([1.4826 * np.median(values[of == c]) if (of == c).any() else np.nan for c in range(cameras)])
+        return np.array([SIGMA_PER_MAD * np.median(values[of == c]) if (of == c).any() else np.nan for c in range(cameras)])
 
     return usual(inside, seen.camera), usual(middle, camera)
 

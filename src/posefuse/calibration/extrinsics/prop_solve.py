@@ -15,13 +15,12 @@ from posefuse.calibration.solving.bundle import Block, Linearised, Problem, Solu
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, hat
 from posefuse.core import Camera
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 from .snapshots import Snapshots
 
 _ROUGH_SIGMA_PX, _LEAST_SIGMA_PX = 2.0, 0.05
 _CAUCHY = 3.0
-_MAD = 1.4826
 _LEAST_MOVING_SHARE = 0.5
 _MOST_JITTER_S = 0.05
 _DELAY_SCALE_S = np.array([1e-3, 1e-5])
@@ -154,12 +153,12 @@ def _noise(seen: Snapshots, residual_px: Array, weight: Array) -> Noise:
     across = along[:, 0] * residual[:, 1] - along[:, 1] * residual[:, 0]
     moving = speed > 0
     round_part = across if moving.mean() > _LEAST_MOVING_SHARE else residual.ravel()
-    sigma = max(float(_MAD * np.median(np.abs(round_part))), _LEAST_SIGMA_PX)
+    sigma = max(float(SIGMA_PER_MAD * np.median(np.abs(round_part))), _LEAST_SIGMA_PX)
     fast = speed >= max(float(np.median(speed)), 1e-6)
     off, v = (along * residual).sum(axis=1)[fast], speed[fast]
 
     def excess(jitter_s: float) -> float:
-        return float(_MAD * np.median(np.abs(off) / np.sqrt(sigma**2 + (v * jitter_s) ** 2))) - 1
+        return float(SIGMA_PER_MAD * np.median(np.abs(off) / np.sqrt(sigma**2 + (v * jitter_s) ** 2))) - 1
 
     if len(v) == 0 or excess(0.0) <= 0 or excess(_MOST_JITTER_S) >= 0:
         return Noise(sigma, 0.0 if len(v) == 0 or excess(0.0) <= 0 else _MOST_JITTER_S)

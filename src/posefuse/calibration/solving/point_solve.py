@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import Camera
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 from .bundle import Block, Linearised, Problem, solve
 from .projection import Lenses
@@ -75,7 +75,7 @@ def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointSta
 
 def _spread(residual: Array) -> float:
     good = residual[np.isfinite(residual).all(axis=1)]
-    return max(float(1.4826 * np.median(np.abs(good))), _LEAST_SIGMA_PX) if len(good) else _ROUGH_SIGMA_PX
+    return max(float(SIGMA_PER_MAD * np.median(np.abs(good))), _LEAST_SIGMA_PX) if len(good) else _ROUGH_SIGMA_PX
 
 
 def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreedom, sigma_px: float) -> Problem[PointState]:

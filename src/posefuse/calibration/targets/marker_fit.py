@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 # white seen around the marker, in modules: all printed markers have that much
 _MARGIN = 0.6
@@ -179,7 +179,7 @@ def _membership(place: Array, spread: float, modules: int) -> tuple[Array, Array
 def _step(jacobian: Array, residual: Array, known: Array, look: _Look) -> Array:
     """Robust Gauss-Newton step (17,); a finger over the marker counts little."""
     noise_dn = float(np.hypot(_NOISE_DN, _EDGE_SHARE * look.levels[1]))
-    scale = max(1.4826 * float(np.median(np.abs(residual))), noise_dn)
+    scale = max(SIGMA_PER_MAD * float(np.median(np.abs(residual))), noise_dn)
     weight = 1 / (1 + (residual / (3 * scale)) ** 2) / scale**2
     weighted = jacobian * weight[:, None]
     offset = np.concatenate([np.zeros(8), look.bend, look.blur - np.log(_FIRST_BLUR), [look.tone], np.zeros(4)])

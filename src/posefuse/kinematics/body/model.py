@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import InputError, PoseSequence, Skeleton
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
 from posefuse.kinematics.settings import JointSettings
@@ -17,7 +17,6 @@ from .settings import BodySettings
 from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, TEMPLATES, Node
 
 _FEWEST = 5
-_SD_FROM_MAD = 1.4826
 _BONES = ("upper_arm", "forearm", "thigh", "shank")
 _ENDS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"), "shank": ("knee", "ankle")}
 
@@ -116,7 +115,7 @@ def _point_noise(sequence: PoseSequence, person: int) -> float:
 
 def _robust(values: Array) -> tuple[Array, Array]:
     middle = np.nanmedian(values, axis=0)
-    return middle, _SD_FROM_MAD * np.nanmedian(np.abs(values - middle), axis=0)
+    return middle, SIGMA_PER_MAD * np.nanmedian(np.abs(values - middle), axis=0)
 
 
 def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dict[str, Length]:

@@ -47,7 +47,7 @@ class LatestTracker:
             self._fuse()
         lost = self._pose is None or t_ns - self._found_ns > round(self._settings.lost_after_s * 1e9)
         if lost or self._pose is None:
-            return nobody(t_ns, self._skeleton)
+            return Pose3D.empty(t_ns, self._skeleton)
         pose = replace(self._pose, t_ns=t_ns)
         if t_ns - self._found_ns > round(self._settings.measured_s * 1e9):
             pose = replace(pose, kind=np.where(pose.kind == Kind.MISSING, Kind.MISSING, Kind.PREDICTED))
@@ -88,18 +88,3 @@ class LatestTracker:
         pose = self._solve(together, self._pose)
         if np.isfinite(pose.xyz_world).any():
             self._pose, self._found_ns = pose, newest_ns
-
-
-def nobody(t_ns: int, skeleton: Skeleton) -> Pose3D:
-    """No person is tracked."""
-    k = len(skeleton)
-    return Pose3D(
-        t_ns=t_ns,
-        skeleton=skeleton,
-        person_id=np.zeros(0),
-        xyz_world=np.zeros((0, k, 3)),
-        cov_world=np.zeros((0, k, 3, 3)),
-        reproj_px=np.zeros((0, k)),
-        n_views=np.zeros((0, k)),
-        kind=np.zeros((0, k)),
-    )
