@@ -87,7 +87,7 @@ def _agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Ar
     return (gain * candidates.score).sum(axis=-1), share
 
 
-def meeting_points(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
+def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
     """For pairs (H, 2) of detections: midpoints (H, K, 3) of their rays' common perpendiculars, and its lengths (H, K).
 
     NaN where a keypoint is missing, the rays are parallel, or meet behind a camera.

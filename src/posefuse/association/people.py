@@ -14,7 +14,7 @@ from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 
 from .assignment import UNSEEN, Assignment
-from .candidates import Candidates, agreement, candidates_from_detections, joint_points, meeting_points
+from .candidates import Candidates, agreement, candidates_from_detections, joint_points, pair_midpoints
 from .settings import AssociateSettings
 from .traits import body_lengths_m, plausible_share
 
@@ -208,7 +208,7 @@ def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings)
     pairs = np.stack([one, two], axis=1)[(candidates.camera[one] != candidates.camera[two]) & free[one] & free[two]]
     if not len(pairs):
         return pairs, np.zeros((0, candidates.score.shape[1], 3))
-    poses, gap = meeting_points(candidates, pairs)
+    poses, gap = pair_midpoints(candidates, pairs)
     seen = np.isfinite(gap).sum(axis=1)
     near = (gap < 2 * settings.tolerance_m).sum(axis=1)
     keep = (near >= _MIN_POINTS) & (near >= settings.min_share * seen)

@@ -204,8 +204,8 @@ def _frame(origin: Array, along: Array, up: Array) -> SE3:
 
 
 def triangulate(rig: Rig, xy_img: Array) -> Array:
-    """(P, 3) points of raw px (C, P, 2), NaN where unseen; see `meeting_points`."""
-    return meeting_points(rig, np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)]))
+    """(P, 3) points of raw px (C, P, 2), NaN where unseen; see `linear_points`."""
+    return linear_points(rig, np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)]))
 
 
 def beside_others(rig: Rig, xy_img: Array) -> Array:
@@ -214,11 +214,11 @@ def beside_others(rig: Rig, xy_img: Array) -> Array:
     apart = np.empty(xy_img.shape)
     for c, camera in enumerate(rig):
         mine = np.arange(len(rig)) == c
-        apart[c] = camera.project(meeting_points(rig, np.where(mine[:, None, None], np.nan, norm))) - xy_img[c]
+        apart[c] = camera.project(linear_points(rig, np.where(mine[:, None, None], np.nan, norm))) - xy_img[c]
     return apart
 
 
-def meeting_points(rig: Rig, norm: Array) -> Array:
+def linear_points(rig: Rig, norm: Array) -> Array:
     """(P, 3) where the rays of ideal image points (C, P, 2), NaN where unseen, meet: least squares (DLT); NaN below 2 views."""
     count = norm.shape[1]
     rows = np.zeros((count, 2 * len(rig), 4))
