@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
-from posefuse.cli.options.common import Ros2Options
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import LiveOutputConfig, Rig
 from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_file import check_output_file

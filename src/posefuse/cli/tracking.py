@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
-from posefuse.cli.options.common import SettingsOptions
+from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording, Sink
 from posefuse.evaluation.metrics import JointErrors, joint_errors

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from posefuse.cli.options.common import Figures, Shown
 from posefuse.cli.options.compare import CompareOptions
+from posefuse.cli.options.shared import Figures, Shown
 
 MOST_S = 86_400.0
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.common import Figures, Ros2Options, Shown
 from posefuse.cli.options.live import LiveSettingsOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Figures, Ros2Options, Shown
 
 
 def live(

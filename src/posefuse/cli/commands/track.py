@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from posefuse.cli.options.common import Figures, SettingsOptions, Shown
+from posefuse.cli.options.shared import Figures, SettingsOptions, Shown
 from posefuse.cli.options.track import TrackOptions
 
 
