@@ -61,7 +61,9 @@ def collect(folder: Path, network: Network, side_px: int) -> Samples:
             if region is None:
                 continue
             move, grow, turn = rng.normal(0, 0.02, 2) * region.side_px, rng.normal(0, 0.05), rng.normal(0, 0.06)
-            region = Region(region.centre_img + move, region.side_px * np.exp(grow), region.angle_rad + turn)
+            region = Region(
+                centre_img=region.centre_img + move, side_px=region.side_px * np.exp(grow), angle_rad=region.angle_rad + turn
+            )
             image = np.ascontiguousarray(cv2.imread(str(path))[..., ::-1])
             look = landmarks_from_outputs(*network([cut(image, region, side_px)]), len(BODY), side_px)
             affine = crop_from_img(region, side_px)

@@ -51,7 +51,16 @@ def moved(marks: np.ndarray) -> np.ndarray:
     shape = (len(marks), 1, len(COCO))
     cov = np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3))
     kind = np.full(shape, Kind.FUSED)
-    poses = PoseSequence(np.arange(len(marks)), COCO, np.arange(1), marks[:, None], cov, np.ones(shape), np.full(shape, 4), kind)
+    poses = PoseSequence(
+        t_ns=np.arange(len(marks)),
+        skeleton=COCO,
+        person_id=np.arange(1),
+        xyz_world=marks[:, None],
+        cov_world=cov,
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=kind,
+    )
     return to_joint_centres(poses, proportional_joint_centres(COCO)).xyz_world[:, 0]
 
 

@@ -63,7 +63,9 @@ def ring(count: int, seed: int, radius_m: float = 4.0, size_wh: tuple[int, int] 
             lens = np.array([0.03, -0.01, 0.002, 0.0])
         intrinsics = np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]])
         pose = SE3.from_matrix(rotation, -rotation @ centre)
-        cameras.append(Camera(f"cam{i:02d}", size_wh, intrinsics, pose, lens, model=model))
+        cameras.append(
+            Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=lens, model=model)
+        )
     return Rig(tuple(cameras), world_set_by="truth")
 
 

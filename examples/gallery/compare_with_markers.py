@@ -22,7 +22,7 @@ def marker_file(session: Path, path: Path) -> Path:
     time_s = (truth.t_ns - truth.t_ns[0]) * 1e-9
     late = (time_s >= 0.333) & (time_s <= 5.0)
     t_s = (truth.t_ns[late] - truth.t_ns[late][0]) * 1e-9
-    write_trc(path, TrcData(PAPER14.keypoints, t_s, xyz[late], 1 / float(np.median(np.diff(t_s)))))
+    write_trc(path, TrcData(names=PAPER14.keypoints, t_s=t_s, xyz_world=xyz[late], rate_hz=1 / float(np.median(np.diff(t_s)))))
     return path
 
 

@@ -24,7 +24,9 @@ def camera(name: str, position_m: tuple[float, float, float], target_m: tuple[fl
     rotation = np.stack([right, np.cross(forward, right), forward])
     focal_px = 320 / np.tan(np.deg2rad(30))
     intrinsics = np.array([[focal_px, 0, 319.5], [0, focal_px, 239.5], [0, 0, 1]])
-    return pf.Camera(name, (640, 480), intrinsics, SE3.from_matrix(rotation, -rotation @ position_m))
+    return pf.Camera(
+        name=name, size_wh=(640, 480), K=intrinsics, cam_from_world=SE3.from_matrix(rotation, -rotation @ position_m)
+    )
 
 
 def expected_error_mm(rig: pf.Rig, xyz_m: np.ndarray) -> np.ndarray:

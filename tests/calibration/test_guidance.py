@@ -68,7 +68,7 @@ class Film:
         if self.images is None:
             raise SourceError(f"camera {self.camera}: unplugged")
         for i, image in enumerate(self.images):
-            yield Frame(self.camera, i, i, i, image)
+            yield Frame(camera=self.camera, seq=i, t_ns=i, received_ns=i, image=image)
 
 
 def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
@@ -99,8 +99,8 @@ def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path:
     page = next_page(state)
     assert page.startswith("# show the target to c\n")
     assert "| a | 100% | 40 | b 40 |" in page
-    assert "| c | 0% | 0 | **nobody** |" in page
-    frame = Frame("a", 0, 0, 0, np.full((120, 160, 3), 90, np.uint8))
+    assert "| c | 0% | 0 | **no camera** |" in page
+    frame = Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.full((120, 160, 3), 90, np.uint8))
     corners = Corners(np.repeat([3, 7], 4), np.tile(np.arange(4), 2), everywhere()[:8])
     view = GuideView(("a", "b", "c"), str(tmp_path / "guide.rrd"))
     for t_ns in (0, 10, 10**9):

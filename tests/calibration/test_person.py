@@ -116,7 +116,15 @@ def test_the_person_followed_is_the_large_one_and_then_the_near_one() -> None:
     xy = np.stack([np.full((17, 2), 100.0), np.full((17, 2), 300.0), np.full((17, 2), np.nan)])
     xy[0, :8] += 50
     xy[1, :8] += 90
-    seen = Detections2D("a", 0, BODY, xy, np.ones((3, 17)) * [[0.9], [0.9], [0]], np.ones((3, 17)), np.zeros((3, 4)))
+    seen = Detections2D(
+        camera="a",
+        t_ns=0,
+        skeleton=BODY,
+        xy_img=xy,
+        score=np.ones((3, 17)) * [[0.9], [0.9], [0]],
+        sigma_px=np.ones((3, 17)),
+        box_img=np.zeros((3, 4)),
+    )
     assert prominent(seen) == 1
     assert prominent(seen, np.array([100.0, 100.0])) == 0
     assert prominent(replace(seen, xy_img=np.full((3, 17, 2), np.nan))) is None

@@ -106,6 +106,7 @@ def test_openpose_files_numbered_by_date(demo_session: Path, tmp_path: Path, cap
         folder = session / "pose2d" / camera
         folder.mkdir(parents=True)
         (folder / f"{number}_keypoints.json").write_text(people)
+    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
     assert main(["track", str(session), "--out", str(tmp_path / "out"), "--rate", "30"]) == 1
     assert "frame numbers 1 to 20261122153000: 2.026e+13 time steps" in capsys.readouterr().err
 
@@ -120,5 +121,6 @@ def test_a_cut_camera_is_named_by_track(demo_session: Path, tmp_path: Path, caps
         (folder / camera).mkdir(parents=True)
         for i in range(frames):
             (folder / camera / f"{i:04d}.json").write_text(people)
+    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
     main(["track", str(session), "--out", str(tmp_path / "out"), "--outputs", "", "--rate", "30"])
     assert "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s" in capsys.readouterr().err

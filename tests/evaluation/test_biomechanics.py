@@ -1,5 +1,6 @@
 """The biomechanist's files: all written, each readable by an independent reader, people and gaps handled."""
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -59,7 +60,7 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
     names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     two = {name: np.concatenate([getattr(poses, name)] * 2, axis=1) for name in names}
     two["xyz_world"][:, 1] = np.nan
-    both = PoseSequence(poses.t_ns, poses.skeleton, [2, 7], *two.values())
+    both = PoseSequence(t_ns=poses.t_ns, skeleton=poses.skeleton, person_id=[2, 7], **two)
     views = {name: np.concatenate([getattr(recording.views, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
     made = write_biomechanics(Recording.from_views(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
     names = {path.name for path in made}
@@ -78,7 +79,7 @@ def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, mo
 def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
     names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     poses = recording.poses
-    one = PoseSequence(poses.t_ns[:1], poses.skeleton, poses.person_id, *(getattr(poses, name)[:1] for name in names))
+    one = dataclasses.replace(poses, t_ns=poses.t_ns[:1], **{name: getattr(poses, name)[:1] for name in names})
     views = {name: getattr(recording.views, name)[:1] for name in ("xy_img", "score", "sigma_px")}
     made = write_biomechanics(Recording.from_views(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
     assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}

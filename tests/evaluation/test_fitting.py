@@ -92,9 +92,15 @@ def scene(folder: Path, rig: Rig, discs, turned_rad: float) -> None:
         exact[:, 0, wrist] += 0.04 * along / np.linalg.norm(along, axis=-1, keepdims=True)
     exact[:, 0, len(discs.SKELETON) :] = xyz[:, -1:]
     t_ns = np.round(np.arange(len(xyz)) / discs.RATE_HZ * 1e9).astype(np.int64)
-    views = tuple(CameraTruth(camera.name, t_ns, camera.project(exact), np.full(exact.shape[:3], True)) for camera in rig)
+    views = tuple(
+        CameraTruth(camera=camera.name, t_ns=t_ns, xy_img=camera.project(exact), visible=np.full(exact.shape[:3], True))
+        for camera in rig
+    )
     (folder / "truth").mkdir(parents=True)
-    write_truth(folder / "truth" / "truth.npz", Truth(rig, t_ns, truth_set, np.arange(1), exact, views))
+    write_truth(
+        folder / "truth" / "truth.npz",
+        Truth(rig=rig, t_ns=t_ns, skeleton=truth_set, person_id=np.arange(1), xyz_world=exact, views=views),
+    )
     write_rig(folder / "rig.toml", rig)
 
 

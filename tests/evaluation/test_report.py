@@ -42,7 +42,16 @@ def recording_of(ring_rig, xyz, t_ns, provenance=None):
     seen = np.isfinite(xyz[..., 0])
     cov = np.where(seen[..., None, None], np.eye(3) * 1e-4, np.nan)
     people = xyz.shape[1]
-    poses = PoseSequence(t_ns, SKELETON, range(people), xyz, cov, np.where(seen, 1.5, np.nan), seen * 3, seen * 1)
+    poses = PoseSequence(
+        t_ns=t_ns,
+        skeleton=SKELETON,
+        person_id=range(people),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=np.where(seen, 1.5, np.nan),
+        n_views=seen * 3,
+        kind=seen * 1,
+    )
     rig = ring_rig(4)
     shape = (len(t_ns), people, 4, len(SKELETON))
     return Recording.from_views(

@@ -31,7 +31,7 @@ def test_names_of_other_systems_are_understood(theirs: str, ours: str) -> None:
 def trc(tmp_path: Path) -> Path:
     t_s = np.arange(120) / 60
     xyz = np.random.default_rng(0).normal(size=(1, 4, 3)) + 0.3 * np.sin(3 * t_s[:, None, None] + np.arange(12).reshape(4, 3))
-    write_trc(tmp_path / "a.trc", TrcData(NAMES, t_s, xyz, 60.0))
+    write_trc(tmp_path / "a.trc", TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=60.0))
     return tmp_path / "a.trc"
 
 

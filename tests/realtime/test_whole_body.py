@@ -26,7 +26,17 @@ def test_all_keypoints_of_a_set_are_followed(name: str, ring_rig: Callable[..., 
         for c, camera in enumerate(rig):
             t_ns = 10**9 + i * PERIOD_NS + c * STAGGER_NS
             xy = camera.project(xyz_at(t_ns))[None]
-            tracker.add(Detections2D(camera.name, t_ns, skeleton, xy, sure, sure * 2, np.zeros((1, 4))))
+            tracker.add(
+                Detections2D(
+                    camera=camera.name,
+                    t_ns=t_ns,
+                    skeleton=skeleton,
+                    xy_img=xy,
+                    score=sure,
+                    sigma_px=sure * 2,
+                    box_img=np.zeros((1, 4)),
+                )
+            )
     pose = tracker.at(t_ns + STAGGER_NS)
     assert pose.skeleton == skeleton and len(pose.person_id) == 1
     off_m = np.linalg.norm(pose.xyz_world[0] - xyz_at(t_ns + STAGGER_NS), axis=-1)

@@ -44,7 +44,16 @@ def sequence(xyz: np.ndarray) -> PoseSequence:
     known = np.isfinite(xyz).all(-1)[:, None]
     cov = np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3))
     kind = np.where(known, Kind.FUSED, Kind.MISSING)
-    return PoseSequence(np.arange(T) * 10**7, COCO, np.arange(1), xyz[:, None], cov, np.ones(shape), np.full(shape, 4), kind)
+    return PoseSequence(
+        t_ns=np.arange(T) * 10**7,
+        skeleton=COCO,
+        person_id=np.arange(1),
+        xyz_world=xyz[:, None],
+        cov_world=cov,
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=kind,
+    )
 
 
 def too_close(xyz: np.ndarray, wrist_m: float, elbow_m: float) -> np.ndarray:

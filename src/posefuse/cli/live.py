@@ -26,6 +26,7 @@ from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.session import run_live
 
 from .live_report import figures_of, show, write_report
+from .stopping import session_exit_code
 from .terminal import Terminal
 
 
@@ -47,13 +48,22 @@ def run_session(
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     fetch_networks(config.detector, terminal)
-    done = run_live(rig, inputs, config, plan, run_options(timing).duration_s, terminal.note)
-    figures = figures_of(done)
+    duration_s = run_options(timing).duration_s
+    done = run_live(rig, inputs, config, plan, duration_s, terminal.note)
+    figures = {**figures_of(done), **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed)}
     show(terminal, figures)
     if outputs.report:
         write_report(outputs.report, done, figures)
     _show_next(rig_file, outputs, terminal)
     return figures
+
+
+def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False) -> dict[str, int]:
+    """Say what request ended the session early; the exit code, as a figure."""
+    code = session_exit_code(stopped_by, endless=duration_s is None, failed=failed)
+    if stopped_by and code:
+        terminal.note(f"stopped by {stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
+    return {"exit_code": code}
 
 
 def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOptions, terminal: Terminal) -> Mapping[str, Any]:

@@ -40,7 +40,7 @@ from posefuse.realtime.scheduling import expected_gain
 from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 
-from .live import output_configs, run_options, settled_config, settled_inputs
+from .live import how_it_ended, output_configs, run_options, settled_config, settled_inputs
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal
 
@@ -54,7 +54,7 @@ _FIRST_VIEW_S = 0.5
 
 def network_of(ros_2: Ros2Options) -> Network:
     """Where the nodes of a session meet."""
-    return Network(ros_2.domain, ros_2.local_only, ros_2.interface, ros_2.peer)
+    return Network(domain_id=ros_2.domain, local_only=ros_2.local_only, interface=ros_2.interface, peers=ros_2.peer)
 
 
 def camera_node(
@@ -89,7 +89,8 @@ def camera_node(
         with stop_requests() as stopped:
             while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
                 worker.step(groups)
-    return {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
+    figures = {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
+    return {**figures, **how_it_ended(stopped[0] if stopped else "", run.duration_s, terminal)}
 
 
 class CameraNode:
@@ -168,6 +169,7 @@ def fusion_node(
     counts = views.intake.intake.counts
     figures = {
         **figures_of(done),
+        **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed),
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
         "strangers": views.intake.strangers,

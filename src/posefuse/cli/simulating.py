@@ -22,7 +22,7 @@ def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | No
     began_s = time.perf_counter()
     try:
         with terminal.progress("rendering") as advance:
-            paths = simulate(scene, out, advance, workers, replace=force)
+            paths = simulate(scene, out, advance, workers, replace=force, warn=terminal.warn)
     except KeyboardInterrupt:
         terminal.warn(f"{out} is unfinished; the same command continues where it stopped")
         raise

@@ -143,6 +143,7 @@ def settled_config(folder: Path, options: TrackOptions, settings: SettingsOption
         "--rate": ("rate_hz", options.rate),
         "--raw": ("raw", options.raw or None),
         "--weights": ("fuse.weights", options.weights),
+        "--people": ("associate.max_people", options.people),
         "--person": ("associate.near_xy_m", options.person),
         "--outputs": ("outputs", outputs),
     }

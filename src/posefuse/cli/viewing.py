@@ -31,7 +31,7 @@ def view_result(
     found = nearby_session(recording, result) if session is None else session_of(recording, session)
     if found is None:
         name = recording.provenance.get("session", "unnamed")
-        terminal.note(f"shown without images: no session {name} beside {result} or here; --session FOLDER names it")
+        terminal.note(f"shown without images: no session {name} near {result} or here; --session FOLDER names it")
         return view_recording(result, open_viewer=open_viewer)
     with terminal.progress(f"images of {found.folder}") as advance:
         frames = session_frames(recording, found, advance)

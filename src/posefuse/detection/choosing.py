@@ -89,8 +89,8 @@ def _image_s(name: str, cache: Path | None, clock_s: Callable[[], float]) -> flo
     detector = BlazePoseConfig(landmarks=name, cache=cache).build()
     noise = np.random.default_rng(0).integers(0, 256, (_IMAGE_WH[1], _IMAGE_WH[0], 3), dtype=np.uint8)
     count = 2 * usable_cores()
-    frames = [Frame(f"cam{i}", 0, 0, 0, noise) for i in range(count)]
-    regions: Sequence[Sequence[Region]] = [[Region(np.array(_IMAGE_WH) / 2, float(_IMAGE_WH[1]))]] * count
+    frames = [Frame(camera=f"cam{i}", seq=0, t_ns=0, received_ns=0, image=noise) for i in range(count)]
+    regions: Sequence[Sequence[Region]] = [[Region(centre_img=np.array(_IMAGE_WH) / 2, side_px=float(_IMAGE_WH[1]))]] * count
     times = []
     for _ in range(_ROUNDS):
         began_s = clock_s()

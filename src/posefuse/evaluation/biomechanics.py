@@ -52,7 +52,7 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     """Keypoints and joints of a recording, by the chosen fit.
 
     Raises:
-        InputError: left and right are swapped, or nobody was seen well enough to have a skeleton.
+        InputError: left and right are swapped, or no person was seen well enough to have a skeleton.
     """
     if chosen.fit == "none":
         return recording.poses, joints_from_poses(recording.poses, chosen.joints)
@@ -66,10 +66,10 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
 
 def rays_at_joint_centres(recording: Recording) -> ViewSequence:
     """The recording's views so that they lead where its 3D lies, by its provenance's offsets; unchanged where it has none."""
-    told = recording.provenance.get("joint_centres")
-    if not isinstance(told, Mapping):
+    stored = recording.provenance.get("joint_centres")
+    if not isinstance(stored, Mapping):
         return recording.views
-    return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
+    return views_at_joint_centres(recording, settings_from_mapping(stored, JointCentres, where="provenance: joint_centres"))
 
 
 def write_biomechanics(
@@ -130,7 +130,16 @@ def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path
     sigma_m = np.sqrt(np.trace(poses.cov_world[:, n], axis1=-2, axis2=-1) / 3)
     span_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9
     rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0
-    write_c3d(made[1], C3dData(poses.skeleton.keypoints, poses.xyz_world[:, n], sigma_m, rate_hz, *_c3d_angles(joints, n)))
+    labels, angles = _c3d_angles(joints, n)
+    points = C3dData(
+        names=poses.skeleton.keypoints,
+        xyz_world=poses.xyz_world[:, n],
+        sigma_m=sigma_m,
+        rate_hz=rate_hz,
+        angle_names=labels,
+        angle_rad=angles,
+    )
+    write_c3d(made[1], points)
     if animation_gap(joints, n) is None:
         made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
         write_bvh(made[2], animation_from_joints(poses, joints, n, _CENTIMETRES))

@@ -140,7 +140,7 @@ def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Arr
     """The similarity of b (T, K, 3) onto a where both are, and the rms distance it leaves; inf where too little is."""
     both = np.isfinite(a_m).all(axis=-1) & np.isfinite(b_m).all(axis=-1)
     onto = (np.eye(3), np.zeros(3), 1.0)
-    if both.sum() < _LEAST_INSTANTS:
+    if both.any(axis=1).sum() < _LEAST_INSTANTS:
         return onto, np.inf
     if space:
         onto = similarity(b_m[both], a_m[both], scale)

@@ -82,7 +82,7 @@ def read_recording(folder: Path | str) -> Recording:
         poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
         parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
         observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
-        return Recording(rig, poses, observations, about["provenance"])
+        return Recording(rig=rig, poses=poses, observations=observations, provenance=about["provenance"])
     except KeyError as error:
         raise InputError(f"{folder}: the result is incomplete: {one_line(error)} is missing") from None
     except (PosefuseError, *DAMAGED, IndexError) as error:
@@ -133,9 +133,14 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
 def _rig(content: dict[str, Any]) -> Rig:
     cameras = tuple(
         Camera(
-            one["name"], tuple(one["size_wh"]), one["K"], SE3(one["wxyz"], one["xyz"]), one["distortion"], one["model"],
-            one["readout_s"],
+            name=one["name"],
+            size_wh=tuple(one["size_wh"]),
+            K=one["K"],
+            cam_from_world=SE3(one["wxyz"], one["xyz"]),
+            distortion=one["distortion"],
+            model=one["model"],
+            readout_s=one["readout_s"],
         )
         for one in content["cameras"]
-    )  # fmt: skip
+    )
     return Rig(cameras, content["world_set_by"], math.nan if content["residual_px"] is None else content["residual_px"])

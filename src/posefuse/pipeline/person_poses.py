@@ -159,7 +159,7 @@ def poses_together(
             progress(_TOGETHER, len(followed), timeline.count)
     finally:
         instants.close()
-    observations = observations_of(followed, detector.skeleton, rig)
+    observations = observations_of(follower.identified(followed), detector.skeleton, rig)
     views = views_over_time(observations, long_enough(observations))
     # a view that takes left for right for a while is wrong in all its limbs at once
     steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())

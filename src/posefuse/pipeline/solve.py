@@ -64,7 +64,7 @@ def solve(
         skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
     )
     steps, person_id = list(stored_steps(observations)), np.full(len(observations), NOT_KEPT)
-    for step, one in zip(steps, follower.follow(steps), strict=True):
+    for step, one in zip(steps, follower.identified(list(follower.follow(steps))), strict=True):
         for (_, rows), people in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
             person_id[rows] = people
     return finish(observations.with_person_ids(person_id), rig, settings, provenance, clock)
@@ -82,7 +82,7 @@ def finish(
         kept = observations.keeping(long_enough(observations))
         views = views_over_time(kept, long_enough(kept))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
-    return Recording(rig, poses, kept, provenance)
+    return Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
 
 
 def solve_again(recording: Recording, config: TrackConfig | None = None) -> Recording:

@@ -19,12 +19,12 @@ ENGINES = ("openvino", "onnxruntime")
 SIZE, IMAGE_WH = (144, 208), (517, 391)
 COUNT = len(SKELETONS["halpe_26"])
 TOLERANCE_PX = 0.05
-REGION = Region(np.array([260.3, 171.8]), 301.0, 0.37)
+REGION = Region(centre_img=np.array([260.3, 171.8]), side_px=301.0, angle_rad=0.37)
 
 
 def frame(seed: int = 0) -> Frame:
     image = np.random.default_rng(seed).integers(0, 256, (IMAGE_WH[1], IMAGE_WH[0], 3), dtype=np.uint8)
-    return Frame("cam", 0, 0, 0, image)
+    return Frame(camera="cam", seq=0, t_ns=0, received_ns=0, image=image)
 
 
 def marks(seed: int) -> np.ndarray:
@@ -154,8 +154,8 @@ def test_rtmo(tmp_path):
     points = np.concatenate([letterboxed(xy, size), np.full((3, COUNT, 1), 0.7)], axis=-1)
     network = graphs.constant_network(tmp_path / "n.onnx", size, {"dets": dets[None], "keypoints": points[None]})
     card = graphs.write_card(tmp_path / "card.toml", "rtmo", network, size, 'keypoints = "halpe_26"')
-    there = Region(xy[0].mean(0), 400.0)
-    nowhere = Region(np.array([900.0, 900.0]), 60.0)
+    there = Region(centre_img=xy[0].mean(0), side_px=400.0)
+    nowhere = Region(centre_img=np.array([900.0, 900.0]), side_px=60.0)
     everybody, chosen, none_asked = detect(card, regions=(None, (nowhere, there), ()))
     assert len(everybody) == 2, "the same person twice is one"
     assert np.abs(everybody.xy_img - xy[[1, 0]]).max() < TOLERANCE_PX

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from .snapshots import Snapshots
 
 # what remains of the radius of a camera's image points when the farthest are left out
 _RIM_QUANTILE = 0.95
+# by so many standard errors each half must show a change, so that one bad stretch of time stamps does not make it
+_EACH_PART_SIGMA = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +28,7 @@ class LensChange:
     Attributes:
         focal: share of the focal length. centre_rad: shift of the principal point, as an angle. bend_px: shift of the image
             points at the rim of what was seen, by distortion alone.
+        confirmed: (C, 3) whether focal length, principal point and distortion may be called wrong.
     """
 
     focal: Array
@@ -34,6 +37,7 @@ class LensChange:
     centre_sigma: Array
     bend_px: Array
     bend_sigma: Array
+    confirmed: Array
 
     def excess(self, cameras: Sequence[Camera], limits: Limits) -> Array:
         """(C, 3) focal length, principal point and distortion over their limits: more than 1 is wrong."""
@@ -43,22 +47,20 @@ class LensChange:
             (self.centre_rad, self.centre_sigma, limits.centre_rad),
             (self.bend_px, self.bend_sigma, limits.bend_px_per_1000 * width / 1000),
         )
-        return np.stack([np.abs(v) / np.maximum(least, limits.lens_sigma * sigma) for v, sigma, least in pairs], axis=1)
+        excess = np.stack([np.abs(v) / np.maximum(least, limits.lens_sigma * sigma) for v, sigma, least in pairs], axis=1)
+        return np.where(self.confirmed, excess, np.minimum(excess, 1.0))
 
-    def with_scatter(self, parts: Sequence[LensChange]) -> LensChange:
-        """The same with standard errors at least as large as two parts of the data differ."""
+    def confirmed_by(self, parts: Sequence[LensChange]) -> LensChange:
+        """The same, counting only what two parts of the data show alike, each by some standard errors."""
         if len(parts) != 2:
             return self
-        one, two = parts
+        one, two = (part.in_sigmas() for part in parts)
+        return replace(self, confirmed=(np.minimum(np.abs(one), np.abs(two)) >= _EACH_PART_SIGMA) & (one * two > 0))
 
-        def wider(sigma: Array, first: Array, second: Array) -> Array:
-            return np.maximum(sigma, np.abs(first - second) / 2)
-
-        return LensChange(
-            self.focal, wider(self.focal_sigma, one.focal, two.focal),
-            self.centre_rad, wider(self.centre_sigma, one.centre_rad, two.centre_rad),
-            self.bend_px, wider(self.bend_sigma, one.bend_px, two.bend_px),
-        )  # fmt: skip
+    def in_sigmas(self) -> Array:
+        """(C, 3) each change in standard errors."""
+        pairs = ((self.focal, self.focal_sigma), (self.centre_rad, self.centre_sigma), (self.bend_px, self.bend_sigma))
+        return np.stack([value / np.maximum(sigma, 1e-12) for value, sigma in pairs], axis=1)
 
 
 def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolution, seen: Snapshots) -> LensChange:
@@ -74,7 +76,7 @@ def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolutio
     return LensChange(
         delta @ mean / focal_px, np.sqrt(np.einsum("i,cij,j->c", mean, covariance, mean)) / focal_px,
         np.linalg.norm(centre_px, axis=1) / focal_px, np.linalg.norm(centre_sigma, axis=1) / focal_px,
-        (bend * delta).sum(axis=1), np.sqrt(np.einsum("ci,cij,cj->c", bend, covariance, bend)),
+        (bend * delta).sum(axis=1), np.sqrt(np.einsum("ci,cij,cj->c", bend, covariance, bend)), np.ones((len(cameras), 3), bool),
     )  # fmt: skip
 
 

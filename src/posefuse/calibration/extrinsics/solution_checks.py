@@ -53,7 +53,7 @@ def solution_checks(
 
 def _lens_change(cameras: tuple[Camera, ...], solved: Solved, halves: Halves, options: Options) -> LensChange:
     parts = [_change_of(cameras, half, False) for half in halves.solved]
-    return _change_of(cameras, solved, options.clocks != "together").with_scatter(parts)
+    return _change_of(cameras, solved, options.clocks != "together").confirmed_by(parts)
 
 
 def _change_of(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> LensChange:

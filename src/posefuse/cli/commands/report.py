@@ -10,6 +10,8 @@ from cyclopts import Parameter
 from posefuse.cli.options.shared import Figures, Shown
 
 FOLDER = "biomechanics"
+# of all files together, measured on the bundled clip
+_BYTES_PER_STEP_AND_PERSON = 6_000
 
 
 def report(
@@ -41,9 +43,10 @@ def report(
     folder = out or result / FOLDER
     inputs = [result / name for name in RECORDING_FILES]
     settings = BiomechanicsSettings(fit=fit, opensim=opensim)
-    # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
+    size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
+    # its own unchanged files can be made again at any time: replaced without --force
     with (
-        output_folder(folder, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
+        output_folder(folder, command="report", inputs=inputs, replace=True, estimated_bytes=size, warn=terminal.warn) as place,
         compiling("joint angles", terminal.note),
         terminal.stages() as progress,
     ):

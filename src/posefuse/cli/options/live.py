@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .shared import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions
+from .shared import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions, people_from_text
 
 SOURCE_HELP = (
     "One per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
@@ -82,8 +82,8 @@ class LiveSettingsOptions(SettingsOptions):
 
     tracker: Literal["asynchronous", "latest"] | None = None
     """How views become poses (default asynchronous)."""
-    people: Annotated[int | None, Parameter(metavar="N")] = None
-    """How many people to follow (default 1)."""
+    people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
+    """How many people to follow, the best seen ones: a number, or all (default 1)."""
     rate: Annotated[float | None, Parameter(metavar="HZ")] = None
     """Output rate in poses per second (default 100)."""
     groups: Annotated[int | None, Parameter(metavar="N")] = None

@@ -112,6 +112,21 @@ class Ros2Options:
     """Nothing leaves this machine."""
 
 
+# what "all" means: more people would not fit into the area that a rig of cameras sees
+ALL_PEOPLE = 16
+_MOST_PEOPLE = 64
+
+
+def people_from_text(_: object, tokens: Any) -> int:
+    """The value of ``--people``: a whole number from 1 to 64, or ``all`` for up to 16; raises ValueError for anything else."""
+    text = tokens[0].value
+    if text == "all":
+        return ALL_PEOPLE
+    if text.isdecimal() and 1 <= int(text) <= _MOST_PEOPLE:
+        return int(text)
+    raise ValueError(f"expected a whole number from 1 to {_MOST_PEOPLE}, or all, got {text!r}")
+
+
 def xy_from_text(_: object, tokens: Any) -> tuple[float, float]:
     """Metres from ``X,Y``."""
     text = tokens[0].value

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import ArgumentCollection, Group, Parameter
 
-from .shared import InputKind, xy_from_text
+from .shared import InputKind, people_from_text, xy_from_text
 
 
 def _one_of_two(arguments: ArgumentCollection) -> None:
@@ -33,6 +33,8 @@ class TrackOptions:
     """How the views are weighted (default robust)."""
     raw: bool = False
     """Write every time step as it was fused: no smoothing, no filled gaps."""
+    people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
+    """How many people to follow, the best seen ones: a number, or all (default 1)."""
     person: Annotated[
         tuple[float, float] | None,
         Parameter(metavar="X,Y", n_tokens=1, converter=xy_from_text, accepts_keys=False, allow_leading_hyphen=True),

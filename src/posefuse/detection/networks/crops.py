@@ -36,7 +36,7 @@ def region_of_box(box_img: Array, size_wh: tuple[int, int], padding: float, angl
     corners = np.asarray(box_img, np.float64).reshape(2, 2)
     width, height = np.maximum(corners[1] - corners[0], 1.0)
     side = padding * max(height, width * size_wh[1] / size_wh[0])
-    return Region(corners.mean(axis=0), float(side), angle_rad)
+    return Region(centre_img=corners.mean(axis=0), side_px=float(side), angle_rad=angle_rad)
 
 
 def letterbox_from_img(size_wh: tuple[int, int], takes: NetworkInput, up_rad: float = 0.0) -> Array:

@@ -106,7 +106,15 @@ class _Networked:
         score, sigma = (np.stack([getattr(person, name) for person in people]) for name in ("score", "sigma_px"))
         known = np.isfinite(xy)
         box = np.concatenate([np.where(known, xy, np.inf).min(1), np.where(known, xy, -np.inf).max(1)], axis=-1)
-        return Detections2D(frame.camera, frame.t_ns, self.skeleton, xy, score, sigma, np.where(np.isfinite(box), box, np.nan))
+        return Detections2D(
+            camera=frame.camera,
+            t_ns=frame.t_ns,
+            skeleton=self.skeleton,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+            box_img=np.where(np.isfinite(box), box, np.nan),
+        )
 
 
 class TopDownDetector(_Networked):

@@ -51,7 +51,7 @@ class BoxFinder:
     def _region(self, input_from_img: Array, box: Array, up_rad: float) -> Region:
         made = region_of_box(box, self._size_wh, self._padding)
         ratio = float(np.sqrt(np.linalg.det(input_from_img[:, :2])))
-        return Region(img_from_input(input_from_img, made.centre_img), made.side_px / ratio, up_rad)
+        return Region(centre_img=img_from_input(input_from_img, made.centre_img), side_px=made.side_px / ratio, angle_rad=up_rad)
 
 
 class SquareFinder:

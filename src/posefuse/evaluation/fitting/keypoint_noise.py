@@ -70,7 +70,9 @@ def collect(folder: Path, detector: TopDownDetector | OneStageDetector, seed: in
             image = cv2.imread(str(path))
             if region is None or image is None:
                 continue
-            frame = Frame(view.camera, i, int(view.t_ns[i]), 0, np.ascontiguousarray(image[..., ::-1]))
+            frame = Frame(
+                camera=view.camera, seq=i, t_ns=int(view.t_ns[i]), received_ns=0, image=np.ascontiguousarray(image[..., ::-1])
+            )
             seen = detector.observed(frame, _as_in_use(region, rng))
             if seen is None:
                 continue
@@ -124,7 +126,7 @@ def shared_keypoints(skeleton: Skeleton, truth: Skeleton) -> tuple[tuple[str, ..
 
 def _as_in_use(region: Region, rng: np.random.Generator) -> Region:
     move, grow, turn = rng.normal(0, _MOVED, 2) * region.side_px, rng.normal(0, _GROWN), rng.normal(0, _TURNED_RAD)
-    return Region(region.centre_img + move, region.side_px * np.exp(grow), region.angle_rad + turn)
+    return Region(centre_img=region.centre_img + move, side_px=region.side_px * np.exp(grow), angle_rad=region.angle_rad + turn)
 
 
 def _stacked(scenes: Sequence[NoiseSamples]) -> NoiseSamples:

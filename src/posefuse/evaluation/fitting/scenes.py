@@ -125,7 +125,7 @@ def moving(seed: int, legs: Range, arms: Range) -> TrcData:
         wrist = elbow + lower.apply([0, 0, -0.26])
         points |= {f"{side}_{name}": xyz for name, xyz in zip(_JOINTS, (shoulder, elbow, wrist, hip, knee, ankle), strict=True)}
     xyz = np.stack(list(points.values()), axis=1) + [0, 0, 0.9]
-    return TrcData(tuple(points), t_s, xyz, 30.0)
+    return TrcData(names=tuple(points), t_s=t_s, xyz_world=xyz, rate_hz=30.0)
 
 
 def render_everyday(out: Path, count: int, say: Callable[[str], None]) -> list[Path]:

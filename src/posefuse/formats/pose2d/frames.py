@@ -134,7 +134,9 @@ def _detections(camera: str, t_ns: int, skeleton: Skeleton, points: Array) -> De
     score = np.where(np.isfinite(xy).all(-1), score, 0.0)
     xy = np.where(score[..., None] > 0, xy, np.nan)
     box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
-    return Detections2D(camera, t_ns, skeleton, xy, score, _sigma_px(score, box), box)
+    return Detections2D(
+        camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy, score=score, sigma_px=_sigma_px(score, box), box_img=box
+    )
 
 
 def _sigma_px(score: Array, box_img: Array) -> Array:

@@ -53,6 +53,10 @@ class LatestTracker:
             pose = replace(pose, kind=np.where(pose.kind == Kind.MISSING, Kind.MISSING, Kind.PREDICTED))
         return pose
 
+    def looked_for(self, t_ns: int) -> Pose3D:
+        """See `Tracker.looked_for`."""
+        return self.at(t_ns)
+
     @property
     def health(self) -> Mapping[str, CameraHealth]:
         """Ages and refusals; this tracker expects nothing, so it cannot judge what a view says."""
@@ -90,6 +94,12 @@ def nobody(t_ns: int, skeleton: Skeleton) -> Pose3D:
     """No person is tracked."""
     k = len(skeleton)
     return Pose3D(
-        t_ns, skeleton, np.zeros(0), np.zeros((0, k, 3)), np.zeros((0, k, 3, 3)), np.zeros((0, k)), np.zeros((0, k)),
-        np.zeros((0, k)),
-    )  # fmt: skip
+        t_ns=t_ns,
+        skeleton=skeleton,
+        person_id=np.zeros(0),
+        xyz_world=np.zeros((0, k, 3)),
+        cov_world=np.zeros((0, k, 3, 3)),
+        reproj_px=np.zeros((0, k)),
+        n_views=np.zeros((0, k)),
+        kind=np.zeros((0, k)),
+    )
