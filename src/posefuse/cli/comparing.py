@@ -19,15 +19,15 @@ from posefuse.core.errors import choices
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
 from posefuse.formats.c3d import read_c3d
 from posefuse.formats.points_csv import read_points_csv
-from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.foundation.plain_values import plain
+from posefuse.pipeline.reading import read_result
 
 from .terminal import Terminal
 
-KINDS = "a posefuse result folder, .trc, .c3d, .csv or .mvnx"
+KINDS = "a posefuse result folder, .mcap (posefuse live), .trc, .c3d, .csv or .mvnx"
 # the segment of an MVNX file whose origin is this joint
 _MVNX = {
     "pelvis": "mid_hip", "neck": "neck", "head": "head",
@@ -77,7 +77,7 @@ def read_tracks(path: Path, person: int | None = None) -> Tracks:
         raise InputError(f"{path}: no such file or folder")
     if path.is_dir():
         return _from_recording(path, person)
-    readers = {".trc": _from_trc, ".c3d": _from_c3d, ".csv": _from_csv, ".mvnx": _from_mvnx}
+    readers = {".trc": _from_trc, ".c3d": _from_c3d, ".csv": _from_csv, ".mvnx": _from_mvnx, ".mcap": _from_recording}
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{path}: cannot be compared; expected {KINDS}")
@@ -114,7 +114,7 @@ def _tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz_m: A
 
 
 def _from_recording(path: Path, person: int | None) -> Tracks:
-    poses = read_recording(path).poses
+    poses = read_result(path).poses
     seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
     if person is not None and person not in poses.person_id:
         raise InputError(f"{path}: no person {person}; there are: {', '.join(map(str, poses.person_id))}")

@@ -19,6 +19,7 @@ from posefuse.foundation.places import check_apart
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.opening import Opened, open_session
+from posefuse.pipeline.reading import is_live
 from posefuse.pipeline.run import Tracked, track_opened
 from posefuse.pipeline.session import Session, find_session
 from posefuse.pipeline.store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
@@ -33,8 +34,12 @@ _START_UP = ("open", "compile")  # stages that last the same however long the re
 def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Track a session and write its result; returns the figures of the tables.
 
-    ``exit_code`` among them: 1 when an output could not be written.
+    ``exit_code`` among them: 1 when an output could not be written. A live session's .mcap is solved from its observations.
     """
+    if is_live(args.session):
+        from .second_solve import second_solve
+
+        return second_solve(args, terminal)
     clock = StageClock()
     config = settled_config(args)
     sinks = build_sinks(config.outputs)
@@ -133,10 +138,14 @@ def settled_config(args: argparse.Namespace) -> TrackConfig:
     """The config file with the command line's options on top."""
     path = args.config or (args.session / CONFIG_FILE if (args.session / CONFIG_FILE).is_file() else None)
     rig = str(Path(args.rig).absolute()) if args.rig is not None and Path(args.rig).exists() else args.rig
+    options = {"--rig": ("rig", rig), "--input": ("input", args.input)}
+    return read_config(path, args.overrides, options | solve_options(args))
+
+
+def solve_options(args: argparse.Namespace) -> dict[str, tuple[str, Any]]:
+    """Options of the command line about all that follows detection."""
     outputs = None if args.outputs is None else tuple(name for name in args.outputs.split(",") if name)
-    options = {
-        "--rig": ("rig", rig),
-        "--input": ("input", args.input),
+    return {
         "--start": ("start_s", args.start),
         "--end": ("end_s", args.end),
         "--raw": ("raw", args.raw or None),
@@ -144,7 +153,6 @@ def settled_config(args: argparse.Namespace) -> TrackConfig:
         "--person": ("associate.near_xy_m", args.person),
         "--outputs": ("outputs", outputs),
     }
-    return read_config(path, args.overrides, options)
 
 
 def _errors(session: Session, recording: Recording) -> JointErrors | None:

@@ -111,12 +111,15 @@ def _has_display() -> bool:
 
 
 def view_recording(
-    folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
+    folder: Path | str,
+    read: Callable[[Path], Recording] = read_recording,
+    frame_sets: FrameSets | None = None,
+    open_viewer: Callable[[Path], None] = open_in_viewer,
 ) -> Path:
-    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or one made for the occasion.
+    """Show a result in the Rerun viewer until it is closed: its ``recording.rrd``, or one made for the occasion.
 
     Args:
-        folder: a result, see `files.recording`.
+        folder: a result that `read` reads: a folder, see `formats.recording`, or a file.
         frame_sets: images for a result that has no ``recording.rrd``.
         open_viewer: shows an .rrd file.
 
@@ -129,7 +132,7 @@ def view_recording(
     """
     check_rerun()
     folder = Path(folder)
-    recording = read_recording(folder)
+    recording = read(folder)
     if (folder / FILE).is_file():
         open_viewer(folder / FILE)
         return folder / FILE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
@@ -86,23 +87,35 @@ class TrackConfig:
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS
 
 
-def read_config(path: Path | None, overrides: Sequence[str], options: Options = MappingProxyType({})) -> TrackConfig:
+def read_config(
+    path: Path | None,
+    overrides: Sequence[str],
+    options: Options = MappingProxyType({}),
+    base: Mapping[str, Any] = MappingProxyType({}),
+) -> TrackConfig:
     """The settings of `posefuse track`, see `read_overridden`."""
-    return read_overridden(path, overrides, TrackConfig, options)
+    return read_overridden(path, overrides, TrackConfig, options, base)
 
 
-def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T], options: Options = MappingProxyType({})) -> T:
+def read_overridden(
+    path: Path | None,
+    overrides: Sequence[str],
+    cls: type[T],
+    options: Options = MappingProxyType({}),
+    base: Mapping[str, Any] = MappingProxyType({}),
+) -> T:
     """The config file (if any) as settings of class `cls`, with what the command line says put on top.
 
     Args:
         path: TOML or YAML. overrides: ``key.sub=value`` texts of ``--set``.
         cls: the settings class all of it is validated as.
         options: option of the command line -> (``key.sub``, value); None as a value is an option not given.
+        base: plain values that everything else is put on top of; a group of the file replaces the group here.
 
     Raises:
         ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
     """
-    content: dict[str, Any] = read_mapping(path) if path else {}
+    content: dict[str, Any] = copy.deepcopy(dict(base)) | (read_mapping(path) if path else {})
     for override in overrides:
         key, equals, text = override.partition("=")
         if not equals or not key:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,9 @@ import numpy as np
 
 from posefuse.association import AssociateSettings
 from posefuse.core import InputError, Observations, Recording, Rig, views_over_time
+from posefuse.core.live_observations import on_time_steps
 from posefuse.core.observations import NOT_KEPT
+from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings
 from posefuse.tracking import JointCentres, SmoothSettings
@@ -18,6 +21,7 @@ from posefuse.tracking import JointCentres, SmoothSettings
 from .clock import StageClock
 from .config import TrackConfig
 from .following import Follower
+from .live_steps import live_timeline
 from .second_pass import long_enough, poses_over_time
 from .time_steps import stored_steps
 
@@ -84,17 +88,49 @@ def finish(
     return Recording(rig, poses, kept, provenance)
 
 
-def solve_again(recording: Recording, config: TrackConfig | None = None) -> Recording:
-    """Solve a recording again from its observations, with its own settings or others.
+def solve_live(
+    recording: Recording, settings: SolveSettings, config: TrackConfig | None = None, clock: StageClock | None = None
+) -> Recording:
+    """The second solve of a live session: all that its cameras observed, associated, fused and smoothed over all of time.
+
+    The observations are brought to even time steps, at the fastest camera's own rate where `config` does not say another;
+    the result has these time steps, so it can be solved again like any recording.
+
+    Args:
+        config: its `rate_hz`, `start_s`, `end_s` and `max_time_steps` are used.
 
     Raises:
-        InputError: the provenance does not have the settings (the recording was not made by `posefuse track`).
+        InputError: no frame, or no person could be followed.
+        SourceError: more time steps than `config` allows.
     """
-    about = recording.provenance
+    line = live_timeline(recording.observations, config or TrackConfig())
+    steps = on_time_steps(recording.observations, line.start_ns + line.period_ns * np.arange(line.count))
+    return solve(steps, recording.rig, settings, {**recording.provenance, "second_solve": True}, clock)
+
+
+def solve_again(recording: Recording, config: TrackConfig | None = None, clock: StageClock | None = None) -> Recording:
+    """Solve a recording again from its observations, with its own settings or others; a live session by `solve_live`.
+
+    Raises:
+        InputError: the provenance does not have the settings (the recording was not made by posefuse).
+    """
+    about = dict(recording.provenance)
     if config is None:
-        if not isinstance(about.get("config"), Mapping):
-            raise InputError("recording: its provenance has no settings; give the settings to solve it with")
-        config = settings_from_mapping(about["config"], TrackConfig, where="provenance: config")
+        config = config_of(recording)
+    else:
+        about["config"] = plain(dataclasses.asdict(config))
     table = about.get("joint_centres")
     centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
-    return solve(recording.observations, recording.rig, SolveSettings.of(config, centres), about)
+    settings = SolveSettings.of(config, centres)
+    if recording.is_live:
+        again = dataclasses.replace(recording, provenance=about)
+        return solve_live(again, settings, config, clock)
+    return solve(recording.observations, recording.rig, settings, about, clock)
+
+
+def config_of(recording: Recording) -> TrackConfig:
+    """The settings in a recording's provenance; raises InputError where there are none."""
+    content = recording.provenance.get("config")
+    if not isinstance(content, Mapping):
+        raise InputError("recording: its provenance has no settings; give the settings to solve it with")
+    return settings_from_mapping(content, TrackConfig, where="provenance: config")

@@ -11,7 +11,7 @@ from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink, Sou
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import write_each
+from posefuse.outputs.frames import FrameSets, write_each
 from posefuse.sources import FramesAhead, frame_sets
 
 from .config import TrackConfig
@@ -34,11 +34,22 @@ def write_result(
     Raises:
         InputError: the recording itself cannot be written.
     """
+    return write_with_frames(recording, _frames(recording, session, config, progress), sinks, out)
+
+
+def write_with_frames(
+    recording: Recording, frame_sets: FrameSets, sinks: Sequence[Sink], out: OutputFolder
+) -> tuple[list[Path], dict[str, str]]:
+    """`write_result` with frames from elsewhere, or none.
+
+    Raises:
+        InputError: the recording itself cannot be written.
+    """
     try:
         written = write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-    outcome = write_each(sinks, recording, out.folder, _frames(recording, session, config, progress))
+    outcome = write_each(sinks, recording, out.folder, frame_sets)
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
 

@@ -12,12 +12,14 @@ from posefuse.cli.terminal import Terminal
 from .options import positive
 
 MOST_S = 86_400.0
-SUMMARY = "compare two recordings (posefuse result, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift"
+SUMMARY = "compare two recordings (posefuse result or live .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The two recordings and how to align them."""
-    parser.add_argument("a", type=Path, metavar="A", help="result folder, .trc, .c3d, .csv or .mvnx: the one compared with")
+    parser.add_argument(
+        "a", type=Path, metavar="A", help="result folder, .mcap, .trc, .c3d, .csv or .mvnx: the one compared with"
+    )
     parser.add_argument("b", type=Path, metavar="B", help="the one that is brought onto A")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write compare.html and compare.json there")
     parser.add_argument("--person", type=int, metavar="ID", help="which person of files that hold several")

@@ -15,8 +15,10 @@ FOLDER = "biomechanics"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The result, how angles are made, where they go."""
-    parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER})")
+    parser.add_argument("result", type=Path, metavar="DIR", help="result folder of `posefuse track`, or .mcap of `posefuse live`")
+    parser.add_argument(
+        "--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER} or NAME_{FOLDER})"
+    )
     parser.add_argument(
         "--fit", choices=("none", "points", "rays"), default="points",
         help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",
@@ -27,13 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Write the files; returns their names."""
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
-    from posefuse.formats.recording import RECORDING_FILES, read_recording
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
+    from posefuse.pipeline.reading import files_of_result, is_live, read_result
 
-    recording = read_recording(args.result)
-    out = args.out or args.result / FOLDER
-    inputs = [args.result / name for name in RECORDING_FILES]
+    recording = read_result(args.result, terminal.warn)
+    beside = args.result.with_name(f"{args.result.stem}_{FOLDER}") if is_live(args.result) else args.result / FOLDER
+    out = args.out or beside
+    inputs = files_of_result(args.result)
     # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
     with (
         output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,

@@ -16,7 +16,12 @@ SUMMARY = "turn a session (calibration + videos, image folders or 2D poses) into
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The session, the result, and shortcuts for the most wanted settings."""
-    parser.add_argument("session", type=Path, metavar="SESSION", help="folder with a calibration file and the recordings")
+    parser.add_argument(
+        "session",
+        type=Path,
+        metavar="SESSION",
+        help="folder with a calibration file and the recordings, or the .mcap of `posefuse live --record`: solved over all of time",
+    )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the result; must not exist, or use --force"
     )
