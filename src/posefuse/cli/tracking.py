@@ -19,7 +19,6 @@ from posefuse.foundation.places import check_apart
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.opening import Opened, open_session
-from posefuse.pipeline.reading import is_live
 from posefuse.pipeline.run import Tracked, track_opened
 from posefuse.pipeline.session import Session, find_session
 from posefuse.pipeline.store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
@@ -34,12 +33,8 @@ _START_UP = ("open", "compile")  # stages that last the same however long the re
 def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Track a session and write its result; returns the figures of the tables.
 
-    ``exit_code`` among them: 1 when an output could not be written. A live session's .mcap is solved from its observations.
+    ``exit_code`` among them: 1 when an output could not be written.
     """
-    if is_live(args.session):
-        from .second_solve import second_solve
-
-        return second_solve(args, terminal)
     clock = StageClock()
     config = settled_config(args)
     sinks = build_sinks(config.outputs)

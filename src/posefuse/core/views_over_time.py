@@ -131,7 +131,7 @@ def _rows_of_people(observations: Observations, ids: Array, steps_only: bool) ->
 
 
 def _of_steps(observations: Observations, rows: Array, ids: Array, c: int) -> tuple[_CameraFrames, Array, float]:
-    """One camera's frame of each time step, unseen where it has none; the frame of each time step; how far apart frames may be."""
+    """A frame of each time step, unseen where the camera has none; which one each has; how far apart frames may be."""
     t_ns, mine = observations.step_t_ns.copy(), observations.frame_camera == c
     mine &= observations.frame_step != LIVE_STEP
     t_ns[observations.frame_step[mine]] = observations.frame_t_ns[mine]
@@ -142,7 +142,7 @@ def _of_steps(observations: Observations, rows: Array, ids: Array, c: int) -> tu
 
 
 def _of_times(observations: Observations, rows: Array, ids: Array, c: int, steps: Array) -> tuple[_CameraFrames, Array, float]:
-    """One camera's frames; the frame nearest to each time, -1 where none is within half a period; how far apart they may be."""
+    """The camera's frames; the one nearest to each time, -1: none within half a period; how far apart frames may be."""
     mine = np.flatnonzero(observations.frame_camera == c)
     t_ns, place = np.unique(observations.frame_t_ns[mine], return_inverse=True)
     place_of = np.full(len(observations.frame_t_ns), -1)

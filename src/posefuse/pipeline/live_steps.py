@@ -41,5 +41,4 @@ def frame_period_ns(t_ns: Array) -> float | None:
         whole = np.maximum(np.round(gaps / period), 1)
         period = float(np.median(gaps / whole))
     count = np.concatenate([[0], np.cumsum(np.maximum(np.round(gaps / period), 1))])
-    slope = float(np.polyfit(count, (t_ns - t_ns[0]).astype(np.float64), 1)[0]) if len(gaps) > 1 else period
-    return slope
+    return float(np.polyfit(count, (t_ns - t_ns[0]).astype(np.float64), 1)[0]) if len(gaps) > 1 else period

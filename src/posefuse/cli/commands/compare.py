@@ -12,7 +12,7 @@ from posefuse.cli.terminal import Terminal
 from .options import positive
 
 MOST_S = 86_400.0
-SUMMARY = "compare two recordings (posefuse result or live .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift"
+SUMMARY = "compare recordings (posefuse result or .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

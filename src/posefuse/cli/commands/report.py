@@ -16,9 +16,7 @@ FOLDER = "biomechanics"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The result, how angles are made, where they go."""
     parser.add_argument("result", type=Path, metavar="DIR", help="result folder of `posefuse track`, or .mcap of `posefuse live`")
-    parser.add_argument(
-        "--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER} or NAME_{FOLDER})"
-    )
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER}, NAME_{FOLDER})")
     parser.add_argument(
         "--fit", choices=("none", "points", "rays"), default="points",
         help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",

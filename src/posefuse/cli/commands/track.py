@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "session",
         type=Path,
         metavar="SESSION",
-        help="folder with a calibration file and the recordings, or the .mcap of `posefuse live --record`: solved over all of time",
+        help="folder with calibration and recordings, or .mcap of `posefuse live`",
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the result; must not exist, or use --force"
@@ -48,6 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Track, write, compare with the truth where the session has one."""
+    from posefuse.pipeline.reading import is_live
+
+    if is_live(args.session):
+        from posefuse.cli.second_solve import second_solve
+
+        return second_solve(args, terminal)
     from posefuse.cli.tracking import track
 
     return track(args, terminal)
