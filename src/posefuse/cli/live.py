@@ -26,6 +26,7 @@ from posefuse.realtime.session import run_live
 
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal
+from .videos import kept_videos, video_figures
 
 
 def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
@@ -43,8 +44,13 @@ def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(args, config))
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     fetch_networks(config.detector, terminal)
-    done = run_live(rig, inputs, config, plan, run_options(args).duration_s, terminal.note)
+    if args.videos:
+        check_replaceable(args.videos, command="live", replace=False)
+    with kept_videos(args.videos, rig, inputs) as videos:
+        done = run_live(rig, inputs, config, plan, run_options(args).duration_s, terminal.note, videos)
     figures = figures_of(done)
+    if args.videos:
+        figures["videos"] = video_figures(args.videos, inputs)
     show(terminal, figures)
     if args.report:
         write_report(args.report, done, figures)
@@ -59,6 +65,8 @@ def _show_next(args: argparse.Namespace, terminal: Terminal) -> None:
         )
     else:
         terminal.next("the same with --record FILE.mcap", "keeps views and poses")
+    if args.videos:
+        terminal.next(f"posefuse track {args.videos} --out DIR", "the videos, solved over all of time")
     if args.report:
         terminal.next(f"open {args.report / 'report.html'}", "where the time went, per camera and stage")
 

@@ -53,7 +53,9 @@ class ViewSequence:
         )
 
 
-def views_over_time(observations: Observations, person_id: Iterable[int], t_ns: Array | None = None) -> ViewSequence:
+def views_over_time(
+    observations: Observations, person_id: Iterable[int], t_ns: Array | None = None, gap_ns: int = 0
+) -> ViewSequence:
     """Every camera's keypoints of these people, brought to common times.
 
     A camera whose frames lie between these times gets keypoints interpolated linearly between its two frames around
@@ -61,7 +63,8 @@ def views_over_time(observations: Observations, person_id: Iterable[int], t_ns: 
 
     Args:
         observations: of a recording, or of a live session. person_id: (N,) in this order.
-        t_ns: (T,) times, for a live session, whose frames belong to no time step; None: the observations' own time steps.
+        t_ns: (T,) times, for a live session, of which not every frame was used; None: the observations' own time steps.
+        gap_ns: with `t_ns`: a camera's frames this far apart are interpolated between, even if frames are missing there.
     """
     ids = np.array(list(person_id), np.int64)
     steps = observations.step_t_ns if t_ns is None else np.asarray(t_ns, np.int64)
@@ -69,11 +72,13 @@ def views_over_time(observations: Observations, person_id: Iterable[int], t_ns: 
     shape = (len(steps), len(ids), len(observations.camera_names), len(observations.skeleton))
     xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
     for c in range(shape[2]):
-        frames, own, reach_ns = (
-            _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c, steps)
-        )
+        frames = _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c)
         if len(frames.t_ns):
-            xy[:, :, c], score[:, :, c], sigma[:, :, c] = _at_times(steps, frames, own, reach_ns)
+            own = np.arange(len(steps)) if t_ns is None else _nearest(frames.t_ns, steps)
+            reach_ns = _REACH_PERIODS * _period_ns(steps if t_ns is None else frames.t_ns)
+            alone_ns = np.inf if t_ns is None else max(_period_ns(frames.t_ns) / 2, _SAME_TIME_NS)
+            planes = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns)
+            xy[:, :, c], score[:, :, c], sigma[:, :, c] = planes
     return ViewSequence(steps, observations.skeleton, observations.camera_names, ids, xy, score, sigma)
 
 
@@ -130,38 +135,35 @@ def _rows_of_people(observations: Observations, ids: Array, steps_only: bool) ->
     return np.flatnonzero(wanted)
 
 
-def _of_steps(observations: Observations, rows: Array, ids: Array, c: int) -> tuple[_CameraFrames, Array, float]:
-    """A frame of each time step, unseen where the camera has none; which one each has; how far apart frames may be."""
+def _of_steps(observations: Observations, rows: Array, ids: Array, c: int) -> _CameraFrames:
+    """One camera's frame of each time step, unseen where it has none."""
     t_ns, mine = observations.step_t_ns.copy(), observations.frame_camera == c
     mine &= observations.frame_step != LIVE_STEP
     t_ns[observations.frame_step[mine]] = observations.frame_t_ns[mine]
     frame = observations.detection_frame[rows]
     here = mine[frame]
-    frames = _filled(observations, t_ns, rows[here], observations.frame_step[frame[here]], ids)
-    return frames, np.arange(len(t_ns)), _reach_ns(observations.step_t_ns)
+    return _filled(observations, t_ns, rows[here], observations.frame_step[frame[here]], ids)
 
 
-def _of_times(observations: Observations, rows: Array, ids: Array, c: int, steps: Array) -> tuple[_CameraFrames, Array, float]:
-    """The camera's frames; the one nearest to each time, -1: none within half a period; how far apart frames may be."""
+def _of_times(observations: Observations, rows: Array, ids: Array, c: int) -> _CameraFrames:
+    """One camera's frames, whether they belong to a time step or not."""
     mine = np.flatnonzero(observations.frame_camera == c)
     t_ns, place = np.unique(observations.frame_t_ns[mine], return_inverse=True)
     place_of = np.full(len(observations.frame_t_ns), -1)
     place_of[mine] = place
     at = place_of[observations.detection_frame[rows]]
-    frames = _filled(observations, t_ns, rows[at >= 0], at[at >= 0], ids)
-    reach_ns = _reach_ns(t_ns)
-    if not len(t_ns):
-        return frames, np.zeros(0, np.int64), reach_ns
-    after = np.searchsorted(t_ns, steps).clip(1, max(len(t_ns) - 1, 1))
-    before = after - 1
-    after = after.clip(max=len(t_ns) - 1)
-    nearest = np.where(steps - t_ns[before] <= t_ns[after] - steps, before, after)
-    within = np.abs(t_ns[nearest] - steps) <= max(reach_ns / _REACH_PERIODS / 2, _SAME_TIME_NS)
-    return frames, np.where(within, nearest, -1), reach_ns
+    return _filled(observations, t_ns, rows[at >= 0], at[at >= 0], ids)
 
 
-def _reach_ns(t_ns: Array) -> float:
-    return float(_REACH_PERIODS * np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0.0
+def _nearest(frame_t_ns: Array, t_ns: Array) -> Array:
+    """(T,) the frame that is nearest to each time."""
+    after = np.searchsorted(frame_t_ns, t_ns).clip(max=len(frame_t_ns) - 1)
+    before = (after - 1).clip(min=0)
+    return np.where(t_ns - frame_t_ns[before] <= frame_t_ns[after] - t_ns, before, after)
+
+
+def _period_ns(t_ns: Array) -> float:
+    return float(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0.0
 
 
 def _filled(observations: Observations, t_ns: Array, rows: Array, places: Array, ids: Array) -> _CameraFrames:
@@ -174,29 +176,30 @@ def _filled(observations: Observations, t_ns: Array, rows: Array, places: Array,
     return _CameraFrames(t_ns, xy, score, sigma)
 
 
-def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float) -> tuple[Array, Array, Array]:
+def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float, alone_ns: float) -> tuple[Array, Array, Array]:
     """Keypoints (T, N, K, 2), scores and sigmas (T, N, K) at times (T,), each from its own frame and the one on its other side.
 
     Args:
-        own: (T,) the frame of each time; -1: unseen. reach_ns: frames farther apart than this are not interpolated between.
+        own: (T,) the frame of each time. reach_ns: frames farther apart than this are not interpolated between.
+        alone_ns: a frame farther from its time than this counts only where it is interpolated.
     """
-    known = own >= 0
-    xy = np.where(known[:, None, None, None], frames.xy[own], np.nan)
-    score = np.where(known[:, None, None], frames.score[own], 0.0)
-    sigma = np.where(known[:, None, None], frames.sigma[own], np.nan)
+    xy, score, sigma = frames.xy[own], frames.score[own], frames.sigma[own]
     late_ns = frames.t_ns[own] - t_ns
     other = own + np.where(late_ns > 0, -1, 1)
-    inside = known & (np.abs(late_ns) > _SAME_TIME_NS) & (other >= 0) & (other < len(frames.t_ns))
-    i, j = np.flatnonzero(inside), other[inside]
-    span_ns = frames.t_ns[j] - frames.t_ns[own[i]]
+    i = np.flatnonzero((np.abs(late_ns) > _SAME_TIME_NS) & (other >= 0) & (other < len(frames.t_ns)))
+    span_ns = frames.t_ns[other[i]] - frames.t_ns[own[i]]
     near = (span_ns != 0) & (np.abs(span_ns) <= reach_ns)
-    i, j, span_ns = i[near], j[near], span_ns[near]
+    i, span_ns = i[near], span_ns[near]
+    j = other[i]
     share = np.clip(-late_ns[i] / span_ns, 0, 1)[:, None, None]
-    both = (score[i] > 0) & (frames.score[j] > 0)
+    both = np.zeros(score.shape, np.bool_)
+    both[i] = (score[i] > 0) & (frames.score[j] > 0)
     blended = xy[i] * (1 - share[..., None]) + frames.xy[j] * share[..., None]
     # a detector errs alike in neighbouring frames, so blending two does not make it surer
     blended_sigma = sigma[i] * (1 - share) + frames.sigma[j] * share
-    xy[i] = np.where(both[..., None], blended, xy[i])
-    sigma[i] = np.where(both, blended_sigma, sigma[i])
-    score[i] = np.where(both, np.minimum(score[i], frames.score[j]), score[i])
+    xy[i] = np.where(both[i, ..., None], blended, xy[i])
+    sigma[i] = np.where(both[i], blended_sigma, sigma[i])
+    score[i] = np.where(both[i], np.minimum(score[i], frames.score[j]), score[i])
+    unseen = ~both & (np.abs(late_ns) > alone_ns)[:, None, None]
+    xy[unseen], score[unseen], sigma[unseen] = np.nan, 0.0, np.nan
     return xy, score, sigma

@@ -25,6 +25,8 @@ CONFIG_FILE = "posefuse.toml"
 FARTHEST_S = 3.2e9
 # a clock 10 % off is no camera's
 MOST_DRIFT_PPM = 100_000.0
+# people move too much in between for a straight line to say where they were
+MOST_GAP_S = 1.0
 # a frame per quarter of an hour, and ten times the fastest camera of a laboratory
 LEAST_HZ, MOST_HZ = 0.001, 10_000.0
 DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "parquet", "json", "overlay", "overview")
@@ -67,6 +69,8 @@ class TrackConfig:
         max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
         joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
+        live_gap_s: for the second solve of a live session, of which not every frame was used: two frames of a camera this far
+            apart are interpolated between. Chosen with `bench/live_second_solve.py --gaps`.
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
         outputs: names of sinks, see `posefuse plugins`.
     """
@@ -83,6 +87,7 @@ class TrackConfig:
     fuse: FuseSettings = field(default_factory=FuseSettings)
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
     joint_centres: bool = True
+    live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS
 

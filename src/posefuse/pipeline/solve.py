@@ -34,21 +34,25 @@ class SolveSettings:
         associate, fuse: see the packages.
         smooth: None: every time step as it was fused, no smoothing, no bridged gaps.
         centres: moves keypoints to joint centres; None: they stay where the detector marks them.
+        gap_s: None: each camera gives one frame to each time step, interpolated between neighbouring time steps. Otherwise all
+            of a camera's frames count at their own times, and two that are no farther apart are interpolated between.
     """
 
     associate: AssociateSettings
     fuse: FuseSettings
     smooth: SmoothSettings | None
     centres: JointCentres | None
+    gap_s: float | None = None
 
     @staticmethod
-    def of(config: TrackConfig, centres: JointCentres | None) -> SolveSettings:
-        """The part of a configuration that matters after detection."""
+    def of(config: TrackConfig, centres: JointCentres | None, *, live: bool = False) -> SolveSettings:
+        """The part of a configuration that matters after detection; `live`: for the observations of a live session."""
         return SolveSettings(
             associate=config.associate,
             fuse=config.fuse,
             smooth=None if config.raw else config.smooth,
             centres=centres if config.joint_centres else None,
+            gap_s=config.live_gap_s if live else None,
         )
 
 
@@ -83,7 +87,8 @@ def finish(
     """
     with (clock or StageClock()).stage("smooth"):
         kept = observations.keeping(long_enough(observations))
-        views = views_over_time(kept, long_enough(kept))
+        people, gap_s = long_enough(kept), settings.gap_s
+        views = views_over_time(kept, people, *(() if gap_s is None else (kept.step_t_ns, round(gap_s * 1e9))))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
     return Recording(rig, poses, kept, provenance)
 
@@ -121,7 +126,8 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, clock: 
         about["config"] = plain(dataclasses.asdict(config))
     table = about.get("joint_centres")
     centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
-    settings = SolveSettings.of(config, centres)
+    live = recording.is_live or bool(about.get("second_solve"))
+    settings = SolveSettings.of(config, centres, live=live)
     if recording.is_live:
         again = dataclasses.replace(recording, provenance=about)
         return solve_live(again, settings, config, clock)

@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fault", action="append", default=[], metavar="CAMERA=KIND@START[-END]",
         help="let a camera freeze, jump, skew, bump, flood, hang or unplug after START seconds, to test the reaction",
     )  # fmt: skip
+    parser.add_argument("--videos", type=Path, metavar="DIR", help="keep the cameras' videos: a session for posefuse track")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="feed a recording to the tracker again, and compare")
 
 

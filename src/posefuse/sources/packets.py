@@ -1,0 +1,63 @@
+"""The packets that decoded frames came from."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from posefuse.core import Frame
+from posefuse.core.encoded import EncodedImage
+
+# a decoder that holds back more packets than this reorders them
+_MOST_PENDING = 32
+
+
+class PendingPackets:
+    """Packets that were given to a decoder, until their frame comes out; only of streams without reordering."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream, self._codec = stream, stream.codec_context.name
+        self._packets: deque[tuple[int | None, EncodedImage]] = deque()
+        self._reordered, self._count = False, 0
+
+    def add(self, packet: Any) -> None:
+        """A packet that is decoded next."""
+        if packet.size and not self._reordered:
+            encoded = EncodedImage(
+                codec=self._codec, data=bytes(packet), keyframe=packet.is_keyframe, number=self._count, stream=self._stream
+            )
+            self._count += 1
+            self._packets.append((packet.pts, encoded))
+            self._reordered = len(self._packets) > _MOST_PENDING
+
+    def of(self, frame: Any) -> EncodedImage | None:
+        """The packet of the frame that came out; packets before it gave none. None where packets are not in order of time."""
+        if self._reordered or all(pts != frame.pts for pts, _ in self._packets):
+            self._packets.clear()
+            self._reordered = True
+            return None
+        while self._packets:
+            pts, encoded = self._packets.popleft()
+            if pts == frame.pts:
+                return encoded
+        return None
+
+
+def with_earlier(frame: Frame, left_out: Sequence[Frame]) -> EncodedImage | None:
+    """The frame's packet, with those of frames that were left out since the last one."""
+    if frame.encoded is None:
+        return None
+    earlier = tuple((frame.t_ns - one.t_ns, one.encoded) for one in left_out if one.encoded is not None)
+    return replace(frame.encoded, earlier=earlier)
+
+
+def decoded_with_packets(container: Any, stream: Any, keep_encoded: bool) -> Iterator[tuple[Any, EncodedImage | None]]:
+    """Frames of a stream as they come, with their packets if `keep_encoded`."""
+    pending = PendingPackets(stream) if keep_encoded else None
+    for packet in container.demux(stream):
+        if pending is not None:
+            pending.add(packet)
+        for frame in packet.decode():
+            yield frame, pending.of(frame) if pending is not None else None
