@@ -38,7 +38,12 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.provenance import notes_of
 from posefuse.tracking import read_joint_centres
 
-SIDE_NAMES = {"mouth_left": "left_mouth", "mouth_right": "right_mouth", "left_big_toe": "left_foot_index", "right_big_toe": "right_foot_index"}
+SIDE_NAMES = {
+    "mouth_left": "left_mouth",
+    "mouth_right": "right_mouth",
+    "left_big_toe": "left_foot_index",
+    "right_big_toe": "right_foot_index",
+}
 K, BEGIN_NS, PERIOD_NS = len(BLAZEPOSE33), 1_700_000_000_000_000_000, 33_366_700
 # a person who looks along +x: (x, y, z) of the right side, metres
 RIGHT = {

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -14,12 +13,12 @@ class EncodedImage:
         codec: its name in FFmpeg, e.g. ``h264``. data: one packet.
         keyframe: can be decoded alone. number: counts the packets of the stream; others than keyframes need the one before.
         earlier: (ns before this frame, packet) of frames that were left out since the last one, oldest first.
-        stream: PyAV's description of the stream it came from, of this process only.
+        header: an .mp4 without frames that has the stream's parameters; empty where an .mp4 does not take such packets.
     """
 
     codec: str
     data: bytes
     keyframe: bool
     number: int
-    stream: Any = field(repr=False)
+    header: bytes
     earlier: tuple[tuple[int, EncodedImage], ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -23,10 +24,6 @@ _CONTAINER = {
 _ENCODING = {"preset": "ultrafast", "crf": "21", "threads": "1"}
 _KEYFRAME_EVERY = 60
 COPIED, ENCODED = "copied", "encoded"
-# codecs whose packets an .mp4 takes; all others are encoded
-_COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1", "mpeg4")
-# those whose decoder needs to be told its parameters before the first packet
-_NEED_PARAMETERS = ("h264", "hevc", "av1")
 
 
 class KeptVideo:
@@ -47,6 +44,8 @@ class KeptVideo:
         self._stream: Any = None
         if path.exists():
             raise InputError(f"{path}: is there already; no video is written over")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
         try:
             self._container: Any = av.open(str(path), "w", format="mp4", options=_CONTAINER)
         except (av.error.FFmpegError, OSError) as error:
@@ -92,11 +91,12 @@ class KeptVideo:
             raise InputError(f"{self.path}: cannot be finished ({error})") from None
 
     def _begin(self, frame: Frame) -> None:
-        self._size_wh, self._number = frame.size_wh, -1
+        self._size_wh, self._number = frame.size_wh, -2
         encoded = frame.encoded
-        if encoded is not None and can_copy(encoded):
+        if encoded is not None and encoded.header:
             self.how, self._codec = COPIED, encoded.codec
-            self._stream = self._container.add_stream_from_template(encoded.stream, opaque=True)
+            with av.open(io.BytesIO(encoded.header), format="mp4") as template:
+                self._stream = self._container.add_stream_from_template(template.streams.video[0], opaque=True)
         else:
             self.how = ENCODED
             self._stream = self._container.add_stream("libx264", rate=30, options=_ENCODING)
@@ -132,10 +132,3 @@ class KeptVideo:
         image.pts, image.time_base = t_us, TIME_BASE
         self._container.mux(self._stream.encode(image))
         self._last_us = t_us
-
-
-def can_copy(encoded: EncodedImage) -> bool:
-    """Whether packets of this camera can go to an .mp4 as they are."""
-    if encoded.codec not in _COPIED_CODECS:
-        return False
-    return encoded.codec not in _NEED_PARAMETERS or bool(encoded.stream.codec_context.extradata)
