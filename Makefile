@@ -7,7 +7,7 @@ SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(E
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
 
-.PHONY: help setup setup-core demo test test-slow fuzz check bench bench-live paper demo-clip pictures clean
+.PHONY: calibration-faults help setup setup-core demo test test-slow fuzz check bench bench-live paper demo-clip pictures clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
@@ -16,6 +16,7 @@ help:
 	@echo "make fuzz       some 4,000 damaged files for every reader and command; the table of docs/reliability.md"
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
+	@echo "make calibration-faults  constructed faults of calibrations, and what is answered to each"
 	@echo "make bench-live the figures of live tracking"
 	@echo "make paper      the paper's experiments: pages in out/paper, docs/accuracy.md"
 	@echo "make demo-clip  render the bundled clip anew with the simulator"
@@ -56,6 +57,9 @@ check: setup
 
 bench: setup
 	$(BIN)/python bench/run.py
+
+calibration-faults: setup
+	nice $(BIN)/python bench/calibration_faults.py --page docs/calibration_faults.md
 
 bench-live: setup
 	$(BIN)/python bench/run.py live live_tracking live_faults

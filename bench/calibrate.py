@@ -51,7 +51,15 @@ def ring(count: int, size_wh: tuple[int, int]) -> Rig:
         right = np.cross(ahead, [0, 0, 1.0])
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(ahead, right), ahead])
-        cameras.append(Camera(f"cam{i:02d}", size_wh, intrinsics, SE3.from_matrix(rotation, -rotation @ centre), LENS))
+        cameras.append(
+            Camera(
+                name=f"cam{i:02d}",
+                size_wh=size_wh,
+                K=intrinsics,
+                cam_from_world=SE3.from_matrix(rotation, -rotation @ centre),
+                distortion=LENS,
+            )
+        )
     return Rig(tuple(cameras))
 
 

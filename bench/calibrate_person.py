@@ -20,7 +20,7 @@ from posefuse.cli.calibrating.person_poses import person_in_videos
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, Rig
 from posefuse.detection.build import DetectorChoice
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.simulation.session import SessionPaths, simulate
 

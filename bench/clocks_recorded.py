@@ -28,7 +28,7 @@ from posefuse.calibration.person.views import person_views
 from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 from posefuse.core import CalibrationError, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.sources import VideoConfig
 

@@ -29,8 +29,11 @@ def measure(landmarks: str, streams: int, size_wh: tuple[int, int], known: bool,
     detector = BlazePoseConfig(landmarks=landmarks, streams=streams).build()
     rng = np.random.default_rng(0)
     shape = (size_wh[1], size_wh[0], 3)
-    frames = [Frame(f"cam{i}", 0, 0, 0, rng.integers(0, 255, shape, dtype=np.uint8)) for i in range(VIEWS)]
-    region = Region(np.array(size_wh) / 2, 0.8 * size_wh[1], 0.1)
+    frames = [
+        Frame(camera=f"cam{i}", seq=0, t_ns=0, received_ns=0, image=rng.integers(0, 255, shape, dtype=np.uint8))
+        for i in range(VIEWS)
+    ]
+    region = Region(centre_img=np.array(size_wh) / 2, side_px=0.8 * size_wh[1], angle_rad=0.1)
     regions = [[region] if known else None for _ in frames]
     wall, cpu = [], []
     for i in range(repeat + 3):

@@ -10,13 +10,11 @@ Bodies, motions and cameras are drawn for this purpose alone; none of them appea
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.optimize import minimize
 
 from posefuse.core import SKELETONS, Region
 from posefuse.core.skeleton import mirror_name
@@ -25,19 +23,11 @@ from posefuse.detection.blazepose.landmarks import landmarks_from_outputs
 from posefuse.detection.blazepose.network import Network
 from posefuse.detection.blazepose.noise import features
 from posefuse.detection.regions import crop_from_img, cut
+from posefuse.evaluation.fitting import is_rendered, render_everyday
+from posefuse.evaluation.fitting.log_sigma import fit_log_sigma
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.user_cache import default_cache_dir
 
-MOTIONS = [
-    {"kind": "squat", "period_s": 5.3},
-    {"kind": "reach", "side": "left", "period_s": 1.9},
-    {"kind": "walk", "path": {"shape": "line", "start_m": [-1.6, -0.9], "end_m": [1.5, 1.1]}, "speed_mps": 0.8},
-    {"kind": "idle", "sway": 2.0},
-    {"kind": "wave", "side": "left", "period_s": 2.3},
-    {"kind": "reach", "side": "right", "period_s": 2.3},
-    {"kind": "walk", "path": {"shape": "circle", "radius_m": 1.0, "clockwise": True}, "speed_mps": 0.7},
-    {"kind": "squat", "period_s": 3.7, "knee_flexion_deg": 115},
-]
 BODY, TRUE_BODY = SKELETONS["blazepose33"], SKELETONS["anatomical23"]
 SYNONYMS = {"left_big_toe": "left_foot_index", "right_big_toe": "right_foot_index"}
 THEIR_NAMES = [name for name in TRUE_BODY.keypoints if SYNONYMS.get(name, name) in BODY.keypoints]
@@ -47,7 +37,6 @@ OTHER_SIDE = [THEIR_NAMES.index(mirror_name(name)) for name in THEIR_NAMES]
 MOST_ERROR_PX = 15.0
 LEAST_PX, MOST_PX = 0.5, 40.0
 SCORE_BINS = [(0.0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01)]
-FLOORS = ("wood", "concrete", "tiles", "plain")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,47 +47,6 @@ class Samples:
     values: dict[str, np.ndarray]
     score: np.ndarray
     visible: np.ndarray
-
-
-def scene_settings(i: int) -> dict:
-    """One scene: its own body, motion, room, clutter and cameras."""
-    rng = np.random.default_rng(90_000 + i)
-    motion = dict(MOTIONS[i % len(MOTIONS)])
-    if motion["kind"] != "walk":
-        motion |= {"position_m": rng.uniform(-0.6, 0.6, 2).round(2).tolist(), "heading_deg": float(rng.integers(0, 360))}
-    cameras = {
-        "kind": "ring",
-        "count": 4,
-        "radius_m": round(rng.uniform(3.2, 5.5), 2),
-        "height_m": round(rng.uniform(1.0, 2.7), 2),
-        "first_angle_deg": float(rng.integers(0, 90)),
-        "image": {"size_px": [[640, 480], [1280, 720]][i % 2], "horizontal_fov_deg": float(rng.integers(58, 75))},
-        "sensor": {"noise_dn": 1.5},
-    }
-    clutter = [{"kind": "clutter", "count": 7, "area_m": [6, 6], "keep_clear_m": 0.9, "most_height_m": 1.3}] if i % 3 == 1 else []
-    return {
-        "duration_s": 8.0,
-        "rate_hz": 2.5,
-        "seed": 500 + i,
-        "cameras": cameras,
-        "people": [{"body": {"random_seed": 7000 + i}, "motion": motion}],
-        "occluders": clutter,
-        "room": {"floor": FLOORS[i % 4], "walls": ("office", "plain")[i // 2 % 2], "brightness": round(rng.uniform(0.7, 1.2), 2)},
-        "record": {"kind": "jpeg", "quality": 90},
-    }
-
-
-def render(out: Path, scenes: int) -> None:
-    from posefuse.foundation.settings import settings_from_mapping
-    from posefuse.simulation.scene import Scene
-    from posefuse.simulation.session import simulate
-
-    for i in range(scenes):
-        folder = out / f"scene{i:02d}"
-        if (folder / "truth" / "truth.npz").exists() and not (folder / "INCOMPLETE").exists():
-            continue
-        simulate(settings_from_mapping(scene_settings(i), Scene, where=f"scene {i}"), folder, processes=1)
-        print(f"{folder.name}: done", flush=True)
 
 
 def collect(folder: Path, network: Network, side_px: int) -> Samples:
@@ -113,7 +61,9 @@ def collect(folder: Path, network: Network, side_px: int) -> Samples:
             if region is None:
                 continue
             move, grow, turn = rng.normal(0, 0.02, 2) * region.side_px, rng.normal(0, 0.05), rng.normal(0, 0.06)
-            region = Region(region.centre_img + move, region.side_px * np.exp(grow), region.angle_rad + turn)
+            region = Region(
+                centre_img=region.centre_img + move, side_px=region.side_px * np.exp(grow), angle_rad=region.angle_rad + turn
+            )
             image = np.ascontiguousarray(cv2.imread(str(path))[..., ::-1])
             look = landmarks_from_outputs(*network([cut(image, region, side_px)]), len(BODY), side_px)
             affine = crop_from_img(region, side_px)
@@ -136,21 +86,7 @@ def stacked(samples: list[Samples]) -> Samples:
 def fit_weights(data: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Offsets (n,) and weights (F,) of greatest Gaussian likelihood; errors count as at most MOST_ERROR_PX."""
     design = np.stack([data.values[name] for name in data.values], axis=-1)
-    square = np.minimum((data.error_px**2).mean(-1), MOST_ERROR_PX**2)
-    count = square.shape[1]
-
-    def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        offset, weight = parameters[:count], parameters[count:]
-        log_sigma = offset + design @ weight
-        ratio = square * np.exp(-2 * log_sigma)
-        slope = 1 - ratio
-        gradient = np.concatenate([slope.mean(0), np.einsum("mk,mkf->f", slope, design) / len(square)])
-        return float((log_sigma + ratio / 2).mean(0).sum()), gradient
-
-    start = np.concatenate([np.full(count, 0.5), np.zeros(design.shape[-1])])
-    solved = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 2000})
-    # people are as good as their mirror images
-    return (solved.x[:count] + solved.x[:count][OTHER_SIDE]) / 2, solved.x[count:]
+    return fit_log_sigma(np.minimum((data.error_px**2).mean(-1), MOST_ERROR_PX**2), design, OTHER_SIDE)
 
 
 def sigma_of(data: Samples, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -211,9 +147,9 @@ def stand_in(name: str, known: dict[str, float]) -> float:
 def fit(out: Path, card_name: str) -> None:
     card = read_card(card_name)
     decoding = card.decoding
-    file = fetch(card, default_cache_dir(os.environ))
+    file = fetch(card, default_cache_dir())
     network = Network(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
-    folders = [f for f in sorted(out.glob("scene*")) if (f / "truth" / "truth.npz").exists() and not (f / "INCOMPLETE").exists()]
+    folders = [folder for folder in sorted(out.glob("scene*")) if is_rendered(folder)]
     samples = [collect(folder, network, card.input.side_px) for folder in folders]
     print(f"{len(folders)} scenes; each judged by a fit to the scenes of the other three quarters")
     kept, sigmas = [], []
@@ -237,7 +173,7 @@ def main() -> None:
     parser.add_argument("--card", default="blazepose_full", help="landmark network to fit")
     arguments = parser.parse_args()
     if arguments.step == "render":
-        render(arguments.out, arguments.scenes)
+        render_everyday(arguments.out, arguments.scenes, print)
     else:
         fit(arguments.out, arguments.card)
 

@@ -36,7 +36,15 @@ def ring(count: int) -> Rig:
         right = np.cross(forward, [0, 0, 1.0])
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera(f"cam{i:02d}", (1280, 720), intrinsics, SE3.from_matrix(rotation, -rotation @ centre), LENS))
+        cameras.append(
+            Camera(
+                name=f"cam{i:02d}",
+                size_wh=(1280, 720),
+                K=intrinsics,
+                cam_from_world=SE3.from_matrix(rotation, -rotation @ centre),
+                distortion=LENS,
+            )
+        )
     return Rig(tuple(cameras))
 
 
@@ -67,7 +75,18 @@ def single(repeat: int) -> list[dict[str, float | str | int]]:
     for cameras, bad in ((4, 0), (8, 0), (8, 4), (16, 0), (16, 4)):
         rig = ring(cameras)
         seen = list(zip(*scene(rig, 200, bad), strict=True))
-        views = [Views(0, BLAZEPOSE, rig.names, [0], *(part[None] for part in planes)) for planes in seen]
+        views = [
+            Views(
+                t_ns=0,
+                skeleton=BLAZEPOSE,
+                camera_names=rig.names,
+                person_id=[0],
+                xy_img=xy[None],
+                score=score[None],
+                sigma_px=sigma[None],
+            )
+            for xy, score, sigma in seen
+        ]
         for weights in ("score", "robust"):
             settings = FuseSettings(weights=weights)
             median, p99 = microseconds(triangulate, [(rig, *planes, weights) for planes in seen], repeat)

@@ -114,7 +114,14 @@ def exact_poses(exact: Truth) -> PoseSequence:
     shape = exact.xyz_world.shape[:3]
     cov = np.broadcast_to(np.eye(3) * 1e-10, (*shape, 3, 3))
     return PoseSequence(
-        exact.t_ns, exact.skeleton, exact.person_id, exact.xyz_world, cov, np.zeros(shape), np.full(shape, 4), np.ones(shape)
+        t_ns=exact.t_ns,
+        skeleton=exact.skeleton,
+        person_id=exact.person_id,
+        xyz_world=exact.xyz_world,
+        cov_world=cov,
+        reproj_px=np.zeros(shape),
+        n_views=np.full(shape, 4),
+        kind=np.ones(shape),
     )
 
 
@@ -122,9 +129,15 @@ def noisy(sequence: PoseSequence, sigma_m: float) -> PoseSequence:
     noise = np.random.default_rng(0).normal(size=sequence.xyz_world.shape) * sigma_m
     cov = np.broadcast_to(np.eye(3) * sigma_m**2, sequence.cov_world.shape)
     return PoseSequence(
-        sequence.t_ns, sequence.skeleton, sequence.person_id, sequence.xyz_world + noise, cov, sequence.reproj_px,
-        sequence.n_views, sequence.kind,
-    )  # fmt: skip
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=sequence.person_id,
+        xyz_world=sequence.xyz_world + noise,
+        cov_world=cov,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
+    )
 
 
 def with_joints(exact: Truth) -> JointAngles:

@@ -73,8 +73,9 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
             due_ns += period_ns
         for name in rig.names:
             c = views.camera_names.index(name.removesuffix(TWIN))
-            seen = (views.xy_img[i, :, c], views.score[i, :, c], views.sigma_px[i, :, c])
-            tracker.add(Detections2D(name, int(t_ns), views.skeleton, *seen, np.full((len(views.person_id), 4), np.nan)))
+            seen = {"xy_img": views.xy_img[i, :, c], "score": views.score[i, :, c], "sigma_px": views.sigma_px[i, :, c]}
+            box = np.full((len(views.person_id), 4), np.nan)
+            tracker.add(Detections2D(camera=name, t_ns=int(t_ns), skeleton=views.skeleton, box_img=box, **seen))
     return poses
 
 

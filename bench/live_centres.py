@@ -66,8 +66,9 @@ def live_poses(done: Tracked) -> Iterator[Pose3D]:
             yield tracker.at(due_ns)
             due_ns += period_ns
         for c, name in enumerate(rig.names):
-            seen = (views.xy_img[i, :, c], views.score[i, :, c], views.sigma_px[i, :, c])
-            tracker.add(Detections2D(name, int(t_ns), views.skeleton, *seen, np.full((len(views.person_id), 4), np.nan)))
+            seen = {"xy_img": views.xy_img[i, :, c], "score": views.score[i, :, c], "sigma_px": views.sigma_px[i, :, c]}
+            box = np.full((len(views.person_id), 4), np.nan)
+            tracker.add(Detections2D(camera=name, t_ns=int(t_ns), skeleton=views.skeleton, box_img=box, **seen))
 
 
 def compared(done: Tracked, poses: list[Pose3D], found: np.ndarray, truth: Truth, usual_s: float) -> list[dict]:

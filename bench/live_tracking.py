@@ -112,7 +112,15 @@ def view_of(camera: str, t_ns: int, skeleton: Skeleton, xy: np.ndarray, sigma_px
     """One person in one view."""
     k = len(skeleton)
     box = np.concatenate([xy.min(axis=0), xy.max(axis=0)])
-    return Detections2D(camera, t_ns, skeleton, xy[None], np.full((1, k), 0.9), np.full((1, k), sigma_px), box[None])
+    return Detections2D(
+        camera=camera,
+        t_ns=t_ns,
+        skeleton=skeleton,
+        xy_img=xy[None],
+        score=np.full((1, k), 0.9),
+        sigma_px=np.full((1, k), sigma_px),
+        box_img=box[None],
+    )
 
 
 def solver(rig: Rig) -> Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]:

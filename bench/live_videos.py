@@ -3,7 +3,7 @@
     python bench/live_videos.py [--session examples/demo] [--seconds 8] [--repeat 3] [--only-writing]
 
 Processor time per frame of 640 x 480 px, with the camera's own packets copied and with images encoded, measured alone; then the
-share of frames that a session of four such cameras at 30 frames/s uses, with and without ``--videos``, in turns, so that a machine
+share of frames that a session of four such cameras at 30 frames/s uses, with and without ``--videos``, in turns: so a machine
 that others use does not favour one of them. A table on stderr, one JSON object on stdout.
 """
 

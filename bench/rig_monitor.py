@@ -295,8 +295,16 @@ def error_mm(clip: Clip, xy_img: np.ndarray, left_out: int | None = None) -> flo
         score[:, left_out] = 0.0
     apart = []
     for i in range(0, len(clip.t_s), 5):
-        seen = (np.where((score[i] > 0)[..., None], xy_img[i], np.nan)[None], score[i][None], clip.sigma_px[i][None])
-        pose = fuse(Views(i, clip.skeleton, clip.rig.names, np.zeros(1, np.int64), *seen), clip.rig, FuseSettings())
+        views = Views(
+            t_ns=i,
+            skeleton=clip.skeleton,
+            camera_names=clip.rig.names,
+            person_id=np.zeros(1, np.int64),
+            xy_img=np.where((score[i] > 0)[..., None], xy_img[i], np.nan)[None],
+            score=score[i][None],
+            sigma_px=clip.sigma_px[i][None],
+        )
+        pose = fuse(views, clip.rig, FuseSettings())
         got = pick_keypoints(pose.xyz_world[0], clip.skeleton, PAPER14.keypoints)
         apart.append(np.linalg.norm(got - clip.true14_world[i], axis=-1))
     return 1e3 * float(np.nanmean(apart))

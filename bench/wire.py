@@ -41,13 +41,22 @@ def a_pose(people: int) -> Pose3D:
     xyz = np.random.default_rng(0).normal(size=(people, k, 3))
     cov = np.tile(np.eye(3) * 1e-4, (people, k, 1, 1))
     shape = (people, k)
-    return Pose3D(time.time_ns(), SKELETON, np.arange(people), xyz, cov, np.ones(shape), np.full(shape, 4), np.ones(shape))
+    return Pose3D(
+        t_ns=time.time_ns(),
+        skeleton=SKELETON,
+        person_id=np.arange(people),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=np.ones(shape),
+    )
 
 
 def a_rig() -> Rig:
     """One camera, for the view messages."""
     intrinsics = np.array([[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1.0]])
-    return Rig((Camera("cam", (640, 480), intrinsics, SE3.from_rotvec([0, 0, 0], [0, 0, 4.0])),))
+    return Rig((Camera(name="cam", size_wh=(640, 480), K=intrinsics, cam_from_world=SE3.from_rotvec([0, 0, 0], [0, 0, 4.0])),))
 
 
 def steadily(seconds: float, step) -> None:

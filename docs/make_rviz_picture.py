@@ -104,7 +104,14 @@ def pose(t_ns: int, xyz_world: np.ndarray) -> Pose3D:
     shape = xyz_world.shape[:2]
     cov = np.tile(np.eye(3) * 1e-4, (*shape, 1, 1))
     return Pose3D(
-        t_ns, SKELETONS["coco17"], np.arange(1, 1 + shape[0]), xyz_world, cov, np.ones(shape), np.full(shape, 4), np.ones(shape)
+        t_ns=t_ns,
+        skeleton=SKELETONS["coco17"],
+        person_id=np.arange(1, 1 + shape[0]),
+        xyz_world=xyz_world,
+        cov_world=cov,
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=np.ones(shape),
     )
 
 
@@ -120,7 +127,11 @@ def four_cameras() -> Rig:
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
         intrinsics = np.array([[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1.0]])
-        cameras.append(Camera(f"cam{i + 1}", (640, 480), intrinsics, SE3.from_matrix(rotation, -rotation @ centre)))
+        cameras.append(
+            Camera(
+                name=f"cam{i + 1}", size_wh=(640, 480), K=intrinsics, cam_from_world=SE3.from_matrix(rotation, -rotation @ centre)
+            )
+        )
     return Rig(tuple(cameras))
 
 

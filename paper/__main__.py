@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from paper.experiments.command import EXPERIMENTS, experiment
@@ -12,8 +13,8 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import PosefuseError
 
 
-def main() -> int:
-    """Render, detect, fuse, compare with the truth, write a page and its figures."""
+def main(words: Sequence[str] | None = None) -> int:
+    """Render, detect, fuse, compare with the truth, write a page and its figures; `words` stand for the command line."""
     parser = argparse.ArgumentParser(prog="python -m paper", description=main.__doc__)
     parser.add_argument("name", choices=(*EXPERIMENTS, "all"), help="which experiment; all: every one, and a summary")
     parser.add_argument("--out", type=Path, default=Path("out/paper"), metavar="DIR", help="pages and figures; default out/paper")
@@ -26,7 +27,7 @@ def main() -> int:
     add_networks(parser)
     parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
     parser.add_argument("--json", action="store_true", help="figures as one JSON object on stdout")
-    args = parser.parse_args()
+    args = parser.parse_args(words)
     terminal = Terminal(as_json=args.json)
     try:
         terminal.figures(dict(experiment(args, terminal)))

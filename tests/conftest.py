@@ -1,7 +1,12 @@
 """Fixtures every room's tests share."""
 
+import base64
+import gzip
+import json
 from collections.abc import Callable
+from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +50,9 @@ def _ring_rig(
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
         pose = SE3.from_matrix(rotation, -rotation @ centre)
-        cameras.append(Camera(f"cam{i:02d}", size_wh, intrinsics, pose, np.array(distortion)))
+        cameras.append(
+            Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=np.array(distortion))
+        )
     return Rig(tuple(cameras), world_set_by="test")
 
 
@@ -58,12 +65,93 @@ def demo_session() -> Path:
 @pytest.fixture(scope="session")
 def models() -> None:
     """The networks are there, fetched once; without them and without a network the tests that look at images skip, by name."""
-    import os
 
     from posefuse.core import ModelError
     from posefuse.detection import default_cards, fetch_all
 
     try:
-        fetch_all(default_cards(), default_cache_dir(os.environ))
+        fetch_all(default_cards(), default_cache_dir())
     except ModelError as error:
         pytest.skip(f"the networks cannot be had: {error}")
+
+
+@pytest.fixture(scope="session")
+def read_page() -> Callable[[Path], "PageReader"]:
+    """Parser of a page of `posefuse.formats.page`: checks that it is whole and stands alone, and says what it shows."""
+    return PageReader
+
+
+class PageReader(HTMLParser):
+    """What a page shows.
+
+    Attributes:
+        text: all visible text. headings: texts of h1 to h4. tables: rows of cell texts. images: addresses.
+        data: what the page's script draws, arrays unpacked. classes: of every cell with one, by its text.
+    """
+
+    VOID = ("meta", "img", "input", "br")
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.headings: list[str] = []
+        self.tables: list[list[list[str]]] = []
+        self.images: list[str] = []
+        self.classes: dict[str, str] = {}
+        self._open: list[tuple[str, dict[str, str | None]]] = []
+        self._words: list[str] = []
+        self._data = ""
+        self.feed(path.read_text(encoding="utf-8"))
+        assert self._open == []
+        self.text = " ".join(self._words)
+        self.data = _unpacked(json.loads(gzip.decompress(base64.b64decode(self._data)))) if self._data else {}
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        for key in ("src", "href"):
+            assert (found.get(key) or "data:").startswith("data:"), f"the page needs another file: {found[key]}"
+        if tag == "img":
+            self.images.append(found["src"] or "")
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+        if tag in ("th", "td"):
+            self.tables[-1][-1].append("")
+        if tag in ("h1", "h2", "h3", "h4"):
+            self.headings.append("")
+        if tag not in self.VOID:
+            self._open.append((tag, found))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open and self._open.pop()[0] == tag, f"</{tag}> closes something else"
+
+    def handle_data(self, data: str) -> None:
+        tag, found = self._open[-1] if self._open else ("", {})
+        if found.get("id") == "page-data":
+            self._data = data
+        if tag in ("script", "style") or not data.strip():
+            return
+        self._words.append(data)
+        if tag in ("th", "td"):
+            self.tables[-1][-1][-1] += data
+            if found.get("class"):
+                self.classes[data] = found["class"] or ""
+        if tag in ("h1", "h2", "h3", "h4"):
+            self.headings[-1] += data
+
+    def plot(self, title: str) -> dict[str, Any]:
+        """The first plot of this title."""
+        return next(plot for plot in self.data["plots"] if plot["title"] == title)
+
+
+def _unpacked(data: dict[str, Any]) -> dict[str, Any]:
+    """The page's data with the arrays in place of their numbers."""
+    from posefuse.formats.page.packing import unpacked
+
+    arrays = [unpacked(one) for one in data["arrays"]]
+    for plot in data["plots"]:
+        for series in plot["series"]:
+            series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high", "width") if key in series}
+            if "width" in series:
+                series["high"] = series["low"] + series.pop("width")
+    return data

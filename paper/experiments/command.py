@@ -6,12 +6,14 @@ import argparse
 import importlib
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
 from posefuse.cli.terminal import Terminal
+from posefuse.formats.page import Facts, Heading, write_page
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.growing_folder import growing_folder
 from posefuse.foundation.plain_values import plain
@@ -59,9 +61,8 @@ def _one(name: str, context: Context, out: Path) -> list[Path]:
     module = importlib.import_module(f"paper.experiments.{name}")
     outcome = module.run(context)
     facts = about(context)
-    outcome.page.section("How it was made")
-    outcome.page.facts(facts)
-    page = outcome.page.write(out / f"{name}.html")
+    blocks = [*outcome.page.blocks, Heading("How it was made"), Facts(facts)]
+    page = write_page(out / f"{name}.html", replace(outcome.page, blocks=blocks))
     figures = out / f"{name}.json"
     with atomic_file(figures) as beside:
         content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}

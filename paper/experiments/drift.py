@@ -8,11 +8,11 @@ import numpy as np
 
 from paper.scenes.drift import drift
 from paper.scenes.inertial import SENSORS, SuitNoise, suit_joints
-from paper.scenes.page import Line, Page, plot
 from paper.scenes.scenes import PATHS, path_scene
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plot, Plots, Table
 
 from .moments import pictures
 from .runs import Context, Outcome, run_scene
@@ -25,15 +25,16 @@ _PELVIS = PAPER14.keypoints.index("mid_hip")
 
 def run(context: Context) -> Outcome:
     """Pelvis of all three paths from cameras and from the suit."""
-    page = Page("Drift: cameras beside an inertial suit")
     noise = SuitNoise()
-    page.section(
-        "The suit",
-        f"{SENSORS} sensors simulated from the truth; it chains segments from the standing foot (zero-velocity updates). Errors "
-        "as published for such sensors, see paper/scenes/inertial.py. Drawn: the run of median drift of "
-        f"{_SUIT_SEEDS} suits.",
-    )
-    page.facts({name: f"{value:g}" for name, value in vars(noise).items()})
+    blocks: list[Block] = [
+        Heading(
+            "The suit",
+            f"{SENSORS} sensors simulated from the truth; it chains segments from the standing foot (zero-velocity updates). "
+            "Errors as published for such sensors, see paper/scenes/inertial.py. Drawn: the run of median drift of "
+            f"{_SUIT_SEEDS} suits.",
+        ),
+        Facts({name: f"{value:g}" for name, value in vars(noise).items()}),
+    ]
     figures: dict[str, Any] = {"paths": {}, "suit": vars(noise), "suits": _SUIT_SEEDS}
     for path in PATHS:
         done = run_scene(f"drift-{path}", path_scene(path, _QUICK_S if context.quick else _FULL_S), context)
@@ -62,38 +63,47 @@ def run(context: Context) -> Outcome:
             },
         }
         rate_hz = 1e9 / np.median(np.diff(truth.t_ns))
-        page.section(
-            path.replace("_", " "),
-            f"{vision.walked_m[-1]:.0f} m in {t_ns[-1] / 1e9:.0f} s, cameras at {rate_hz:.0f} Hz (drift is error over way "
-            "walked, so their rate does not matter).",
-        )
-        page.plots(_drawn(true, seen, exact, suit, (t_ns - t_ns[0]) / 1e9, (truth.t_ns - truth.t_ns[0]) / 1e9, vision, worn))
-        page.pictures(pictures(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380))
+        drawn = _drawn(true, seen, exact, suit, (t_ns - t_ns[0]) / 1e9, (truth.t_ns - truth.t_ns[0]) / 1e9, vision, worn)
+        blocks += [
+            Heading(
+                path.replace("_", " "),
+                f"{vision.walked_m[-1]:.0f} m in {t_ns[-1] / 1e9:.0f} s, cameras at {rate_hz:.0f} Hz (drift is error over "
+                "distance walked, so their rate does not matter).",
+            ),
+            Plots(drawn),
+            Images(pictures(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380)),
+        ]
     rows = [
         [path.replace("_", " "), one["distance_m"], one["vision"]["drift_mm_per_m"], one["suit"]["drift_mm_per_m"],
          1000 * one["vision"]["end_m"], 1000 * one["suit"]["end_m"]]
         for path, one in figures["paths"].items()
     ]  # fmt: skip
-    page.section(
-        "Summary", "Level distance of the pelvis from the truth; drift is the slope of that distance over the way walked."
-    )
-    page.table(["path", "walked m", "cameras mm/m", "suit mm/m", "cameras: end mm", "suit: end mm"], rows)
-    return Outcome(figures, page)
+    blocks += [
+        Heading(
+            "Summary", "Horizontal distance of the pelvis from the truth; drift is the slope of that over the distance walked."
+        ),
+        Table(["path", "walked m", "cameras mm/m", "suit mm/m", "cameras: end mm", "suit: end mm"], rows),
+    ]
+    return Outcome(figures, Page("Drift: cameras compared with an inertial suit", blocks))
 
 
-def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit_s: Array, vision: Any, worn: Any) -> list[str]:
+def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit_s: Array, vision: Any, worn: Any) -> list[Plot]:
     over_time = [
-        plot(
+        Plot(
             f"{name} over time",
-            "s",
-            "m",
             [Line("truth", suit_s, exact[:, a]), Line("cameras", t_s, seen[:, a]), Line("suit", suit_s, suit[:, a])],
+            x_label="s",
+            y_label="m",
         )
         for a, name in enumerate("xy")
     ]
-    way = [Line("truth", true[:, 0], true[:, 1]), Line("cameras", seen[:, 0], seen[:, 1]), Line("suit", suit[:, 0], suit[:, 1])]
+    paths = [Line(name, xyz[:, 0], xyz[:, 1]) for name, xyz in (("truth", true), ("cameras", seen), ("suit", suit))]
     error = [
-        Line("cameras", vision.walked_m, 1000 * vision.error_m, colour=1),
-        Line("suit", worn.walked_m, 1000 * worn.error_m, colour=2),
+        Line("cameras", vision.walked_m, 1000 * vision.error_m, colour="c1"),
+        Line("suit", worn.walked_m, 1000 * worn.error_m, colour="c2"),
     ]
-    return [plot("From above", "x, m", "m", way, equal=True), *over_time, plot("Error", "m walked", "mm", error, from_zero=True)]
+    return [
+        Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
+        *over_time,
+        Plot("Error", error, x_label="distance walked, m", y_label="mm", from_zero=True),
+    ]

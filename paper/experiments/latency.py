@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from paper.scenes import paper
-from paper.scenes.page import Line, Page, plot
 from paper.scenes.scenes import walking_scene
 from posefuse.core.arrays import Array
+from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots, Table
 from posefuse.formats.video import read_video
 from posefuse.pipeline.clock import StageClock
 from posefuse.simulation.session import SessionPaths
 
-from .live_page import live_figures, show_live, spread
+from .live_page import live_blocks, live_figures, spread
 from .live_times import live_times
 from .runs import Context, Outcome, rendered, run_scene
 
@@ -50,15 +50,15 @@ def run(context: Context) -> Outcome:
     """The walking session, live at the pace of the clock, and as fast as the recorded pipeline goes."""
     scene = walking_scene(1, _QUICK_S if context.quick else _FULL_S)
     folder = rendered("walking-1", scene, context)
-    page = Page("Latency")
+    blocks: list[Block] = []
     live = live_times(folder, context, _QUICK_S if context.quick else _LIVE_S)
     alone_ms = {name: decode_ms(SessionPaths(folder).film(name)) for name in live.cameras}
     figures: dict[str, Any] = {"live": live_figures(live, alone_ms)}
-    show_live(page, live, figures["live"])
+    blocks += live_blocks(live, figures["live"])
     clock = SpikeClock()
     done = run_scene("walking-1", scene, context, clock)
-    figures |= show_recorded(page, clock, len(done.recording.rig))
-    return Outcome(figures, page)
+    recorded, shown = recorded_blocks(clock, len(done.recording.rig))
+    return Outcome(figures | recorded, Page("Latency", [*blocks, *shown]))
 
 
 def decode_ms(film: Path) -> float:
@@ -68,8 +68,8 @@ def decode_ms(film: Path) -> float:
     return 1000 * (time.perf_counter() - began_s) / max(count, 1)
 
 
-def show_recorded(page: Page, clock: SpikeClock, cameras: int) -> dict[str, Any]:
-    """Table, bars and spikes of the recorded pipeline's instants; returns the figures."""
+def recorded_blocks(clock: SpikeClock, cameras: int) -> tuple[dict[str, Any], list[Block]]:
+    """Figures of the recorded pipeline, and a table and plots of its time steps."""
     spans = {stage: np.array([(begin, took) for name, begin, took in clock.spans if name == stage]) for stage in _STAGES}
     per_instant = {stage: 1000 * _per_instant(spans[stage], spans["decode"][:, 0]) for stage in _STAGES}
     total = np.sum(list(per_instant.values()), axis=0)
@@ -88,24 +88,26 @@ def show_recorded(page: Page, clock: SpikeClock, cameras: int) -> dict[str, Any]
         "instants_per_s": float(1000 / total.mean()),
         "paper_ms": {"capture": paper.CAPTURE_MS, "2D pose": list(paper.DETECT_MS), "triangulation": paper.TRIANGULATE_MS},
     }
-    page.section(
-        "Recorded: time per stage",
-        "The same images as `posefuse track` takes them, all cameras of one instant together and as fast as it goes: no capture, "
-        "and decoding runs ahead in threads, so its time is what is left to wait for. The second pass (track: names sides, "
-        "moves to joint centres, smooths) has all of time at once; its time is shared out among the instants.",
-    )
     rows = [[name, *spread_ms.values()] for name, spread_ms in figures["stages_ms"].items()]
     rows.append(["track: second pass", None, figures["second_pass_ms"], None, None])
-    page.table(["stage", "median ms", "mean ms", "p95 ms", "most ms"], rows)
-    page.facts({"instants per second": figures["instants_per_s"]})
     instants = np.arange(len(total), dtype=float)
-    page.plots(
-        [
-            plot("Spikes", "s of the run", "ms", _spikes(spans)),
-            plot("Every instant", "instant", "ms", [Line(k, instants, v) for k, v in per_instant.items()], from_zero=True),
-        ]
-    )
-    return figures
+    every = [Line(name, instants, ms) for name, ms in per_instant.items()]
+    return figures, [
+        Heading(
+            "Recorded: time per stage",
+            "The same images as `posefuse track` takes them, all cameras of one time step together and as fast as possible: no "
+            "capture, and decoding runs ahead in threads, so its time is the remaining wait. The second pass (track: left/right "
+            "swap correction, joint centres, smoothing) takes the whole recording at once; its time is shared by all steps.",
+        ),
+        Table(["stage", "median ms", "mean ms", "p95 ms", "most ms"], rows),
+        Facts({"time steps per second": figures["instants_per_s"]}),
+        Plots(
+            [
+                Plot("Spikes", _spikes(spans), x_label="s of the run", y_label="ms"),
+                Plot("Every time step", every, x_label="time step", y_label="ms", from_zero=True),
+            ]
+        ),
+    ]
 
 
 def _per_instant(spans: Array, begins_s: Array) -> Array:

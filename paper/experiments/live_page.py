@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from paper.scenes import paper
-from paper.scenes.page import Line, Page, bars, plot
 from posefuse.core.arrays import Array
+from posefuse.formats.page import Bars, Block, Facts, Heading, Line, Plot, Plots, Spikes, Table
 
 from .live_times import SETTLED_S, STAGES, LiveTimes
 
 _SPIKES_S = 1.0
 _TEXT = (
-    "The film of every camera played at the pace of the clock into `posefuse live`; every view is stamped on one clock. capture: "
-    "from mid-exposure until the decoded image is in its process (decoding included; a real camera adds reading out and "
-    "transport). wait: for the 2D estimator to be free. 2D: the estimator. fuse, track: to the fusion's process and into the "
-    "tracker, which takes views one by one. output: until the next beat of 100 Hz has its pose. send: until another program has "
-    f"it, by UDP. The first {SETTLED_S:g} s, in which the person is looked for, are left out."
+    "The video of every camera, played in real time into `posefuse live`; every view is stamped on one clock. capture: from "
+    "mid-exposure until the decoded image is in its process (decoding included; a real camera adds readout and transport). "
+    "wait: for the detector to be free. 2D: the detector. fuse, track: to the fusion process and into the tracker, which takes "
+    "views one by one. output: until the next output tick (100 Hz) has its pose. send: until another program has received it by "
+    f"UDP. The first {SETTLED_S:g} s, in which the person is searched for, are left out."
 )
 
 
@@ -44,53 +44,61 @@ def live_figures(live: LiveTimes, alone_ms: Mapping[str, float]) -> dict[str, An
     return {"used_share": live.used_share, "output_hz": live.output_hz, "all_cameras_ms": together, "cameras": cameras}
 
 
-def show_live(page: Page, live: LiveTimes, figures: Mapping[str, Any]) -> None:
+def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
     """Averages per camera as table and bars, spikes over time."""
     cameras = figures["cameras"]
-    page.section("Live: from exposure to another program, averages per camera", _TEXT)
-    page.table(
-        ["mean ms", *STAGES, "end to end", "p95", "most", "views", "decoding alone"],
-        [
-            [name, *_means(one), *(one["total_ms"][key] for key in ("mean", "p95", "most")), one["views"], one["decode_alone_ms"]]
-            for name, one in cameras.items()
-        ],
-    )
-    page.facts(
-        {
-            "views used": f"{100 * live.used_share:.0f} % of the frames; when the processor is busy the newest frame wins",
-            "poses": f"{live.output_hz:.1f} per second (paper: {paper.OUTPUT_HZ:g})",
-            "paper: capture": f"{paper.CAPTURE_MS:g} ms, a whole period of its cameras",
-            "paper: 2D pose": f"{paper.DETECT_MS[0]:g} to {paper.DETECT_MS[1]:g} ms on three GPUs",
-            "paper: triangulation": f"< {paper.TRIANGULATE_MS:g} ms",
-        }
-    )
     theirs = {
         f"paper, {name} GPU": [paper.CAPTURE_MS, 0.0, ms, paper.TRIANGULATE_MS, 0.0, 0.0]
         for name, ms in zip(("best", "slowest"), paper.DETECT_MS, strict=True)
     }
-    page.plots([bars("Averages per camera", "ms", {name: _means(one) for name, one in cameras.items()} | theirs, STAGES)])
+    bars = Bars(STAGES, {name: _means(one) for name, one in cameras.items()} | theirs)
+    return [
+        Heading("Live: from exposure to another program, averages per camera", _TEXT),
+        Table(
+            ["mean ms", *STAGES, "end to end", "p95", "most", "views", "decoding alone"],
+            [
+                [name, *_means(one), *(one["total_ms"][key] for key in ("mean", "p95", "most")), one["views"],
+                 one["decode_alone_ms"]]
+                for name, one in cameras.items()
+            ],
+        ),
+        Facts(
+            {
+                "views used": f"{100 * live.used_share:.0f} % of the frames; when the processor is busy the newest frame wins",
+                "poses": f"{live.output_hz:.1f} per second (paper: {paper.OUTPUT_HZ:g})",
+                "paper: capture": f"{paper.CAPTURE_MS:g} ms, a whole period of its cameras",
+                "paper: 2D pose": f"{paper.DETECT_MS[0]:g} to {paper.DETECT_MS[1]:g} ms on three GPUs",
+                "paper: triangulation": f"< {paper.TRIANGULATE_MS:g} ms",
+            }
+        ),
+        Plots([Plot("Averages per camera", [bars], x_label="ms", y_label="", wide=True)]),
+        Heading(
+            "Live: spikes over time",
+            "One spike per view, at its exposure and as high as its latency, its stages on top of each other; one second in the "
+            "middle.",
+        ),
+        Plots(_spike_plots(live)),
+    ]  # fmt: skip
+
+
+def _spike_plots(live: LiveTimes) -> list[Plot]:
     middle_s = float(np.median(live.passed_s[:, 0]))
-    page.section(
-        "Live: spikes over time",
-        "One spike per view, at its exposure and as high as it is late, its stages on top of each other; a second in the middle.",
-    )
     near = np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2
     window = (middle_s - _SPIKES_S / 2, middle_s + _SPIKES_S / 2, 0.0, 1.05 * float(live.total_ms[near].max()))
-    spikes = [plot(name, "s", "ms", view_spikes(live, c, middle_s), window=window) for c, name in enumerate(live.cameras)]
-    page.plots([*spikes, plot("Exposure to another program, the whole run", "s", "ms", _totals(live), from_zero=True, wide=True)])
+    plots = [
+        Plot(name, view_spikes(live, c, middle_s), x_label="s", y_label="ms", window=window)
+        for c, name in enumerate(live.cameras)
+    ]
+    whole = "Exposure to another program, the whole run"
+    return [*plots, Plot(whole, _totals(live), x_label="s", y_label="ms", from_zero=True, wide=True)]
 
 
-def view_spikes(live: LiveTimes, camera: int, middle_s: float) -> list[Line]:
-    """One line per stage: its part of every spike of a camera within a second."""
+def view_spikes(live: LiveTimes, camera: int, middle_s: float) -> list[Spikes]:
+    """Per stage, its part of every spike of a camera within a second."""
     near = (live.camera == camera) & (np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2)
     passed_s = live.passed_s[near]
     late_ms = 1000 * (passed_s - passed_s[:, :1])
-    gap = np.full(len(passed_s), np.nan)
-    x = np.stack([passed_s[:, 0], passed_s[:, 0], gap], axis=1).ravel()
-    return [
-        Line(stage, x, np.stack([late_ms[:, s], late_ms[:, s + 1], gap], axis=1).ravel(), spikes=True)
-        for s, stage in enumerate(STAGES)
-    ]
+    return [Spikes(stage, passed_s[:, 0], late_ms[:, s], late_ms[:, s + 1]) for s, stage in enumerate(STAGES)]
 
 
 def spread(ms: Array) -> dict[str, float]:

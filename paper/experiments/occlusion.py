@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from paper.scenes.inertial import SuitNoise, suit_joints
-from paper.scenes.page import Page
 from paper.scenes.scenes import HALF_HIDDEN, HIDDEN_JOINTS, half_hidden_scene
 from posefuse.core import Truth
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import JointErrors, summary, typical_nees
+from posefuse.formats.page import Block, Facts, Heading, Images, Page, Plots, Table
 
 from .moments import pictures
 from .runs import Context, Outcome, best_errors, run_scene
@@ -31,19 +31,22 @@ _FOLLOWED = "left_wrist"
 
 def run(context: Context) -> Outcome:
     """Errors of every joint with nothing in the way, screens, and false arms; the suit beside them."""
-    page = Page("Half of the body hidden: cameras beside an inertial suit")
-    page.section(
-        "What is measured",
-        "Somebody waves with the left arm amid four cameras in the corners of a room of 6 m x 7 m. A suit minds no screen; its "
-        f"column is of {_SUIT_SEEDS} suits, whose errors are those of the drift experiment. {LANDMARKS}",
-    )
-    figures: dict[str, Any] = {case: _case(case, context, page) for case in HALF_HIDDEN}
-    page.section("Summary", "Mean error in mm over what the screens hide (left arm and leg), and over the other joints.")
-    page.table(["case", "", *figures["free"]["columns"]], summary_rows(figures))
-    return Outcome(figures, page)
+    blocks: list[Block] = [
+        Heading(
+            "What is measured",
+            "A person waves with the left arm between four cameras in the corners of a room of 6 m x 7 m. Screens do not affect "
+            f"a suit; its column is of {_SUIT_SEEDS} suits, whose errors are those of the drift experiment. {LANDMARKS}",
+        )
+    ]
+    figures: dict[str, Any] = {case: _case(case, context, blocks) for case in HALF_HIDDEN}
+    blocks += [
+        Heading("Summary", "Mean error in mm over what the screens hide (left arm and leg), and over the other joints."),
+        Table(["case", "", *figures["free"]["columns"]], summary_rows(figures)),
+    ]
+    return Outcome(figures, Page("Half of the body hidden: cameras compared with an inertial suit", blocks))
 
 
-def _case(case: str, context: Context, page: Page) -> dict[str, Any]:
+def _case(case: str, context: Context, blocks: list[Block]) -> dict[str, Any]:
     scene = half_hidden_scene(case, _QUICK_S if context.quick else _FULL_S)
     done = run_scene(f"occlusion-{case}", scene, context)
     errors = {
@@ -53,17 +56,19 @@ def _case(case: str, context: Context, page: Page) -> dict[str, Any]:
         "suit": _suit_errors(done.truth),
     }
     columns = {name: errors_row(error) for name, error in errors.items()}
-    page.section(TITLES[case])
-    page.table(*joint_rows(columns, {}))
     nees = {
         "left arm and leg": typical_nees(done.recording.poses, done.truth, HIDDEN_JOINTS),
         "right arm and leg": typical_nees(done.recording.poses, done.truth, [j.replace("left", "right") for j in HIDDEN_JOINTS]),
     }
-    page.facts({f"stated uncertainty, {part} (typical NEES; 3 is right)": f"{value:.1f}" for part, value in nees.items()})
     followed = {"estimate": done.recording.poses, "weights all": done.poses("all", smoothed=False, centred=False)}
-    page.plots(trajectories(done, (_FOLLOWED,), followed, scene.duration_s))
     middle = len(done.recording.poses) // 2
-    page.pictures({k: v for c in range(len(done.recording.rig)) for k, v in pictures(done, c, [middle], 400).items()})
+    blocks += [
+        Heading(TITLES[case]),
+        Table(*joint_rows(columns, {})),
+        Facts({f"stated uncertainty, {part} (typical NEES; 3 is right)": f"{value:.1f}" for part, value in nees.items()}),
+        Plots(trajectories(done, (_FOLLOWED,), followed, scene.duration_s)),
+        Images({k: v for c in range(len(done.recording.rig)) for k, v in pictures(done, c, [middle], 400).items()}),
+    ]
     return {"columns": columns, "nees": nees}
 
 

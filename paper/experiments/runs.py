@@ -9,12 +9,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from paper.scenes.page import Page
 from paper.scenes.scenes import scene_name
 from posefuse import __version__
 from posefuse.cli.terminal import Terminal
 from posefuse.core import PoseSequence, Recording, Truth
 from posefuse.evaluation.metrics import JointErrors, joint_errors
+from posefuse.formats.page import Page
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.platform import usable_cores
 from posefuse.pipeline.clock import StageClock

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from paper.scenes import paper
-from paper.scenes.page import Page
 from paper.scenes.scenes import CHECK_SEEDS, static_scene
 from posefuse.evaluation.metrics import JointErrors
+from posefuse.formats.page import Block, Heading, Images, Page, Table
 
 from .moments import pictures
 from .runs import Context, Outcome, Run, best_errors, run_scene
@@ -22,13 +22,14 @@ _QUICK_S, _FULL_S, _CHECK_S = 0.3, 3.0, 1.0
 
 def run(context: Context) -> Outcome:
     """Both cases with every weighting, and with other bodies as a check."""
-    page = Page("Static accuracy: what weights do")
-    page.section(
-        "What is measured",
-        "T-pose amid eight cameras on a circle of 4.5 m. Nothing moves: instants differ by sensor noise and coding alone, so ± "
-        "is how steady an estimate is, and a longer take would say the same. What one body in one posture says of others is "
-        "another matter: see the other bodies below.",
-    )
+    blocks: list[Block] = [
+        Heading(
+            "What is measured",
+            "T-pose between eight cameras on a circle of 4.5 m. Nothing moves: time steps differ by sensor noise and coding, "
+            "so ± is the repeatability of an estimate, and a longer recording gives the same. One body in one posture does not "
+            "stand for others: see the other bodies below.",
+        )
+    ]
     figures: dict[str, Any] = {}
     for case, title in TITLES.items():
         scene = static_scene(case == "occluded", 1, _QUICK_S if context.quick else _FULL_S)
@@ -36,13 +37,15 @@ def run(context: Context) -> Outcome:
         best = best_errors(f"static-{case}-1", scene, context)
         columns = {name: errors_row(errors) for name, errors in (_columns(done) | best).items()}
         figures[case] = columns
-        page.section(title, f"{len(done.recording.poses)} instants. {LANDMARKS}")
-        page.table(*joint_rows(columns, paper.STATIC[case]))
         around = [place * len(done.recording.rig) // 8 for place in (0, 3, 6)]
-        page.pictures({k: v for c in around for k, v in pictures(done, c, [0], 400).items()})
+        blocks += [
+            Heading(title, f"{len(done.recording.poses)} time steps. {LANDMARKS}"),
+            Table(*joint_rows(columns, paper.STATIC[case])),
+            Images({k: v for c in around for k, v in pictures(done, c, [0], 400).items()}),
+        ]
     if not context.quick:
-        figures["check"] = _check(context, page)
-    return Outcome(figures, page)
+        figures["check"] = _check(context, blocks)
+    return Outcome(figures, Page("Static accuracy: what weights do", blocks))
 
 
 def _columns(done: Run) -> dict[str, JointErrors]:
@@ -53,7 +56,7 @@ def _columns(done: Run) -> dict[str, JointErrors]:
     }
 
 
-def _check(context: Context, page: Page) -> dict[str, Any]:
+def _check(context: Context, blocks: list[Block]) -> dict[str, Any]:
     """The default on other bodies and other clutter."""
     found: dict[str, Any] = {case: {} for case in TITLES}
     for seed in CHECK_SEEDS:
@@ -63,7 +66,9 @@ def _check(context: Context, page: Page) -> dict[str, Any]:
             best = best_errors(f"static-{case}-{seed}", scene, context)
             columns = {"landmarks": done.errors(centred=False), "default": done.default_errors(), **best}
             found[case][str(seed)] = {name: errors.mpjpe_mm for name, errors in columns.items()}
-    page.section("Other bodies", "Mean over 14 joints, mm. Bodies drawn by these seeds; clutter drawn anew.")
     rows = [[f"{case}, {what}", *(found[case][str(seed)][what] for seed in CHECK_SEEDS)] for case in TITLES for what in columns]
-    page.table(["case", *(f"seed {seed}" for seed in CHECK_SEEDS), "mean"], [[*row, float(np.mean(row[1:]))] for row in rows])
+    blocks += [
+        Heading("Other bodies", "Mean over 14 joints, mm. Bodies drawn by these seeds; clutter drawn anew."),
+        Table(["case", *(f"seed {seed}" for seed in CHECK_SEEDS), "mean"], [[*row, float(np.mean(row[1:]))] for row in rows]),
+    ]
     return found

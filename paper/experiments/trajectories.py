@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from paper.scenes.page import Line, plot
 from posefuse.core import PoseSequence
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.page import Line, Plot
 
 from .runs import Run
 
 
-def trajectories(done: Run, joints: Sequence[str], sequences: Mapping[str, PoseSequence], seconds: float) -> list[str]:
+def trajectories(done: Run, joints: Sequence[str], sequences: Mapping[str, PoseSequence], seconds: float) -> list[Plot]:
     """A plot per joint and axis of the first `seconds`: the truth, and the first person of each sequence at its instants."""
     t_ns = done.recording.poses.t_ns
     inside = (t_ns <= done.truth.t_ns[-1]) & (t_ns - t_ns[0] < seconds * 1e9)
@@ -25,5 +25,5 @@ def trajectories(done: Run, joints: Sequence[str], sequences: Mapping[str, PoseS
             places[name] = pick_keypoints(poses.xyz_world[inside, 0], poses.skeleton, [joint])[:, 0]
         for axis, named in enumerate("xyz"):
             lines = [Line(name, t_s, xyz[:, axis]) for name, xyz in places.items()]
-            drawn.append(plot(f"{joint.replace('_', ' ')}, {named}", "s", "m", lines))
+            drawn.append(Plot(f"{joint.replace('_', ' ')}, {named}", lines, x_label="s", y_label="m"))
     return drawn

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from paper.scenes import paper
-from paper.scenes.page import Line, Page, plot
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
 from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import PAPER14
 from posefuse.evaluation.metrics import typical_nees
+from posefuse.formats.page import Block, Dots, Facts, Heading, Images, Page, Plot, Plots, Table
 from posefuse.fusion import FuseSettings, fuse
 
 from .moments import moments
@@ -35,7 +35,6 @@ def run(context: Context) -> Outcome:
     """Errors per joint and weighting, trajectories against the truth, rate of the fusion, six moments."""
     scene = walking_scene(1, _QUICK_S if context.quick else _FULL_S)
     done = run_scene("walking-1", scene, context)
-    page = Page("Walking amid four cameras")
     columns = {
         **{weights: done.errors(weights, smoothed=False, centred=False) for weights in ("none", "score", "all", "robust")},
         "robust, smoothed": done.errors(centred=False),
@@ -44,32 +43,35 @@ def run(context: Context) -> Outcome:
         **best_errors("walking-1", scene, context),
     }
     figures: dict[str, Any] = {"columns": {name: errors_row(errors) for name, errors in columns.items()}}
-    page.section(
-        "Error per joint",
-        f"{done.truth.t_ns[-1] / 1e9:.0f} s of walking. {LANDMARKS} The paper's text gives its average, best and "
-        "worst joint; the others are in a picture only.",
-    )
-    page.table(*joint_rows(figures["columns"], {}, STATED))
     figures["nees"] = {
         name: typical_nees(done.poses(smoothed=smoothed), done.truth, _ASKED)
         for name, smoothed in (("instant by instant", False), ("smoothed", True))
     }
-    page.section(
-        "Stated uncertainty", "Typical squared error in units of the stated covariance: 3 is right, more is overconfident."
-    )
-    page.facts(figures["nees"])
-    page.section("Trajectories against the truth", f"Default result; the first {_SHOWN_S:g} s.")
-    page.plots(trajectories(done, _SHOWN, {"estimate": done.recording.poses}, _SHOWN_S), many=True)
     figures["fusion"], rates = _fusion(done)
-    page.section("Rate of the fusion", "Solves of all keypoints of one instant, timed one after the other in one process.")
-    page.facts({"median": f"{figures['fusion']['median_ms']:.2f} ms per instant", "paper": f"< {paper.TRIANGULATE_MS:g} ms"})
-    page.plots([plot("Fusion", "s of the walk", "instants per s", [Line("rate", *rates, dots=True)], from_zero=True, wide=True)])
-    page.section("Six moments", "Blue: the default result. Red: the truth.")
-    count = len(done.recording.poses)
-    page.pictures(moments(done, 0, np.linspace(0, count - 1, _MOMENTS + 2).astype(int)[1:-1].tolist()))
+    rate = Dots("rate", *rates)
+    shown = np.linspace(0, len(done.recording.poses) - 1, _MOMENTS + 2).astype(int)[1:-1].tolist()
+    blocks: list[Block] = [
+        Heading(
+            "Error per joint",
+            f"{done.truth.t_ns[-1] / 1e9:.0f} s of walking. {LANDMARKS} The paper's text gives its average, best and "
+            "worst joint; the others are in a figure only.",
+        ),
+        Table(*joint_rows(figures["columns"], {}, STATED)),
+        Heading(
+            "Stated uncertainty", "Typical squared error in units of the stated covariance: 3 is right, more is overconfident."
+        ),
+        Facts(figures["nees"]),
+        Heading("Trajectories against the truth", f"Default result; the first {_SHOWN_S:g} s."),
+        Plots(trajectories(done, _SHOWN, {"estimate": done.recording.poses}, _SHOWN_S), small=True),
+        Heading("Rate of the fusion", "All keypoints of one time step solved, timed one after the other in one process."),
+        Facts({"median": f"{figures['fusion']['median_ms']:.2f} ms per time step", "paper": f"< {paper.TRIANGULATE_MS:g} ms"}),
+        Plots([Plot("Fusion", [rate], x_label="s of the walk", y_label="time steps per s", from_zero=True, wide=True)]),
+        Heading("Six moments", "Blue: the default result. Red: the truth."),
+        Images(moments(done, 0, shown)),
+    ]
     if not context.quick:
-        figures["check"] = _check(context, page)
-    return Outcome(figures, page)
+        figures["check"] = _check(context, blocks)
+    return Outcome(figures, Page("Walking between four cameras", blocks))
 
 
 def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:
@@ -85,7 +87,7 @@ def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:
     return figures, ((views.t_ns - views.t_ns[0]) / 1e9, 1 / took)
 
 
-def _check(context: Context, page: Page) -> dict[str, Any]:
+def _check(context: Context, blocks: list[Block]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for seed in CHECK_SEEDS:
         scene = walking_scene(seed, _CHECK_S)
@@ -93,11 +95,13 @@ def _check(context: Context, page: Page) -> dict[str, Any]:
         best = best_errors(f"walking-{seed}", scene, context)
         columns = {"landmarks": done.errors(centred=False), "default": done.default_errors(), **best}
         found[str(seed)] = {name: errors_row(errors) for name, errors in columns.items()}
-    page.section("Other bodies and ways", f"{_CHECK_S:g} s each; mm.")
     rows = [
         [f"{what}: {label}", *(found[str(seed)][what][key] for seed in CHECK_SEEDS)]
         for what in columns
         for label, key in (("mean over 14 joints", "mean_mm"), ("worst joint", "worst_mm"))
     ]
-    page.table(["", *(f"seed {seed}" for seed in CHECK_SEEDS), "mean"], [[*row, float(np.mean(row[1:]))] for row in rows])
+    blocks += [
+        Heading("Other bodies and paths", f"{_CHECK_S:g} s each; mm."),
+        Table(["", *(f"seed {seed}" for seed in CHECK_SEEDS), "mean"], [[*row, float(np.mean(row[1:]))] for row in rows]),
+    ]
     return found

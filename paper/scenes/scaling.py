@@ -110,7 +110,15 @@ def measure(setup: Setup, duration_s: float = _DURATION_S, fusing: FuseSettings 
     for weights in ("robust", "score"):
         poses: list[Pose3D] = []
         for i, t_ns in enumerate(truth.t_ns):
-            views = Views(int(t_ns), truth.skeleton, rig.names, truth.person_id, xy[i], score[i], sigma[i])
+            views = Views(
+                t_ns=int(t_ns),
+                skeleton=truth.skeleton,
+                camera_names=rig.names,
+                person_id=truth.person_id,
+                xy_img=xy[i],
+                score=score[i],
+                sigma_px=sigma[i],
+            )
             poses.append(fuse(views, rig, replace(fusing, weights=weights), poses[-1] if poses else None))
         distances_mm.append(joint_distances_mm(PoseSequence.from_poses(poses), truth))
     return _errors(*distances_mm)

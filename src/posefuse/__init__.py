@@ -1,6 +1,9 @@
-"""posefuse: several ordinary cameras + AI -> one accurate 3D human skeleton, with honest uncertainty.
+"""posefuse: several ordinary cameras + AI -> one accurate 3D human skeleton, live or recorded, with honest uncertainty.
 
-xyz, cov, reproj = posefuse.triangulate(posefuse.read_rig("rig.toml"), xy_img, score)
+import posefuse as pf
+recording = pf.track("session/")
+recording.joint_angles()["left_knee", "flexion"].deg
+recording.save("result/", formats=("trc", "c3d"))
 """
 
 from typing import TYPE_CHECKING, Any
@@ -8,18 +11,54 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .formats.rig import read_rig
+    from .api.compare import compare
+    from .api.detector import detector
+    from .api.live import live
+    from .api.recording import Recording, read
+    from .api.rig import Rig, read_rig
+    from .api.simulate import simulate
+    from .api.track import track
+    from .core import Camera, Detections2D, JointAngles, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate
 
-__all__ = ["__version__", "read_rig", "triangulate"]
+_HOMES = {
+    "Camera": "core",
+    "Detections2D": "core",
+    "JointAngles": "core",
+    "Observations": "core",
+    "Pose3D": "core",
+    "PoseSequence": "core",
+    "PosefuseError": "core",
+    "Progress": "core",
+    "Recording": "api.recording",
+    "Rig": "api.rig",
+    "Skeleton": "core",
+    "compare": "api.compare",
+    "detector": "api.detector",
+    "live": "api.live",
+    "read": "api.recording",
+    "read_rig": "api.rig",
+    "simulate": "api.simulate",
+    "track": "api.track",
+    "triangulate": "fusion",
+}
 
-_HOMES = {"triangulate": "posefuse.fusion", "read_rig": "posefuse.formats.rig"}
+__all__ = [
+    "Camera", "Detections2D", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError", "Progress", "Recording",
+    "Rig", "Skeleton", "__version__", "compare", "detector", "live", "read", "read_rig", "simulate", "track", "triangulate",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public function when it is first asked for, so that `import posefuse` stays light."""
+    """Import a public name when it is first asked for, so that `import posefuse` stays light."""
     if name not in _HOMES:
         raise AttributeError(f"module 'posefuse' has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(_HOMES[name]), name)
+    value = getattr(import_module(f"posefuse.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -27,7 +27,8 @@ def test_python_blocks_run(name: str, code: str, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_named_in_the_docs_exist(page: Path) -> None:
-    named = set(re.findall(r"posefuse ([a-z0-9]+)\b", " ".join(re.findall(r"`[^`]+`|^    .*$", page.read_text(), re.MULTILINE))))
+    quoted = " ".join(re.findall(r"`[^`]+`|^    .*$", page.read_text(encoding="utf-8"), re.MULTILINE))
+    named = set(re.findall(r"posefuse (?!as\b)([a-z0-9][a-z0-9-]*)\b", quoted))
     assert named <= {*COMMANDS}, f"{page.name} names commands that do not exist: {sorted(named - {*COMMANDS})}"
 
 

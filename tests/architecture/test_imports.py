@@ -21,7 +21,7 @@ LINES = (
 )
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
 OPTIONAL = ("torch", "anny", "mujoco", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl")
-SLOW = ("cv2", "numba", "openvino", "scipy", "pyarrow", "ezc3d")
+SLOW = ("cv2", "numba", "openvino", "scipy", "pyarrow", "ezc3d", "jinja2")
 
 
 def room_of(path: Path) -> str:

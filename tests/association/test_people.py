@@ -28,7 +28,11 @@ def detections(rig: Rig, people: np.ndarray, noise_px: float = 2.0, seed: int = 
         xy = camera.project(people[who]) + rng.normal(size=(len(people), 17, 2)) * noise_px
         ones = np.ones(xy.shape[:-1])
         box = np.concatenate([xy.min(axis=1), xy.max(axis=1)], axis=-1)
-        reports.append(Detections2D(camera.name, t_ns, COCO, xy, 0.8 * ones, 2 * ones, box))
+        reports.append(
+            Detections2D(
+                camera=camera.name, t_ns=t_ns, skeleton=COCO, xy_img=xy, score=0.8 * ones, sigma_px=2 * ones, box_img=box
+            )
+        )
         order.append(who)
     return reports, order
 
@@ -36,14 +40,29 @@ def detections(rig: Rig, people: np.ndarray, noise_px: float = 2.0, seed: int = 
 def without(report: Detections2D, place: int) -> Detections2D:
     keep = [i for i in range(len(report)) if i != place]
     return Detections2D(
-        report.camera, report.t_ns, COCO, report.xy_img[keep], report.score[keep], report.sigma_px[keep], report.box_img[keep]
+        camera=report.camera,
+        t_ns=report.t_ns,
+        skeleton=COCO,
+        xy_img=report.xy_img[keep],
+        score=report.score[keep],
+        sigma_px=report.sigma_px[keep],
+        box_img=report.box_img[keep],
     )
 
 
 def pose_of(people: np.ndarray, ids: list[int], t_ns: int = 0) -> Pose3D:
     shape = people.shape[:2]
     cov = np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3))
-    return Pose3D(t_ns, COCO, ids, people, cov, np.ones(shape), np.full(shape, 4), np.full(shape, Kind.FUSED))
+    return Pose3D(
+        t_ns=t_ns,
+        skeleton=COCO,
+        person_id=ids,
+        xyz_world=people,
+        cov_world=cov,
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=np.full(shape, Kind.FUSED),
+    )
 
 
 def assert_is(views, row: int, reports, order, person: int, cameras=None):
@@ -146,7 +165,13 @@ def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
     reports, _ = detections(rig, crowd(body, "here"))
     one = reports[1]
     reports[1] = Detections2D(
-        one.camera, 0, COCO, one.xy_img[:, COCO.mirror], one.score[:, COCO.mirror], one.sigma_px[:, COCO.mirror], one.box_img
+        camera=one.camera,
+        t_ns=0,
+        skeleton=COCO,
+        xy_img=one.xy_img[:, COCO.mirror],
+        score=one.score[:, COCO.mirror],
+        sigma_px=one.sigma_px[:, COCO.mirror],
+        box_img=one.box_img,
     )
     views = associate(reports, rig, AssociateSettings())
     np.testing.assert_array_equal(views.xy_img[0, 1], reports[1].xy_img[0])
@@ -164,7 +189,15 @@ def test_nan_and_zero_scores_count_for_nothing(ring_rig, body):
     rig = ring_rig(3)
     reports, _ = detections(rig, crowd(body, "here"))
     empty = np.full((1, 17, 2), np.nan)
-    reports[0] = Detections2D("cam00", 0, COCO, empty, np.full((1, 17), np.nan), np.full((1, 17), np.nan), np.zeros((1, 4)))
+    reports[0] = Detections2D(
+        camera="cam00",
+        t_ns=0,
+        skeleton=COCO,
+        xy_img=empty,
+        score=np.full((1, 17), np.nan),
+        sigma_px=np.full((1, 17), np.nan),
+        box_img=np.zeros((1, 4)),
+    )
     views = associate(reports, rig, AssociateSettings())
     assert np.isnan(views.xy_img[0, 0]).all()
     assert np.isfinite(views.xy_img[0, 1:]).all()

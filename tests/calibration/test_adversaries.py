@@ -133,7 +133,7 @@ def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: O
 def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: Observations) -> None:
     size = np.array(lab.rig.cameras[1].size_wh)
     turned = replace(plain, xy_img=np.where((plain.camera == 1)[:, None], size - 1 - plain.xy_img, plain.xy_img))
-    with pytest.raises(RefusedCalibration, match="upside down: cam01"):
+    with pytest.raises(RefusedCalibration, match=r"the image of cam01 is turned by 180 deg|upside down: cam01"):
         calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER)
     found = calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER, upside_down=("cam01",))
     centres = replace(lab, rig=found.rig).rig.centres_world()
@@ -152,7 +152,7 @@ def test_a_mirrored_image_is_refused(lab: Any, plain: Observations) -> None:
 def test_one_stream_given_twice_is_refused(lab: Any, plain: Observations) -> None:
     copy = plain.rows(plain.camera == 0)
     twice = merged(plain.rows(plain.camera != 1), replace(copy, camera=np.ones(len(copy), np.int64)))
-    with pytest.raises(RefusedCalibration, match="cam00 and cam01 are nearest, 0 mm"):
+    with pytest.raises(RefusedCalibration, match="videos differ: cam00 and cam01 show the same video"):
         calibrate_extrinsics(twice, lab.rig.cameras, lab.target, TOGETHER)
 
 
@@ -186,7 +186,9 @@ def test_input_that_cannot_serve_says_so(lab: Any, plain: Observations) -> None:
 def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: Observations) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]]))
-    held = calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
+    with pytest.raises(RefusedCalibration, match=r"cam01's focal length would rather be -1\.\d%.*--refine-lenses") as refused:
+        calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
+    held = refused.value.kept
     focal = cameras[1].K[0, 0]
     sigma = (0.01 * focal,) * 4 + (0.02, 0.02)
     freed = calibrate_extrinsics(plain, tuple(cameras), lab.target, replace(TOGETHER, lens_sigma=sigma))

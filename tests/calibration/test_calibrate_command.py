@@ -11,13 +11,14 @@ import pytest
 
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.report_html import html_page
+from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.cli.calibrating.floor_points import read_floor_points
 from posefuse.cli.calibrating.results import write_clocks
 from posefuse.cli.commands import calibrate
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, ConfigError, InputError
+from posefuse.formats.page import write_page
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.foundation.settings import read_settings
 from posefuse.pipeline.config import TrackConfig
@@ -192,11 +193,19 @@ def test_the_coverage_sheet_shows_which_camera_saw_nothing(lab: Any) -> None:
     assert [part > 0 for part in parts] == [True, True, False, True]
 
 
-def test_a_report_shows_remedies_only_for_what_failed() -> None:
+def test_a_report_shows_remedies_only_for_what_failed(read_page: Any, tmp_path: Path, ring_rig: Any) -> None:
     good, bad = Check("a", True, "fine <1>", "not shown"), Check("b", False, "broken", "do this")
-    page = html_page(CalibrationReport("thing", (good, bad), ("left out",), {"n": 3.0}))
-    assert "fine &lt;1&gt;" in page
-    assert "not shown" not in page
-    assert "broken; do this" in page
+    report, rig = CalibrationReport("thing", (good, bad), ("left out",), {"n": 3.0}), ring_rig(3)
+    images = {"heat <b>": np.zeros((8, 8, 3), np.uint8)}
+    page = read_page(write_page(tmp_path / "r.html", calibration_page(report, images, rig)))
+    assert page.headings[0] == "thing: refused: b" and "left out" in page.text
+    assert page.tables[0][1:] == [["pass", "a", "fine <1>"], ["FAIL", "b", "broken; do this"]]
+    assert page.classes == {"pass": "good", "FAIL": "bad"} and "not shown" not in page.text
+    assert page.tables[1][1:] == [["n", "3"]] and len(page.images) == 1
+    [cameras] = [one for one in page.plot("Plan of the cameras")["series"] if one["name"] == "cameras"]
+    np.testing.assert_allclose(np.stack([cameras["x"], cameras["y"]], axis=1), rig.centres_world()[:, :2], atol=1e-3)
+    assert [label.split()[0] for label in cameras["labels"]] == list(rig.names)
+    bare = read_page(write_page(tmp_path / "bare.html", calibration_page(CalibrationReport("thing", (good,)))))
+    assert bare.headings == ["thing: passed", "Checks"]
     with pytest.raises(RefusedCalibration, match="thing: b: broken; do this"):
         CalibrationReport("thing", (good, bad)).require()

@@ -14,7 +14,8 @@ import pytest
 from posefuse.calibration.targets.detection import Corners
 from posefuse.calibration.targets.guidance import seen, start
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.cli.calibrating.guiding import Look, guide
+from posefuse.cli.calibrating.guide_frame import GuideFrame
+from posefuse.cli.calibrating.guiding import guide
 from posefuse.core import Frame, SourceError
 from posefuse.realtime.capture import LiveInput
 
@@ -67,7 +68,7 @@ class Film:
         if self.images is None:
             raise SourceError(f"camera {self.camera}: unplugged")
         for i, image in enumerate(self.images):
-            yield Frame(self.camera, i, i, i, image)
+            yield Frame(camera=self.camera, seq=i, t_ns=i, received_ns=i, image=image)
 
 
 def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
@@ -75,7 +76,7 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     page = np.full((120, 160, 3), 255, np.uint8)
     page[30:90, 50:110] = marker[..., None]
     told: list[str] = []
-    looks: list[Look] = []
+    looks: list[GuideFrame] = []
     inputs = [LiveInput(name, "film", Film((page,), name), reopen=False) for name in ("a", "b")]
     found = guide(inputs, Markers(0.1), lambda state: told.append(state.words), looks.append, 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
@@ -99,11 +100,11 @@ def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path:
     assert page.startswith("# show the target to c\n")
     assert "| a | 100% | 40 | b 40 |" in page
     assert "| c | 0% | 0 | **nobody** |" in page
-    frame = Frame("a", 0, 0, 0, np.full((120, 160, 3), 90, np.uint8))
+    frame = Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.full((120, 160, 3), 90, np.uint8))
     corners = Corners(np.repeat([3, 7], 4), np.tile(np.arange(4), 2), everywhere()[:8])
     view = GuideView(("a", "b", "c"), str(tmp_path / "guide.rrd"))
     for t_ns in (0, 10, 10**9):
-        view.look(Look(0, t_ns, frame, corners, state))
+        view.look(GuideFrame(camera=0, t_ns=t_ns, frame=frame, corners=corners, state=state))
     view.close()
     listing = printed(tmp_path / "guide.rrd")
     for entity in ("cameras/a/image", "cameras/a/markers", "together/links", "together/cameras", "next"):

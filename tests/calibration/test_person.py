@@ -12,46 +12,12 @@ from posefuse.calibration.extrinsics.self_checks import camera_differences, scal
 from posefuse.calibration.person.settle import _ahead, calibrate_out_of_step, unplaced_clocks
 from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person, rough_rig, stature_m
 from posefuse.calibration.person.start import turned_inside_out
+from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker
+from posefuse.calibration.person.synthetic_walk import watch_walker as watched
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.core import SE3, SKELETONS, CalibrationError, Detections2D, Rig
-
-BODY, STATURE_M, RATE_HZ = SKELETONS["coco17"], 1.75, 4.0
-
-
-def walker(t_s: np.ndarray, middle_m: tuple[float, float] = (0.0, 0.0), lap_rad_s: float = 0.9) -> np.ndarray:
-    """(T, 17, 3) keypoints of somebody of ordinary build who walks round an ellipse."""
-    angle = lap_rad_s * t_s
-    place = np.stack([1.3 * np.cos(angle) + middle_m[0], 0.8 * np.sin(angle) + middle_m[1], 0 * angle], axis=-1)
-    heading = np.arctan2(0.8 * np.cos(angle), -1.3 * np.sin(angle))
-    ahead, aside = (np.stack([np.cos(h), np.sin(h), 0 * h], axis=-1) for h in (heading, heading + np.pi / 2))
-    up = np.array([0, 0, 1.0])
-
-    def at(forward: float, left: float, height: float) -> np.ndarray:
-        return place + forward * ahead + left * aside + height * up
-
-    def limb(share: float, swing: np.ndarray) -> np.ndarray:
-        return share * STATURE_M * (np.sin(swing)[:, None] * ahead - np.cos(swing)[:, None] * up)
-
-    points = {"nose": at(0.1, 0, 1.62)}
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        step = sign * np.sin(5.5 * t_s)
-        points |= {f"{side}_eye": at(0.09, sign * 0.03, 1.66), f"{side}_ear": at(0, sign * 0.07, 1.63)}
-        points |= {f"{side}_shoulder": at(0, sign * 0.19, 1.42), f"{side}_hip": at(0, sign * 0.14, 0.91)}
-        points[f"{side}_elbow"] = points[f"{side}_shoulder"] + limb(0.186, -0.5 * step)
-        points[f"{side}_wrist"] = points[f"{side}_elbow"] + limb(0.146, -0.5 * step + 0.4)
-        points[f"{side}_knee"] = points[f"{side}_hip"] + limb(0.245, 0.45 * step + 0.1)
-        points[f"{side}_ankle"] = points[f"{side}_knee"] + limb(0.246, 0.45 * step - 0.1 - 0.4 * np.maximum(step, 0))
-    return np.stack([points[name] for name in BODY.keypoints], axis=1)
-
-
-def watched(rig: Rig, seconds: float = 12.0, noise_px: float = 1.0, seed: int = 0) -> PersonViews:
-    t_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    xy = np.stack([camera.project(walker(t_s)) for camera in rig])
-    xy = xy + np.random.default_rng(seed).normal(0, noise_px, xy.shape)
-    every = np.ones(xy.shape[:-1])
-    return PersonViews(rig.names, BODY, np.round(t_s * 1e9).astype(np.int64), xy, 0.9 * every, noise_px * every)
+from posefuse.core import SE3, CalibrationError, Detections2D, Rig
 
 
 def errors(rig: Rig, found: Rig, scaled: bool) -> tuple[float, float]:
@@ -150,7 +116,15 @@ def test_the_person_followed_is_the_large_one_and_then_the_near_one() -> None:
     xy = np.stack([np.full((17, 2), 100.0), np.full((17, 2), 300.0), np.full((17, 2), np.nan)])
     xy[0, :8] += 50
     xy[1, :8] += 90
-    seen = Detections2D("a", 0, BODY, xy, np.ones((3, 17)) * [[0.9], [0.9], [0]], np.ones((3, 17)), np.zeros((3, 4)))
+    seen = Detections2D(
+        camera="a",
+        t_ns=0,
+        skeleton=BODY,
+        xy_img=xy,
+        score=np.ones((3, 17)) * [[0.9], [0.9], [0]],
+        sigma_px=np.ones((3, 17)),
+        box_img=np.zeros((3, 4)),
+    )
     assert prominent(seen) == 1
     assert prominent(seen, np.array([100.0, 100.0])) == 0
     assert prominent(replace(seen, xy_img=np.full((3, 17, 2), np.nan))) is None

@@ -161,9 +161,14 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
 
 
 def test_a_camera_out_of_step_is_told_with_the_command_that_helps() -> None:
-    line = finding_line(Finding("out of step", ("cam01",), 12_000_000_000, "cam01 is out of step", 0.1), Path("trial"))
+    line = finding_line(
+        Finding(kind="out of step", cameras=("cam01",), t_ns=12_000_000_000, detail="cam01 is out of step", displaced_m=0.1),
+        Path("trial"),
+    )
     assert line == "at 12.0 s: cam01 is out of step; `posefuse calibrate clocks trial` finds its offset"
-    assert "posefuse" not in finding_line(Finding("bumped", ("cam01",), 0, "cam01 was moved", 0.1), Path("trial"))
+    assert "posefuse" not in finding_line(
+        Finding(kind="bumped", cameras=("cam01",), t_ns=0, detail="cam01 was moved", displaced_m=0.1), Path("trial")
+    )
 
 
 def test_points_are_read_between_frames_but_not_across_gaps() -> None:

@@ -26,9 +26,15 @@ def recording(ring_rig) -> Recording:
     kind[2, 1, 4] = Kind.MISSING
     xyz[2, 1, 4] = np.nan
     poses = PoseSequence(
-        np.arange(T) * 40_000_000, COCO17, np.arange(N), xyz, np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3)), np.ones(shape),
-        np.full(shape, 3), kind,
-    )  # fmt: skip
+        t_ns=np.arange(T) * 40_000_000,
+        skeleton=COCO17,
+        person_id=np.arange(N),
+        xyz_world=xyz,
+        cov_world=np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3)),
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 3),
+        kind=kind,
+    )
     xy = np.moveaxis(np.stack([camera.project(xyz) for camera in rig]), 0, 2)
     return Recording.from_views(
         rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id}
@@ -73,7 +79,7 @@ def test_the_oracle_detector(demo_session: Path) -> None:
     oracle = build_plugin("detectors", "oracle", {"truth": path, "seed": 3})
     view = read_truth(path).views[1]
     image = np.zeros((480, 640, 3), np.uint8)
-    check_detector(oracle, [Frame(view.camera, i, int(view.t_ns[i]), 0, image) for i in (0, 7)])
+    check_detector(oracle, [Frame(camera=view.camera, seq=i, t_ns=int(view.t_ns[i]), received_ns=0, image=image) for i in (0, 7)])
 
 
 @dataclass
@@ -87,7 +93,7 @@ class Scripted:
 
     def frames(self):
         for seq, t_ns in enumerate(self.times_ns):
-            yield Frame(self.frame_camera, seq, t_ns, t_ns, np.zeros((6, 8, 3), np.uint8))
+            yield Frame(camera=self.frame_camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=np.zeros((6, 8, 3), np.uint8))
 
     def close(self) -> None:
         pass
@@ -128,11 +134,16 @@ class Guesser:
             score *= 2
         sigma = np.zeros((people, K)) if self.fault == "sigma" else np.ones((people, K))
         camera = "other" if self.fault == "camera" else frame.camera
-        return Detections2D(camera, frame.t_ns, COCO17, xy, score, sigma, np.zeros((people, 4)))
+        return Detections2D(
+            camera=camera, t_ns=frame.t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=np.zeros((people, 4))
+        )
 
 
 def test_the_detector_check_can_fail() -> None:
-    frames = [Frame("a", 0, 5, 5, np.zeros((6, 8, 3), np.uint8)), Frame("b", 0, 6, 6, np.zeros((6, 8, 3), np.uint8))]
+    frames = [
+        Frame(camera="a", seq=0, t_ns=5, received_ns=5, image=np.zeros((6, 8, 3), np.uint8)),
+        Frame(camera="b", seq=0, t_ns=6, received_ns=6, image=np.zeros((6, 8, 3), np.uint8)),
+    ]
     check_detector(Guesser(), frames)
     for fault, rule in (
         ("short", "one answer per frame"),

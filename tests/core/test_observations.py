@@ -25,8 +25,9 @@ def batches(steps: int, seed: int = 0) -> list[DetectionBatch]:
 
 
 def detections(rng: np.random.Generator, camera: str, t_ns: int, people: int) -> Detections2D:
-    arrays = (rng.normal(size=(people, K, *shape)) for shape in ((2,), (), ()))
-    return Detections2D(camera, t_ns, COCO17, *arrays, rng.normal(size=(people, 4)))
+    xy, score, sigma = (rng.normal(size=(people, K, *shape)) for shape in ((2,), (), ()))
+    box = rng.normal(size=(people, 4))
+    return Detections2D(camera=camera, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box)
 
 
 def same(one: Observations, other: Observations) -> bool:
@@ -66,7 +67,15 @@ def test_views_of_cameras_in_step_are_what_was_seen() -> None:
     score[2:4, 1], score[5, :, 0] = 0, 0
     xy = np.where(score[..., None] > 0, rng.normal(size=(*score.shape, 2)), np.nan).astype(np.float32)
     sigma = np.where(score > 0, 1.5, np.nan)
-    views = ViewSequence(np.arange(6) * 10, COCO17, NAMES, [7, 3], xy, score.astype(np.float32), sigma)
+    views = ViewSequence(
+        t_ns=np.arange(6) * 10,
+        skeleton=COCO17,
+        camera_names=NAMES,
+        person_id=[7, 3],
+        xy_img=xy,
+        score=score.astype(np.float32),
+        sigma_px=sigma,
+    )
     back = views_over_time(observations_from_views(views), [7, 3])
     for name in ("t_ns", "person_id", "xy_img", "score", "sigma_px"):
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))

@@ -14,13 +14,27 @@ N, C, K = 2, 3, len(COCO17)
 def pose(t_ns: int = 5, people: int = N) -> Pose3D:
     shape = (people, K)
     return Pose3D(
-        t_ns, COCO17, np.arange(people), np.ones((*shape, 3)), np.ones((*shape, 3, 3)), np.ones(shape), np.full(shape, 3),
-        np.full(shape, Kind.FUSED),
-    )  # fmt: skip
+        t_ns=t_ns,
+        skeleton=COCO17,
+        person_id=np.arange(people),
+        xyz_world=np.ones((*shape, 3)),
+        cov_world=np.ones((*shape, 3, 3)),
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 3),
+        kind=np.full(shape, Kind.FUSED),
+    )
 
 
 def views() -> Views:
-    return Views(7, COCO17, ("a", "b", "c"), np.arange(N), np.zeros((N, C, K, 2)), np.zeros((N, C, K)), np.ones((N, C, K)))
+    return Views(
+        t_ns=7,
+        skeleton=COCO17,
+        camera_names=("a", "b", "c"),
+        person_id=np.arange(N),
+        xy_img=np.zeros((N, C, K, 2)),
+        score=np.zeros((N, C, K)),
+        sigma_px=np.ones((N, C, K)),
+    )
 
 
 def test_arrays_are_copied_and_read_only() -> None:
@@ -41,10 +55,10 @@ def test_arrays_are_copied_and_read_only() -> None:
         (lambda: replace(views(), camera_names=("a", "b")), "2 camera names"),
         (lambda: replace(views(), score=np.ones((N, C))), "expected axes"),
         (lambda: replace(views(), score="high"), "expected an array"),
-        (lambda: Frame("a", 0, 0, 0, np.zeros((4, 5), np.uint8)), "RGB uint8"),
-        (lambda: Frame("a", 0, 0, 0, np.zeros((4, 5, 3), np.float32)), "RGB uint8"),
-        (lambda: Region(np.array([1.0, np.nan]), 5.0), "finite"),
-        (lambda: Region(np.array([1.0, 2.0]), 0.0), "side > 0"),
+        (lambda: Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.zeros((4, 5), np.uint8)), "RGB uint8"),
+        (lambda: Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.zeros((4, 5, 3), np.float32)), "RGB uint8"),
+        (lambda: Region(centre_img=np.array([1.0, np.nan]), side_px=5.0), "finite"),
+        (lambda: Region(centre_img=np.array([1.0, 2.0]), side_px=0.0), "side > 0"),
         (lambda: PoseSequence.from_poses([]), "at least 1"),
         (lambda: PoseSequence.from_poses([pose(5), pose(5)]), "strictly increasing"),
         (lambda: PoseSequence.from_poses([pose(5), pose(6, people=1)]), "same skeleton and people"),

@@ -8,8 +8,18 @@ from posefuse.fusion.packed import packed_rig
 K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
 POSE = SE3.from_rotvec([0.1, -0.2, 0.3], [0.1, 0.2, 3.0])
 BROWN = [-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, -0.01, 0.005, 0.001, -0.002, 0.003, -0.001, 0.02, -0.03]
-CAMERAS = [Camera(f"c{n}", (640, 480), K, POSE, np.array(BROWN[:n])) for n in (0, 4, 5, 8, 12, 14)] + [
-    Camera("fish", (640, 480), K, POSE, np.array([-0.03, 0.01, -0.004, 0.001]), model="fisheye")
+CAMERAS = [
+    Camera(name=f"c{n}", size_wh=(640, 480), K=K, cam_from_world=POSE, distortion=np.array(BROWN[:n]))
+    for n in (0, 4, 5, 8, 12, 14)
+] + [
+    Camera(
+        name="fish",
+        size_wh=(640, 480),
+        K=K,
+        cam_from_world=POSE,
+        distortion=np.array([-0.03, 0.01, -0.004, 0.001]),
+        model="fisheye",
+    )
 ]
 POINTS = np.random.default_rng(0).uniform(-0.35, 0.35, (11, 2))
 

@@ -21,7 +21,7 @@ def detector(models):
 def frame(shared_data) -> Frame:
     with av.open(str(shared_data / "pose2sim_single" / "videos" / f"{CAMERA}.mp4")) as container:
         image = next(container.decode(video=0)).to_ndarray(format="rgb24")
-    return Frame(CAMERA, 0, 0, 0, image)
+    return Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=image)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def seen(detector, frame):
 
 
 def test_it_finds_the_man_where_openpose_does(detector, seen, shared_data):
-    from posefuse.detection import read_openpose_folder
+    from posefuse.formats.pose2d import read_openpose_folder
 
     assert isinstance(detector, Detector)
     theirs = read_openpose_folder(shared_data / "pose2sim_single" / "openpose_json" / "cam04_json", CAMERA).frame(0, 0)
@@ -44,7 +44,7 @@ def test_it_finds_the_man_where_openpose_does(detector, seen, shared_data):
 
 def test_a_region_gives_the_same_man_and_an_empty_one_nobody(detector, frame, seen):
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
-    nowhere = Region(np.array([80.0, 80.0]), 100.0)
+    nowhere = Region(centre_img=np.array([80.0, 80.0]), side_px=100.0)
     (both,) = detector.detect([frame], [[nowhere, there]])
     assert len(both) == 2
     assert np.isnan(both.xy_img[0]).all() and not both.score[0].any() and np.isnan(both.sigma_px[0]).all()
@@ -52,14 +52,14 @@ def test_a_region_gives_the_same_man_and_an_empty_one_nobody(detector, frame, se
 
 
 def test_frames_in_one_call_do_not_disturb_each_other(detector, frame, seen):
-    blank = Frame("other", 0, 0, 0, np.full((240, 320, 3), 90, np.uint8))
+    blank = Frame(camera="other", seq=0, t_ns=0, received_ns=0, image=np.full((240, 320, 3), 90, np.uint8))
     nobody, again, none_asked = detector.detect([blank, frame, frame], [None, None, []])
     assert len(nobody) == 0 and len(none_asked) == 0
     assert np.array_equal(again.xy_img, seen.xy_img)
 
 
 def test_an_image_on_its_side_is_searched_turned(detector, frame, seen):
-    turned = Frame(CAMERA, 0, 0, 0, np.ascontiguousarray(np.rot90(frame.image)))
+    turned = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(np.rot90(frame.image)))
     (found,) = detector.detect([turned], [None])
     assert len(found) >= 1
     width = frame.image.shape[1]
@@ -70,8 +70,12 @@ def test_an_image_on_its_side_is_searched_turned(detector, frame, seen):
 def test_a_mirrored_image_gives_the_mirrored_man(detector, frame, seen):
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
     width = frame.image.shape[1]
-    mirrored = Frame(CAMERA, 0, 0, 0, np.ascontiguousarray(frame.image[:, ::-1]))
-    region = Region(np.array([width - 1 - there.centre_img[0], there.centre_img[1]]), there.side_px, -there.angle_rad)
+    mirrored = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(frame.image[:, ::-1]))
+    region = Region(
+        centre_img=np.array([width - 1 - there.centre_img[0], there.centre_img[1]]),
+        side_px=there.side_px,
+        angle_rad=-there.angle_rad,
+    )
     (found,) = detector.detect([mirrored], [[region]])
     back = found.xy_img[0][detector.skeleton.mirror] * [-1, 1] + [width - 1, 0]
     (direct,) = detector.detect([frame], [[there]])
@@ -88,8 +92,12 @@ def test_an_ensemble_that_looks_in_the_mirror_knows_no_left_and_right(tmp_path, 
     assert detector.joint_centres_file is None
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
     width = frame.image.shape[1]
-    mirrored = Frame(CAMERA, 0, 0, 0, np.ascontiguousarray(frame.image[:, ::-1]))
-    region = Region(np.array([width - 1 - there.centre_img[0], there.centre_img[1]]), there.side_px, -there.angle_rad)
+    mirrored = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(frame.image[:, ::-1]))
+    region = Region(
+        centre_img=np.array([width - 1 - there.centre_img[0], there.centre_img[1]]),
+        side_px=there.side_px,
+        angle_rad=-there.angle_rad,
+    )
     (found,) = detector.detect([mirrored], [[region]])
     (direct,) = detector.detect([frame], [[there]])
     back = found.xy_img[0][detector.skeleton.mirror] * [-1, 1] + [width - 1, 0]

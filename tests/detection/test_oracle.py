@@ -18,13 +18,16 @@ def truth(ring_rig) -> Truth:
     body = rng.uniform([-0.3, -0.3, 0.2], [0.3, 0.3, 1.7], (len(BODY), 3))
     xyz = body + np.array([[-1.2, 0, 0], [1.2, 0.3, 0]])[:, None] + rng.normal(0, 0.02, (FRAMES, 1, 1, 3))
     views = tuple(
-        CameraTruth(camera.name, t_ns, camera.project(xyz), rng.random((FRAMES, PEOPLE, len(BODY))) < 0.8) for camera in rig
+        CameraTruth(
+            camera=camera.name, t_ns=t_ns, xy_img=camera.project(xyz), visible=rng.random((FRAMES, PEOPLE, len(BODY))) < 0.8
+        )
+        for camera in rig
     )
-    return Truth(rig, t_ns, BODY, np.arange(PEOPLE), xyz, views)
+    return Truth(rig=rig, t_ns=t_ns, skeleton=BODY, person_id=np.arange(PEOPLE), xyz_world=xyz, views=views)
 
 
 def frame(camera: str, t_ns: int) -> Frame:
-    return Frame(camera, 0, t_ns, t_ns, np.zeros((2, 3, 3), np.uint8))
+    return Frame(camera=camera, seq=0, t_ns=t_ns, received_ns=t_ns, image=np.zeros((2, 3, 3), np.uint8))
 
 
 def test_it_is_a_detector_and_errs_by_its_sigma(truth):
@@ -65,7 +68,7 @@ def test_swaps_exchange_sides_and_outliers_are_far_and_sure_of_themselves(truth)
 def test_missed_people_are_left_out_or_nan(truth):
     oracle = OracleDetector(truth, OracleNoise(miss_share=1.0))
     camera, t_ns = truth.rig.names[1], int(truth.t_ns[2])
-    found, asked = oracle.detect([frame(camera, t_ns)] * 2, [None, [Region(np.array([320.0, 240.0]), 4000.0)]])
+    found, asked = oracle.detect([frame(camera, t_ns)] * 2, [None, [Region(centre_img=np.array([320.0, 240.0]), side_px=4000.0)]])
     assert len(found) == 0
     assert len(asked) == 1 and np.isnan(asked.xy_img).all() and not asked.score.any()
 
@@ -74,7 +77,11 @@ def test_a_region_asks_for_the_person_in_it(truth):
     oracle = OracleDetector(truth, OracleNoise(sigma_px=1.0))
     view = truth.views[0]
     middles = view.xy_img[4].mean(1)
-    regions = [Region(middles[1], 200.0), Region(middles[0], 200.0), Region(np.array([-900.0, -900.0]), 100.0)]
+    regions = [
+        Region(centre_img=middles[1], side_px=200.0),
+        Region(centre_img=middles[0], side_px=200.0),
+        Region(centre_img=np.array([-900.0, -900.0]), side_px=100.0),
+    ]
     (seen,) = oracle.detect([frame(view.camera, int(view.t_ns[4]))], [regions])
     assert np.abs(seen.xy_img[0] - view.xy_img[4, 1]).max() < 25
     assert np.abs(seen.xy_img[1] - view.xy_img[4, 0]).max() < 25

@@ -32,7 +32,13 @@ def found(boxes, logits, looked_at, least=0.5):
     return regions_from_outputs(boxes, logits, CARD.decoding, looked_at, SIDE, least)
 
 
-@pytest.mark.parametrize("looked_at", [Region(np.array([111.5, 111.5]), 224.0), Region(np.array([320.0, 240.0]), 800.0, 0.7)])
+@pytest.mark.parametrize(
+    "looked_at",
+    [
+        Region(centre_img=np.array([111.5, 111.5]), side_px=224.0),
+        Region(centre_img=np.array([320.0, 240.0]), side_px=800.0, angle_rad=0.7),
+    ],
+)
 def test_a_drawn_person_comes_back_as_its_region(looked_at):
     boxes, logits = empty()
     hips, rim = np.array([100.0, 120.0]), np.array([110.0, 70.0])
@@ -53,7 +59,7 @@ def test_votes_for_one_person_are_merged_and_two_people_stay_two():
     draw(boxes, logits, 6 * 20, one, one - [0, 60], logit=2.0)
     draw(boxes, logits, 6 * 20 + 1, one + [4, 0], one - [-4, 60], logit=2.0)
     draw(boxes, logits, 6 * 26, other, other - [0, 50], logit=4.0)
-    people = found(boxes, logits, Region(np.array([111.5, 111.5]), 224.0))
+    people = found(boxes, logits, Region(centre_img=np.array([111.5, 111.5]), side_px=224.0))
     assert len(people) == 2
     assert np.allclose(people[0][1].centre_img, other - 0.5, atol=1e-4)
     assert np.allclose(people[1][1].centre_img, one + [2, 0] - 0.5, atol=1e-4)
@@ -62,7 +68,7 @@ def test_votes_for_one_person_are_merged_and_two_people_stay_two():
 def test_nobody_is_found_below_the_threshold():
     boxes, logits = empty()
     draw(boxes, logits, 70, np.array([90.0, 90.0]), np.array([90.0, 40.0]), logit=0.2)
-    looked_at = Region(np.array([111.5, 111.5]), 224.0)
+    looked_at = Region(centre_img=np.array([111.5, 111.5]), side_px=224.0)
     assert found(boxes, logits, looked_at, least=0.6) == []
     assert len(found(boxes, logits, looked_at, least=0.5)) == 1
 

@@ -86,7 +86,7 @@ def test_up_of_a_rolled_camera(ring_rig, roll_rad):
 
 @pytest.mark.parametrize(("side_px", "angle_rad"), [(100.0, 0.0), (300.0, 0.7), (900.0, -2.1), (1500.0, 0.3)])
 def test_a_crop_shows_a_spot_where_the_map_says(side_px, angle_rad):
-    region = Region(np.array([410.3, 395.8]), side_px, angle_rad)
+    region = Region(centre_img=np.array([410.3, 395.8]), side_px=side_px, angle_rad=angle_rad)
     spot = region.centre_img + 0.2 * side_px * np.array([0.6, -0.8])
     y, x = np.mgrid[0:800, 0:900]
     width = max(2.0, side_px / 60)
@@ -99,12 +99,12 @@ def test_a_crop_shows_a_spot_where_the_map_says(side_px, angle_rad):
 
 def test_crops_agree_with_opencv_warps():
     image = cv2.GaussianBlur(np.random.default_rng(8).integers(0, 255, (240, 320, 3), dtype=np.uint8), (0, 0), 3)
-    region = Region(np.array([150.0, 120.0]), 200.0, 0.4)
+    region = Region(centre_img=np.array([150.0, 120.0]), side_px=200.0, angle_rad=0.4)
     expected = cv2.warpAffine(image, crop_from_img(region, 128), (128, 128))
     assert np.array_equal(cut(image, region, 128), expected)
 
 
 def test_outside_the_image_is_black():
     image = np.full((100, 120, 3), 200, np.uint8)
-    assert not cut(image, Region(np.array([-500.0, 50.0]), 300.0), 256).any()
-    assert cut(image, Region(np.array([60.0, 50.0]), 60.0), 256).min() == 200
+    assert not cut(image, Region(centre_img=np.array([-500.0, 50.0]), side_px=300.0), 256).any()
+    assert cut(image, Region(centre_img=np.array([60.0, 50.0]), side_px=60.0), 256).min() == 200

@@ -9,7 +9,15 @@ COCO = SKELETONS["coco17"]
 
 def views(rig, xy, score=None):
     score = np.ones(xy.shape[:-1]) if score is None else score
-    return Views(0, COCO, rig.names, np.arange(len(xy)), xy, score, np.full(xy.shape[:-1], np.nan))
+    return Views(
+        t_ns=0,
+        skeleton=COCO,
+        camera_names=rig.names,
+        person_id=np.arange(len(xy)),
+        xy_img=xy,
+        score=score,
+        sigma_px=np.full(xy.shape[:-1], np.nan),
+    )
 
 
 @pytest.fixture

@@ -16,7 +16,16 @@ def joints_of(angle_rad, names=("left_knee", "neck"), step_ns=10_000_000):
     t_ns = np.arange(times) * step_ns
     frames = SE3.identity((times, people, 0))
     kinds = (("flexion", "adduction", "internal_rotation"),) * len(names)
-    return JointAngles(t_ns, range(people), (), frames, names, kinds, angle_rad, np.full(angle_rad.shape, np.radians(2.0)))
+    return JointAngles(
+        t_ns=t_ns,
+        person_id=range(people),
+        segments=(),
+        world_from_segment=frames,
+        joints=names,
+        angle_names=kinds,
+        angle_rad=angle_rad,
+        sigma_rad=np.full(angle_rad.shape, np.radians(2.0)),
+    )
 
 
 def test_bias_spread_and_rmse_over_whole_turns_and_gaps():
@@ -62,7 +71,10 @@ def test_flexion_agrees_with_a_gait_laboratory(shared_data):
 def test_a_file_without_the_points_says_what_it_has(tmp_path):
     from posefuse.formats.c3d import C3dData, write_c3d
 
-    write_c3d(tmp_path / "a.c3d", C3dData(("RKNE", "LKNE"), np.zeros((4, 2, 3)), np.zeros((4, 2)), 100.0))
+    write_c3d(
+        tmp_path / "a.c3d",
+        C3dData(names=("RKNE", "LKNE"), xyz_world=np.zeros((4, 2, 3)), sigma_m=np.zeros((4, 2)), rate_hz=100.0),
+    )
     with pytest.raises(InputError, match=r"no point PELP; there are: RKNE, LKNE"):
         poses_from_lab(tmp_path / "a.c3d")
     with pytest.raises(InputError, match="no angles LHipAngles"):

@@ -1,5 +1,6 @@
 """The biomechanist's files: all written, each readable by an independent reader, people and gaps handled."""
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -59,13 +60,13 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
     names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     two = {name: np.concatenate([getattr(poses, name)] * 2, axis=1) for name in names}
     two["xyz_world"][:, 1] = np.nan
-    both = PoseSequence(poses.t_ns, poses.skeleton, [2, 7], *two.values())
+    both = PoseSequence(t_ns=poses.t_ns, skeleton=poses.skeleton, person_id=[2, 7], **two)
     views = {name: np.concatenate([getattr(recording.views, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
     made = write_biomechanics(Recording.from_views(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
     names = {path.name for path in made}
     assert {"angles_2.mot", "skeleton_2.bvh"} <= names
     assert not any("_7" in name for name in names)
-    assert "Not seen in any instant" in (tmp_path / "report.html").read_text()
+    assert "Not seen in any time step" in (tmp_path / "report.html").read_text()
 
 
 def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, monkeypatch):
@@ -78,7 +79,20 @@ def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, mo
 def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
     names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     poses = recording.poses
-    one = PoseSequence(poses.t_ns[:1], poses.skeleton, poses.person_id, *(getattr(poses, name)[:1] for name in names))
+    one = dataclasses.replace(poses, t_ns=poses.t_ns[:1], **{name: getattr(poses, name)[:1] for name in names})
     views = {name: getattr(recording.views, name)[:1] for name in ("xy_img", "score", "sigma_px")}
     made = write_biomechanics(Recording.from_views(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
     assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}
+
+
+def test_stages_are_told_as_they_begin(recording, tmp_path):
+    reported = []
+    tell = lambda *report: reported.append(report)  # noqa: E731
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=tell)
+    assert reported == [
+        ("report", 0, 3, "fitting the skeleton to the points of 24 time steps"),
+        ("report", 1, 3, "tables and files for other programs"),
+        ("report", 2, 3, "gait cycles and the page"),
+        ("report", 3, 3),
+    ]
+    assert "<h1>Trial 7</h1>" in (tmp_path / "report.html").read_text()

@@ -68,3 +68,19 @@ def test_nothing_in_common_is_said_with_the_names() -> None:
     a = mover(50)
     with pytest.raises(InputError, match=r"neck.*tail|tail.*neck"):
         compare(a, Tracks("other", ("tail",), a.t_s, a.xyz_m[:, :1]))
+
+
+@pytest.mark.parametrize("late_s", [0.4, 1.3, 2.2])
+def test_whole_gait_cycles_are_told_apart_by_positions_where_speeds_repeat(late_s: float) -> None:
+    def walk(t_s: np.ndarray) -> np.ndarray:
+        """Straight on at 1.2 m/s; limbs swing with a period of 1.1 s, so speeds are the same every cycle."""
+        phase = 2 * np.pi * t_s / 1.1
+        swings = np.stack([np.sin(phase), np.sin(phase + np.pi), 0 * phase, 0.5 * np.cos(phase)], axis=1)
+        forward, height = 1.2 * t_s[:, None] + 0.3 * swings, np.array([0.1, 0.1, 1.0, 1.4])
+        return np.stack([forward, np.broadcast_to([0.1, -0.1, 0.0, 0.2], forward.shape), 0 * forward + height], axis=-1)
+
+    names = ("left_ankle", "right_ankle", "mid_hip", "left_wrist")
+    t_a, t_b = np.arange(late_s, 6.0, 1 / 100), np.arange(0.0, 6.0, 1 / 60)
+    noise = np.random.default_rng(3).normal(0, 0.002, (len(t_b), len(names), 3))
+    a, b = Tracks("a", names, t_a - late_s, walk(t_a)), Tracks("b", names, t_b, walk(t_b) + noise)
+    assert compare(a, b, space=False).alignment.offset_s == pytest.approx(-late_s, abs=2e-3)

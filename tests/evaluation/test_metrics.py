@@ -12,16 +12,25 @@ K = len(ANATOMICAL23)
 
 
 def truth_of(rig, xyz: np.ndarray) -> Truth:
-    views = tuple(CameraTruth(n, np.arange(T) * 10, np.zeros((T, N, K, 2)), np.ones((T, N, K), bool)) for n in rig.names)
-    return Truth(rig, np.arange(T) * 10, ANATOMICAL23, np.arange(N), xyz, views)
+    views = tuple(
+        CameraTruth(camera=n, t_ns=np.arange(T) * 10, xy_img=np.zeros((T, N, K, 2)), visible=np.ones((T, N, K), bool))
+        for n in rig.names
+    )
+    return Truth(rig=rig, t_ns=np.arange(T) * 10, skeleton=ANATOMICAL23, person_id=np.arange(N), xyz_world=xyz, views=views)
 
 
 def sequence(t_ns: np.ndarray, xyz: np.ndarray, skeleton=ANATOMICAL23) -> PoseSequence:
     shape = xyz.shape[:-1]
     return PoseSequence(
-        t_ns, skeleton, np.arange(xyz.shape[1]), xyz, np.zeros((*shape, 3, 3)), np.zeros(shape), np.full(shape, 3),
-        np.full(shape, Kind.FUSED),
-    )  # fmt: skip
+        t_ns=t_ns,
+        skeleton=skeleton,
+        person_id=np.arange(xyz.shape[1]),
+        xyz_world=xyz,
+        cov_world=np.zeros((*shape, 3, 3)),
+        reproj_px=np.zeros(shape),
+        n_views=np.full(shape, 3),
+        kind=np.full(shape, Kind.FUSED),
+    )
 
 
 @pytest.fixture
@@ -97,12 +106,21 @@ def test_typical_nees_is_3_when_covariances_say_how_wrong_points_are(ring_rig) -
     cov = root @ np.swapaxes(root, -1, -2) + np.eye(3) * 1e-5
     error = (np.linalg.cholesky(cov) @ rng.normal(size=shape + (3, 1)))[..., 0]
     rig, times = ring_rig(3), np.zeros(0, np.int64)
-    views = tuple(CameraTruth(n, times, np.zeros((0, 1, K, 2)), np.ones((0, 1, K), bool)) for n in rig.names)
-    truth = Truth(rig, t_ns, body, np.zeros(1), exact, views)
+    views = tuple(
+        CameraTruth(camera=n, t_ns=times, xy_img=np.zeros((0, 1, K, 2)), visible=np.ones((0, 1, K), bool)) for n in rig.names
+    )
+    truth = Truth(rig=rig, t_ns=t_ns, skeleton=body, person_id=np.zeros(1), xyz_world=exact, views=views)
 
     def stated(factor: float) -> float:
         poses = PoseSequence(
-            t_ns, body, np.zeros(1), exact + error, cov * factor, np.ones(shape), np.full(shape, 3), np.full(shape, Kind.FUSED)
+            t_ns=t_ns,
+            skeleton=body,
+            person_id=np.zeros(1),
+            xyz_world=exact + error,
+            cov_world=cov * factor,
+            reproj_px=np.ones(shape),
+            n_views=np.full(shape, 3),
+            kind=np.full(shape, Kind.FUSED),
         )
         return typical_nees(poses, truth, ("left_hip", "right_wrist", "nose"))
 

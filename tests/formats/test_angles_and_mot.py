@@ -17,7 +17,16 @@ def joints():
     frames = SE3.identity((4, 2, 1))
     names = (("flexion", "adduction", "rotation"),) * 3
     t_ns = np.array([10, 20, 35, 40]) * 1_000_000
-    return JointAngles(t_ns, [3, 9], ("pelvis",), frames, ("left_hip", "left_knee", "neck"), names, angle, np.abs(angle) * 0.1)
+    return JointAngles(
+        t_ns=t_ns,
+        person_id=[3, 9],
+        segments=("pelvis",),
+        world_from_segment=frames,
+        joints=("left_hip", "left_knee", "neck"),
+        angle_names=names,
+        angle_rad=angle,
+        sigma_rad=np.abs(angle) * 0.1,
+    )
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
@@ -47,7 +56,7 @@ def test_a_motion_comes_back(tmp_path, joints):
 
 
 def test_radians_stay_radians(tmp_path):
-    write_mot(tmp_path / "a.sto", Motion("m", [0.0, 0.1], ("q",), [[1.0], [np.nan]], in_degrees=False))
+    write_mot(tmp_path / "a.sto", Motion(name="m", t_s=[0.0, 0.1], columns=("q",), values=[[1.0], [np.nan]], in_degrees=False))
     back = read_mot(tmp_path / "a.sto")
     assert not back.in_degrees
     assert np.isnan(back.values[1, 0])

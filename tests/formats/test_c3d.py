@@ -20,7 +20,15 @@ def some_points() -> C3dData:
     angles[4, 1] = np.nan
     about = {"VERSION": "0.1.0", "PROVENANCE": "a long text, with blanks at odd places " * 20}
     names = ("left_hip", "right_hip", "left_knee", "right_knee", "nose")
-    return C3dData(names, xyz, sigma, 29.97, ("left_hip_angles", "left_knee_angles"), angles, about)
+    return C3dData(
+        names=names,
+        xyz_world=xyz,
+        sigma_m=sigma,
+        rate_hz=29.97,
+        angle_names=("left_hip_angles", "left_knee_angles"),
+        angle_rad=angles,
+        about=about,
+    )
 
 
 def test_round_trip(tmp_path: Path) -> None:
@@ -56,7 +64,7 @@ def test_what_ezc3d_sees(tmp_path: Path) -> None:
 
 def test_large_residuals_do_not_wrap(tmp_path: Path) -> None:
     sigma = np.array([[0.001, 0.4], [0.02, 0.1]])
-    write_c3d(tmp_path / "a.c3d", C3dData(("a", "b"), np.ones((2, 2, 3)), sigma, 50.0))
+    write_c3d(tmp_path / "a.c3d", C3dData(names=("a", "b"), xyz_world=np.ones((2, 2, 3)), sigma_m=sigma, rate_hz=50.0))
     np.testing.assert_allclose(read_c3d(tmp_path / "a.c3d").sigma_m, sigma, atol=0.4 / 255)
 
 
@@ -79,13 +87,20 @@ def test_bad_input(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.c3d: cannot be read"):
         read_c3d(tmp_path / "none.c3d")
     with pytest.raises(InputError, match="must be unique"):
-        write_c3d(tmp_path / "b.c3d", C3dData(("a", "a"), np.ones((2, 2, 3)), np.ones((2, 2)), 50.0))
+        write_c3d(
+            tmp_path / "b.c3d", C3dData(names=("a", "a"), xyz_world=np.ones((2, 2, 3)), sigma_m=np.ones((2, 2)), rate_hz=50.0)
+        )
     with pytest.raises(InputError, match="POSEFUSE:CONFIG: too long"):
-        write_c3d(tmp_path / "b.c3d", C3dData(("a",), np.ones((2, 1, 3)), np.ones((2, 1)), 50.0, about={"CONFIG": "x" * 10**5}))
+        write_c3d(
+            tmp_path / "b.c3d",
+            C3dData(
+                names=("a",), xyz_world=np.ones((2, 1, 3)), sigma_m=np.ones((2, 1)), rate_hz=50.0, about={"CONFIG": "x" * 10**5}
+            ),
+        )
     with pytest.raises(ShapeError, match="1 names"):
-        C3dData(("a",), np.ones((2, 2, 3)), np.ones((2, 2)), 50.0)
+        C3dData(names=("a",), xyz_world=np.ones((2, 2, 3)), sigma_m=np.ones((2, 2)), rate_hz=50.0)
     with pytest.raises(ShapeError, match="rate_hz: expected > 0"):
-        C3dData(("a",), np.ones((2, 1, 3)), np.ones((2, 1)), 0.0)
+        C3dData(names=("a",), xyz_world=np.ones((2, 1, 3)), sigma_m=np.ones((2, 1)), rate_hz=0.0)
     assert not (tmp_path / "b.c3d").exists()
 
 

@@ -16,8 +16,9 @@ def batch(step: int, kind: LookKind = LookKind.EXPECTED) -> DetectionBatch:
     rng = np.random.default_rng(step)
     found = []
     for c, name in enumerate(NAMES[: step % 3]):
-        arrays = [rng.normal(size=(c + 1, *shape)) for shape in ((K, 2), (K,), (K,), (4,))]
-        found.append(Detections2D(name, step * 100 + c, COCO17, *arrays))
+        xy, score, sigma, box = (rng.normal(size=(c + 1, *shape)) for shape in ((K, 2), (K,), (K,), (4,)))
+        t_ns = step * 100 + c
+        found.append(Detections2D(camera=name, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box))
     return DetectionBatch(step=step, t_ns=step * 100, kind=kind, detections=tuple(found))
 
 

@@ -23,9 +23,15 @@ def recording(ring_rig: Callable[..., Rig]) -> Recording:
     xyz = rng.normal(size=(T, N, K, 3))
     xyz[1, 0, 2] = np.nan
     poses = PoseSequence(
-        np.array([0, 10, 25, 30, 44]) * 1_000_003, SKELETON, np.array([3, 7]), xyz, rng.normal(size=(T, N, K, 3, 3)),
-        rng.normal(size=(T, N, K)), rng.integers(0, 5, (T, N, K)), rng.integers(0, 5, (T, N, K)),
-    )  # fmt: skip
+        t_ns=np.array([0, 10, 25, 30, 44]) * 1_000_003,
+        skeleton=SKELETON,
+        person_id=np.array([3, 7]),
+        xyz_world=xyz,
+        cov_world=rng.normal(size=(T, N, K, 3, 3)),
+        reproj_px=rng.normal(size=(T, N, K)),
+        n_views=rng.integers(0, 5, (T, N, K)),
+        kind=rng.integers(0, 5, (T, N, K)),
+    )
     views = rng.normal(size=(T, N, C, K, 2)), rng.uniform(size=(T, N, C, K)), rng.uniform(size=(T, N, C, K))
     return Recording.from_views(
         ring_rig(C), poses, *views, {"version": "0.1.0", "config": {"fuse": {"weights": "all"}}, "note": "ü"}

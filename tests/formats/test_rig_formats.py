@@ -48,13 +48,22 @@ def rigs(draw: st.DrawFn, fisheye: bool = True, lens_counts: tuple[int, ...] = (
     for i in range(draw(st.integers(1, 4))):
         is_fisheye = fisheye and draw(st.booleans())
         count = 4 if is_fisheye else draw(st.sampled_from(lens_counts))
-        K = np.array(
-            [[rng.uniform(300, 2000), rng.normal(), rng.uniform(100, 900)], [0, rng.uniform(300, 2000), 377.7], [0, 0, 1]]
-        )
+        fx = rng.uniform(900, 2000)
+        K = np.array([[fx, rng.normal(), rng.uniform(100, 900)], [0, fx * rng.uniform(0.7, 1.4), 377.7], [0, 0, 1]])
         pose = SE3(rng.normal(size=4), rng.normal(size=3) * 5)
         lens = rng.normal(size=count) * 0.02
-        cameras.append(Camera(f"cam_{i}", (1280, 720 + i), K, pose, lens, "fisheye" if is_fisheye else "pinhole"))
-    return Rig(tuple(cameras), world_set_by='a test: "quoted"', residual_px=draw(st.sampled_from([float("nan"), 0.375])))
+        cameras.append(
+            Camera(
+                name=f"cam_{i}",
+                size_wh=(1280, 720 + i),
+                K=K,
+                cam_from_world=pose,
+                distortion=lens,
+                model="fisheye" if is_fisheye else "pinhole",
+            )
+        )
+    residual_px, refused = draw(st.sampled_from([float("nan"), 0.375])), draw(st.sampled_from(["", "halves agree"]))
+    return Rig(tuple(cameras), world_set_by='a test: "quoted"', residual_px=residual_px, refused=refused)
 
 
 @pytest.mark.parametrize(("format", "place"), EVERY_PLACE)
@@ -68,6 +77,7 @@ def test_written_rigs_come_back(tmp_path_factory: pytest.TempPathFactory, format
     assert back.id == rig.id
     same_cameras(back, rig)
     assert back.world_set_by == rig.world_set_by
+    assert back.refused == rig.refused
     np.testing.assert_equal(back.residual_px, rig.residual_px)
 
 

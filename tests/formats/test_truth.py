@@ -15,15 +15,34 @@ def _truth(ring_rig, joints: bool = True) -> Truth:
     rig = ring_rig(3, distortion=(-0.2, 0.05, 0.001, 0.002))
     t_ns, frames = np.arange(5) * 40_000_000, (4, 6, 5)
     views = tuple(
-        CameraTruth(name, np.arange(f) * 30_000_000 + 7, rng.uniform(0, 600, (f, 2, 23, 2)), rng.random((f, 2, 23)) > 0.5)
+        CameraTruth(
+            camera=name,
+            t_ns=np.arange(f) * 30_000_000 + 7,
+            xy_img=rng.uniform(0, 600, (f, 2, 23, 2)),
+            visible=rng.random((f, 2, 23)) > 0.5,
+        )
         for name, f in zip(rig.names, frames, strict=True)
     )
     pose = SE3.from_rotvec(rng.normal(size=(5, 2, 4, 3)), rng.normal(size=(5, 2, 4, 3)))
     angles = JointAngles(
-        t_ns, [3, 8], ("pelvis", "thigh", "shank", "foot"), pose, ("hip", "knee", "ankle"),
-        (("flexion", "adduction", "rotation"),) * 3, rng.normal(size=(5, 2, 3, 3)), np.zeros((5, 2, 3, 3)),
-    )  # fmt: skip
-    return Truth(rig, t_ns, ANATOMICAL23, [3, 8], rng.normal(size=(5, 2, 23, 3)), views, angles if joints else None)
+        t_ns=t_ns,
+        person_id=[3, 8],
+        segments=("pelvis", "thigh", "shank", "foot"),
+        world_from_segment=pose,
+        joints=("hip", "knee", "ankle"),
+        angle_names=(("flexion", "adduction", "rotation"),) * 3,
+        angle_rad=rng.normal(size=(5, 2, 3, 3)),
+        sigma_rad=np.zeros((5, 2, 3, 3)),
+    )
+    return Truth(
+        rig=rig,
+        t_ns=t_ns,
+        skeleton=ANATOMICAL23,
+        person_id=[3, 8],
+        xyz_world=rng.normal(size=(5, 2, 23, 3)),
+        views=views,
+        joints=angles if joints else None,
+    )
 
 
 def test_read_gives_what_was_written(tmp_path: Path, ring_rig):

@@ -39,4 +39,12 @@ def _views_of(rig: Rig, skeleton: Skeleton, xyz: np.ndarray, sigma_px: float = 1
     if seed is not None:
         xy = xy + np.random.default_rng(seed).normal(size=xy.shape) * sigma_px
     seen = np.isfinite(xy[..., 0])
-    return Views(0, skeleton, rig.names, np.arange(len(xyz)), xy, np.where(seen, 0.9, 0.0), np.where(seen, sigma_px, np.nan))
+    return Views(
+        t_ns=0,
+        skeleton=skeleton,
+        camera_names=rig.names,
+        person_id=np.arange(len(xyz)),
+        xy_img=xy,
+        score=np.where(seen, 0.9, 0.0),
+        sigma_px=np.where(seen, sigma_px, np.nan),
+    )

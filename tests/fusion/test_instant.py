@@ -23,7 +23,11 @@ def test_a_keypoint_of_one_view_is_missing_not_invented(ring_rig, standing, view
     seen = views_of(rig, COCO, standing[None])
     xy, score = seen.xy_img.copy(), seen.score.copy()
     xy[0, 1:, 3], score[0, 1:, 3] = np.nan, 0
-    pose = fuse(Views(7, COCO, rig.names, [4], xy, score, seen.sigma_px), rig, FuseSettings())
+    pose = fuse(
+        Views(t_ns=7, skeleton=COCO, camera_names=rig.names, person_id=[4], xy_img=xy, score=score, sigma_px=seen.sigma_px),
+        rig,
+        FuseSettings(),
+    )
     assert pose.kind[0, 3] == Kind.MISSING
     assert np.isnan(pose.xyz_world[0, 3]).all()
     assert np.isnan(pose.cov_world[0, 3]).all()
@@ -38,7 +42,11 @@ def test_two_rays_that_do_not_meet_are_no_point(ring_rig, standing, views_of):
     seen = views_of(rig, COCO, standing[None])
     xy = seen.xy_img.copy()
     xy[0, 0, 5, 1] += 200
-    pose = fuse(Views(0, COCO, rig.names, [0], xy, seen.score, seen.sigma_px), rig, FuseSettings())
+    pose = fuse(
+        Views(t_ns=0, skeleton=COCO, camera_names=rig.names, person_id=[0], xy_img=xy, score=seen.score, sigma_px=seen.sigma_px),
+        rig,
+        FuseSettings(),
+    )
     assert pose.kind[0, 5] == Kind.MISSING
     assert pose.kind[0, 6] == Kind.FUSED
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,13 +13,11 @@ GROUPS = dict(zip(("body", "arms", "legs", "head"), limb_groups(COCO), strict=Tr
 
 
 def exchanged(views: Views, cameras: list[int], group: np.ndarray, person: int = 0) -> Views:
-    planes = []
-    for plane in (views.xy_img, views.score, views.sigma_px):
-        plane = plane.copy()
+    planes = {name: getattr(views, name).copy() for name in ("xy_img", "score", "sigma_px")}
+    for plane in planes.values():
         for camera in cameras:
             plane[person, camera, group] = plane[person, camera, COCO.mirror[group]]
-        planes.append(plane)
-    return Views(views.t_ns, COCO, views.camera_names, views.person_id, *planes)
+    return replace(views, **planes)
 
 
 @pytest.mark.parametrize("count", [3, 4, 7])

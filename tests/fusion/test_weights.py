@@ -43,9 +43,18 @@ def test_a_missing_segment_leaves_distance_alone_to_decide(ring_rig, standing):
     np.testing.assert_allclose(full_weight(rig, skeleton, np.full((3, 17), 0.8), pose, settings)[:, wrist], 0.64)
 
 
+FACE = {
+    "brow", "chin", "ear", "eye", "eye_inner", "eye_outer", "head", "inner_lip_lower", "inner_lip_upper", "inner_mouth", "jaw",
+    "lid_lower", "lid_upper", "lip_lower", "lip_upper", "mouth", "nose", "nose_base", "nose_bridge", "nostril",
+}  # fmt: skip
+FINGERS = {"hand_root", "thumb", "index", "middle", "ring", "pinky"}
+
+
 @pytest.mark.parametrize("name", SKELETONS)
 def test_every_body_keypoint_belongs_to_a_segment(name):
     skeleton = SKELETONS[name]
-    loose = {k.removeprefix("left_").removeprefix("right_") for k in skeleton.keypoints if k not in SEGMENT_OF}
-    assert loose <= {"nose", "head", "ear", "mouth", "eye", "eye_inner", "eye_outer"}
+    loose = {
+        k.removeprefix("left_").removeprefix("right_").rstrip("0123456789") for k in skeleton.keypoints if k not in SEGMENT_OF
+    }
+    assert loose <= FACE | FINGERS
     assert {SEGMENT_OF[k] for k in skeleton.keypoints if k in SEGMENT_OF} == set(SEGMENTS)

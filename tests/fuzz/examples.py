@@ -48,26 +48,52 @@ def _copied(source: Path, name: str) -> Callable[[Path], None]:
 
 
 def _trc(folder: Path) -> None:
-    write_trc(folder / "a.trc", TrcData(NAMES, *walking(), 30.0))
-    write_trc(folder / "sound.trc", TrcData(NAMES, *walking(), 30.0))
+    write_trc(folder / "a.trc", _trc_data())
+    write_trc(folder / "sound.trc", _trc_data())
+
+
+def _trc_data() -> TrcData:
+    t_s, xyz = walking()
+    return TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=30.0)
 
 
 def _c3d(folder: Path) -> None:
     xyz = walking()[1]
     angles = np.zeros((len(xyz), 1, 3))
-    write_c3d(folder / "a.c3d", C3dData(NAMES, xyz, np.full(xyz.shape[:2], 0.01), 30.0, ("knee",), angles, {"VERSION": "1"}))
-    write_trc(folder / "sound.trc", TrcData(NAMES, *walking(), 30.0))
+    write_c3d(
+        folder / "a.c3d",
+        C3dData(
+            names=NAMES,
+            xyz_world=xyz,
+            sigma_m=np.full(xyz.shape[:2], 0.01),
+            rate_hz=30.0,
+            angle_names=("knee",),
+            angle_rad=angles,
+            about={"VERSION": "1"},
+        ),
+    )
+    write_trc(folder / "sound.trc", _trc_data())
 
 
 def _bvh(folder: Path) -> None:
     rotation = np.tile(np.eye(3), (5, 3, 1, 1))
     offset = np.array([[0, 0, 0], [0, 0.5, 0], [0, 0.5, 0.0]])
-    data = BvhData(("hips", "knee", "knee_end"), np.array([-1, 0, 1]), offset, 0.02, rotation, np.tile(offset, (5, 1, 1)))
+    data = BvhData(
+        names=("hips", "knee", "knee_end"),
+        parent=np.array([-1, 0, 1]),
+        offset=offset,
+        frame_s=0.02,
+        rotation=rotation,
+        position=np.tile(offset, (5, 1, 1)),
+    )
     write_bvh(folder / "a.bvh", data)
 
 
 def _mot(folder: Path) -> None:
-    write_mot(folder / "a.mot", Motion("angles", np.arange(5) / 10, ("hip", "knee"), np.ones((5, 2)), True))
+    write_mot(
+        folder / "a.mot",
+        Motion(name="angles", t_s=np.arange(5) / 10, columns=("hip", "knee"), values=np.ones((5, 2)), in_degrees=True),
+    )
 
 
 def _wide_csv(folder: Path) -> None:
@@ -75,7 +101,7 @@ def _wide_csv(folder: Path) -> None:
     lines = ["t_s," + ",".join(f"{name}_{axis}" for name in NAMES for axis in "xyz")]
     lines += [f"{t:.4f}," + ",".join(f"{v:.4f}" for v in row.ravel()) for t, row in zip(t_s, xyz, strict=True)]
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
-    write_trc(folder / "sound.trc", TrcData(NAMES, t_s, xyz, 30.0))
+    write_trc(folder / "sound.trc", TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=30.0))
 
 
 def _long_csv(folder: Path) -> None:
@@ -88,7 +114,7 @@ def _long_csv(folder: Path) -> None:
         for name, (x, y, z) in zip(NAMES, row, strict=True)
     ]
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
-    write_trc(folder / "sound.trc", TrcData(NAMES, t_s, xyz, 30.0))
+    write_trc(folder / "sound.trc", TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=30.0))
 
 
 def _angles_csv(folder: Path) -> None:
@@ -112,10 +138,21 @@ def _recording(folder: Path) -> None:
     cov = np.broadcast_to(np.eye(3) * 1e-4, (8, 1, 17, 3, 3)).copy()
     times = (t_s * 1e9).astype(np.int64)
     kind = np.full((8, 1, 17), Kind.FUSED)
-    poses = PoseSequence(times, skeleton, np.array([0]), points, cov, np.ones((8, 1, 17)), np.full((8, 1, 17), 4), kind)
+    poses = PoseSequence(
+        t_ns=times,
+        skeleton=skeleton,
+        person_id=np.array([0]),
+        xyz_world=points,
+        cov_world=cov,
+        reproj_px=np.ones((8, 1, 17)),
+        n_views=np.full((8, 1, 17), 4),
+        kind=kind,
+    )
     xy = np.stack([camera.project(points) for camera in rig], axis=2)
     score = np.where(np.isfinite(xy).all(-1), 0.9, 0.0)
-    write_recording(folder, Recording(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"made": "by the fuzz stage"}))
+    write_recording(
+        folder, Recording.from_views(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"made": "by the fuzz stage"})
+    )
 
 
 def _video(folder: Path) -> None:

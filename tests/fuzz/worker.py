@@ -33,13 +33,13 @@ _ENDED_WELL, _KNOWN_ERROR = 0, 1
 
 def _readers() -> dict[str, Callable[[Path], Any]]:
     from posefuse.cli.calibrating.floor_points import read_floor_points
-    from posefuse.cli.comparing import read_tracks
     from posefuse.detection.models import read_card
+    from posefuse.evaluation.tracks import read_tracks
     from posefuse.formats.angles import read_angles
     from posefuse.formats.bvh import read_bvh
     from posefuse.formats.c3d import read_c3d
     from posefuse.formats.mot import read_mot
-    from posefuse.formats.openpose import read_openpose_folder
+    from posefuse.formats.pose2d import read_openpose_folder
     from posefuse.formats.recording import read_recording
     from posefuse.formats.rig import read_rig
     from posefuse.formats.trc import read_trc

@@ -14,7 +14,15 @@ BODY = SKELETONS["coco17"]
 def views_of(rig: Rig, xy: np.ndarray, t_s: np.ndarray) -> ViewSequence:
     ones = np.ones((len(t_s), 1, len(rig), len(BODY)))
     names = tuple(rig.names)
-    return ViewSequence(np.round(t_s * 1e9).astype(np.int64), BODY, names, np.zeros(1, np.int64), xy[:, None], ones, 2 * ones)
+    return ViewSequence(
+        t_ns=np.round(t_s * 1e9).astype(np.int64),
+        skeleton=BODY,
+        camera_names=names,
+        person_id=np.zeros(1, np.int64),
+        xy_img=xy[:, None],
+        score=ones,
+        sigma_px=2 * ones,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -103,5 +103,12 @@ def from_xyz(xyz: np.ndarray, skeleton: str, sigma_m: float, rate_hz: float = 10
     cov = np.where(seen[..., None, None], np.eye(3) * sigma_m**2, np.nan)
     t_ns = np.round(np.arange(len(xyz)) * 1e9 / rate_hz).astype(np.int64)
     return PoseSequence(
-        t_ns, SKELETONS[skeleton], np.arange(xyz.shape[1]), xyz, cov, np.where(seen, 0.5, np.nan), seen * 4, seen * 1
+        t_ns=t_ns,
+        skeleton=SKELETONS[skeleton],
+        person_id=np.arange(xyz.shape[1]),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=np.where(seen, 0.5, np.nan),
+        n_views=seen * 4,
+        kind=seen * 1,
     )

@@ -84,7 +84,14 @@ def test_a_short_gap_is_bridged_and_a_long_one_named(sequence):
         xyz = sequence.xyz_world.copy()
         xyz[10:end, :, sequence.skeleton.index("left_wrist")] = np.nan
         gaps = PoseSequence(
-            sequence.t_ns, sequence.skeleton, [0], xyz, sequence.cov_world, sequence.reproj_px, sequence.n_views, sequence.kind
+            t_ns=sequence.t_ns,
+            skeleton=sequence.skeleton,
+            person_id=[0],
+            xyz_world=xyz,
+            cov_world=sequence.cov_world,
+            reproj_px=sequence.reproj_px,
+            n_views=sequence.n_views,
+            kind=sequence.kind,
         )
         return animation_from_joints(gaps, joints_from_poses(gaps))
 
@@ -139,8 +146,14 @@ def test_what_the_files_cannot_hold_is_refused(sequence, tmp_path):
     with pytest.raises(InputError, match=r"expected a file ending in \.glb"):
         write_gltf(tmp_path / "a.obj", animation)
     uneven = PoseSequence(
-        sequence.t_ns**2 // 10**6 + sequence.t_ns, sequence.skeleton, [0], sequence.xyz_world, sequence.cov_world,
-        sequence.reproj_px, sequence.n_views, sequence.kind,
-    )  # fmt: skip
+        t_ns=sequence.t_ns**2 // 10**6 + sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=[0],
+        xyz_world=sequence.xyz_world,
+        cov_world=sequence.cov_world,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
+    )
     with pytest.raises(InputError, match="evenly spaced"):
         animation_from_joints(uneven, joints_from_poses(uneven))

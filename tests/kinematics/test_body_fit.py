@@ -36,7 +36,16 @@ def noisy(posed):
     for name in HIDDEN:
         at = clean.skeleton.index(name)
         xyz[60:85, :, at], cov[60:85, :, at], kind[60:85, :, at] = np.nan, np.nan, Kind.MISSING
-    return clean, PoseSequence(clean.t_ns, clean.skeleton, [0], xyz, cov, clean.reproj_px, clean.n_views, kind)
+    return clean, PoseSequence(
+        t_ns=clean.t_ns,
+        skeleton=clean.skeleton,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=clean.reproj_px,
+        n_views=clean.n_views,
+        kind=kind,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -130,8 +139,15 @@ def test_rays_see_what_points_cannot(noisy, fitted, ring_rig):
     score = np.ones(xy.shape[:-1])
     wrist = clean.skeleton.index("left_wrist")
     score[60:85, :, 1:, clean.skeleton.indices(HIDDEN)] = 0
-    planes = np.where(score[..., None] > 0, xy, np.nan), score, np.where(score > 0, 1.0, np.nan)
-    views = ViewSequence(seen.t_ns, seen.skeleton, rig.names, seen.person_id, *planes)
+    views = ViewSequence(
+        t_ns=seen.t_ns,
+        skeleton=seen.skeleton,
+        camera_names=rig.names,
+        person_id=seen.person_id,
+        xy_img=np.where(score[..., None] > 0, xy, np.nan),
+        score=score,
+        sigma_px=np.where(score > 0, 1.0, np.nan),
+    )
     by_rays = fit_views(seen, rig, views, WHITE, fitted.bodies)
     errors = [np.linalg.norm(f.poses.xyz_world - clean.xyz_world, axis=-1)[60:85, 0, wrist].mean() for f in (fitted, by_rays)]
     assert errors[1] < 0.7 * errors[0]
@@ -141,7 +157,15 @@ def test_live_rays_need_the_cameras_of_the_rig(noisy, fitted, ring_rig):
     clean = noisy[0]
     tracker = BodyTracker(fitted.bodies, WHITE, rig=ring_rig(2))
     nothing = np.zeros((1, 1, len(clean.skeleton)))
-    views = Views(0, clean.skeleton, ("other",), [0], np.zeros((1, 1, len(clean.skeleton), 2)), nothing, nothing)
+    views = Views(
+        t_ns=0,
+        skeleton=clean.skeleton,
+        camera_names=("other",),
+        person_id=[0],
+        xy_img=np.zeros((1, 1, len(clean.skeleton), 2)),
+        score=nothing,
+        sigma_px=nothing,
+    )
     with pytest.raises(InputError, match=r"cam00, cam01.*got cameras other"):
         tracker.step_views(clean.at(0), views)
 
@@ -150,7 +174,16 @@ def test_an_outlier_moves_the_fit_little(noisy, fitted):
     clean, seen = noisy
     xyz, knee = seen.xyz_world.copy(), seen.skeleton.index("right_knee")
     xyz[40, 0, knee] += [0.4, -0.3, 0.2]
-    spoiled = PoseSequence(seen.t_ns, seen.skeleton, [0], xyz, seen.cov_world, seen.reproj_px, seen.n_views, seen.kind)
+    spoiled = PoseSequence(
+        t_ns=seen.t_ns,
+        skeleton=seen.skeleton,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=seen.cov_world,
+        reproj_px=seen.reproj_px,
+        n_views=seen.n_views,
+        kind=seen.kind,
+    )
     error = {}
     for dof in (5.0, 1e6):
         fit = fit_poses(spoiled, BodySettings(noise_memory_s=0.0, robust_dof=dof), fitted.bodies)
@@ -182,10 +215,10 @@ def test_a_person_hardly_seen_keeps_their_points(posed):
     names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     two = {name: np.concatenate([getattr(sequence, name)] * 2, axis=1) for name in names}
     two["xyz_world"][2:, 1] = np.nan
-    fit = fit_poses(PoseSequence(sequence.t_ns, sequence.skeleton, [4, 9], *two.values()))
+    fit = fit_poses(PoseSequence(t_ns=sequence.t_ns, skeleton=sequence.skeleton, person_id=[4, 9], **two))
     assert list(fit.bodies) == [4]
     np.testing.assert_array_equal(fit.poses.xyz_world[:, 1], two["xyz_world"][:, 1])
     assert np.isfinite(fit.joints.angle_rad[:2, 1]).any() and np.isnan(fit.joints.angle_rad[2:, 1]).all()
     two["xyz_world"][:] = np.nan
     with pytest.raises(InputError, match=r"both hips and both shoulders.*none of the 2 people"):
-        fit_poses(PoseSequence(sequence.t_ns, sequence.skeleton, [4, 9], *two.values()))
+        fit_poses(PoseSequence(t_ns=sequence.t_ns, skeleton=sequence.skeleton, person_id=[4, 9], **two))

@@ -38,7 +38,14 @@ def stepping(heading_rad=0.7, keypoints=SKELETON.keypoints, gap=None):
     seen = np.isfinite(xyz[..., 0])
     cov = np.where(seen[..., None, None], np.eye(3) * 1e-6, np.nan)
     return PoseSequence(
-        np.round(t * 1e9).astype(np.int64), SKELETON, [0], xyz, cov, np.where(seen, 1.0, np.nan), seen * 4, seen * 1
+        t_ns=np.round(t * 1e9).astype(np.int64),
+        skeleton=SKELETON,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=np.where(seen, 1.0, np.nan),
+        n_views=seen * 4,
+        kind=seen * 1,
     )
 
 
@@ -74,7 +81,18 @@ def test_the_simulated_walk_round_a_circle_is_measured_as_set():
     truth = read_truth(Path(__file__).parents[2] / "examples" / "demo" / "truth" / "truth.npz")
     shape = truth.xyz_world.shape[:3]
     ones, cov = np.ones(shape), np.broadcast_to(np.eye(3) * 1e-6, (*shape, 3, 3))
-    gait = gait_from_poses(PoseSequence(truth.t_ns, truth.skeleton, truth.person_id, truth.xyz_world, cov, ones, ones, ones))
+    gait = gait_from_poses(
+        PoseSequence(
+            t_ns=truth.t_ns,
+            skeleton=truth.skeleton,
+            person_id=truth.person_id,
+            xyz_world=truth.xyz_world,
+            cov_world=cov,
+            reproj_px=ones,
+            n_views=ones,
+            kind=ones,
+        )
+    )
     assert gait.speed_m_s == pytest.approx(1.2, rel=0.02)
     assert gait.stride_length_m.mean == pytest.approx(1.2 * gait.stride_time_s.mean, rel=0.03)
 
@@ -98,7 +116,16 @@ def test_events_agree_with_a_gait_laboratory(shared_data):
     seen = np.isfinite(xyz[..., 0])
     t_ns = np.arange(len(points)) * 1_000_000_000 // 120
     cov = np.where(seen[..., None, None], np.eye(3) * 1e-6, np.nan)
-    sequence = PoseSequence(t_ns, SKELETON, [0], xyz, cov, np.where(seen, 1.0, np.nan), seen * 4, seen * 1)
+    sequence = PoseSequence(
+        t_ns=t_ns,
+        skeleton=SKELETON,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=np.where(seen, 1.0, np.nan),
+        n_views=seen * 4,
+        kind=seen * 1,
+    )
     gait = gait_from_poses(sequence)
     event = file["parameters"]["EVENT"]
     times = np.array(event["TIMES"]["value"]).reshape(2, -1, order="F")[1]

@@ -75,9 +75,15 @@ def test_moving_the_world_changes_only_the_pelvis(posed):
     sequence = posed([BENT])
     turn = Rotation.from_euler("xyz", [40, -150, 75], degrees=True).as_matrix()
     moved = PoseSequence(
-        sequence.t_ns, sequence.skeleton, sequence.person_id, sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0],
-        turn @ sequence.cov_world @ turn.T, sequence.reproj_px, sequence.n_views, sequence.kind,
-    )  # fmt: skip
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=sequence.person_id,
+        xyz_world=sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0],
+        cov_world=turn @ sequence.cov_world @ turn.T,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
+    )
     before, after = joints_from_poses(sequence), joints_from_poses(moved)
     np.testing.assert_allclose(after.angle_rad[:, :, 1:], before.angle_rad[:, :, 1:], atol=1e-9)
     np.testing.assert_allclose(after.sigma_rad[:, :, 1:], before.sigma_rad[:, :, 1:], rtol=1e-6)
@@ -88,9 +94,15 @@ def test_mirroring_the_subject_swaps_the_sides(posed):
     sequence = posed([BENT])
     xyz = sequence.xyz_world[:, :, sequence.skeleton.mirror] * [1, -1, 1]
     mirrored = PoseSequence(
-        sequence.t_ns, sequence.skeleton, sequence.person_id, xyz, sequence.cov_world, sequence.reproj_px,
-        sequence.n_views, sequence.kind,
-    )  # fmt: skip
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=sequence.person_id,
+        xyz_world=xyz,
+        cov_world=sequence.cov_world,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
+    )
     before, after = joints_from_poses(sequence, EXACT), joints_from_poses(mirrored, EXACT)
     for name in JOINT_NAMES:
         if name.startswith("left_"):
@@ -110,9 +122,7 @@ def test_sigma_is_the_spread_of_angles_of_noisy_points(posed):
     errors, stated = [], None
     for i in range(count):
         tracker = JointTracker(clean.skeleton, EXACT)
-        one = PoseSequence(
-            clean.t_ns, clean.skeleton, [0], xyz[i : i + 1], cov[:1], *([clean.n_views * 1.0] + [clean.n_views] * 2)
-        )
+        one = replace(clean, xyz_world=xyz[i : i + 1], cov_world=cov[:1])
         joints = tracker.step(one.at(0))
         errors.append(joints.angle_rad[0, 0] - truth.angle_rad[0, 0])
         stated = joints.sigma_rad[0, 0]
@@ -143,7 +153,16 @@ def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
     frames = [{"left_knee": (60.0 if i < 30 else 0.5, 0, 0), "left_hip": (20, 0, 10)} for i in range(90)]
     clean = posed(frames, sigma_m=0.01)
     xyz = clean.xyz_world + rng.normal(size=clean.xyz_world.shape) * 0.01
-    noisy = PoseSequence(clean.t_ns, clean.skeleton, [0], xyz, clean.cov_world, clean.reproj_px, clean.n_views, clean.kind)
+    noisy = PoseSequence(
+        t_ns=clean.t_ns,
+        skeleton=clean.skeleton,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=clean.cov_world,
+        reproj_px=clean.reproj_px,
+        n_views=clean.n_views,
+        kind=clean.kind,
+    )
     tracker = JointTracker(clean.skeleton)
     live = [tracker.step(noisy.at(i)) for i in range(90)]
     turn = np.array([degrees_of(j, "left_hip")[2] for j in live])
@@ -189,7 +208,14 @@ def test_a_missing_keypoint_takes_only_what_needs_it(posed):
     xyz = sequence.xyz_world.copy()
     xyz[:, :, sequence.skeleton.index("left_ankle")] = np.nan
     holed = PoseSequence(
-        sequence.t_ns, sequence.skeleton, [0], xyz, sequence.cov_world, sequence.reproj_px, sequence.n_views, sequence.kind
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=sequence.cov_world,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
     )
     joints, reasons = reasons_from_poses(holed, EXACT)
     knee, hip = joints.joints.index("left_knee"), joints.joints.index("left_hip")
@@ -216,9 +242,15 @@ def test_an_upside_down_person_has_the_same_angles(posed):
 def test_swapped_sides_are_refused(posed):
     sequence = posed([BENT] * 10)
     swapped = PoseSequence(
-        sequence.t_ns, sequence.skeleton, [7], sequence.xyz_world[:, :, sequence.skeleton.mirror], sequence.cov_world,
-        sequence.reproj_px, sequence.n_views, sequence.kind,
-    )  # fmt: skip
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=[7],
+        xyz_world=sequence.xyz_world[:, :, sequence.skeleton.mirror],
+        cov_world=sequence.cov_world,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
+    )
     with pytest.raises(InputError, match="person 7: left and right look swapped"):
         joints_from_poses(swapped)
     assert np.isfinite(joints_from_poses(swapped, JointSettings(sides_checked=False)).angle_rad).any()
@@ -227,16 +259,18 @@ def test_swapped_sides_are_refused(posed):
 def test_nobody_and_all_missing_give_empty_and_nan(posed):
     sequence = posed([BENT] * 3)
     nan = PoseSequence(
-        sequence.t_ns, sequence.skeleton, [0], sequence.xyz_world * np.nan, sequence.cov_world * np.nan, sequence.reproj_px,
-        sequence.n_views, sequence.kind,
-    )  # fmt: skip
-    assert np.isnan(joints_from_poses(nan).angle_rad).all()
-    nobody = PoseSequence(
-        sequence.t_ns,
-        sequence.skeleton,
-        [],
-        *(getattr(sequence, f)[:, :0] for f in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")),
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=[0],
+        xyz_world=sequence.xyz_world * np.nan,
+        cov_world=sequence.cov_world * np.nan,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
     )
+    assert np.isnan(joints_from_poses(nan).angle_rad).all()
+    planes = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    nobody = replace(sequence, person_id=[], **{name: getattr(sequence, name)[:, :0] for name in planes})
     assert joints_from_poses(nobody).angle_rad.shape == (3, 0, len(JOINT_NAMES), 3)
 
 

@@ -22,7 +22,11 @@ def scene(ring_rig):
         xy = camera.project(people[who]) + rng.normal(size=(len(who), 17, 2)) * 3
         score = rng.uniform(0.3, 1.0, xy.shape[:2])
         box = np.concatenate([xy.min(axis=1), xy.max(axis=1)], axis=-1)
-        reports.append(Detections2D(camera.name, 0, COCO, xy, score, 2 * np.ones_like(score), box))
+        reports.append(
+            Detections2D(
+                camera=camera.name, t_ns=0, skeleton=COCO, xy_img=xy, score=score, sigma_px=2 * np.ones_like(score), box_img=box
+            )
+        )
     return rig, reports
 
 
@@ -48,6 +52,17 @@ def test_the_order_of_cameras_changes_nobody(scene, people):
 
 def test_the_order_within_a_camera_changes_nobody(scene):
     rig, reports = scene
-    turned = [Detections2D(d.camera, 0, COCO, d.xy_img[::-1], d.score[::-1], d.sigma_px[::-1], d.box_img[::-1]) for d in reports]
+    turned = [
+        Detections2D(
+            camera=d.camera,
+            t_ns=0,
+            skeleton=COCO,
+            xy_img=d.xy_img[::-1],
+            score=d.score[::-1],
+            sigma_px=d.sigma_px[::-1],
+            box_img=d.box_img[::-1],
+        )
+        for d in reports
+    ]
     settings = AssociateSettings(max_people=3)
     np.testing.assert_array_equal(associate(turned, rig, settings).xy_img, associate(reports, rig, settings).xy_img)

@@ -14,7 +14,16 @@ def sequence(t_ns, xyz, cov):
     there = np.isfinite(xyz[..., 0])
     covs = np.where(there[..., None, None], np.broadcast_to(cov, (*shape, 3, 3)), np.nan)
     kind = np.where(there, Kind.FUSED, Kind.MISSING)
-    return PoseSequence(t_ns, COCO, np.arange(shape[1]), xyz, covs, np.where(there, 1.0, np.nan), np.where(there, 4, 0), kind)
+    return PoseSequence(
+        t_ns=t_ns,
+        skeleton=COCO,
+        person_id=np.arange(shape[1]),
+        xyz_world=xyz,
+        cov_world=covs,
+        reproj_px=np.where(there, 1.0, np.nan),
+        n_views=np.where(there, 4, 0),
+        kind=kind,
+    )
 
 
 @pytest.fixture

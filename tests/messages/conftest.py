@@ -24,7 +24,15 @@ def some_detections() -> Callable[..., Detections2D]:
         score, sigma = rng.uniform(0, 1, (people, k)), rng.uniform(1, 9, (people, k))
         lost = rng.random((people, k)) < 0.2
         xy[lost], score[lost], sigma[lost] = np.nan, 0, np.nan
-        return Detections2D("cam 3/left", t_ns, skeleton, xy, score, sigma, rng.uniform(0, 600, (people, 4)))
+        return Detections2D(
+            camera="cam 3/left",
+            t_ns=t_ns,
+            skeleton=skeleton,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+            box_img=rng.uniform(0, 600, (people, 4)),
+        )
 
     return make
 
@@ -42,7 +50,16 @@ def some_pose() -> Callable[..., Pose3D]:
         kind = rng.integers(0, 5, (people, k))
         lost = rng.random((people, k)) < 0.2
         xyz[lost], cov[lost], reproj[lost], views[lost], kind[lost] = np.nan, np.nan, np.nan, 0, 0
-        return Pose3D(t_ns, skeleton, np.array([40, 7, 11][:people]), xyz, cov, reproj, views, kind)
+        return Pose3D(
+            t_ns=t_ns,
+            skeleton=skeleton,
+            person_id=np.array([40, 7, 11][:people]),
+            xyz_world=xyz,
+            cov_world=cov,
+            reproj_px=reproj,
+            n_views=views,
+            kind=kind,
+        )
 
     return make
 
@@ -64,7 +81,16 @@ def standing() -> Callable[..., Pose3D]:
         xyz = np.array([[at[name] for name in skeleton.keypoints]], float)
         k = len(skeleton)
         cov = np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
-        return Pose3D(5_000_000_000, skeleton, [1], xyz, cov, np.ones((1, k)), np.full((1, k), 3), np.ones((1, k)))
+        return Pose3D(
+            t_ns=5_000_000_000,
+            skeleton=skeleton,
+            person_id=[1],
+            xyz_world=xyz,
+            cov_world=cov,
+            reproj_px=np.ones((1, k)),
+            n_views=np.full((1, k), 3),
+            kind=np.ones((1, k)),
+        )
 
     return make
 
@@ -73,14 +99,14 @@ def standing() -> Callable[..., Pose3D]:
 def some_joints() -> JointAngles:
     rng = np.random.default_rng(3)
     return JointAngles(
-        np.array([4_000_000_000, 5_000_000_000]),
-        np.array([40, 7]),
-        ("pelvis", "left_thigh", "left_shank"),
-        SE3(rng.normal(size=(2, 2, 3, 4)), rng.normal(size=(2, 2, 3, 3))),
-        ("left_hip", "left_knee", "left_ankle", "neck"),
-        (("flexion", "adduction", "rotation"),) * 4,
-        rng.normal(size=(2, 2, 4, 3)),
-        rng.uniform(0.01, 0.1, (2, 2, 4, 3)),
+        t_ns=np.array([4_000_000_000, 5_000_000_000]),
+        person_id=np.array([40, 7]),
+        segments=("pelvis", "left_thigh", "left_shank"),
+        world_from_segment=SE3(rng.normal(size=(2, 2, 3, 4)), rng.normal(size=(2, 2, 3, 3))),
+        joints=("left_hip", "left_knee", "left_ankle", "neck"),
+        angle_names=(("flexion", "adduction", "rotation"),) * 4,
+        angle_rad=rng.normal(size=(2, 2, 4, 3)),
+        sigma_rad=rng.uniform(0.01, 0.1, (2, 2, 4, 3)),
     )
 
 

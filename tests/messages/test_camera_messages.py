@@ -22,7 +22,9 @@ def over_the_wire(msg):
      (14, "pinhole", "rational_polynomial"), (4, "fisheye", "equidistant")],
 )  # fmt: skip
 def test_a_camera_comes_back_and_projects_alike(count, model, said):
-    sent = Camera("cam", (640, 480), K, POSE, np.linspace(0.01, 0.02, count), model)
+    sent = Camera(
+        name="cam", size_wh=(640, 480), K=K, cam_from_world=POSE, distortion=np.linspace(0.01, 0.02, count), model=model
+    )
     msg = over_the_wire(cm.info_from_camera(sent, 5))
     assert msg.distortion_model == said
     back = cm.camera_from_info("cam", msg, POSE)
@@ -43,7 +45,7 @@ def test_a_camera_comes_back_and_projects_alike(count, model, said):
     ],
 )
 def test_an_info_that_cannot_be_a_camera_is_refused(change):
-    good = cm.info_from_camera(Camera("cam", (640, 480), K, POSE), 5)
+    good = cm.info_from_camera(Camera(name="cam", size_wh=(640, 480), K=K, cam_from_world=POSE), 5)
     with pytest.raises(MessageError, match="CameraInfo of cam"):
         cm.camera_from_info("cam", dataclasses.replace(good, **change), POSE)
 

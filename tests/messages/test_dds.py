@@ -216,8 +216,8 @@ def test_ports_in_use_are_said():
         for port in range(7410 + 250 * domain, 7410 + 250 * domain + 64):
             taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("", port))
         with pytest.raises(SourceError, match=rf"domain {domain}: .*are all in use by other programs, choose another domain"):
-            RosNode("x", Network(domain, local_only=True))
-    RosNode("x", Network(domain, local_only=True)).close()
+            RosNode("x", Network(domain_id=domain, local_only=True))
+    RosNode("x", Network(domain_id=domain, local_only=True)).close()
 
 
 @pytest.mark.parametrize(

@@ -23,14 +23,14 @@ def pose(number):
     k = len(SKELETON)
     xyz = np.full((1, k, 3), float(number))
     return Pose3D(
-        time.time_ns(),
-        SKELETON,
-        [number],
-        xyz,
-        np.tile(np.eye(3), (1, k, 1, 1)),
-        np.ones((1, k)),
-        np.ones((1, k)),
-        np.ones((1, k)),
+        t_ns=time.time_ns(),
+        skeleton=SKELETON,
+        person_id=[number],
+        xyz_world=xyz,
+        cov_world=np.tile(np.eye(3), (1, k, 1, 1)),
+        reproj_px=np.ones((1, k)),
+        n_views=np.ones((1, k)),
+        kind=np.ones((1, k)),
     )
 
 

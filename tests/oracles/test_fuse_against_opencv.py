@@ -23,7 +23,9 @@ def test_two_clean_views_agree_with_triangulate_points(ring_rig, weights):
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
 def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
-    packed = packed_rig(Rig((Camera("a", (640, 480), K, SE3.identity(), np.array(BROWN[:count])),)))[0]
+    packed = packed_rig(
+        Rig((Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=np.array(BROWN[:count])),))
+    )[0]
     xy = np.random.default_rng(1).uniform(-0.35, 0.35, (20, 2))
     expected, _ = cv2.projectPoints(np.column_stack([xy, np.ones(20)]), np.zeros(3), np.zeros(3), K, np.array(BROWN[:count]))
     for ideal, raw in zip(xy, expected[:, 0], strict=True):
@@ -35,7 +37,15 @@ def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
 
 
 def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
-    packed = packed_rig(Rig((Camera("a", (640, 480), K, SE3.identity(), np.array(FISH), model="fisheye"),)))[0]
+    packed = packed_rig(
+        Rig(
+            (
+                Camera(
+                    name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=np.array(FISH), model="fisheye"
+                ),
+            )
+        )
+    )[0]
     xy = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 2))
     expected = cv2.fisheye.distortPoints(xy[None], K, np.array(FISH))[0]
     for ideal, raw in zip(xy, expected, strict=True):
@@ -47,7 +57,7 @@ def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
 def test_the_compiled_lens_gives_up_where_the_camera_does(model):
     """Far outside the image there is no inverse: NaN in both, or the same ray."""
     bent = np.array([-0.4, 0.0, 0.0, 0.0]) if model == "pinhole" else np.array([-0.3, 0.01, 0.0, 0.0])
-    camera = Camera("a", (640, 480), K, SE3.identity(), bent, model=model)
+    camera = Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=bent, model=model)
     packed = packed_rig(Rig((camera,)))[0]
     xy = np.random.default_rng(2).uniform(-1500, 2000, (200, 2))
     expected = camera.norm_from_px(xy)

@@ -48,7 +48,14 @@ def solved(osim, tmp_path_factory):
     xyz = sequence.xyz_world.copy()
     xyz[10:14, :, sequence.skeleton.index("left_ear")] = np.nan
     holed = PoseSequence(
-        sequence.t_ns, sequence.skeleton, [0], xyz, sequence.cov_world, sequence.reproj_px, sequence.n_views, sequence.kind
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=sequence.cov_world,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=sequence.kind,
     )
     return folder, sequence, opensim_motion(holed, folder)
 

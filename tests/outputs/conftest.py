@@ -39,7 +39,16 @@ def _recording(rig: Rig, times: int, people: tuple[int, ...]) -> Recording:
     score[0, :, -1] = 0
     xy[0, :, -1] = np.nan
     reproj = np.where(kind == Kind.MISSING, np.nan, 1.5)
-    poses = PoseSequence(t_ns, SKELETON, np.array(people), xyz, cov, reproj, np.where(kind == Kind.MISSING, 0, c), kind)
+    poses = PoseSequence(
+        t_ns=t_ns,
+        skeleton=SKELETON,
+        person_id=np.array(people),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=reproj,
+        n_views=np.where(kind == Kind.MISSING, 0, c),
+        kind=kind,
+    )
     return Recording.from_views(
         rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"config": {"fuse": "all"}, "rig_id": rig.id}
     )
@@ -52,7 +61,13 @@ def grey_frames() -> Callable[..., Iterator[tuple[int, list[Frame | None]]]]:
     def make(recording: Recording) -> Iterator[tuple[int, list[Frame | None]]]:
         for i, t_ns in enumerate(recording.poses.t_ns.tolist()):
             frames: list[Frame | None] = [
-                Frame(camera.name, i, t_ns, t_ns, np.full((camera.size_wh[1], camera.size_wh[0], 3), 100 + c, np.uint8))
+                Frame(
+                    camera=camera.name,
+                    seq=i,
+                    t_ns=t_ns,
+                    received_ns=t_ns,
+                    image=np.full((camera.size_wh[1], camera.size_wh[0], 3), 100 + c, np.uint8),
+                )
                 for c, camera in enumerate(recording.rig)
             ]
             yield t_ns, [None, *frames[1:]] if i == 1 else frames

@@ -120,8 +120,8 @@ def test_one_instant_is_enough(tmp_path: Path, make_recording: Make) -> None:
 def test_nobody_at_all(tmp_path: Path, make_recording: Make) -> None:
     full = make_recording()
     poses = {name: getattr(full.poses, name)[:, :0] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
-    empty = PoseSequence(full.poses.t_ns, full.poses.skeleton, np.zeros(0), **poses)
-    recording = Recording(full.rig, empty, full.observations)
+    empty = PoseSequence(t_ns=full.poses.t_ns, skeleton=full.poses.skeleton, person_id=np.zeros(0), **poses)
+    recording = Recording(rig=full.rig, poses=empty, observations=full.observations)
     assert TrcSink().write(recording, tmp_path) == []
     path, _ = CsvSink().write(recording, tmp_path)
     assert len(path.read_text().splitlines()) == 1

@@ -13,7 +13,8 @@ import pytest
 from posefuse.core import DependencyError, InputError, Recording
 from posefuse.formats.recording import write_recording
 from posefuse.outputs import view_recording, write_outputs
-from posefuse.outputs.rerun import RerunSink, _ellipsoids, open_in_viewer
+from posefuse.outputs.rerun import RerunSink, open_in_viewer
+from posefuse.outputs.rerun_scene import ellipsoids
 
 Make = Callable[..., Recording]
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra `viewer`")
@@ -66,7 +67,7 @@ def test_ellipsoids_are_the_covariance() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 3, 3))
     cov = root @ root.swapaxes(1, 2)
-    half, xyzw = _ellipsoids(cov)
+    half, xyzw = ellipsoids(cov)
     x, y, z, w = xyzw.T
     turn = np.array(
         [

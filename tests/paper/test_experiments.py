@@ -1,14 +1,15 @@
 """Experiments and comparisons as a user runs them."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from posefuse.cli.comparing import plain_name, read_tracks
 from posefuse.cli.main import main
 from posefuse.core import InputError
+from posefuse.evaluation.tracks import plain_name, read_tracks
 from posefuse.formats.trc import TrcData, write_trc
 
 NAMES = ("RShoulder", "LShoulder", "RWrist", "LWrist")
@@ -30,11 +31,13 @@ def test_names_of_other_systems_are_understood(theirs: str, ours: str) -> None:
 def trc(tmp_path: Path) -> Path:
     t_s = np.arange(120) / 60
     xyz = np.random.default_rng(0).normal(size=(1, 4, 3)) + 0.3 * np.sin(3 * t_s[:, None, None] + np.arange(12).reshape(4, 3))
-    write_trc(tmp_path / "a.trc", TrcData(NAMES, t_s, xyz, 60.0))
+    write_trc(tmp_path / "a.trc", TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=60.0))
     return tmp_path / "a.trc"
 
 
-def test_a_file_compared_with_its_delayed_copy_of_another_kind(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_compared_with_its_delayed_copy_of_another_kind(
+    trc: Path, capsys: pytest.CaptureFixture[str], read_page: Callable
+) -> None:
     a = read_tracks(trc)
     assert "neck" in a.points and "mid_hip" not in a.points
     csv = trc.with_name("b.csv")
@@ -46,7 +49,10 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(trc: Path, capsys
     assert told["offset_s"] == pytest.approx(-0.1, abs=5e-4)
     assert told["mean_mm"] < 0.5
     assert json.loads((trc.parent / "out" / "compare.json").read_text())["mean_mm"] == told["mean_mm"]
-    assert "right shoulder" in (trc.parent / "out" / "compare.html").read_text()
+    page = read_page(trc.parent / "out" / "compare.html")
+    assert page.headings[0] == "b.csv compared with a.trc" and "right shoulder" in page.tables[1][-1] + page.tables[1][1]
+    [one, other] = page.plot("right shoulder, x")["series"]
+    np.testing.assert_allclose(one["y"][1:-1], other["y"][1:-1], atol=0.005)
 
 
 def test_a_result_is_the_same_as_each_of_its_files(

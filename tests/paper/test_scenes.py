@@ -1,8 +1,6 @@
 """The paper's numbers are the paper's; suit, drift and studies behave as their physics says; pages stand alone."""
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ import pytest
 from paper.scenes import paper
 from paper.scenes.drift import drift
 from paper.scenes.inertial import SuitNoise, standing_point, suit_joints
-from paper.scenes.page import Line, Page, bars, plot
 from paper.scenes.scaling import STUDIES, Setup, _errors, measure, run_study
 from paper.scenes.scenes import (
     CHECK_SEEDS,
@@ -150,40 +147,3 @@ def test_paths_are_as_long_and_as_fine_as_asked() -> None:
     assert (scene.duration_s, scene.rate_hz) == (5.0, 30.0)
     assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (40.0, 15.0)
     assert scene_name("x", scene) != scene_name("x", path_scene("circle"))
-
-
-def test_a_bars_parts_are_as_long_as_their_values() -> None:
-    svg = bars("means", "ms", {"one": [1.0, 3.0], "two <b>": [0.0, 2.0]}, ("first", "second"))
-    widths = [float(w) for w in re.findall(r'class="f\d" x="[\d.]+" y="\d+" width="([\d.]+)" height="14"', svg)]
-    assert (
-        len(widths) == 4
-        and widths[1] == pytest.approx(3 * widths[0], abs=0.2)
-        and widths[3] == pytest.approx(2 * widths[0], abs=0.2)
-    )
-    assert ">4.0</text>" in svg and "two &lt;b&gt;" in svg and svg.count(">second</text>") == 1
-
-
-def test_spikes_stand_apart_and_wide_plots_are_twice_as_wide() -> None:
-    x, y = np.array([0, 0, np.nan, 1, 1, np.nan]), np.array([0, 5, np.nan, 0, 7, np.nan])
-    svg = plot("p", "s", "ms", [Line("a", x, y, spikes=True)], wide=True, window=(0, 2, 0, 10))
-    assert 'viewBox="0 0 840' in svg and 'class="plot wide"' in svg
-    [path] = re.findall(r'class="line s0 spike" d="([^"]+)"', svg)
-    assert path.count("M") == 2 and path.count("L") == 2
-    # half of the window's width lies between the spikes, and the second is as high against the first as 7 against 5
-    points = np.array(re.findall(r"([\d.]+) ([\d.]+)", path), float)
-    assert points[2, 0] - points[0, 0] == pytest.approx((840 - points[0, 0] - 12) / 2, abs=0.2)
-    assert (points[2, 1] - points[3, 1]) / (points[0, 1] - points[1, 1]) == pytest.approx(7 / 5, abs=0.01)
-
-
-def test_a_page_needs_no_other_file_and_shows_what_it_is_given(tmp_path: Path) -> None:
-    page = Page("A <title>")
-    page.section("First", "a & b")
-    page.table(["joint", "mm"], [["neck", 12.345], ["hip", float("nan")]])
-    gap = np.array([0, 1, np.nan, 3.0])
-    page.plots([plot("curve", "s", "mm", [Line("a line", np.arange(4.0), gap), Line("dots", np.arange(4.0), gap, dots=True)])])
-    page.pictures({"a picture": np.zeros((8, 12, 3), np.uint8)})
-    text = page.write(tmp_path / "page.html").read_text()
-    assert "12.3" in text and "–" in text and "A &lt;title&gt;" in text and "a &amp; b" in text
-    assert not re.search(r'(src|href)="(?!data:)', text) and "<script" not in text
-    assert text.count("<circle") == 3 and re.search(r'd="M\S+ \S+ L\S+ \S+ M\S+ \S+"', text)
-    assert "NaN" not in text and "nan" not in text

@@ -50,11 +50,11 @@ def test_a_broken_file_is_named(tmp_path: Path) -> None:
         read_config(tmp_path / "none.toml", [])
 
 
-@pytest.mark.parametrize("command", ["track", "live", "experiment"])
+@pytest.mark.parametrize("command", ["track", "live"])
 def test_networks_is_short_for_the_setting(command: str) -> None:
     parser = argparse.ArgumentParser()
     import_module(f"posefuse.cli.commands.{command}").add_arguments(parser)
-    needed = {"track": ["here", "--out", "there"], "live": ["rig.toml"], "experiment": ["walking"]}[command]
+    needed = {"track": ["here", "--out", "there"], "live": ["rig.toml"]}[command]
     args = parser.parse_args([*needed, "--set", "detector.options.streams=1", "--networks", "blazepose_best"])
     options = read_config(None, args.overrides).detector.options
     assert options == {"streams": 1, "landmarks": "blazepose_best"}

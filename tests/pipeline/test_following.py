@@ -67,7 +67,15 @@ class Stage:
         xy = np.array([self.rig.cameras[c].project(xyz) for xyz in shown]).reshape(-1, K, 2)
         score = np.isfinite(xy[..., 0]).astype(float)
         sigma = np.where(score > 0, 1.5, np.nan)
-        return Detections2D(self.rig.names[c], i * PERIOD_NS, COCO17, xy, score, sigma, keypoint_boxes(xy, score))
+        return Detections2D(
+            camera=self.rig.names[c],
+            t_ns=i * PERIOD_NS,
+            skeleton=COCO17,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+            box_img=keypoint_boxes(xy, score),
+        )
 
     @staticmethod
     def near(here: dict[int, np.ndarray], told: np.ndarray) -> np.ndarray:

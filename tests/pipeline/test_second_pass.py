@@ -43,8 +43,8 @@ def seen_by(
             t_ns = i * PERIOD_NS + late
             n = 0 if c in (without or {}).get(i, ()) else len(ids)
             xy = np.repeat(camera.project(body(t_ns))[None], n, axis=0)
-            planes = np.ones((n, K)), np.full((n, K), 1.5), np.zeros((n, 4))
-            detections.append(Detections2D(camera.name, t_ns, COCO17, xy, *planes))
+            seen = {"xy_img": xy, "score": np.ones((n, K)), "sigma_px": np.full((n, K), 1.5), "box_img": np.zeros((n, 4))}
+            detections.append(Detections2D(camera=camera.name, t_ns=t_ns, skeleton=COCO17, **seen))
         batches.append(DetectionBatch(step=i, t_ns=i * PERIOD_NS, kind=LookKind.EXPECTED, detections=tuple(detections)))
         person_ids.append([ids[: len(one)] for one in detections])
     return Observations.from_batches(COCO17, rig.names, batches, person_ids)
@@ -111,6 +111,6 @@ def test_a_recording_can_be_fused_again_from_what_it_keeps(ring_rig) -> None:
     seen = seen_by(rig, LATE_NS[:3])
     views = views_of(seen)
     poses = poses_over_time(views, rig, FUSE, SmoothSettings())
-    again = poses_over_time(Recording(rig, poses, seen).views, rig, FUSE, SmoothSettings())
+    again = poses_over_time(Recording(rig=rig, poses=poses, observations=seen).views, rig, FUSE, SmoothSettings())
     assert np.array_equal(again.xyz_world, poses.xyz_world)
     assert worst_mm(poses) < 3

@@ -49,7 +49,14 @@ class Still:
     def at(self, t_ns: int) -> Pose3D:
         ones = np.ones((1, K))
         return Pose3D(
-            t_ns, BLAZEPOSE33, np.zeros(1), self._xyz[None], np.tile(np.eye(3) * 1e-4, (1, K, 1, 1)), ones, 4 * ones, ones
+            t_ns=t_ns,
+            skeleton=BLAZEPOSE33,
+            person_id=np.zeros(1),
+            xyz_world=self._xyz[None],
+            cov_world=np.tile(np.eye(3) * 1e-4, (1, K, 1, 1)),
+            reproj_px=ones,
+            n_views=4 * ones,
+            kind=ones,
         )
 
 
@@ -163,7 +170,9 @@ def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, somebody, tmp_pat
         t_ns = BEGIN_NS + i * PERIOD_NS
         camera = rig.cameras[i % 3]
         xy, ones = camera.project(somebody)[None], np.ones((1, K))
-        view = Detections2D(camera.name, t_ns, BLAZEPOSE33, xy, ones, ones, np.zeros((1, 4)))
+        view = Detections2D(
+            camera=camera.name, t_ns=t_ns, skeleton=BLAZEPOSE33, xy_img=xy, score=ones, sigma_px=ones, box_img=np.zeros((1, 4))
+        )
         sink.take(LiveDetections(detections=view))
         tracker.add(view)
         sink.take(LivePose(pose=centring.moved(tracker.at(t_ns))))

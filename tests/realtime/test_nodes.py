@@ -47,7 +47,7 @@ def wait_until_heard(views: dict[str, int], poses: int) -> None:
     from posefuse.messages.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, pose_from_message
 
     end = time.monotonic() + PATIENCE_S
-    with RosNode("listener", Network(DOMAIN, local_only=True)) as listener:
+    with RosNode("listener", Network(domain_id=DOMAIN, local_only=True)) as listener:
         seen, made = listener.reader(topics.DETECTIONS), listener.reader(topics.POSE)
         view_intake, pose_intake = Intake(DETECTIONS_TYPE, detections_from_message), Intake(POSE_TYPE, pose_from_message)
         while max(poses, *views.values()) > 0:
@@ -86,7 +86,7 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
     from posefuse.messages.messages import message_from_detections
 
     skeleton = SKELETONS["coco17"]
-    network = Network(DOMAIN + 1, local_only=True)
+    network = Network(domain_id=DOMAIN + 1, local_only=True)
     intake = NetworkIntake(ring_rig(2), network, SessionClock.begin())
     try:
         with RosNode("stranger", network) as stranger:
@@ -102,9 +102,14 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
                     view = Detections2D.nobody(camera, time.time_ns(), skeleton)
                     stranger.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
                 broken = Detections2D(
-                    "cam01", time.time_ns(), skeleton, np.full((1, 17, 2), np.nan), np.full((1, 17), 7.0),
-                    np.ones((1, 17)), np.zeros((1, 4)),
-                )  # fmt: skip
+                    camera="cam01",
+                    t_ns=time.time_ns(),
+                    skeleton=skeleton,
+                    xy_img=np.full((1, 17, 2), np.nan),
+                    score=np.full((1, 17), 7.0),
+                    sigma_px=np.ones((1, 17)),
+                    box_img=np.zeros((1, 4)),
+                )
                 stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
                 time.sleep(0.05)
             assert writer.readers() > 0

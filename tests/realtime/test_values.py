@@ -2,7 +2,6 @@
 
 import itertools
 import multiprocessing
-import re
 import socket
 import threading
 import time
@@ -40,7 +39,16 @@ def pose_at(t_ns: int, people: int = 2, seed: int = 3) -> Pose3D:
     cov = root @ np.swapaxes(root, -1, -2) + 1e-5 * np.eye(3)
     xyz = rng.normal(size=(people, k, 3)) * 0.4 + [0, 0, 1.0]
     ones = np.ones((people, k))
-    return Pose3D(t_ns, SKELETON, np.arange(people), xyz, cov, ones, 4 * ones, ones)
+    return Pose3D(
+        t_ns=t_ns,
+        skeleton=SKELETON,
+        person_id=np.arange(people),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=ones,
+        n_views=4 * ones,
+        kind=ones,
+    )
 
 
 def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> Seen:
@@ -174,7 +182,9 @@ def test_a_flood_is_cut_off_and_named() -> None:
 def test_silence_ends_and_dead_processes_are_named() -> None:
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
-    monitor.told(CameraState("b", "ended", "the source has ended", 30, 30, 0, 0), 101 * S)
+    monitor.told(
+        CameraState(camera="b", state="ended", text="the source has ended", captured=30, used=30, replaced=0, missing=0), 101 * S
+    )
     verdicts = monitor.judge(103 * S, {"c": "process 1 ended by signal SIGKILL"})
     assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
     assert "SIGKILL" in verdicts["c"].text
@@ -194,7 +204,10 @@ def test_all_that_changes_is_told_however_long_a_session_runs() -> None:
 def test_counts_go_on_when_a_process_was_started_again() -> None:
     monitor = Monitor(("a",))
     for captured in (10, 40, 5, 9):
-        monitor.told(CameraState("a", "running", "", captured, captured, 1, 0), captured * S)
+        monitor.told(
+            CameraState(camera="a", state="running", text="", captured=captured, used=captured, replaced=1, missing=0),
+            captured * S,
+        )
     source = monitor.source("a")
     assert source is not None
     assert (source.captured, source.replaced) == (49, 2)
@@ -227,20 +240,32 @@ def test_stages_add_up_to_the_total() -> None:
     assert figures["b"]["total"]["n"] == 0
 
 
-def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path) -> None:
-    latencies = Latencies(("a", "b"))
+def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> None:
+    latencies = Latencies(("a", "b", "silent"))
     for i in range(100):
         late_ns = 900_000_000 if i == 50 else 30_000_000
         for name in ("a", "b"):
             latencies.view_out(Way(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
-    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b"), id="r"))
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b", "silent"), id="r"))
     figures = {"latency": latencies.figures(), "events": [], "output_events": []}
     write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
-    page = (tmp_path / "latency.html").read_text()
-    blue, red = re.findall(r'stroke="#36c" d="([^"]*)"', page), re.findall(r'stroke="#c33" d="([^"]*)"', page)
-    assert [path.count("M") for path in blue] == [99, 99]
-    assert [path.count("M") for path in red] == [1, 1]
-    assert page.count("60 ms") == 2 and "highest 900.0 ms" in page
+    plots = read_page(tmp_path / "latency.html").data["plots"]
+    assert [plot["title"][-16:] for plot in plots] == ["highest 900.0 ms", "highest 900.0 ms", "silent: no view"[-16:]]
+    for plot in plots[:2]:
+        usual, high = plot["series"][:2]
+        assert (len(usual["high"]), len(high["high"])) == (99, 1)
+        np.testing.assert_allclose(usual["x"], np.delete(np.arange(100), 50) * PERIOD_NS / 1e9, atol=1e-3)
+        assert high["colour"] == "bad" and high["high"][0] == 900 and plot["ranges"][1] == [0, 60]
+        np.testing.assert_allclose(plot["series"][2]["y"], 38.7, atol=0.01)
+
+
+def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:
+    latencies = Latencies(("a",))
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a",), id="r"))
+    write_report(
+        tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), {"latency": latencies.figures(), "events": [], "output_events": []}
+    )
+    assert "No view reached an output" in read_page(tmp_path / "latency.html").text
 
 
 # --- between processes
@@ -359,7 +384,9 @@ def test_the_frame_worth_most_is_taken_and_only_the_newest_waits(ring_rig) -> No
     rig, news = ring_rig(2), threading.Condition()
     captures = [Capture(LiveInput(camera.name, "test", None, False), camera, news) for camera in rig]
     assert pick(captures, lambda _: 1.0) is None
-    frames = [Frame("cam00", i, i * PERIOD_NS, 0, np.zeros((4, 4, 3), np.uint8)) for i in range(3)]
+    frames = [
+        Frame(camera="cam00", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.zeros((4, 4, 3), np.uint8)) for i in range(3)
+    ]
     for frame in frames:
         captures[0].put(Caught(frame, 0))
     captures[1].put(Caught(replace(frames[0], camera="cam01"), 0))
@@ -376,7 +403,9 @@ def test_faults_are_read_and_happen(ring_rig) -> None:
     assert faults_from_arguments(["cam01=freeze@3-6"], rig) == {"cam01": (Fault("freeze", 3.0, 6.0),)}
     with pytest.raises(ConfigError, match="melt"):
         faults_from_arguments(["cam01=melt@3"], rig)
-    frames = [Frame("a", i, i * PERIOD_NS, 0, np.full((4, 4, 3), i, np.uint8)) for i in range(3)]
+    frames = [
+        Frame(camera="a", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.full((4, 4, 3), i, np.uint8)) for i in range(3)
+    ]
     frozen = list(disturbed(iter(frames), [Fault("freeze", 0.0, 1e9)], begun_s=0.0))
     assert [int(frame.image[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
     assert [frame.t_ns + wrong.off_ns for frame, wrong in frozen] == [frame.t_ns for frame in frames]
@@ -388,11 +417,19 @@ def test_faults_are_read_and_happen(ring_rig) -> None:
 def test_a_bump_moves_what_is_seen_as_a_turned_camera_would_see_it(ring_rig) -> None:
     camera, xyz = ring_rig(3).cameras[1], np.random.default_rng(0).normal(size=(1, 5, 3)) * 0.4 + [0, 0, 1.0]
     ones = np.ones((1, 5))
-    view = Detections2D(camera.name, 0, SKELETON, camera.project(xyz), ones, ones, np.zeros((1, 4)))
+    view = Detections2D(
+        camera=camera.name,
+        t_ns=0,
+        skeleton=SKELETON,
+        xy_img=camera.project(xyz),
+        score=ones,
+        sigma_px=ones,
+        box_img=np.zeros((1, 4)),
+    )
     after = seen_by_bumped(view, camera)
     np.testing.assert_allclose(after.xy_img, bumped(camera).project(xyz), atol=1e-3)
     assert 5 < np.abs(after.xy_img - view.xy_img).max() < 50
-    region = Region(after.xy_img[0, 2], 80.0)
+    region = Region(centre_img=after.xy_img[0, 2], side_px=80.0)
     np.testing.assert_allclose(before_bump(region, camera).centre_img, view.xy_img[0, 2], atol=1e-3)
 
 

@@ -41,12 +41,36 @@ def test_people_pictures_and_ill_cameras_are_logged(tmp_path, ring_rig) -> None:
     sink.take(LiveStart(t_ns=now_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns))
     xyz = np.random.default_rng(0).normal(size=(1, k, 3)) * 0.3 + [0, 0, 1.0]
     cov, every = np.tile(np.eye(3), (1, k, 1, 1)), np.ones((1, k))
-    pose = Pose3D(now_ns, skeleton, [7], xyz, cov, every, 3 * every, every)
-    nobody = Pose3D(now_ns + S, skeleton, [], xyz[:0], cov[:0], every[:0], every[:0], every[:0])
+    pose = Pose3D(
+        t_ns=now_ns,
+        skeleton=skeleton,
+        person_id=[7],
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=every,
+        n_views=3 * every,
+        kind=every,
+    )
+    nobody = Pose3D(
+        t_ns=now_ns + S,
+        skeleton=skeleton,
+        person_id=[],
+        xyz_world=xyz[:0],
+        cov_world=cov[:0],
+        reproj_px=every[:0],
+        n_views=every[:0],
+        kind=every[:0],
+    )
     xy, ones = rig["cam01"].project(xyz), np.ones((1, k), np.float32)
     jpeg = cv2.imencode(".jpg", np.full((30, 40, 3), 90, np.uint8))[1].tobytes()
     sink.take(LivePose(pose=pose))
-    sink.take(LiveDetections(detections=Detections2D("cam01", now_ns, skeleton, xy, ones, 2 * ones, np.zeros((1, 4)))))
+    sink.take(
+        LiveDetections(
+            detections=Detections2D(
+                camera="cam01", t_ns=now_ns, skeleton=skeleton, xy_img=xy, score=ones, sigma_px=2 * ones, box_img=np.zeros((1, 4))
+            )
+        )
+    )
     sink.take(LivePreview(camera="cam02", t_ns=now_ns, jpeg=jpeg, size_wh=(40, 30)))
     rates = {"captured": 10.0, "used": 9.0, "replaced": 1.0, "latency_p95_ms": 30.0, "innovation_sigmas": 1.1, "age_ms": 12.0}
     states = {"cam00": ("ok", ""), "cam01": ("frozen", "the same image"), "cam02": ("ok", "")}

@@ -189,7 +189,7 @@ def test_trc_moves_the_body_as_recorded(tmp_path: Path, body: Body, squat: tuple
     names = [MARKERS[style][n] for n in KEYPOINTS.keypoints]
     if style == "openpose":
         names = [n.replace("Lh", "LH").replace("Rh", "RH") for n in names]
-    write_trc(tmp_path / "squat.trc", TrcData(tuple(names), times, points, 50.0))
+    write_trc(tmp_path / "squat.trc", TrcData(names=tuple(names), t_s=times, xyz_world=points, rate_hz=50.0))
     state = person(body, kind="trc", file=str(tmp_path / "squat.trc")).at(times)
     error = np.linalg.norm(state.keypoints_world - points, axis=-1)
     limbs = KEYPOINTS.indices([f"{s}_{j}" for s in ("left", "right") for j in ("hip", "knee", "ankle")])
@@ -201,15 +201,15 @@ def test_trc_gaps_are_closed_and_missing_markers_named(tmp_path: Path, body: Bod
     times, points = squat
     holes = points.copy()
     holes[20:24, KEYPOINTS.index("left_knee")] = np.nan
-    write_trc(tmp_path / "holes.trc", TrcData(KEYPOINTS.keypoints, times, holes, 50.0))
+    write_trc(tmp_path / "holes.trc", TrcData(names=KEYPOINTS.keypoints, t_s=times, xyz_world=holes, rate_hz=50.0))
     state = person(body, kind="trc", file=str(tmp_path / "holes.trc")).at(times)
     assert np.isfinite(state.keypoints_world).all()
     few = tuple(n.replace("left_knee", "marker7") for n in KEYPOINTS.keypoints)
-    write_trc(tmp_path / "few.trc", TrcData(few, times, points, 50.0))
+    write_trc(tmp_path / "few.trc", TrcData(names=few, t_s=times, xyz_world=points, rate_hz=50.0))
     with pytest.raises(InputError, match=r"few.trc: expected points for left_knee; there are: nose, .*marker7"):
         person(body, kind="trc", file=str(tmp_path / "few.trc"))
     holes[:, KEYPOINTS.index("left_knee")] = np.nan
-    write_trc(tmp_path / "none.trc", TrcData(KEYPOINTS.keypoints, times, holes, 50.0))
+    write_trc(tmp_path / "none.trc", TrcData(names=KEYPOINTS.keypoints, t_s=times, xyz_world=holes, rate_hz=50.0))
     with pytest.raises(InputError, match=r"none.trc: left_knee: expected at least one finite position, got none"):
         person(body, kind="trc", file=str(tmp_path / "none.trc"))
 
@@ -227,9 +227,15 @@ def recording(times: np.ndarray, people: dict[int, np.ndarray], rig) -> Recordin
     xyz = np.stack(list(people.values()), axis=1)
     t, n, k = xyz.shape[:3]
     poses = PoseSequence(
-        (times * 1e9).astype(np.int64), KEYPOINTS, np.array(list(people)), xyz, np.zeros((t, n, k, 3, 3)), np.zeros((t, n, k)),
-        np.full((t, n, k), 2), np.zeros((t, n, k)),
-    )  # fmt: skip
+        t_ns=(times * 1e9).astype(np.int64),
+        skeleton=KEYPOINTS,
+        person_id=np.array(list(people)),
+        xyz_world=xyz,
+        cov_world=np.zeros((t, n, k, 3, 3)),
+        reproj_px=np.zeros((t, n, k)),
+        n_views=np.full((t, n, k), 2),
+        kind=np.zeros((t, n, k)),
+    )
     views = (t, n, len(rig), k)
     return Recording.from_views(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
 

@@ -1,7 +1,5 @@
 """Are the pictures good enough? The real network looks at a simulated person from every side."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ _LIMBS = tuple(
 
 @pytest.fixture(scope="module")
 def network():
-    cache = default_cache_dir(os.environ)
+    cache = default_cache_dir()
     missing = [card.name for card in default_cards() if status(card, cache) != "ready"]
     if missing:
         pytest.skip(f"networks not fetched yet: {', '.join(missing)} (posefuse models)")
@@ -46,7 +44,7 @@ def test_the_network_finds_the_person_from_every_side(sex, network, backend):
     frames, truth = [], []
     for c, camera in enumerate(live.rig):
         image, visible = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))
-        frames.append(Frame(camera.name, 0, 0, 0, image))
+        frames.append(Frame(camera=camera.name, seq=0, t_ns=0, received_ns=0, image=image))
         truth.append(np.where(visible[:, None], seen_points(live, c, slice(0, 1)).xy_img[0], np.nan))
     stage.close()
     found = network.detect(frames, [None] * 8)

@@ -51,7 +51,7 @@ def network_camera() -> Iterator[str]:
 
 
 def test_a_network_camera_delivers_until_it_ends(network_camera: str) -> None:
-    source = StreamConfig(network_camera, "cam").build()
+    source = StreamConfig(where=network_camera, camera="cam").build()
     assert source.size_wh == (64, 48)
     frames = []
     with pytest.raises(SourceError, match=r"ended|no image"):
@@ -71,14 +71,14 @@ def test_a_server_that_never_answers_is_one_line(protocol: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"{protocol}://127.0.0.1:{server.getsockname()[1]}/stream"
         with pytest.raises(SourceError, match=r"camera cam: no answer within 0.3 s; is it switched on, .*address"):
-            StreamConfig(address, "cam", open_s=0.3).build()
+            StreamConfig(where=address, camera="cam", open_s=0.3).build()
 
 
 def test_nobody_there_is_one_line() -> None:
     with pytest.raises(SourceError, match="switched on"):
-        StreamConfig("http://127.0.0.1:9/none", "cam").build()
+        StreamConfig(where="http://127.0.0.1:9/none", camera="cam").build()
     with pytest.raises(SourceError, match="there are"):
-        StreamConfig("/dev/video77", "cam").build()
+        StreamConfig(where="/dev/video77", camera="cam").build()
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def test_a_device_in_a_folder_that_may_not_be_entered_is_one_line(tmp_path, requ
     tmp_path.chmod(0o700)
     request.getfixturevalue("ordinary_user")
     with pytest.raises(SourceError, match="camera cam: no permission"):
-        StreamConfig(str(device), "cam").build()
+        StreamConfig(where=str(device), camera="cam").build()
 
 
 def test_a_device_that_may_not_be_read_says_whose_group_to_join(tmp_path, request) -> None:
@@ -118,14 +118,14 @@ def test_a_device_that_may_not_be_read_says_whose_group_to_join(tmp_path, reques
     group = device.group()
     request.getfixturevalue("ordinary_user")
     with pytest.raises(SourceError, match=rf"{device}: camera cam: no permission .* \({group}\)"):
-        StreamConfig(str(device), "cam").build()
+        StreamConfig(where=str(device), camera="cam").build()
 
 
 def test_a_file_that_is_no_camera_is_one_line(tmp_path) -> None:
     device = tmp_path / "video0"
     device.touch()
     with pytest.raises(SourceError, match=r"cannot be opened .*; it is no camera"):
-        StreamConfig(str(device), "cam").build()
+        StreamConfig(where=str(device), camera="cam").build()
 
 
 def test_a_camera_another_program_uses_is_one_line(tmp_path, monkeypatch) -> None:
@@ -137,16 +137,16 @@ def test_a_camera_another_program_uses_is_one_line(tmp_path, monkeypatch) -> Non
 
     monkeypatch.setattr("posefuse.sources.live.stream.av.open", busy)
     with pytest.raises(SourceError, match="another program uses it"):
-        StreamConfig(str(device), "cam").build()
+        StreamConfig(where=str(device), camera="cam").build()
 
 
 def test_an_rtsp_camera_that_is_away_or_silent_is_one_line() -> None:
     with pytest.raises(SourceError, match=r"rtsp://127.0.0.1:9/s: camera cam: cannot be opened .* switched on"):
-        StreamConfig("rtsp://127.0.0.1:9/s", "cam").build()
+        StreamConfig(where="rtsp://127.0.0.1:9/s", camera="cam").build()
     with socket.create_server(("127.0.0.1", 0)) as deaf:
         where, began_s = f"rtsp://127.0.0.1:{deaf.getsockname()[1]}/s", time.monotonic()
         with pytest.raises(SourceError, match=r"no answer within 0\.5 s"):
-            StreamConfig(where, "cam", open_s=0.5).build()
+            StreamConfig(where=where, camera="cam", open_s=0.5).build()
     assert time.monotonic() - began_s < 5
 
 

@@ -124,7 +124,9 @@ class Scripted:
 
     def frames(self):
         for seq, time_ms in enumerate(self._times_ms):
-            yield Frame(self.camera, seq, time_ms * 1_000_000, 0, np.zeros((48, 64, 3), np.uint8))
+            yield Frame(
+                camera=self.camera, seq=seq, t_ns=time_ms * 1_000_000, received_ns=0, image=np.zeros((48, 64, 3), np.uint8)
+            )
         if self._fails:
             raise SourceError(f"camera {self.camera}: unplugged")
 

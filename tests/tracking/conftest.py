@@ -75,7 +75,15 @@ def detections(camera: str, t_s: float, *people_xy: np.ndarray, sigma_px: float 
     sizes = xy.shape[:2]
     box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=1)
     score = np.where(np.isfinite(xy[..., 0]), 0.9, 0.0)
-    return Detections2D(camera, round(t_s * 1e9), COCO17, xy, score, np.full(sizes, sigma_px), box)
+    return Detections2D(
+        camera=camera,
+        t_ns=round(t_s * 1e9),
+        skeleton=COCO17,
+        xy_img=xy,
+        score=score,
+        sigma_px=np.full(sizes, sigma_px),
+        box_img=box,
+    )
 
 
 def _walk(t_s: float) -> np.ndarray:

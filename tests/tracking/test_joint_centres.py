@@ -37,9 +37,15 @@ def people(seed: int = 3) -> PoseSequence:
     shape = (T, N, K)
     cov = np.broadcast_to(np.diag([1.0, 2.0, 3.0]) * 1e-4, (*shape, 3, 3))
     return PoseSequence(
-        np.arange(T) * 10**7, BLAZEPOSE33, np.arange(N), rng.normal(size=(*shape, 3)), cov, np.ones(shape), np.full(shape, 4),
-        np.full(shape, Kind.FUSED),
-    )  # fmt: skip
+        t_ns=np.arange(T) * 10**7,
+        skeleton=BLAZEPOSE33,
+        person_id=np.arange(N),
+        xyz_world=rng.normal(size=(*shape, 3)),
+        cov_world=cov,
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=np.full(shape, Kind.FUSED),
+    )
 
 
 def standing() -> np.ndarray:
@@ -209,7 +215,16 @@ def over_time(xyz: np.ndarray, count: int) -> PoseSequence:
     all_xyz = np.broadcast_to(xyz.reshape(-1, K, 3), (count, xyz.size // (3 * K), K, 3))
     ones = np.ones(all_xyz.shape[:3])
     cov = np.broadcast_to(np.eye(3) * 1e-4, (*ones.shape, 3, 3))
-    return PoseSequence(np.arange(count) * 10**7, BLAZEPOSE33, np.arange(ones.shape[1]), all_xyz, cov, ones, ones, ones)
+    return PoseSequence(
+        t_ns=np.arange(count) * 10**7,
+        skeleton=BLAZEPOSE33,
+        person_id=np.arange(ones.shape[1]),
+        xyz_world=all_xyz,
+        cov_world=cov,
+        reproj_px=ones,
+        n_views=ones,
+        kind=ones,
+    )
 
 
 def test_there_and_back_is_where_it_was() -> None:

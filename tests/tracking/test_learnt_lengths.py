@@ -23,7 +23,16 @@ def pose(i: int, *people: np.ndarray, kind: Kind = Kind.FUSED, sigma_m: float = 
     xyz = np.array(people).reshape(-1, K, 3)
     ones = np.ones(xyz.shape[:2])
     cov = np.broadcast_to(np.eye(3) * sigma_m**2, (*ones.shape, 3, 3))
-    return Pose3D(i * PERIOD_NS, COCO17, np.arange(len(xyz)), xyz, cov, ones, 4 * ones, kind * ones)
+    return Pose3D(
+        t_ns=i * PERIOD_NS,
+        skeleton=COCO17,
+        person_id=np.arange(len(xyz)),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=ones,
+        n_views=4 * ones,
+        kind=kind * ones,
+    )
 
 
 def told(count: int, *bodies: np.ndarray, noise_m: float = 0.0, **how: object) -> np.ndarray:
@@ -40,7 +49,16 @@ def test_they_go_from_usual_to_what_a_recording_finds_and_nothing_jumps() -> Non
     always = np.broadcast_to(people, (10, 2, K, 3))
     ones = np.ones(always.shape[:3])
     cov = np.broadcast_to(np.eye(3) * 1e-4, (*ones.shape, 3, 3))
-    recorded = PoseSequence(np.arange(10) * PERIOD_NS, COCO17, np.arange(2), always, cov, ones, 4 * ones, ones)
+    recorded = PoseSequence(
+        t_ns=np.arange(10) * PERIOD_NS,
+        skeleton=COCO17,
+        person_id=np.arange(2),
+        xyz_world=always,
+        cov_world=cov,
+        reproj_px=ones,
+        n_views=4 * ones,
+        kind=ones,
+    )
     found = segment_lengths(to_joint_centres(recorded, TABLE).xyz_world, COCO17)
     apart, away = np.abs(found - USUAL), np.abs(lengths - found)
     assert apart.min() > 0.01

@@ -224,7 +224,7 @@ def test_wild_keypoints_do_not_pull(world):
         xy = v.xy_img.copy()
         wild = rng.random(len(COCO17)) < 0.08
         xy[0, wild] += rng.uniform(-120, 120, (int(wild.sum()), 2))
-        views.append(type(v)(v.camera, v.t_ns, COCO17, xy, v.score, v.sigma_px, v.box_img))
+        views.append(replace(v, xy_img=xy))
     _, poses = run(w, views, 2.0)
     _, clean = run(w, w.views(2.0), 2.0)
     assert mean_error_m(w, poses) < 1.35 * mean_error_m(w, clean)

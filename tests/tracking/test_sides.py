@@ -29,9 +29,15 @@ def walkers(noise_m: float = 0.004) -> PoseSequence:
     xyz += rng.normal(size=xyz.shape) * noise_m
     shape = xyz.shape[:-1]
     return PoseSequence(
-        (t_s * 1e9).astype(np.int64), COCO17, np.arange(N), xyz, np.broadcast_to(np.eye(3) * noise_m**2, (*shape, 3, 3)),
-        np.arange(T * N * K, dtype=float).reshape(shape), np.full(shape, 4), np.full(shape, Kind.FUSED),
-    )  # fmt: skip
+        t_ns=(t_s * 1e9).astype(np.int64),
+        skeleton=COCO17,
+        person_id=np.arange(N),
+        xyz_world=xyz,
+        cov_world=np.broadcast_to(np.eye(3) * noise_m**2, (*shape, 3, 3)),
+        reproj_px=np.arange(T * N * K, dtype=float).reshape(shape),
+        n_views=np.full(shape, 4),
+        kind=np.full(shape, Kind.FUSED),
+    )
 
 
 def exchanged(sequence: PoseSequence, instants: slice, person: int, limb: np.ndarray) -> PoseSequence:

@@ -21,9 +21,15 @@ def sequence(xyz: np.ndarray, cov: np.ndarray = NOISE, t_ns: np.ndarray | None =
     there = np.isfinite(xyz[..., 0])
     covs = np.where(there[..., None, None], np.broadcast_to(cov, (*shape, 3, 3)), np.nan)
     return PoseSequence(
-        times_ns(len(xyz)) if t_ns is None else t_ns, COCO, np.arange(shape[1]), xyz, covs,
-        np.where(there, 1.0, np.nan), np.where(there, 4, 0), np.where(there, Kind.FUSED, Kind.MISSING),
-    )  # fmt: skip
+        t_ns=times_ns(len(xyz)) if t_ns is None else t_ns,
+        skeleton=COCO,
+        person_id=np.arange(shape[1]),
+        xyz_world=xyz,
+        cov_world=covs,
+        reproj_px=np.where(there, 1.0, np.nan),
+        n_views=np.where(there, 4, 0),
+        kind=np.where(there, Kind.FUSED, Kind.MISSING),
+    )
 
 
 def wander(count: int, people: int = 1, seed: int = 0, noise: np.ndarray = NOISE) -> tuple[np.ndarray, np.ndarray]:
@@ -163,9 +169,8 @@ def test_people_who_come_and_go_get_rows_throughout():
     whole = sequence(seen)
     poses = [whole.at(i) for i in range(3)]
     only = poses[1]
-    poses[1] = Pose3D(
-        only.t_ns, COCO, [1], *(getattr(only, n)[1:] for n in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind"))
-    )
+    arrays = {name: getattr(only, name)[1:] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+    poses[1] = Pose3D(t_ns=only.t_ns, skeleton=COCO, person_id=[1], **arrays)
     stacked = sequence_from_poses(poses)
     assert stacked.person_id.tolist() == [0, 1]
     assert (stacked.kind[1, 0] == Kind.MISSING).all()

@@ -34,7 +34,16 @@ def by_name(errors: list[AngleError]) -> dict[tuple[str, str], AngleError]:
 def exact(truth: Truth) -> PoseSequence:
     ones = np.ones(truth.xyz_world.shape[:3])
     cov = np.broadcast_to(np.eye(3) * 1e-10, (*ones.shape, 3, 3))
-    return PoseSequence(truth.t_ns, truth.skeleton, truth.person_id, truth.xyz_world, cov, ones, ones, ones)
+    return PoseSequence(
+        t_ns=truth.t_ns,
+        skeleton=truth.skeleton,
+        person_id=truth.person_id,
+        xyz_world=truth.xyz_world,
+        cov_world=cov,
+        reproj_px=ones,
+        n_views=ones,
+        kind=ones,
+    )
 
 
 def test_exact_joint_centres_give_the_body_models_angles(truth: Truth) -> None:

@@ -44,11 +44,11 @@ def rig(shared_data: Path) -> Rig:
     return Rig(
         tuple(
             Camera(
-                name,
-                (int(entry["size"][0]), int(entry["size"][1])),
-                np.array(entry["matrix"]),
-                SE3.from_rotvec(entry["rotation"], entry["translation"]),
-                np.array(entry["distortions"]),
+                name=name,
+                size_wh=(int(entry["size"][0]), int(entry["size"][1])),
+                K=np.array(entry["matrix"]),
+                cam_from_world=SE3.from_rotvec(entry["rotation"], entry["translation"]),
+                distortion=np.array(entry["distortions"]),
             )
             for name, entry in zip(CAMERAS, (v for k, v in content.items() if k != "metadata"), strict=True)
         )
@@ -67,7 +67,17 @@ def detections(shared_data: Path) -> list[list[Detections2D]]:
             xy = np.where(people[..., 2:] > 0, people[..., :2], np.nan)
             box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
             unstated = np.full(xy.shape[:2], np.nan)
-            cameras.append(Detections2D(name, i * 16_666_667, BODY, xy, people[..., 2], unstated, box))
+            cameras.append(
+                Detections2D(
+                    camera=name,
+                    t_ns=i * 16_666_667,
+                    skeleton=BODY,
+                    xy_img=xy,
+                    score=people[..., 2],
+                    sigma_px=unstated,
+                    box_img=box,
+                )
+            )
         instants.append(cameras)
     return instants
 

@@ -38,7 +38,15 @@ class Assignment:
         for row, c in np.argwhere(self.place != UNSEEN):
             seen, place = detections[c], self.place[row, c]
             xy[row, c], score[row, c], sigma[row, c] = seen.xy_img[place], seen.score[place], seen.sigma_px[place]
-        return Views(t_ns, skeleton, tuple(seen.camera for seen in detections), self.person_id, xy, score, sigma)
+        return Views(
+            t_ns=t_ns,
+            skeleton=skeleton,
+            camera_names=tuple(seen.camera for seen in detections),
+            person_id=self.person_id,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+        )
 
     def people_of(self, c: int, count: int) -> Array:
         """(P,) the person of each of the `count` detections of camera c; -1 for those that belong to no person."""

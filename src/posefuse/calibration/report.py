@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from posefuse.core import CalibrationError
 
@@ -63,10 +64,15 @@ class CalibrationReport:
 
 
 class RefusedCalibration(CalibrationError):
-    """A calibration whose own checks do not hold; carries the report."""
+    """A calibration whose own checks do not hold.
 
-    def __init__(self, report: CalibrationReport) -> None:
+    Attributes:
+        report: with the checks. kept: the refused `Calibration` itself, for those who want it all the same, or None.
+    """
+
+    def __init__(self, report: CalibrationReport, kept: Any = None) -> None:
         first, *others = report.failed
         more = f" (also failed: {', '.join(check.name for check in others)})" if others else ""
         super().__init__(f"{report.subject}: {first.name}: {first.line}{more}")
         self.report = report
+        self.kept = kept

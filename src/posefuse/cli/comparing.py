@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from paper.scenes.page import Line, Page, plot
-from posefuse.core import InputError
-from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
+<<<<<<< HEAD
 from posefuse.formats.c3d import read_c3d
 from posefuse.formats.points_csv import read_points_csv
 from posefuse.formats.trc import read_trc
+=======
+from posefuse.evaluation.tracks import read_tracks
+from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
+>>>>>>> main
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.foundation.plain_values import plain
@@ -27,6 +25,7 @@ from posefuse.pipeline.reading import read_result
 
 from .terminal import Terminal
 
+<<<<<<< HEAD
 KINDS = "a posefuse result folder, .mcap (posefuse live), .trc, .c3d, .csv or .mvnx"
 # the segment of an MVNX file whose origin is this joint
 _MVNX = {
@@ -42,6 +41,8 @@ _ALIGN_FOR_DRIFT_S = 2.0
 _FARTHEST_M = 10_000.0
 _LONGEST_S = 21_600.0
 
+=======
+>>>>>>> main
 
 def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Compare two recordings, write the page, show the figures."""
@@ -57,7 +58,7 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
     if args.out:
         # its own, unchanged, can be made again at any time: replaced without being asked
         with output_folder(args.out, command="compare", inputs=(args.a, args.b), replace=True, warn=terminal.warn) as out:
-            _page(a, b, found, rows).write(out.folder / "compare.html")
+            write_page(out.folder / "compare.html", comparison_page(a, b, found, rows))
             (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
         page = args.out / "compare.html"
         terminal.note(f"written: {page}")
@@ -67,6 +68,7 @@ def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, 
     return figures
 
 
+<<<<<<< HEAD
 def read_tracks(path: Path, person: int | None = None) -> Tracks:
     """Named points of one person (default: the one seen longest) from a file or result folder.
 
@@ -163,6 +165,8 @@ def _from_mvnx(path: Path, _: int | None) -> Tracks:
     return _tracks(path, [name for _i, name in known], np.array(times), xyz)
 
 
+=======
+>>>>>>> main
 def _facts(found: Comparison) -> dict[str, Any]:
     turn = np.degrees(np.arccos(np.clip((np.trace(found.alignment.rotation) - 1) / 2, -1, 1)))
     return {
@@ -199,36 +203,37 @@ def _figures(found: Comparison) -> dict[str, Any]:
     }
 
 
-def _page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
-    page = Page(f"{b.name} beside {a.name}")
-    page.section("Alignment", f"{b.name} is brought onto {a.name}.")
-    page.facts(_facts(found))
-    page.section("Distances")
-    page.table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows)
+def comparison_page(a: Tracks, b: Tracks, found: Comparison, rows: list[list[Any]]) -> Page:
+    """Alignment, distances, drift and every point over time."""
     t_s = found.t_s - found.t_s[0]
     both = np.isfinite(found.a_m) & np.isfinite(found.b_m)
     middle = [middle_of(np.where(both, one, np.nan)) for one in (found.a_m, found.b_m)]
-    page.section("Drift", "Level distance of the middles of all points.")
-    page.plots(
+    apart = Line("apart", found.walked_m, 1000 * found.apart_m)
+    paths = [Line(name, m[:, 0], m[:, 1]) for name, m in zip((a.name, b.name), middle, strict=True)]
+    points = [
+        Plot(
+            f"{point.replace('_', ' ')}, {axis}",
+            [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])],
+            x_label="s", y_label="m",
+        )
+        for k, point in enumerate(found.points)
+        for i, axis in enumerate("xyz")
+    ]  # fmt: skip
+    return Page(
+        f"{b.name} compared with {a.name}",
         [
-            plot("Over the way", "m walked", "mm", [Line("apart", found.walked_m, 1000 * found.apart_m)], from_zero=True),
-            plot(
-                "From above",
-                "x, m",
-                "m",
-                [Line(n, m[:, 0], m[:, 1]) for n, m in zip((a.name, b.name), middle, strict=True)],
-                True,
+            Heading("Alignment", f"{b.name} is aligned to {a.name}."),
+            Facts(_facts(found)),
+            Heading("Distances"),
+            Table(["point", "mean mm", "sd mm", "median mm", "p95 mm", "share compared"], rows),
+            Heading("Drift", "Horizontal distance between the means of all points."),
+            Plots(
+                [
+                    Plot("Along the path", [apart], x_label="distance walked, m", y_label="mm", from_zero=True),
+                    Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
+                ]
             ),
-        ]
-    )
-    page.section("Points over time")
-    page.plots(
-        [
-            plot(f"{point.replace('_', ' ')}, {axis}", "s", "m",
-                 [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])])
-            for k, point in enumerate(found.points)
-            for i, axis in enumerate("xyz")
+            Heading("Points over time"),
+            Plots(points, small=True),
         ],
-        many=True,
-    )  # fmt: skip
-    return page
+    )

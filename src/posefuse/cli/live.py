@@ -10,7 +10,7 @@ from typing import Any
 
 from posefuse.cli.networks import fetch_networks
 from posefuse.core import LiveOutputConfig, Rig
-from posefuse.formats.rig import read_rig
+from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.plugins import plugin_config
@@ -32,7 +32,7 @@ from .videos import kept_videos, video_figures
 def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Run a session, or replay one; returns the figures of the tables."""
     config = settled_config(args)
-    rig = read_rig(args.rig)
+    rig = read_placed_rig(args.rig)
     if args.replay:
         from .replay import replay
 

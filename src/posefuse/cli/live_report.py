@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 import math
 from collections.abc import Mapping
@@ -13,6 +12,8 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core import InputError
+from posefuse.core.arrays import Array
+from posefuse.formats.page import Heading, Line, Note, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.plain_values import plain
 from posefuse.realtime.latency import STAGES
@@ -129,7 +130,7 @@ def write_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> No
         with output_folder(folder, command="live") as out:
             (out.folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
             (out.folder / TABLE_FILE).write_text(_markdown(figures), encoding="utf-8")
-            (out.folder / PAGE_FILE).write_text(_page(done, figures), encoding="utf-8")
+            write_page(out.folder / PAGE_FILE, latency_page(done, figures))
     except OSError as error:
         raise InputError(f"{folder}: the report cannot be written ({error.strerror})") from None
 
@@ -150,53 +151,38 @@ def _markdown(figures: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _page(done: Finished, figures: Mapping[str, Any]) -> str:
-    """The paper's spike plot: one spike per view, as high as its latency; the dashed line is the camera's mean."""
-    views = [(way.exposed_ns / 1e9, way.camera, (out_ns - way.exposed_ns) / 1e6) for way, out_ns in done.fusion.latencies.newest]
+def latency_page(done: Finished, figures: Mapping[str, Any]) -> Page:
+    """One spike per view, as high as its latency, over the session; the dashed line is the camera's mean."""
+    views = [(way.camera, (way.exposed_ns - done.zero_ns) / 1e9, (out_ns - way.exposed_ns) / 1e6)
+             for way, out_ns in done.fusion.latencies.newest]  # fmt: skip
+    title = "Latency from exposure to output"
     if not views:
-        return "<!doctype html><title>Latency</title><p>No view reached an output.</p>\n"
-    zero_s = done.zero_ns / 1e9
-    first = min(t for t, _, _ in views) - zero_s
-    span_s = (first, max(max(t for t, _, _ in views) - zero_s, first + 1e-3))
+        return Page(title, [Note("No view reached an output.")])
+    t_s = np.array([t for _, t, _ in views])
     # one scale for all cameras, which a single late view does not flatten
     top_ms = _TOP_OF_P95 * float(np.percentile([ms for _, _, ms in views], 95))
-    parts = []
+    window = (float(t_s.min()), max(float(t_s.max()), float(t_s.min()) + 1e-3), 0.0, top_ms)
+    text = (
+        f"One spike per view, the newest {len(views)} of all cameras; dashed: the camera's mean over the whole session; "
+        "red: higher than drawn, zoom out to see all of it."
+    )
+    plots = []
     for name in done.fusion.rig.names:
-        spikes = [(t - zero_s, ms) for t, camera, ms in views if camera == name]
+        own = np.array([(t, ms) for camera, t, ms in views if camera == name]).reshape(-1, 2)
         mean_ms = figures["latency"]["cameras_ms"][name]["total"]["mean"]
-        parts.append(f"<h3>{html.escape(name)}</h3>{_spikes(spikes, span_s, top_ms, mean_ms)}")
-    return (
-        '<!doctype html><meta charset="utf-8"><title>Latency</title>'
-        "<style>body{font:14px sans-serif;margin:2em}h3{margin:1em 0 0}svg text{font:12px sans-serif}</style>"
-        "<h1>From exposure to output</h1><p>One spike per view, the newest "
-        f"{len(views)} of all cameras; dashed: the camera's mean over the whole session; red: higher than drawn.</p>"
-        f"{''.join(parts)}\n"
-    )
+        said = f"mean {mean_ms:.1f} ms, highest {own[:, 1].max():.1f} ms" if len(own) else "no view"
+        plots.append(_spike_plot(f"{name}: {said}", own, mean_ms, window))
+    return Page(title, [Heading("One spike per view", text), Plots(plots)])
 
 
-def _spikes(spikes: list[tuple[float, float]], span_s: tuple[float, float], top_ms: float, mean_ms: float) -> str:
-    left, width, height, below = 60, 900, 110, 20
-    first_s, last_s = span_s
-
-    def x(t_s: float) -> float:
-        return left + (t_s - first_s) / (last_s - first_s) * width
-
-    def y(ms: float) -> float:
-        return height * (1 - min(ms, top_ms) / top_ms)
-
-    def path(chosen: list[tuple[float, float]], colour: str) -> str:
-        return f'<path stroke="{colour}" d="{"".join(f"M{x(t):.1f} {height}V{y(ms):.1f}" for t, ms in chosen)}"/>'
-
-    parts = [path([one for one in spikes if one[1] <= top_ms], "#36c"), path([one for one in spikes if one[1] > top_ms], "#c33")]
-    parts += [
-        f'<path stroke="#ddd" d="M{left} {y(ms):.1f}H{left + width}"/><text x="0" y="{y(ms) + 10:.1f}">{ms:.0f} ms</text>'
-        for ms in (top_ms, top_ms / 2)
+def _spike_plot(title: str, views: Array, mean_ms: float, window: tuple[float, float, float, float]) -> Plot:
+    """Views (n, 2) of a camera: seconds and milliseconds."""
+    high = views[:, 1] > window[3]
+    zero = np.zeros(len(views))
+    series: list[Series] = [
+        Spikes(name, views[chosen, 0], zero[chosen], views[chosen, 1], colour=colour)
+        for name, chosen, colour in (("latency", np.invert(high), "c0"), ("higher than drawn", high, "bad"))
     ]
-    parts += [f'<text x="{x(t):.0f}" y="{height + 15}">{t:.1f} s</text>' for t in (first_s, (first_s + last_s) / 2)]
-    if spikes:
-        parts.append(f'<path stroke="#222" stroke-dasharray="6 4" d="M{left} {y(mean_ms):.1f}H{left + width}"/>')
-        highest = max(ms for _, ms in spikes)
-        parts.append(f'<text x="{left + width - 230}" y="{height + 15}">mean {mean_ms:.1f} ms, highest {highest:.1f} ms</text>')
-    return f'<svg width="{left + width}" height="{height + below}" fill="none">{"".join(parts)}</svg>'.replace(
-        "<text ", '<text fill="#222" '
-    )
+    if len(views):
+        series.append(Line("mean", np.array(window[:2]), np.full(2, mean_ms), colour="ink", dashed=True))
+    return Plot(title, series, x_label="s of the session", y_label="ms", window=window, wide=True, legend=False)

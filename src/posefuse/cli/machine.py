@@ -78,7 +78,7 @@ def _cpu_flags() -> set[str]:
 
 
 def _disk() -> Check:
-    folder = default_cache_dir(os.environ)
+    folder = default_cache_dir()
     nearest = next(parent for parent in (folder, *folder.parents) if parent.exists())
     writable = os.access(nearest, os.W_OK)
     free_gb = shutil.disk_usage(nearest).free / 1e9
@@ -122,7 +122,7 @@ def _tracking() -> Check:
         from posefuse.detection import BlazePoseConfig
         from posefuse.pipeline import run
 
-        cache_dir = default_cache_dir(os.environ)
+        cache_dir = default_cache_dir()
         if any(status(card, cache_dir) != "ready" for card in default_cards()):
             return Check("tracking", False, True, f"{run.__name__} works; its networks are missing", "posefuse models")
         detector = BlazePoseConfig().build()
@@ -148,7 +148,7 @@ def _video_codec() -> Check:
 
 
 def _models() -> list[Check]:
-    cache_dir = default_cache_dir(os.environ)
+    cache_dir = default_cache_dir()
     needed = {card.name for card in default_cards()}
     return [
         Check(

@@ -27,6 +27,7 @@ COMMANDS = (
     "simulate",
     "compare",
     "models",
+    "fit-noise",
     "plugins",
     "doctor",
 )
@@ -111,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"posefuse {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for name in COMMANDS:
-        command: Command = importlib.import_module(f"posefuse.cli.commands.{name}")  # type: ignore[assignment]
+        command: Command = importlib.import_module(f"posefuse.cli.commands.{name.replace('-', '_')}")  # type: ignore[assignment]
         sub = commands.add_parser(name, help=command.SUMMARY, description=command.SUMMARY)
         sub.add_argument("--json", action="store_true", help="figures as one JSON object on stdout, all else on stderr")
         command.add_arguments(sub)

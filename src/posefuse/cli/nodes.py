@@ -12,7 +12,7 @@ import numpy as np
 
 from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.formats.rig import read_rig
+from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.platform import peak_memory_mb
 from posefuse.health.cameras import Monitor
@@ -52,12 +52,12 @@ _FIRST_VIEW_S = 0.5
 
 def network_of(args: argparse.Namespace) -> Network:
     """Where the nodes of a session meet."""
-    return Network(args.domain, args.local_only, args.interface, tuple(args.peer))
+    return Network(domain_id=args.domain, local_only=args.local_only, interface=args.interface, peers=tuple(args.peer))
 
 
 def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Capture and look on this machine, send 2D poses; the fused pose tells where to look."""
-    config, rig, run = settled_config(args), read_rig(args.rig), run_options(args)
+    config, rig, run = settled_config(args), read_placed_rig(args.rig), run_options(args)
     inputs = settled_inputs(args, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
@@ -136,7 +136,7 @@ class CameraNode:
 
 def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig, network = settled_config(args), read_rig(args.rig), network_of(args)
+    config, rig, network = settled_config(args), read_placed_rig(args.rig), network_of(args)
     duration_s = run_options(args).duration_s
     if args.report:
         check_replaceable(args.report, command="live", replace=False)

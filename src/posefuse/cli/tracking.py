@@ -76,9 +76,9 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     terminal.next(f"posefuse report {args.out}", "joint angles, gait, files for OpenSim and Blender, one page")
     terminal.next(f"posefuse view {args.out}", "the skeleton in the 3D viewer (extra: viewer)")
     if args.view:
-        from posefuse.outputs import view_recording
+        from .viewing import view_result
 
-        view_recording(args.out)
+        view_result(args.out, None if "rerun" in config.outputs else args.session, terminal)
     return figures
 
 
@@ -143,6 +143,7 @@ def solve_options(args: argparse.Namespace) -> dict[str, tuple[str, Any]]:
     return {
         "--start": ("start_s", args.start),
         "--end": ("end_s", args.end),
+        "--rate": ("rate_hz", args.rate),
         "--raw": ("raw", args.raw or None),
         "--weights": ("fuse.weights", args.weights),
         "--person": ("associate.near_xy_m", args.person),

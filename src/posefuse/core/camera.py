@@ -15,7 +15,7 @@ from .se3 import SE3
 LENS_MODELS = ("pinhole", "fisheye")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Camera:
     """Intrinsics, lens and pose of one camera. OpenCV optical axes: x right, y down, z forward; pixel centres at integers.
 

@@ -50,7 +50,7 @@ class AngleSeries:
         return f"AngleSeries({self.name}, {len(self)} time steps, {known.min():.1f} to {known.max():.1f} deg)"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class JointAngles:
     """Segment poses and joint angles over time; ``angles["left_knee", "flexion"]`` is one of them.
 

@@ -160,8 +160,8 @@ class Observations:
         """Row i of the frame table: all that one look found in one frame."""
         rows = slice(self.frame_begin[i], self.frame_begin[i + 1])
         return Detections2D(
-            self.camera_names[self.frame_camera[i]], int(self.frame_t_ns[i]), self.skeleton,
-            self.xy_img[rows], self.score[rows], self.sigma_px[rows], self.box_img[rows],
+            camera=self.camera_names[self.frame_camera[i]], t_ns=int(self.frame_t_ns[i]), skeleton=self.skeleton,
+            xy_img=self.xy_img[rows], score=self.score[rows], sigma_px=self.sigma_px[rows], box_img=self.box_img[rows],
         )  # fmt: skip
 
     def of(self, camera: str) -> Observations:

@@ -17,7 +17,7 @@ from .values import PoseSequence
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Recording:
     """A finished result: what was observed, what came out, and how it was made.
 
@@ -63,8 +63,16 @@ class Recording:
             rig: C cameras. poses: (T, N, K).
             xy_img, score, sigma_px: (T, N, C, K, 2), (T, N, C, K), (T, N, C, K) as in `ViewSequence`.
         """
-        views = ViewSequence(poses.t_ns, poses.skeleton, rig.names, poses.person_id, xy_img, score, sigma_px)
-        return Recording(rig, poses, observations_from_views(views), provenance or {})
+        views = ViewSequence(
+            t_ns=poses.t_ns,
+            skeleton=poses.skeleton,
+            camera_names=rig.names,
+            person_id=poses.person_id,
+            xy_img=xy_img,
+            score=score,
+            sigma_px=sigma_px,
+        )
+        return Recording(rig=rig, poses=poses, observations=observations_from_views(views), provenance=provenance or {})
 
     def __repr__(self) -> str:
         poses = self.poses

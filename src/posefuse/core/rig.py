@@ -22,6 +22,7 @@ class Rig:
         cameras: at least one, names unique.
         world_set_by: how the world frame came about, in words (``"marker system"``, ``"simulated"``, ``"unknown"``).
         residual_px: rms reprojection error of the calibration; NaN when unknown.
+        refused: the checks that this calibration failed, when it was kept all the same; empty for one to be trusted.
 
     Raises:
         CalibrationError: no camera, or two of one name.
@@ -30,6 +31,7 @@ class Rig:
     cameras: tuple[Camera, ...]
     world_set_by: str = "unknown"
     residual_px: float = float("nan")
+    refused: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))

@@ -135,6 +135,52 @@ BODY_25B = Skeleton(
     + _both([("ankle", "heel"), ("heel", "big_toe"), ("big_toe", "small_toe")]),
 )  # fmt: skip
 
+HALPE_26 = Skeleton(
+    "halpe_26",
+    (
+        *COCO17.keypoints, "head", "neck", "mid_hip", "left_big_toe", "right_big_toe", "left_small_toe", "right_small_toe",
+        "left_heel", "right_heel",
+    ),
+    (*_GIRDLES, *_TRUNK, *_LIMBS, ("neck", "head"), ("nose", "neck"), ("neck", "mid_hip"))
+    + _both([("ankle", "heel"), ("heel", "big_toe"), ("big_toe", "small_toe")]),
+)  # fmt: skip
+
+_FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+_FINGER_POINTS = tuple(f"{finger}{i}" for finger in _FINGERS for i in range(1, 5))
+_FINGER_BONES = [(f"{finger}{i}", f"{finger}{i + 1}") for finger in _FINGERS for i in range(1, 4)]
+# the 68 points of the face, from the subject's right ear along the chin: contour, brows, nose, eyes, outer and inner lips
+_FACE = (
+    *(f"right_jaw{i}" for i in range(8, 0, -1)), "chin", *(f"left_jaw{i}" for i in range(1, 9)),
+    *(f"right_brow{i}" for i in range(5, 0, -1)), *(f"left_brow{i}" for i in range(1, 6)),
+    *(f"nose_bridge{i}" for i in range(1, 5)), "right_nostril2", "right_nostril1", "nose_base", "left_nostril1", "left_nostril2",
+    *(f"right_{point}" for point in ("eye_outer", "lid_upper2", "lid_upper1", "eye_inner", "lid_lower1", "lid_lower2")),
+    *(f"left_{point}" for point in ("eye_inner", "lid_upper1", "lid_upper2", "eye_outer", "lid_lower2", "lid_lower1")),
+    "right_mouth", "right_lip_upper2", "right_lip_upper1", "lip_upper", "left_lip_upper1", "left_lip_upper2",
+    "left_mouth", "left_lip_lower2", "left_lip_lower1", "lip_lower", "right_lip_lower1", "right_lip_lower2",
+    "right_inner_mouth", "right_inner_lip_upper", "inner_lip_upper", "left_inner_lip_upper",
+    "left_inner_mouth", "left_inner_lip_lower", "inner_lip_lower", "right_inner_lip_lower",
+)  # fmt: skip
+
+COCO_WHOLEBODY_133 = Skeleton(
+    "coco_wholebody_133",
+    (
+        *ANATOMICAL23.keypoints, *_FACE,
+        *(f"{side}_{point}" for side in ("left", "right") for point in ("hand_root", *_FINGER_POINTS)),
+    ),
+    ANATOMICAL23.bones
+    + _both([("wrist", "hand_root"), *(("hand_root", f"{finger}1") for finger in _FINGERS), *_FINGER_BONES])
+    + _both([("index1", "middle1"), ("middle1", "ring1"), ("ring1", "pinky1")]),
+)  # fmt: skip
+
+HALPE_136 = Skeleton(
+    "halpe_136",
+    (
+        *HALPE_26.keypoints, *_FACE,
+        *(f"{side}_{point}" for side in ("left", "right") for point in ("hand_root", *_FINGER_POINTS)),
+    ),
+    HALPE_26.bones + tuple(bone for bone in COCO_WHOLEBODY_133.bones if bone not in ANATOMICAL23.bones),
+)  # fmt: skip
+
 # the 14 joints of the paper's tables; neck and mid_hip are midpoints
 PAPER14 = Skeleton(
     "paper14",
@@ -145,10 +191,20 @@ PAPER14 = Skeleton(
     (("neck", "mid_hip"), *_GIRDLES, *_LIMBS),
 )  # fmt: skip
 
-SKELETONS = {s.name: s for s in (BLAZEPOSE33, COCO17, ANATOMICAL23, BODY_25, BODY_25B, PAPER14)}
+SKELETONS = {
+    s.name: s for s in (BLAZEPOSE33, COCO17, ANATOMICAL23, BODY_25, BODY_25B, HALPE_26, COCO_WHOLEBODY_133, HALPE_136, PAPER14)
+}
 
 _MIDPOINTS = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
-_SYNONYMS = {"left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
+_SYNONYMS = {
+    "left_foot_index": "left_big_toe",
+    "right_foot_index": "right_big_toe",
+    # the knuckles, which BlazePose names after their fingers
+    "left_index1": "left_index",
+    "right_index1": "right_index",
+    "left_pinky1": "left_pinky",
+    "right_pinky1": "right_pinky",
+}
 
 
 def pick_keypoints(xyz: Array, skeleton: Skeleton, wanted: Sequence[str]) -> Array:

@@ -39,7 +39,7 @@ def _check_keypoints(value: Any, sizes: Mapping[str, int]) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Frame:
     """One image of one camera.
 
@@ -71,7 +71,7 @@ class Frame:
         return self.image.shape[1], self.image.shape[0]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Region:
     """A square of the image, possibly turned, in which one person is expected.
 
@@ -94,7 +94,7 @@ class Region:
             )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Detections2D:
     """Everybody one camera saw at one instant.
 
@@ -127,10 +127,18 @@ class Detections2D:
     def nobody(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:
         """No person seen."""
         k = len(skeleton)
-        return Detections2D(camera, t_ns, skeleton, np.zeros((0, k, 2)), np.zeros((0, k)), np.zeros((0, k)), np.zeros((0, 4)))
+        return Detections2D(
+            camera=camera,
+            t_ns=t_ns,
+            skeleton=skeleton,
+            xy_img=np.zeros((0, k, 2)),
+            score=np.zeros((0, k)),
+            sigma_px=np.zeros((0, k)),
+            box_img=np.zeros((0, 4)),
+        )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Views:
     """The same people in every camera, at one instant.
 
@@ -158,7 +166,7 @@ class Views:
             raise ShapeError(f"Views: {len(self.camera_names)} camera names, arrays have {sizes['C']} cameras")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Pose3D:
     """People in 3D at one instant.
 
@@ -204,7 +212,7 @@ _POSE_AXES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PoseSequence:
     """People in 3D over time: `Pose3D` with an axis T in front, person_id excepted.
 
@@ -236,9 +244,15 @@ class PoseSequence:
     def at(self, i: int) -> Pose3D:
         """The instant at place i of axis T."""
         return Pose3D(
-            int(self.t_ns[i]), self.skeleton, self.person_id, self.xyz_world[i], self.cov_world[i],
-            self.reproj_px[i], self.n_views[i], self.kind[i],
-        )  # fmt: skip
+            t_ns=int(self.t_ns[i]),
+            skeleton=self.skeleton,
+            person_id=self.person_id,
+            xyz_world=self.xyz_world[i],
+            cov_world=self.cov_world[i],
+            reproj_px=self.reproj_px[i],
+            n_views=self.n_views[i],
+            kind=self.kind[i],
+        )
 
     @staticmethod
     def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
@@ -249,10 +263,10 @@ class PoseSequence:
         if any(p.skeleton != first.skeleton or not np.array_equal(p.person_id, first.person_id) for p in poses):
             raise ShapeError("PoseSequence: expected the same skeleton and people in every pose")
         stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
-        return PoseSequence(np.array([p.t_ns for p in poses]), first.skeleton, first.person_id, **stacked)
+        return PoseSequence(t_ns=np.array([p.t_ns for p in poses]), skeleton=first.skeleton, person_id=first.person_id, **stacked)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CameraTruth:
     """What one camera would have seen exactly, at its own frame times.
 
@@ -272,7 +286,7 @@ class CameraTruth:
         check_fields(self, {"t_ns": "F", "xy_img": "F N K 2", "visible": "F N K"})
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Truth:
     """A scene known exactly.
 

@@ -20,7 +20,7 @@ _REACH_PERIODS = 1.6
 _PLANES = ("xy_img", "score", "sigma_px")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ViewSequence:
     """The same people in every camera, over time: `Views` with an axis T in front, person_id excepted.
 
@@ -49,7 +49,13 @@ class ViewSequence:
     def at(self, i: int) -> Views:
         """The time step at place i of axis T."""
         return Views(
-            int(self.t_ns[i]), self.skeleton, self.camera_names, self.person_id, self.xy_img[i], self.score[i], self.sigma_px[i]
+            t_ns=int(self.t_ns[i]),
+            skeleton=self.skeleton,
+            camera_names=self.camera_names,
+            person_id=self.person_id,
+            xy_img=self.xy_img[i],
+            score=self.score[i],
+            sigma_px=self.sigma_px[i],
         )
 
 
@@ -71,6 +77,7 @@ def views_over_time(
     rows = _rows_of_people(observations, ids, steps_only=t_ns is None)
     shape = (len(steps), len(ids), len(observations.camera_names), len(observations.skeleton))
     xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+<<<<<<< HEAD
     for c in range(shape[2]):
         frames = _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c)
         if len(frames.t_ns):
@@ -80,6 +87,19 @@ def views_over_time(
             planes = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns)
             xy[:, :, c], score[:, :, c], sigma[:, :, c] = planes
     return ViewSequence(steps, observations.skeleton, observations.camera_names, ids, xy, score, sigma)
+=======
+    frame = observations.detection_frame
+    rows = np.flatnonzero(np.isin(observations.person_id, ids) & (observations.frame_step[frame] != LIVE_STEP))
+    step, camera = observations.frame_step[frame[rows]], observations.frame_camera[frame[rows]]
+    at = (step, by_id[np.searchsorted(ids[by_id], observations.person_id[rows])], camera)
+    xy[at], score[at], sigma[at] = observations.xy_img[rows], observations.score[rows], observations.sigma_px[rows]
+    frame_t_ns = _frame_times(observations)
+    for c in range(len(names)):
+        _to_time_steps(t_ns, frame_t_ns[:, c], xy[:, :, c], score[:, :, c], sigma[:, :, c])
+    return ViewSequence(
+        t_ns=t_ns, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma
+    )
+>>>>>>> main
 
 
 def observations_from_views(views: ViewSequence) -> Observations:
@@ -93,7 +113,17 @@ def observations_from_views(views: ViewSequence) -> Observations:
         for c, camera in enumerate(views.camera_names):
             here = (views.score[i, :, c] > 0).any(axis=-1)
             xy, score, sigma = views.xy_img[i, here, c], views.score[i, here, c], views.sigma_px[i, here, c]
-            detections.append(Detections2D(camera, t_ns, views.skeleton, xy, score, sigma, keypoint_boxes(xy, score)))
+            detections.append(
+                Detections2D(
+                    camera=camera,
+                    t_ns=t_ns,
+                    skeleton=views.skeleton,
+                    xy_img=xy,
+                    score=score,
+                    sigma_px=sigma,
+                    box_img=keypoint_boxes(xy, score),
+                )
+            )
             ids.append(views.person_id[here])
         batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=tuple(detections)))
         person_ids.append(ids)

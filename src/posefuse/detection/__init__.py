@@ -1,14 +1,12 @@
 """Images to Detections2D: 2D estimator plug-ins, model cards, regions to look at."""
 
-from posefuse.formats.openpose import OpenPoseFolder, read_openpose_folder
-
 from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
 from .models import fetch, fetch_all, list_cards, read_card, status
 from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
 from .regions import region_from_keypoints, region_from_pose, up_angle_rad
 
 __all__ = [
-    "BlazePoseConfig", "BlazePoseDetector", "OpenPoseFolder", "OracleConfig", "OracleDetector", "OracleNoise",
+    "BlazePoseConfig", "BlazePoseDetector", "OracleConfig", "OracleDetector", "OracleNoise",
     "OracleViews", "default_cards", "fetch", "fetch_all", "list_cards", "oracle_views", "read_card",
-    "read_openpose_folder", "region_from_keypoints", "region_from_pose", "status", "up_angle_rad",
+    "region_from_keypoints", "region_from_pose", "status", "up_angle_rad",
 ]  # fmt: skip

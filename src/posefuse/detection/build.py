@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import field
+from pathlib import Path
 from typing import Any
 
-from posefuse.core import Detector, Rig
+from posefuse.core import ConfigError, Detector, Rig
+from posefuse.foundation.parsing import parse_toml, read_text
 from posefuse.foundation.plugins import build_plugin
 from posefuse.foundation.settings import settings
+
+# kinds of cards that the default detector reads; all others are networks of the user
+_BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
 
 
 @settings
@@ -25,3 +30,26 @@ def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
     known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}
     detector: Detector = build_plugin("detectors", choice.name, choice.options, known)
     return detector
+
+
+def network_plugin(network: str) -> tuple[str, dict[str, Any]]:
+    """The detector plug-in of a network, and its options that choose it.
+
+    Args:
+        network: name of a bundled network, or a TOML file: a card of the user's own, or of BlazePose's layout.
+
+    Raises:
+        ConfigError: a card that cannot be read.
+    """
+    if not network.endswith(".toml"):
+        return "blazepose", {"landmarks": network}
+    path = Path(network).absolute()
+    kind = parse_toml(network, read_text(path, ConfigError), ConfigError).get("kind")
+    return ("blazepose", {"landmarks": str(path)}) if kind in _BLAZEPOSE_KINDS else ("onnx", {"card": str(path)})
+
+
+def network_settings(network: str) -> dict[str, str]:
+    """The same as settings by dotted key; a network of the default detector leaves it to the user which detector that is."""
+    plugin, options = network_plugin(network)
+    chosen = {} if plugin == DetectorChoice().name else {"detector.name": plugin}
+    return chosen | {f"detector.options.{key}": value for key, value in options.items()}

@@ -126,7 +126,9 @@ class OracleDetector:
             xy, score, sigma = xy[seen], score[seen], sigma[seen]
         if not len(xy):
             return Detections2D.nobody(camera, t_ns, self.skeleton)
-        return Detections2D(camera, t_ns, self.skeleton, xy, score, sigma, _boxes(xy))
+        return Detections2D(
+            camera=camera, t_ns=t_ns, skeleton=self.skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=_boxes(xy)
+        )
 
 
 def oracle_views(truth: Truth, noise: OracleNoise, seed: int = 0) -> OracleViews:

@@ -44,7 +44,7 @@ def region_from_keypoints(xy_img: Any, skeleton: Skeleton, up_img: Any = None) -
     if not np.isfinite(up).all() or not up.any():
         up = np.array([0.0, -1.0]) if up_img is None else np.asarray(up_img, np.float64)
     radius = max(float(np.linalg.norm(xy[known] - centre, axis=-1).max()), _LEAST_RADIUS_PX)
-    return Region(centre, 2 * REACH * radius, float(np.arctan2(up[0], -up[1])))
+    return Region(centre_img=centre, side_px=2 * REACH * radius, angle_rad=float(np.arctan2(up[0], -up[1])))
 
 
 def region_from_pose(camera: Camera, xyz_world: Any, skeleton: Skeleton) -> Region | None:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import DependencyError, JointAngles, PoseSequence, Recording, ViewSequence
+from posefuse.core import DependencyError, JointAngles, PoseSequence, Progress, Recording, ViewSequence, silent
 from posefuse.core.arrays import Array
 from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
@@ -20,12 +20,15 @@ from posefuse.foundation.settings import settings, settings_from_mapping
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, fit_poses, fit_views
+from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
 from posefuse.tracking import JointCentres, views_at_joint_centres
 
-from .report import write_report
+from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
+from .report import TITLE, write_report
 
 _CENTIMETRES = 0.01
+_STAGES = 3
 
 
 @settings
@@ -69,18 +72,33 @@ def rays_at_joint_centres(recording: Recording) -> ViewSequence:
     return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
 
 
-def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsSettings | None = None) -> list[Path]:
+def write_biomechanics(
+    recording: Recording,
+    folder: Path,
+    chosen: BiomechanicsSettings | None = None,
+    *,
+    title: str = TITLE,
+    progress: Progress = silent,
+) -> list[Path]:
     """Write into an existing folder; returns the files made.
 
-    ``angles.csv``, ``angles.parquet``, ``report.html``; and per person ``angles.mot`` (OpenSim), ``points_angles.c3d``,
-    ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder ``opensim``. With several people the
-    names end in ``_ID``. People who cannot be animated (`animation_gap` says why) have no skeleton files.
+    ``angles.csv``, ``angles.parquet``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
+    (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder
+    ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_gap` says why) have
+    no skeleton files.
+
+    Args:
+        recording: the result. folder: where to write. chosen: what is made of it. title: of the page.
+        progress: called as each of three stages begins, with a message that names it, and at the end.
 
     Raises:
         InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.
     """
     chosen = chosen or BiomechanicsSettings()
+    fitting = f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
+    progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
     poses, joints = joints_of(recording, chosen)
+    progress("report", 1, _STAGES, "tables and files for other programs")
     made = [folder / "angles.csv", folder / "angles.parquet"]
     for path in made:
         write_angles(path, joints)
@@ -90,8 +108,20 @@ def write_biomechanics(recording: Recording, folder: Path, chosen: BiomechanicsS
             made += _person_files(poses, joints, n, folder, ending)
             if chosen.opensim:
                 made += _opensim_files(poses, n, folder / f"opensim{ending}")
-    made.append(write_report(recording, joints, folder / "report.html"))
+    progress("report", 2, _STAGES, "gait cycles and the page")
+    cycles = _cycles(poses, joints)
+    if cycles:
+        made.append(write_gait_cycles(folder / "gait_cycles.csv", cycles))
+    made.append(write_report(recording, joints, folder / "report.html", title=title))
+    progress("report", _STAGES, _STAGES)
     return made
+
+
+def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAngles]]:
+    """By person id, of those who walk."""
+    found = {person: gait_from_poses(poses, n) for n, person in enumerate(poses.person_id.tolist())}
+    places = {person: n for n, person in enumerate(poses.person_id.tolist())}
+    return {person: gait_cycles(joints, places[person], gait) for person, gait in found.items() if gait is not None}
 
 
 def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> list[Path]:
@@ -100,7 +130,16 @@ def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path
     sigma_m = np.sqrt(np.trace(poses.cov_world[:, n], axis1=-2, axis2=-1) / 3)
     span_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9
     rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0
-    write_c3d(made[1], C3dData(poses.skeleton.keypoints, poses.xyz_world[:, n], sigma_m, rate_hz, *_c3d_angles(joints, n)))
+    labels, angles = _c3d_angles(joints, n)
+    points = C3dData(
+        names=poses.skeleton.keypoints,
+        xyz_world=poses.xyz_world[:, n],
+        sigma_m=sigma_m,
+        rate_hz=rate_hz,
+        angle_names=labels,
+        angle_rad=angles,
+    )
+    write_c3d(made[1], points)
     if animation_gap(joints, n) is None:
         made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
         write_bvh(made[2], animation_from_joints(poses, joints, n, _CENTIMETRES))

@@ -19,6 +19,8 @@ _SPEED_HZ = 60.0
 # all shifts are tried, work that grows with the square: longer recordings are sampled more coarsely
 _MOST_SAMPLES = 20_000
 _GAP_S = 0.25
+# offsets in time, a gait cycle or so apart, that are tried in full
+_MOST_OFFSETS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Arr
     """The similarity of b (T, K, 3) onto a where both are, and the rms distance it leaves; inf where too little is."""
     both = np.isfinite(a_m).all(axis=-1) & np.isfinite(b_m).all(axis=-1)
     onto = (np.eye(3), np.zeros(3), 1.0)
-    if both.sum() < _LEAST_INSTANTS:
+    if both.any(axis=1).sum() < _LEAST_INSTANTS:
         return onto, np.inf
     if space:
         onto = similarity(b_m[both], a_m[both], scale)
@@ -147,9 +149,9 @@ def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Arr
 
 
 def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
-    """Seconds to add to b's times: speeds agree best over all overlaps, then, around there, positions once aligned.
+    """Seconds to add to b's times: of the offsets at which speeds agree well the one at which positions agree best.
 
-    Speeds do not depend on where either system's origin is.
+    Speeds do not depend on where either system's origin is, but repeat from one gait cycle to the next: positions decide.
     """
     longest_s = max(float(one.t_s[-1] - one.t_s[0]) for one in (a, b))
     rate_hz = min(_SPEED_HZ, _MOST_SAMPLES / max(longest_s, 1.0))
@@ -162,13 +164,23 @@ def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
         raise InputError(
             f"{a.name} and {b.name}: nothing in common over time: too few points are known in both to find their offset"
         )
-    coarse = lags[int(np.nanargmin(cost))] / rate_hz + times[0][0] - times[1][0]
 
     def misfit(offset: float) -> float:
         return _fitted(a.xyz_m, b.at(a.t_s - offset), space, scale)[1]
 
+    candidates = [lags[i] / rate_hz + times[0][0] - times[1][0] for i in _lowest(np.array(cost))]
+    coarse = min(candidates, key=misfit)
+
     fine = minimize_scalar(misfit, bounds=(coarse - 2 / rate_hz, coarse + 2 / rate_hz), method="bounded", options={"xatol": 1e-4})
     return float(fine.x)
+
+
+def _lowest(cost: Array) -> list[int]:
+    """Places of the lowest local minima, lowest first; NaN is no minimum."""
+    filled = np.where(np.isfinite(cost), cost, np.inf)
+    padded = np.concatenate([[np.inf], filled, [np.inf]])
+    minima = np.flatnonzero((filled <= padded[:-2]) & (filled <= padded[2:]) & np.isfinite(filled))
+    return [int(i) for i in minima[np.argsort(filled[minima], kind="stable")][:_MOST_OFFSETS]]
 
 
 def _speed(xyz: Array, rate_hz: float) -> Array:

@@ -67,7 +67,7 @@ def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
     _check_joint_centres(detector.joint_centres_file)
     _require(detector.detect([], []) == [], "no frames give no answers")
     half = min(frames[0].size_wh) / 2
-    region = Region(np.array(frames[0].size_wh) / 2, 2 * half)
+    region = Region(centre_img=np.array(frames[0].size_wh) / 2, side_px=2 * half)
     for regions, people in (([None] * len(frames), None), ([[region]] * len(frames), 1), ([[]] * len(frames), 0)):
         answers = detector.detect(frames, regions)
         _require(len(answers) == len(frames), "one answer per frame")

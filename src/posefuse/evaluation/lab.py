@@ -45,7 +45,16 @@ def poses_from_lab(path: Path) -> PoseSequence:
     seen = np.isfinite(xyz[..., 0])
     cov = np.where(seen[..., None, None], np.eye(3) * _SIGMA_M**2, np.nan)
     none = np.zeros(seen.shape)
-    return PoseSequence(_times(data), _SKELETON, np.zeros(1), xyz, cov, none, none, seen)
+    return PoseSequence(
+        t_ns=_times(data),
+        skeleton=_SKELETON,
+        person_id=np.zeros(1),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=none,
+        n_views=none,
+        kind=seen,
+    )
 
 
 def joints_from_lab(path: Path) -> JointAngles:
@@ -61,7 +70,16 @@ def joints_from_lab(path: Path) -> JointAngles:
     angle = np.stack(angles, axis=1)[:, None]
     frames = SE3(np.full((len(angle), 1, 0, 4), np.nan), np.full((len(angle), 1, 0, 3), np.nan))
     kinds = tuple(kind for _ in _LETTER for _, kind in _ANGLES.values())
-    return JointAngles(_times(data), np.zeros(1), (), frames, tuple(names), kinds, angle, np.full(angle.shape, np.nan))
+    return JointAngles(
+        t_ns=_times(data),
+        person_id=np.zeros(1),
+        segments=(),
+        world_from_segment=frames,
+        joints=tuple(names),
+        angle_names=kinds,
+        angle_rad=angle,
+        sigma_rad=np.full(angle.shape, np.nan),
+    )
 
 
 def _times(data: C3dData) -> np.ndarray:

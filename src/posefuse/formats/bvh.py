@@ -19,7 +19,7 @@ from posefuse.foundation.parsing import one_line, short
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class BvhData:
     """A motion.
 
@@ -193,7 +193,14 @@ def _data(joints: _Joints, frame_s: float, rows: Array) -> BvhData:
                 turns = Rotation.from_rotvec(np.deg2rad(value)[:, None] * np.eye(3)["XYZ".index(axis)])
                 rotation[:, j] = rotation[:, j] @ turns.as_matrix()
             column += 1
-    return BvhData(tuple(joints.names), np.array(joints.parents), offset, frame_s, rotation, position)
+    return BvhData(
+        names=tuple(joints.names),
+        parent=np.array(joints.parents),
+        offset=offset,
+        frame_s=frame_s,
+        rotation=rotation,
+        position=position,
+    )
 
 
 def write_bvh(path: Path | str, data: BvhData) -> None:

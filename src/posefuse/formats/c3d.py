@@ -30,7 +30,7 @@ _TEXT_PIECES = 200
 _NAMES_PER_PARAMETER = 255
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class C3dData:
     """Named points, and angles stored as such, over time.
 

@@ -44,7 +44,7 @@ class C3dBlocks:
     residual: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Header:
     points: int
     analog: int

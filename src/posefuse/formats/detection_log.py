@@ -189,8 +189,12 @@ def _batch_of(record: bytes, skeleton: Skeleton, names: tuple[str, ...]) -> Dete
     for _ in range(frames):
         camera, exposed_ns, people = _CAMERA.unpack(stream.read(_CAMERA.size))
         shapes = ((people, k, 2), (people, k), (people, k), (people, 4))
-        arrays = [np.frombuffer(stream.read(4 * int(np.prod(shape))), "<f4").reshape(shape) for shape in shapes]
-        detections.append(Detections2D(names[camera], exposed_ns, skeleton, *arrays))
+        xy, score, sigma, box = (np.frombuffer(stream.read(4 * int(np.prod(shape))), "<f4").reshape(shape) for shape in shapes)
+        detections.append(
+            Detections2D(
+                camera=names[camera], t_ns=exposed_ns, skeleton=skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
+            )
+        )
     return DetectionBatch(step=step, t_ns=t_ns, kind=LookKind(kind), detections=tuple(detections))
 
 

@@ -14,7 +14,7 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.parsing import one_line, read_text
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
     """Named quantities over time, as OpenSim stores them.
 
@@ -52,7 +52,7 @@ def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefu
     values = np.degrees(joints.angle_rad[:, person].reshape(len(joints.t_ns), -1))
     kept = np.flatnonzero(np.isfinite(values).any(axis=0))
     t_s = (joints.t_ns - joints.t_ns[0]) * 1e-9 if len(joints.t_ns) else np.zeros(0)
-    return Motion(name, t_s, tuple(columns[i] for i in kept), values[:, kept])
+    return Motion(name=name, t_s=t_s, columns=tuple(columns[i] for i in kept), values=values[:, kept])
 
 
 def write_mot(path: Path, motion: Motion) -> None:
@@ -82,7 +82,9 @@ def read_mot(path: Path) -> Motion:
         raise InputError(f"{path}: line {end + 2}: expected the first column 'time', got {first}")
     rows = [_row(path, i, lines[i], len(names)) for i in range(end + 2, len(lines)) if lines[i].strip()]
     table = np.array(rows, np.float64).reshape(-1, len(names))
-    return Motion(lines[0].strip(), table[:, 0], tuple(names[1:]), table[:, 1:], _in_degrees(lines[:end]))
+    return Motion(
+        name=lines[0].strip(), t_s=table[:, 0], columns=tuple(names[1:]), values=table[:, 1:], in_degrees=_in_degrees(lines[:end])
+    )
 
 
 def _row(path: Path, number: int, line: str, count: int) -> Sequence[float]:

@@ -82,7 +82,7 @@ def read_recording(folder: Path | str) -> Recording:
         poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
         parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
         observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
-        return Recording(rig, poses, observations, about["provenance"])
+        return Recording(rig=rig, poses=poses, observations=observations, provenance=about["provenance"])
     except KeyError as error:
         raise InputError(f"{folder}: the result is incomplete: {one_line(error)} is missing") from None
     except (PosefuseError, *DAMAGED, IndexError) as error:
@@ -109,3 +109,41 @@ def _about(folder: Path) -> dict[str, Any]:
 
 def _skeleton(content: dict[str, Any]) -> Skeleton:
     return Skeleton(content["name"], tuple(content["keypoints"]), tuple((a, b) for a, b in content["bones"]))
+<<<<<<< HEAD
+=======
+
+
+def _rig_values(rig: Rig) -> dict[str, Any]:
+    """The rig to the last bit, which files for other programs do not keep: solving again must see the same cameras."""
+    cameras = [
+        {
+            "name": camera.name,
+            "size_wh": list(camera.size_wh),
+            "K": camera.K.tolist(),
+            "wxyz": camera.cam_from_world.wxyz.tolist(),
+            "xyz": camera.cam_from_world.xyz.tolist(),
+            "distortion": camera.distortion.tolist(),
+            "model": camera.model,
+            "readout_s": camera.readout_s,
+        }
+        for camera in rig
+    ]
+    residual_px = None if math.isnan(rig.residual_px) else rig.residual_px
+    return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px}
+
+
+def _rig(content: dict[str, Any]) -> Rig:
+    cameras = tuple(
+        Camera(
+            name=one["name"],
+            size_wh=tuple(one["size_wh"]),
+            K=one["K"],
+            cam_from_world=SE3(one["wxyz"], one["xyz"]),
+            distortion=one["distortion"],
+            model=one["model"],
+            readout_s=one["readout_s"],
+        )
+        for one in content["cameras"]
+    )
+    return Rig(cameras, content["world_set_by"], math.nan if content["residual_px"] is None else content["residual_px"])
+>>>>>>> main

@@ -26,7 +26,7 @@ _SMALLEST_M = 0.01
 _HEADER_LINES = 5
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TrcData:
     """Named points over time.
 
@@ -72,7 +72,7 @@ def read_trc(path: Path | str, units: str | None = None) -> TrcData:
     table = np.array(rows)
     xyz_file = table[:, 1:].reshape(len(rows), len(names), 3) * metres
     _check_scale(path, xyz_file, units or header["Units"])
-    return TrcData(names, table[:, 0], xyz_file[..., [2, 0, 1]], _rate(path, header))
+    return TrcData(names=names, t_s=table[:, 0], xyz_world=xyz_file[..., [2, 0, 1]], rate_hz=_rate(path, header))
 
 
 def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") -> None:

@@ -55,12 +55,22 @@ def read_truth(path: Path) -> Truth:
             raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {description['format']!r}")
         rig = Rig(tuple(_camera(one) for one in description["cameras"]), description["world_set_by"], 0.0)
         views = tuple(
-            CameraTruth(name, arrays[f"view{i}_t_ns"], arrays[f"view{i}_xy_img"], arrays[f"view{i}_visible"])
+            CameraTruth(
+                camera=name, t_ns=arrays[f"view{i}_t_ns"], xy_img=arrays[f"view{i}_xy_img"], visible=arrays[f"view{i}_visible"]
+            )
             for i, name in enumerate(rig.names)
         )
         skeleton = SKELETONS[description["skeleton"]]
         joints = _joints(arrays, description["joints"]) if "joints" in description else None
-        return Truth(rig, arrays["t_ns"], skeleton, arrays["person_id"], arrays["xyz_world"], views, joints)
+        return Truth(
+            rig=rig,
+            t_ns=arrays["t_ns"],
+            skeleton=skeleton,
+            person_id=arrays["person_id"],
+            xyz_world=arrays["xyz_world"],
+            views=views,
+            joints=joints,
+        )
     except PosefuseError as error:
         raise InputError(f"{path}: not a posefuse truth file ({one_line(error)})") from None
     except (*DAMAGED, IndexError, AttributeError) as error:
@@ -97,12 +107,25 @@ def _camera_description(camera: Camera) -> dict[str, Any]:
 def _camera(one: dict[str, Any]) -> Camera:
     pose = SE3(np.array(one["wxyz"]), np.array(one["xyz"]))
     size = (one["size_wh"][0], one["size_wh"][1])
-    return Camera(one["name"], size, np.array(one["K"]), pose, np.array(one["distortion"]), one["model"], one["readout_s"])
+    return Camera(
+        name=one["name"],
+        size_wh=size,
+        K=np.array(one["K"]),
+        cam_from_world=pose,
+        distortion=np.array(one["distortion"]),
+        model=one["model"],
+        readout_s=one["readout_s"],
+    )
 
 
 def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> JointAngles:
     return JointAngles(
-        arrays["joints_t_ns"], arrays["person_id"], tuple(names["segments"]), SE3(arrays["joints_wxyz"], arrays["joints_xyz"]),
-        tuple(names["joints"]), tuple(tuple(three) for three in names["angle_names"]),
-        arrays["joints_angle_rad"], arrays["joints_sigma_rad"],
-    )  # fmt: skip
+        t_ns=arrays["joints_t_ns"],
+        person_id=arrays["person_id"],
+        segments=tuple(names["segments"]),
+        world_from_segment=SE3(arrays["joints_wxyz"], arrays["joints_xyz"]),
+        joints=tuple(names["joints"]),
+        angle_names=tuple(tuple(three) for three in names["angle_names"]),
+        angle_rad=arrays["joints_angle_rad"],
+        sigma_rad=arrays["joints_sigma_rad"],
+    )

@@ -74,7 +74,7 @@ def fingerprint(files: Sequence[Path]) -> str:
 @functools.cache
 def _folder() -> Path | None:
     """This version's folder, made if need be; None where nothing can be written: then every run compiles anew."""
-    folder = default_cache_dir(os.environ) / "kernels" / fingerprint(kernel_files())
+    folder = default_cache_dir() / "kernels" / fingerprint(kernel_files())
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)

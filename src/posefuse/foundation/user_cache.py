@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
 from pathlib import Path
 
+import platformdirs
 
-def default_cache_dir(environ: Mapping[str, str]) -> Path:
-    """The user's cache folder: POSEFUSE_CACHE, else XDG_CACHE_HOME/posefuse, else ~/.cache/posefuse."""
-    if environ.get("POSEFUSE_CACHE"):
-        return Path(environ["POSEFUSE_CACHE"])
-    base = environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "posefuse"
+
+def default_cache_dir() -> Path:
+    """The user's cache folder: POSEFUSE_CACHE, else the system's place for caches (Linux: XDG_CACHE_HOME or ~/.cache)."""
+    if own := os.environ.get("POSEFUSE_CACHE"):
+        return Path(own)
+    return Path(platformdirs.user_cache_dir("posefuse", appauthor=False))

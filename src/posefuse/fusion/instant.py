@@ -38,8 +38,15 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
     solved = _solve(views, rig, xy, score, sigma, before, settings)
     kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))
     return Pose3D(
-        views.t_ns, views.skeleton, views.person_id, solved.xyz, solved.cov, solved.reproj, solved.n_views, kind
-    )  # fmt: skip
+        t_ns=views.t_ns,
+        skeleton=views.skeleton,
+        person_id=views.person_id,
+        xyz_world=solved.xyz,
+        cov_world=solved.cov,
+        reproj_px=solved.reproj,
+        n_views=solved.n_views,
+        kind=kind,
+    )
 
 
 def _solve(

@@ -37,7 +37,7 @@ _WINDOW_NS = _S // 2
 _COUNT_NS = _S // 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CameraState:
     """How one camera fares in its group.
 

@@ -24,7 +24,7 @@ _WORSE = 2.0
 _LEAST_DEPTH_M, _MOST_OFF_M = 0.2, 3.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Instant:
     """Points of one instant, and how they fit.
 
@@ -44,7 +44,7 @@ class Instant:
     seen: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Sums:
     """What instants say of the unknowns u (4 C) of all cameras; squares in m^2.
 
@@ -73,18 +73,26 @@ class Sums:
     def nothing(cameras: int) -> Sums:
         """No instant yet."""
         square, own = np.zeros((UNKNOWNS * cameras,) * 2), np.zeros((cameras, UNKNOWNS, UNKNOWNS))
-        return Sums(square, np.zeros(UNKNOWNS * cameras), 0.0, 0.0, own, np.zeros(cameras), np.zeros(5))
+        return Sums(
+            information=square,
+            pull=np.zeros(UNKNOWNS * cameras),
+            squares=0.0,
+            count=0.0,
+            own=own,
+            points=np.zeros(cameras),
+            places=np.zeros(5),
+        )
 
     def decayed(self, keep: float, new: Sums) -> Sums:
         """These counting `keep` times, and new ones."""
         return Sums(
-            keep * self.information + new.information,
-            keep * self.pull + new.pull,
-            keep * self.squares + new.squares,
-            keep * self.count + new.count,
-            keep * self.own + new.own,
-            keep * self.points + new.points,
-            keep * self.places + new.places,
+            information=keep * self.information + new.information,
+            pull=keep * self.pull + new.pull,
+            squares=keep * self.squares + new.squares,
+            count=keep * self.count + new.count,
+            own=keep * self.own + new.own,
+            points=keep * self.points + new.points,
+            places=keep * self.places + new.places,
         )
 
 
@@ -112,7 +120,7 @@ def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
     with np.errstate(divide="ignore", invalid="ignore"):
         misfit = np.sqrt(np.where(redundant > 0, (off**2).sum(axis=(1, 2)) / redundant, np.nan))
     xyz_cam = np.where(seen[..., None], np.einsum("cij,pj->pci", turn, points) + shift, 0.0)
-    return Instant(t_ns, points, misfit, rows, off, xyz_cam, seen)
+    return Instant(t_ns=t_ns, xyz_world=points, misfit_m=misfit, rows=rows, off_m=off, xyz_cam=xyz_cam, seen=seen)
 
 
 def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
@@ -146,7 +154,15 @@ def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
     squares, count = float((weight * redundant * misfit**2).sum()), float((weight * redundant).sum())
     middle = np.median(now.xyz_world[good], axis=0)
     places = np.array([1.0, *middle, middle @ middle])
-    return Sums(information, pull, squares, count, own, (weight[:, None] * seen).sum(axis=0), places)
+    return Sums(
+        information=information,
+        pull=pull,
+        squares=squares,
+        count=count,
+        own=own,
+        points=(weight[:, None] * seen).sum(axis=0),
+        places=places,
+    )
 
 
 @lru_cache(maxsize=8)

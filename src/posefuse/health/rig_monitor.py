@@ -43,7 +43,7 @@ _SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
 _NEWEST_APART_S = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Finding:
     """Something is wrong with a camera.
 
@@ -60,7 +60,7 @@ class Finding:
     amount: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MonitorState:
     """What is remembered of a rig.
 
@@ -90,7 +90,7 @@ class MonitorState:
 
 def start(rig: Rig) -> MonitorState:
     """Nothing seen yet."""
-    return MonitorState(tuple(Sums.nothing(len(rig)) for _ in MEMORIES_S))
+    return MonitorState(sums=tuple(Sums.nothing(len(rig)) for _ in MEMORIES_S))
 
 
 def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
@@ -111,7 +111,7 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
     return _judged(state, rig, t_ns) if state.finding is None else _gone_on(state, state.finding, rig, t_ns, xy_img)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Suspect:
     """What would be wrong with a camera, if anything is.
 
@@ -135,8 +135,17 @@ def suspects(sums: Sums) -> list[Suspect]:
     for kind, unknowns in _UNKNOWNS.items():
         amount, displaced_m, gain = _explained(sums, unknowns)
         sure = gain / np.maximum(sums.squares - gain, 1e-12) * sums.count
-        rows = np.stack([amount, displaced_m, gain, sure], axis=1).tolist()
-        found += [Suspect(kind, c, *row) for c, row in enumerate(rows)]
+        found += [
+            Suspect(
+                kind=kind,
+                camera=c,
+                amount=float(amount[c]),
+                displaced_m=float(displaced_m[c]),
+                gain=float(gain[c]),
+                sure=float(sure[c]),
+            )
+            for c in range(len(sure))
+        ]
     return found
 
 
@@ -204,13 +213,21 @@ def _named(rig: Rig, suspect: Suspect) -> Finding:
     else:
         degrees = np.rad2deg(suspect.amount)
         words = f"{name} sees everything {beside_mm:.0f} mm beside where the others do ({degrees:.1f} deg): was it moved?"
-    return Finding(suspect.kind, (name,), 0, words, suspect.displaced_m, suspect.amount)
+    return Finding(
+        kind=suspect.kind, cameras=(name,), t_ns=0, detail=words, displaced_m=suspect.displaced_m, amount=suspect.amount
+    )
 
 
 def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
     words = " or ".join(f"{rig.names[a]} and {rig.names[b]}" for a, b in pairs)
     cameras = tuple(rig.names[c] for c in sorted({c for pair in pairs for c in pair}))
-    return Finding(SWAPPED, cameras, 0, f"the images of {words} fit when they are exchanged: a swapped cable", gross_m)
+    return Finding(
+        kind=SWAPPED,
+        cameras=cameras,
+        t_ns=0,
+        detail=f"the images of {words} fit when they are exchanged: a swapped cable",
+        displaced_m=gross_m,
+    )
 
 
 def _gone_on(state: MonitorState, finding: Finding, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:

@@ -77,7 +77,14 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     scaled = np.array(offset) / metres_per_unit
     position = np.tile(scaled, (len(joints.t_ns), 1, 1))
     position[:, 0] = filled["pelvis"][1] @ FILE_FROM_WORLD.T / metres_per_unit
-    return BvhData(tuple(labels), np.array(parent), scaled, frame_s, np.stack(local, axis=1), position)
+    return BvhData(
+        names=tuple(labels),
+        parent=np.array(parent),
+        offset=scaled,
+        frame_s=frame_s,
+        rotation=np.stack(local, axis=1),
+        position=position,
+    )
 
 
 def _rooted(name: str, names: list[str]) -> bool:

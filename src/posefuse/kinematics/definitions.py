@@ -64,7 +64,7 @@ class Segment:
         return tuple(dict.fromkeys(part for name in names for part in _MIDPOINTS.get(name, (name,))))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Limb:
     """Two segments that share the normal of their plane as Z axis.
 
@@ -82,7 +82,7 @@ class Limb:
     bend: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Joint:
     """One joint: child relative to parent.
 
@@ -112,10 +112,10 @@ class Joint:
 
 
 LIMBS = (
-    Limb("left_arm", "thorax", "left_shoulder", "left_elbow", "left_wrist", 1),
-    Limb("right_arm", "thorax", "right_shoulder", "right_elbow", "right_wrist", 1),
-    Limb("left_leg", "pelvis", "left_hip", "left_knee", "left_ankle", -1),
-    Limb("right_leg", "pelvis", "right_hip", "right_knee", "right_ankle", -1),
+    Limb(name="left_arm", parent="thorax", proximal="left_shoulder", middle="left_elbow", distal="left_wrist", bend=1),
+    Limb(name="right_arm", parent="thorax", proximal="right_shoulder", middle="right_elbow", distal="right_wrist", bend=1),
+    Limb(name="left_leg", parent="pelvis", proximal="left_hip", middle="left_knee", distal="left_ankle", bend=-1),
+    Limb(name="right_leg", parent="pelvis", proximal="right_hip", middle="right_knee", distal="right_ankle", bend=-1),
 )
 
 
@@ -150,35 +150,101 @@ _HIP = "thigh along the pelvis Y axis, limb plane sagittal"
 
 
 def _side_joints(side: str) -> tuple[Joint, ...]:
-    def one(name: str, parent: str, child: str, *rest: object) -> Joint:
-        return Joint(f"{side}_{name}", parent, child, *rest)  # type: ignore[arg-type]
-
     ball = ("flexion", "adduction", "internal_rotation")
+    upper_arm, forearm, thigh, shank = (f"{side}_{name}" for name in ("upper_arm", "forearm", "thigh", "shank"))
     return (
-        one("shoulder", "thorax", f"{side}_upper_arm", "YXY", ("plane_of_elevation", "elevation", "internal_rotation"),
-            (1, 1, 1), "arm hanging (elevation); plane 0 is abduction, 90 degrees forward flexion"),
-        one("arm", "thorax", f"{side}_upper_arm", "ZXY", ball, (1, 1, 1), "arm hanging, elbow bending forward"),
-        one("elbow", f"{side}_upper_arm", f"{side}_forearm", "ZXY", ("flexion", "carrying", "pronation"), (1, 1, 1),
-            "arm straight" + _PLANE, (True, False, False)),
-        one("wrist", f"{side}_forearm", f"{side}_hand", "YZX", ("pronation", "flexion", "ulnar_deviation"), (1, 1, 1),
-            "hand in line with the forearm, palm facing the way the elbow bends"),
-        one("hip", "pelvis", f"{side}_thigh", "ZXY", ball, (1, 1, 1), _HIP),
-        one("knee", f"{side}_thigh", f"{side}_shank", "ZXY", ball, (-1, 1, 1), "leg straight" + _PLANE, (True, False, False)),
-        one("ankle", f"{side}_shank", f"{side}_foot", "ZXY", ("dorsiflexion", "inversion", "internal_rotation"), (1, 1, 1),
-            "line heel to toe normal to the shank"),
-    )  # fmt: skip
+        Joint(
+            name=f"{side}_shoulder",
+            parent="thorax",
+            child=upper_arm,
+            sequence="YXY",
+            angle_names=("plane_of_elevation", "elevation", "internal_rotation"),
+            sign=(1, 1, 1),
+            zero="arm hanging (elevation); plane 0 is abduction, 90 degrees forward flexion",
+        ),
+        Joint(
+            name=f"{side}_arm",
+            parent="thorax",
+            child=upper_arm,
+            sequence="ZXY",
+            angle_names=ball,
+            sign=(1, 1, 1),
+            zero="arm hanging, elbow bending forward",
+        ),
+        Joint(
+            name=f"{side}_elbow",
+            parent=upper_arm,
+            child=forearm,
+            sequence="ZXY",
+            angle_names=("flexion", "carrying", "pronation"),
+            sign=(1, 1, 1),
+            zero="arm straight" + _PLANE,
+            determined=(True, False, False),
+        ),
+        Joint(
+            name=f"{side}_wrist",
+            parent=forearm,
+            child=f"{side}_hand",
+            sequence="YZX",
+            angle_names=("pronation", "flexion", "ulnar_deviation"),
+            sign=(1, 1, 1),
+            zero="hand in line with the forearm, palm facing the way the elbow bends",
+        ),
+        Joint(name=f"{side}_hip", parent="pelvis", child=thigh, sequence="ZXY", angle_names=ball, sign=(1, 1, 1), zero=_HIP),
+        Joint(
+            name=f"{side}_knee",
+            parent=thigh,
+            child=shank,
+            sequence="ZXY",
+            angle_names=ball,
+            sign=(-1, 1, 1),
+            zero="leg straight" + _PLANE,
+            determined=(True, False, False),
+        ),
+        Joint(
+            name=f"{side}_ankle",
+            parent=shank,
+            child=f"{side}_foot",
+            sequence="ZXY",
+            angle_names=("dorsiflexion", "inversion", "internal_rotation"),
+            sign=(1, 1, 1),
+            zero="line heel to toe normal to the shank",
+        ),
+    )
 
 
 JOINTS = (
-    Joint("pelvis", "ground", "pelvis", "YXZ", ("rotation_left", "obliquity_right_down", "tilt_forward"), (1, 1, -1),
-          "facing world x, hips level, trunk upright; tilt is that of the line from mid-hip to neck"),
-    Joint("trunk", "pelvis", "thorax", "ZXY", ("flexion", "bend_right", "rotation_left"), (-1, 1, 1),
-          "shoulder line parallel to hip line; flexion is zero by construction", (False, True, True)),
-    Joint("neck", "thorax", "head", "ZXY", ("flexion", "bend_right", "rotation_left"), (-1, 1, 1),
-          "ears and nose level with the trunk upright"),
+    Joint(
+        name="pelvis",
+        parent="ground",
+        child="pelvis",
+        sequence="YXZ",
+        angle_names=("rotation_left", "obliquity_right_down", "tilt_forward"),
+        sign=(1, 1, -1),
+        zero="facing world x, hips level, trunk upright; tilt is that of the line from mid-hip to neck",
+    ),
+    Joint(
+        name="trunk",
+        parent="pelvis",
+        child="thorax",
+        sequence="ZXY",
+        angle_names=("flexion", "bend_right", "rotation_left"),
+        sign=(-1, 1, 1),
+        zero="shoulder line parallel to hip line; flexion is zero by construction",
+        determined=(False, True, True),
+    ),
+    Joint(
+        name="neck",
+        parent="thorax",
+        child="head",
+        sequence="ZXY",
+        angle_names=("flexion", "bend_right", "rotation_left"),
+        sign=(-1, 1, 1),
+        zero="ears and nose level with the trunk upright",
+    ),
     *_side_joints("left"),
     *_side_joints("right"),
-)  # fmt: skip
+)
 
 SEGMENT_NAMES = tuple(segment.name for segment in SEGMENTS)
 JOINT_NAMES = tuple(joint.name for joint in JOINTS)

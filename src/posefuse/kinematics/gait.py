@@ -38,7 +38,7 @@ class Spread:
     count: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Gait:
     """Events and measures of one person's walk.
 

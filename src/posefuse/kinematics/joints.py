@@ -122,7 +122,16 @@ def joints_value(t_ns: Array, person_id: Array, rotation: Array, origin: Array, 
     wxyz = np.empty((*rotation.shape[:-2], 4))
     kernels.quaternions(rotation.reshape(-1, 3, 3), wxyz.reshape(-1, 4))
     frames = SE3(wxyz, np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin))
-    return JointAngles(t_ns, person_id, SEGMENT_NAMES, frames, JOINT_NAMES, ANGLE_NAMES, angles, sigmas)
+    return JointAngles(
+        t_ns=t_ns,
+        person_id=person_id,
+        segments=SEGMENT_NAMES,
+        world_from_segment=frames,
+        joints=JOINT_NAMES,
+        angle_names=ANGLE_NAMES,
+        angle_rad=angles,
+        sigma_rad=sigmas,
+    )
 
 
 @dataclass

@@ -98,7 +98,10 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
     names = tuple(body.skeleton.keypoints[k] for k in body.keypoint)
     t_s = (sequence.t_ns - sequence.t_ns[0]) * 1e-9
     rate_hz = (len(t_s) - 1) / t_s[-1] if len(t_s) > 1 else 1.0
-    write_trc(folder / MARKERS_FILE, TrcData(names, t_s, sequence.xyz_world[:, person, body.keypoint], rate_hz))
+    write_trc(
+        folder / MARKERS_FILE,
+        TrcData(names=names, t_s=t_s, xyz_world=sequence.xyz_world[:, person, body.keypoint], rate_hz=rate_hz),
+    )
     log = folder / LOG_FILE
     log.unlink(missing_ok=True)
     osim.Logger.setLevelString("Warn")

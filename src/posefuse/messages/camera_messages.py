@@ -73,13 +73,13 @@ def camera_from_info(name: str, msg: Any, cam_from_world: SE3) -> Camera:
         raise MessageError(f"{where}: expected the full image, got binning or a region of interest; publish the full image")
     try:
         return Camera(
-            name,
-            (msg.width, msg.height),
-            np.asarray(msg.k).reshape(3, 3),
-            cam_from_world,
+            name=name,
+            size_wh=(msg.width, msg.height),
+            K=np.asarray(msg.k).reshape(3, 3),
+            cam_from_world=cam_from_world,
             # ROS has no word for "no distortion" but zeros
-            np.asarray(msg.d) if np.any(msg.d) else np.zeros(0),
-            models[msg.distortion_model],
+            distortion=np.asarray(msg.d) if np.any(msg.d) else np.zeros(0),
+            model=models[msg.distortion_model],
         )
     except PosefuseError as error:
         raise MessageError(f"{where}: {error}") from None
@@ -119,7 +119,9 @@ def image_from_message(msg: Any) -> Array:
 
 def frame_from_message(msg: Any, camera: str, seq: int, received_ns: int) -> Frame:
     """The frame of one image message; its stamp is taken as mid-exposure."""
-    return Frame(camera, seq, ns_from_time(msg.header.stamp), received_ns, image_from_message(msg))
+    return Frame(
+        camera=camera, seq=seq, t_ns=ns_from_time(msg.header.stamp), received_ns=received_ns, image=image_from_message(msg)
+    )
 
 
 def _raw(msg: Any) -> Array:

@@ -37,7 +37,7 @@ _MAX_TAKE = 256
 _PARTICIPANTS = 32
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Network:
     """Where a node talks.
 

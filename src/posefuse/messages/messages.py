@@ -85,7 +85,15 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
         raise MessageError(f"{where} of {msg.camera}: expected scores in 0..1, finite or NaN px and sigma >= 0")
     if (np.isnan(xy).any(axis=-1) & (score > 0)).any():
         raise MessageError(f"{where} of {msg.camera}: expected score 0 where a keypoint is NaN")
-    return Detections2D(msg.camera, ns_from_time(msg.header.stamp), skeleton, xy, score, sigma, box), _stages(msg)
+    return Detections2D(
+        camera=msg.camera,
+        t_ns=ns_from_time(msg.header.stamp),
+        skeleton=skeleton,
+        xy_img=xy,
+        score=score,
+        sigma_px=sigma,
+        box_img=box,
+    ), _stages(msg)
 
 
 def message_from_pose(pose: Pose3D, stages: Stages, world_frame: str) -> Any:
@@ -123,14 +131,14 @@ def pose_from_message(msg: Any) -> tuple[Pose3D, dict[str, int]]:
     cov[..., _UPPER[0], _UPPER[1]] = upper
     cov[..., _UPPER[1], _UPPER[0]] = upper
     pose = Pose3D(
-        ns_from_time(msg.header.stamp),
-        skeleton,
-        np.asarray(msg.person_id),
-        xyz,
-        cov,
-        _shaped(msg.reprojection_px, (n, k), where, "reprojection_px"),
-        _shaped(msg.views, (n, k), where, "views"),
-        kind,
+        t_ns=ns_from_time(msg.header.stamp),
+        skeleton=skeleton,
+        person_id=np.asarray(msg.person_id),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=_shaped(msg.reprojection_px, (n, k), where, "reprojection_px"),
+        n_views=_shaped(msg.views, (n, k), where, "views"),
+        kind=kind,
     )
     return pose, _stages(msg)
 

@@ -45,6 +45,15 @@ class C3dSink:
         }
         for n in range(len(poses.person_id)):
             path = folder / person_file(recording, n, ".c3d")
-            write_c3d(path, C3dData(poses.skeleton.keypoints, poses.xyz_world[:, n], sigma_m(poses)[:, n], rate, about=about))
+            write_c3d(
+                path,
+                C3dData(
+                    names=poses.skeleton.keypoints,
+                    xyz_world=poses.xyz_world[:, n],
+                    sigma_m=sigma_m(poses)[:, n],
+                    rate_hz=rate,
+                    about=about,
+                ),
+            )
             made.append(path)
         return made

@@ -51,9 +51,15 @@ def _present(pose: Pose3D) -> Pose3D:
     """Only the people of whom anything is known at this instant."""
     here = np.isfinite(pose.xyz_world).all(axis=-1).any(axis=-1)
     return Pose3D(
-        pose.t_ns, pose.skeleton, pose.person_id[here], pose.xyz_world[here], pose.cov_world[here],
-        pose.reproj_px[here], pose.n_views[here], pose.kind[here],
-    )  # fmt: skip
+        t_ns=pose.t_ns,
+        skeleton=pose.skeleton,
+        person_id=pose.person_id[here],
+        xyz_world=pose.xyz_world[here],
+        cov_world=pose.cov_world[here],
+        reproj_px=pose.reproj_px[here],
+        n_views=pose.n_views[here],
+        kind=pose.kind[here],
+    )
 
 
 def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detections2D]:
@@ -65,4 +71,6 @@ def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detec
         seen = np.where((score > 0)[..., None], xy, np.nan)
         box = np.concatenate([np.nanmin(seen, axis=1), np.nanmax(seen, axis=1)], axis=-1) if len(xy) else np.zeros((0, 4))
         t_ns = int(recording.poses.t_ns[i]) + epoch_offset_ns
-        yield Detections2D(camera.name, t_ns, recording.poses.skeleton, xy, score, sigma, box)
+        yield Detections2D(
+            camera=camera.name, t_ns=t_ns, skeleton=recording.poses.skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
+        )

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -22,19 +20,22 @@ from posefuse.formats.recording import read_recording
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.settings import settings
 
-from .drawing import DETECTION_RGB, bone_colours, keypoint_colours
+from .drawing import DETECTION_RGB
 from .facts import provenance, sigma_m
 from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs, write_without_frames
-
-if TYPE_CHECKING:
-    import rerun as rr
+from .rerun_scene import (
+    TIMELINE,
+    camera_path,
+    check_rerun,
+    has_display,
+    log_cameras,
+    log_detections,
+    log_person,
+    log_projection,
+    session_blueprint,
+)
 
 FILE = "recording.rrd"
-TIMELINE = "session"
-SPAWN = "spawn"
-_MEMORY = "512MiB"
-_ELLIPSOID_SIGMAS = 3.0
-_IMAGE_PLANE_M = 0.5
 
 
 @settings
@@ -65,12 +66,6 @@ class RerunSink:
         return _RerunWriter(recording, folder / FILE, self)
 
 
-def check_rerun() -> None:
-    """Raise DependencyError when the Rerun SDK is not installed."""
-    if importlib.util.find_spec("rerun") is None:
-        raise DependencyError("the Rerun viewer is not installed: pip install 'posefuse[viewer]'")
-
-
 def open_in_viewer(path: Path) -> None:
     """Open an .rrd file in the Rerun viewer and wait until it is closed.
 
@@ -78,7 +73,7 @@ def open_in_viewer(path: Path) -> None:
         DependencyError: the extra `viewer` is not installed, or there is no display to show it on.
     """
     check_rerun()
-    if not _has_display():
+    if not has_display():
         raise DependencyError(
             "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` "
             f"(--outputs rerun) and open {FILE} on another machine, or in a browser: rerun --web-viewer {FILE}"
@@ -88,26 +83,16 @@ def open_in_viewer(path: Path) -> None:
         raise DependencyError(f"the Rerun viewer ended with status {ended.returncode}; check it with: rerun rrd verify {path}")
 
 
-def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> rr.RecordingStream:
-    """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
+def show_recording(recording: Recording, open_viewer: Callable[[Path], None] = open_in_viewer) -> None:
+    """Show a recording without images in the Rerun viewer until it is closed.
 
     Raises:
-        DependencyError: there is no display for a viewer.
+        DependencyError: no Rerun SDK or no display; names the extra to install.
     """
-    import rerun as rr
-
-    stream = rr.RecordingStream(title)
-    if place != SPAWN:
-        stream.save(place, default_blueprint=blueprint)
-        return stream
-    if not _has_display():
-        raise DependencyError("--view needs a display and there is none: use --view-file FILE.rrd and open it elsewhere")
-    stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint)
-    return stream
-
-
-def _has_display() -> bool:
-    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    check_rerun()
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
+        [path] = write_outputs([RerunSink()], recording, Path(folder))
+        open_viewer(path)
 
 
 def view_recording(
@@ -116,11 +101,19 @@ def view_recording(
     frame_sets: FrameSets | None = None,
     open_viewer: Callable[[Path], None] = open_in_viewer,
 ) -> Path:
+<<<<<<< HEAD
     """Show a result in the Rerun viewer until it is closed: its ``recording.rrd``, or one made for the occasion.
 
     Args:
         folder: a result that `read` reads: a folder, see `formats.recording`, or a file.
         frame_sets: images for a result that has no ``recording.rrd``.
+=======
+    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
+
+    Args:
+        folder: a result, see `formats.recording`.
+        frame_sets: images to show with it, in a temporary ``recording.rrd``.
+>>>>>>> main
         open_viewer: shows an .rrd file.
 
     Returns:
@@ -132,8 +125,13 @@ def view_recording(
     """
     check_rerun()
     folder = Path(folder)
+<<<<<<< HEAD
     recording = read(folder)
     if (folder / FILE).is_file():
+=======
+    recording = read_recording(folder)
+    if frame_sets is None and (folder / FILE).is_file():
+>>>>>>> main
         open_viewer(folder / FILE)
         return folder / FILE
     with tempfile.TemporaryDirectory(prefix="posefuse-") as beside:
@@ -143,7 +141,7 @@ def view_recording(
 
 
 class _RerunWriter:
-    """Logs what never changes at once, plots as whole columns, and the rest instant by instant."""
+    """Logs what never changes at once, plots as whole columns, and the rest step by step."""
 
     def __init__(self, recording: Recording, path: Path, config: RerunSink) -> None:
         import rerun as rr
@@ -151,19 +149,14 @@ class _RerunWriter:
         self._recording, self._path, self._config = recording, path, config
         self._whole = ExitStack()
         self._cameras = [_shown(camera, config.image_px) for camera in recording.rig]
-        skeleton = recording.poses.skeleton
-        self._bones, self._bone_rgb, self._keypoint_rgb = (
-            skeleton.bone_indices,
-            bone_colours(skeleton),
-            keypoint_colours(skeleton),
-        )
         identity = f"{recording.rig.id}-{recording.poses.t_ns[0]}-{len(recording.poses)}"
         self._stream = rr.RecordingStream("posefuse", recording_id=identity)
 
     def __enter__(self) -> _RerunWriter:
         beside = self._whole.enter_context(atomic_file(self._path))
-        self._stream.save(beside, default_blueprint=_blueprint(self._recording))
-        self._log_static()
+        self._stream.save(beside, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
+        log_cameras(self._stream, self._cameras)
+        self._log_about()
         self._log_plots()
         return self
 
@@ -176,33 +169,18 @@ class _RerunWriter:
         return [self._path]
 
     def add(self, i: int, frames: Frames) -> None:
-        self._stream.set_time(TIMELINE, duration=float(self._recording.poses.t_ns[i]) / 1e9)
-        for n, person in enumerate(self._recording.poses.person_id):
-            self._log_person(f"world/people/{person}", i, n)
+        poses = self._recording.poses
+        self._stream.set_time(TIMELINE, duration=float(poses.t_ns[i]) / 1e9)
+        for n, person in enumerate(poses.person_id):
+            log_person(self._stream, f"world/people/{person}", poses.skeleton, poses.xyz_world[i, n], poses.cov_world[i, n])
         for c, frame in enumerate(frames):
             self._log_view(i, c, frame)
 
-    def _log_static(self) -> None:
+    def _log_about(self) -> None:
         import rerun as rr
 
-        log = self._stream.log
-        log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         about = json.dumps(provenance(self._recording), indent=2, default=str)
-        log("about", rr.TextDocument(f"```json\n{about}\n```", media_type="text/markdown"), static=True)
-        for camera in self._cameras:
-            pose = camera.cam_from_world.inverse()
-            path = _camera_path(camera)
-            log(path, rr.Transform3D(translation=pose.xyz, mat3x3=pose.matrix()), static=True)
-            log(
-                path,
-                rr.Pinhole(
-                    image_from_camera=camera.K,
-                    resolution=camera.size_wh,
-                    camera_xyz=rr.ViewCoordinates.RDF,
-                    image_plane_distance=_IMAGE_PLANE_M,
-                ),
-                static=True,
-            )
+        self._stream.log("about", rr.TextDocument(f"```json\n{about}\n```", media_type="text/markdown"), static=True)
 
     def _log_plots(self) -> None:
         import rerun as rr
@@ -220,72 +198,31 @@ class _RerunWriter:
                 self._stream.log(path, rr.SeriesLines(names=f"person {person}"), static=True)
                 self._stream.send_columns(path, [times], rr.Scalars.columns(scalars=values))
 
-    def _log_person(self, path: str, i: int, n: int) -> None:
-        import rerun as rr
-
-        poses = self._recording.poses
-        xyz, cov = poses.xyz_world[i, n], poses.cov_world[i, n]
-        here = np.isfinite(xyz).all(axis=-1)
-        whole = here[self._bones].all(axis=1)
-        rgb, bone_rgb = np.array(self._keypoint_rgb, np.uint8), np.array(self._bone_rgb, np.uint8).reshape(-1, 3)
-        names = [name for name, ok in zip(poses.skeleton.keypoints, here, strict=True) if ok]
-        log = self._stream.log
-        log(f"{path}/bones", rr.LineStrips3D(xyz[self._bones[whole]], colors=bone_rgb[whole], radii=0.012))
-        log(f"{path}/keypoints", rr.Points3D(xyz[here], colors=rgb[here], radii=0.02, labels=names, show_labels=False))
-        known = here & np.isfinite(cov).all(axis=(-1, -2))
-        half, quaternion = _ellipsoids(cov[known])
-        ellipsoids = rr.Ellipsoids3D(centers=xyz[known], half_sizes=half, quaternions=quaternion, colors=rgb[known])
-        log(f"{path}/uncertainty", ellipsoids)
-
     def _log_view(self, i: int, c: int, frame: Frame | None) -> None:
         import rerun as rr
 
         recording, camera = self._recording, self._cameras[c]
-        path, log = _camera_path(camera), self._stream.log
         if self._config.image_px:
             image = None if frame is None else _jpeg(frame.image, camera.size_wh, self._config.jpeg_quality)
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
-            log(f"{path}/image", blank)
+            self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
-        seen = recording.views.score[i, :, c] > 0
-        # pixel centres are integers here and halves in Rerun
-        log(
-            f"{path}/detections",
-            rr.Points2D((recording.views.xy_img[i, :, c][seen] + 0.5) * scale, colors=DETECTION_RGB, radii=-1.5),
-        )
-        xy = camera.project(recording.poses.xyz_world[i]) + 0.5
-        strips = xy[:, self._bones]
-        whole = np.isfinite(strips).all(axis=(-1, -2))
-        colours = np.broadcast_to(np.array(self._bone_rgb, np.uint8).reshape(-1, 3), (*whole.shape, 3))
-        log(f"{path}/skeleton", rr.LineStrips2D(strips[whole], colors=colours[whole], radii=-1.5))
+        views = recording.views
+        seen = views.score[i, :, c] > 0
+        log_detections(self._stream, camera.name, views.xy_img[i, :, c][seen], DETECTION_RGB, scale)
+        log_projection(self._stream, camera, recording.poses.skeleton, recording.poses.xyz_world[i])
 
 
-def _camera_path(camera: Camera) -> str:
-    import rerun as rr
-
-    return f"world/cameras/{rr.escape_entity_path_part(camera.name)}"
-
-
-def _blueprint(recording: Recording) -> rr.blueprint.Blueprint:
-    """3D on the left, all views beside it, plots below: what one wants to see first."""
+def _below() -> list[Any]:
+    """Plots and texts under the views."""
     import rerun.blueprint as rrb
 
-    views = [
-        rrb.Spatial2DView(origin=_camera_path(camera), contents=["$origin/**"], name=camera.name) for camera in recording.rig
-    ]
-    plots = [
+    return [
         rrb.TimeSeriesView(origin="plots/reprojection_px", name="reprojection error, px"),
         rrb.TimeSeriesView(origin="plots/views", name="views per keypoint"),
         rrb.TimeSeriesView(origin="plots/sigma_mm", name="standard deviation, mm"),
+        rrb.TextDocumentView(origin="about", name="about"),
     ]
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), rrb.Grid(*views), column_shares=[3, 4]),
-            rrb.Horizontal(*plots, rrb.TextDocumentView(origin="about", name="about")),
-            row_shares=[3, 1],
-        ),
-        collapse_panels=True,
-    )
 
 
 def _shown(camera: Camera, longest_px: int) -> Camera:
@@ -300,16 +237,6 @@ def _jpeg(image: Array, size_wh: tuple[int, int], quality: int) -> bytes:
     small = cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA)
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
     return encoded.tobytes()
-
-
-def _ellipsoids(cov: Array) -> tuple[Array, Array]:
-    """Half axes (n, 3) at three sigma and xyzw quaternions (n, 4) of covariances (n, 3, 3)."""
-    from posefuse.core.se3 import wxyz_from_matrix
-
-    values, vectors = np.linalg.eigh(cov)
-    vectors = vectors * np.sign(np.linalg.det(vectors))[:, None, None]
-    wxyz = wxyz_from_matrix(vectors)
-    return _ELLIPSOID_SIGMAS * np.sqrt(values.clip(0)), wxyz[:, [1, 2, 3, 0]]
 
 
 def _mean_over_keypoints(values: Array) -> Array:

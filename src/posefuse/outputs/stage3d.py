@@ -64,7 +64,12 @@ def _looking_at(points: Array, azimuth_rad: float, size_wh: tuple[int, int]) -> 
     local = (points - middle) @ rotation.T
     half = (np.array(size_wh) / 2 - _MARGIN * min(size_wh)) / focal
     distance = max(1.0, float((np.abs(local[:, :2]) / half - local[:, 2:]).max()))
-    return Camera("bystander", size_wh, matrix, SE3.from_matrix(rotation, -rotation @ (middle + backward * distance)))
+    return Camera(
+        name="bystander",
+        size_wh=size_wh,
+        K=matrix,
+        cam_from_world=SE3.from_matrix(rotation, -rotation @ (middle + backward * distance)),
+    )
 
 
 def _floor(picture: Array, view: Camera, recording: Recording) -> None:

@@ -32,7 +32,9 @@ class TrcSink:
         poses, made = recording.poses, []
         for n in range(len(poses.person_id)):
             path = folder / person_file(recording, n, ".trc")
-            data = TrcData(poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n], rate_hz(poses))
+            data = TrcData(
+                names=poses.skeleton.keypoints, t_s=poses.t_ns / 1e9, xyz_world=poses.xyz_world[:, n], rate_hz=rate_hz(poses)
+            )
             write_trc(path, data, self.units)
             made.append(path)
         return made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import asdict, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
@@ -61,16 +61,21 @@ class TrackConfig:
 
     Attributes:
         rig: calibration file, relative to the session; found by name when left out.
-        input: ``videos``, ``images``, ``pose2d`` (OpenPose JSON), or ``auto``: the first of these that is there.
+        input: ``videos``, ``images``, ``pose2d`` (files of other tools, see docs/networks.md), or ``auto``: the first of these
+            that is there.
         cameras: per camera name, see `CameraInput`.
         start_s, end_s: part of the recording to work on, in session seconds.
-        rate_hz: output rate; the cameras' own when left out. Also the frame rate of image and 2D pose folders
-            that do not say theirs.
+        rate_hz: output rate; the cameras' own when left out. Also the frame rate of image folders and 2D poses that do not
+            state theirs.
         max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
+<<<<<<< HEAD
         joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
         live_gap_s: for the second solve of a live session, of which not every frame was used: two frames of a camera this far
             apart are interpolated between. Chosen with `bench/live_second_solve.py --gaps`.
+=======
+        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
+>>>>>>> main
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
         outputs: names of sinks, see `posefuse plugins`.
     """
@@ -131,6 +136,18 @@ def read_overridden(
             _check_option(option, dotted, value, cls)
             _put(content, dotted.split("."), value)
     return settings_from_mapping(content, cls, where=str(path) if path else "settings")
+
+
+def changed_config(config: T, changes: Mapping[str, Any]) -> T:
+    """The settings with other values by dotted key, e.g. ``{"fuse.weights": "score"}``, validated like a settings file.
+
+    Raises:
+        ConfigError: an unknown key or a wrong value.
+    """
+    content = asdict(config)  # type: ignore[call-overload]
+    for dotted, value in changes.items():
+        _put(content, dotted.split("."), value)
+    return settings_from_mapping(content, type(config), where="settings")
 
 
 def _check_option(option: str, dotted: str, value: Any, cls: type[Any]) -> None:

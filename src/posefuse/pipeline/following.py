@@ -157,7 +157,16 @@ def _some_view_lacks_a_person(views: Views) -> bool:
 def _no_person(skeleton: Skeleton, t_ns: int) -> Pose3D:
     k = len(skeleton)
     none = np.zeros((0, k))
-    return Pose3D(t_ns, skeleton, np.zeros(0), np.zeros((0, k, 3)), np.zeros((0, k, 3, 3)), none, none, none)
+    return Pose3D(
+        t_ns=t_ns,
+        skeleton=skeleton,
+        person_id=np.zeros(0),
+        xyz_world=np.zeros((0, k, 3)),
+        cov_world=np.zeros((0, k, 3, 3)),
+        reproj_px=none,
+        n_views=none,
+        kind=none,
+    )
 
 
 def _expected(newest: tuple[Pose3D, ...], t_ns: int) -> Pose3D:

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 from posefuse.core import Camera, Detections2D, InputError, LookKind, Pose3D, Rig, Skeleton
 from posefuse.core.errors import choices
-from posefuse.formats.openpose import OpenPoseFolder, read_openpose_folder
+from posefuse.formats.pose2d import Pose2DFrames, read_pose2d
 from posefuse.sources import Coverage, incomplete_cameras
+from posefuse.tracking import JointCentres, proportional_joint_centres, read_joint_centres
 
 from .config import CameraInput, TrackConfig
 from .images import Timeline, check_time_steps
+from .pose2d_rate import pose2d_rate_hz
 from .session import Input, Session
-
-DEFAULT_RATE_HZ = 30.0
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Pose2DStep:
     """
 
     t_ns: int
-    files: tuple[tuple[OpenPoseFolder, int, int], ...]
+    files: tuple[tuple[Pose2DFrames, int, int], ...]
 
     def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
         """All people in the files, whoever is expected."""
@@ -42,7 +42,7 @@ class Pose2DInstants:
     """
 
     def __init__(
-        self, folders: list[OpenPoseFolder], timeline: Timeline, first_number: int, settings: Sequence[CameraInput]
+        self, folders: list[Pose2DFrames], timeline: Timeline, first_number: int, settings: Sequence[CameraInput]
     ) -> None:
         self._folders, self._timeline = folders, timeline
         self._zero_ns = first_number * timeline.period_ns - timeline.start_ns
@@ -54,8 +54,9 @@ class Pose2DInstants:
         return self._folders[0].skeleton
 
     @property
-    def joint_centres(self) -> None:
-        """Files do not say where joint centres lie relative to their keypoints."""
+    def joint_centres(self) -> JointCentres | None:
+        """Where joint centres lie relative to the keypoints of their set, where that is known."""
+        return joint_centres_of_set(self.skeleton)
 
     def steps(self, first: int = 0) -> Iterator[Pose2DStep]:
         """The time steps from number `first` on."""
@@ -74,14 +75,14 @@ class Pose2DInstants:
         wanted = range(first, first + line.count)
         return incomplete_cameras([self._coverage(folder, wanted) for folder in self._folders])
 
-    def _coverage(self, folder: OpenPoseFolder, wanted: range) -> Coverage:
+    def _coverage(self, folder: Pose2DFrames, wanted: range) -> Coverage:
         there = [number for number in folder.numbers if number in wanted]
         expected = min(folder.numbers[-1], wanted[-1]) - max(folder.numbers[0], wanted[0]) + 1
         period_ns = self._timeline.period_ns
         end_ns = there[-1] * period_ns - self._zero_ns if there else None
         return Coverage(folder.camera, max(0, expected), len(there), end_ns, period_ns)
 
-    def _file(self, folder: OpenPoseFolder, offset_ns: int, period_ns: float, t_ns: int) -> tuple[OpenPoseFolder, int, int]:
+    def _file(self, folder: Pose2DFrames, offset_ns: int, period_ns: float, t_ns: int) -> tuple[Pose2DFrames, int, int]:
         number = round((t_ns + self._zero_ns - offset_ns) / period_ns)
         return folder, number, round(number * period_ns) + offset_ns - self._zero_ns
 
@@ -89,14 +90,14 @@ class Pose2DInstants:
 def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DInstants, Timeline]:
     """Time steps of a session's 2D pose folders; frames of one number belong together.
 
-    The rate is `config.rate_hz`, else the usual 30 Hz.
+    The rate is that of `pose2d_rate_hz`.
 
     Raises:
-        InputError: folders of different skeletons, or no frame between start_s and end_s.
+        InputError: folders of different skeletons, no frame between start_s and end_s, or a frame rate that is not known.
     """
-    folders = [read_openpose_folder(entry.path, entry.camera) for entry in session.inputs]
+    folders = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
     _check_one_skeleton(folders)
-    rate_hz = config.rate_hz or DEFAULT_RATE_HZ
+    rate_hz = pose2d_rate_hz(session, folders, config)
     period_ns = round(1e9 / rate_hz)
     first = min(folder.numbers[0] for folder in folders)
     last = max(folder.numbers[-1] for folder in folders)
@@ -115,7 +116,17 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     return rig, Pose2DInstants(folders, timeline, first + skip, [entry.settings for entry in session.inputs]), timeline
 
 
-def _check_one_skeleton(folders: list[OpenPoseFolder]) -> None:
+def joint_centres_of_set(skeleton: Skeleton) -> JointCentres | None:
+    """Joint centres for files that name no network: MediaPipe's keypoints are of the networks that come with us."""
+    from posefuse.detection import default_cards
+
+    if skeleton.name == "blazepose33":
+        file = default_cards()[-1].joint_centres_file
+        return read_joint_centres(file) if file else None
+    return proportional_joint_centres(skeleton)
+
+
+def _check_one_skeleton(folders: list[Pose2DFrames]) -> None:
     kinds: dict[Skeleton, str] = {folder.skeleton: folder.camera for folder in folders}
     if len(kinds) > 1:
         named = [f"{skeleton.name} (camera {camera})" for skeleton, camera in kinds.items()]

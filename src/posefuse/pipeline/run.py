@@ -15,6 +15,7 @@ from posefuse.core import DetectionBatch, InputError, Observations, PosefuseErro
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
+from posefuse.foundation.plain_values import plain
 from posefuse.health.recorded import rig_findings
 from posefuse.health.rig_monitor import OUT_OF_STEP, Finding
 from posefuse.tracking import JointCentres
@@ -145,8 +146,8 @@ def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[
         "rig_file": session.rig_path.name,
         "session": session.folder.name,
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
-        "config": dataclasses.asdict(opened.config),
-        "joint_centres": dataclasses.asdict(settings.centres) if settings.centres else None,
+        "config": plain(dataclasses.asdict(opened.config)),
+        "joint_centres": plain(dataclasses.asdict(settings.centres)) if settings.centres else None,
         "incomplete_cameras": list(incomplete),
     }
 

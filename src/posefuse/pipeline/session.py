@@ -14,10 +14,12 @@ import numpy as np
 from posefuse.core import CalibrationError, Camera, InputError, Rig, Source
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.formats.rig import fit_camera_to_video, read_rig
+from posefuse.formats.pose2d import POSE2D_SUFFIXES
+from posefuse.formats.rig import fit_camera_to_video, read_placed_rig
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
 from .config import CameraInput, TrackConfig
+from .pose2sim_project import PROJECT_FILE
 
 RIG_PATTERNS = (
     "rig.toml",
@@ -34,7 +36,7 @@ KINDS = ("videos", "images", "pose2d")
 _FOLDERS = {
     "videos": (".", "videos", "Videos"),
     "images": ("images", "frames", "videos"),
-    "pose2d": ("pose2d", "openpose_json", "pose", "pose-2d"),
+    "pose2d": ("pose2d", "openpose_json", "pose-sync", "pose", "pose-2d"),
 }
 LEAST_CAMERAS = 2
 UNFINISHED_FILE = "INCOMPLETE"
@@ -83,7 +85,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     if (folder / UNFINISHED_FILE).exists():
         raise InputError(f"{folder}: this simulated session is unfinished; run the same `posefuse simulate` again to finish it")
     rig_path = _rig_path(folder, config)
-    rig = read_rig(rig_path)
+    rig = read_placed_rig(rig_path)
     unknown = sorted(set(config.cameras) - set(rig.names))
     if unknown:
         raise CalibrationError(f"config: no camera {choices(unknown)} in {rig_path}; there are: {choices(rig.names)}")
@@ -102,6 +104,11 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         )
     used = {entry.camera for entry in inputs}
     notes = tuple(f"camera {name}: calibrated, but no {kind} found; left aside" for name in rig.names if name not in used)
+    if rig.refused:
+        notes = (
+            *notes,
+            f"{rig_path}: this calibration was refused ({rig.refused}) and kept all the same: do not trust positions",
+        )
     return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, notes)
 
 
@@ -126,7 +133,7 @@ def _rig_path(folder: Path, config: TrackConfig) -> Path:
         if not path.exists():
             raise CalibrationError(f"{path}: no such calibration file")
         return path
-    for place in RIG_FOLDERS:
+    for place in _rig_folders(folder):
         for pattern in RIG_PATTERNS:
             hits = sorted((folder / place).glob(pattern))
             if hits:
@@ -135,13 +142,22 @@ def _rig_path(folder: Path, config: TrackConfig) -> Path:
     raise CalibrationError(f"no calibration file in {places}; looked for {', '.join(RIG_PATTERNS)}; name one with --rig FILE")
 
 
+def _rig_folders(folder: Path) -> tuple[str, ...]:
+    """Where a calibration may lie; the trials of a Pose2Sim session share that of the folder above."""
+    return (*RIG_FOLDERS, "../calibration", "../Calibration") if (folder.parent / PROJECT_FILE).is_file() else RIG_FOLDERS
+
+
+def data_entries(folder: Path, kind: str) -> list[Path]:
+    """Files or folders of a kind of data in a session's usual places; empty where there are none."""
+    return next((found for place in _FOLDERS[kind] if (found := _entries(folder / place, kind))), [])
+
+
 def _data(folder: Path, config: TrackConfig) -> tuple[str, list[Path]]:
     kinds = KINDS if config.input == "auto" else (config.input,)
     for kind in kinds:
-        for place in _FOLDERS[kind]:
-            found = _entries(folder / place, kind)
-            if found:
-                return kind, found
+        found = data_entries(folder, kind)
+        if found:
+            return kind, found
     if config.cameras:
         return kinds[0], []
     looked = ", ".join(f"{place}/" for kind in kinds for place in _FOLDERS[kind])
@@ -154,9 +170,11 @@ def _entries(place: Path, kind: str) -> list[Path]:
     if kind == "videos":
         return sorted(path for path in place.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
     suffixes = IMAGE_SUFFIXES if kind == "images" else (".json",)
-    return sorted(
+    folders = [
         path for path in place.iterdir() if path.is_dir() and any(file.suffix.lower() in suffixes for file in path.iterdir())
-    )
+    ]
+    files = [path for path in place.iterdir() if path.suffix.lower() in POSE2D_SUFFIXES] if kind == "pose2d" else []
+    return sorted(folders + files)
 
 
 def _named_inputs(folder: Path, config: TrackConfig) -> dict[str, tuple[str, Path]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -90,7 +90,7 @@ def finish(
         people, gap_s = long_enough(kept), settings.gap_s
         views = views_over_time(kept, people, *(() if gap_s is None else (kept.step_t_ns, round(gap_s * 1e9))))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
-    return Recording(rig, poses, kept, provenance)
+    return Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
 
 
 def solve_live(
@@ -108,6 +108,7 @@ def solve_live(
         InputError: no frame, or no person could be followed.
         SourceError: more time steps than `config` allows.
     """
+<<<<<<< HEAD
     line = live_timeline(recording.observations, config or TrackConfig())
     steps = on_time_steps(recording.observations, line.start_ns + line.period_ns * np.arange(line.count))
     return solve(steps, recording.rig, settings, {**recording.provenance, "second_solve": True}, clock)
@@ -140,3 +141,23 @@ def config_of(recording: Recording) -> TrackConfig:
     if not isinstance(content, Mapping):
         raise InputError("recording: its provenance has no settings; give the settings to solve it with")
     return settings_from_mapping(content, TrackConfig, where="provenance: config")
+=======
+    about = recording.provenance
+    table = about.get("joint_centres")
+    centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
+    chosen = config or config_of(recording)
+    settings = SolveSettings.of(chosen, centres)
+    return solve(recording.observations, recording.rig, settings, {**about, "config": plain(asdict(chosen))})
+
+
+def config_of(recording: Recording) -> TrackConfig:
+    """The settings that a recording was made with.
+
+    Raises:
+        InputError: the provenance does not have them (the recording was not made by `track`).
+    """
+    config = recording.provenance.get("config")
+    if not isinstance(config, Mapping):
+        raise InputError("recording: its provenance has no settings; give the settings to solve it with")
+    return settings_from_mapping(config, TrackConfig, where="provenance: config")
+>>>>>>> main

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink, SourceError
+from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink
+from posefuse.core import Progress as StageProgress
 from posefuse.formats.recording import write_recording
-from posefuse.foundation.output_folder import OutputFolder
+from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
+<<<<<<< HEAD
 from posefuse.outputs.frames import FrameSets, write_each
 from posefuse.sources import FramesAhead, frame_sets
+=======
+from posefuse.outputs.frames import write_each, write_outputs
+>>>>>>> main
 
 from .config import TrackConfig
-from .opening import Opened, build_source
-from .session import Session
+from .opening import Opened
+from .session import Session, find_session
+from .session_images import session_frames
+from .solve import config_of
 
 Progress = Callable[[int, int], None]
 
@@ -49,9 +54,34 @@ def write_with_frames(
         written = write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
+<<<<<<< HEAD
     outcome = write_each(sinks, recording, out.folder, frame_sets)
+=======
+    outcome = write_each(sinks, recording, out.folder, session_frames(recording, session, progress, config))
+>>>>>>> main
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
+
+
+def save_recording(
+    recording: Recording, path: Path, formats: Sequence[str], session: Path | None, replace: bool, progress: StageProgress
+) -> list[Path]:
+    """Write a result folder and files of other formats; images are drawn on where `session` names the session folder.
+
+    Raises:
+        ConfigError: no such format. InputError: the folder holds anything else, or a file cannot be written.
+    """
+    sinks = build_sinks(formats)
+    opened = find_session(session, config_of(recording)) if session is not None else None
+    inputs = () if session is None else (session,)
+    with output_folder(path, command="track", inputs=inputs, replace=replace) as out:
+        written = write_recording(out.folder, recording)
+        frames: Iterator[tuple[int, tuple[Frame | None, ...]]] = iter(())
+        if opened is not None:
+            report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
+            frames = session_frames(recording, opened, report)
+        written += write_outputs(sinks, recording, out.folder, frames)
+        return [out.final(file) for file in written]
 
 
 def _reason(error: Exception) -> str:
@@ -74,27 +104,3 @@ def estimated_bytes(opened: Opened) -> int:
     per_keypoint += sum(_BYTES_PER_KEYPOINT.get(name, 0) for name in config.outputs)
     per_step = per_keypoint * keypoints * config.associate.max_people + _OVERLAY_BYTES * ("overlay" in config.outputs)
     return opened.timeline.count * per_step
-
-
-def _frames(
-    recording: Recording, session: Session, config: TrackConfig, progress: Progress
-) -> Iterator[tuple[int, tuple[Frame | None, ...]]]:
-    """The session's frames at the recording's time steps, decoded again; nothing where the session has no images."""
-    inputs = [entry for entry in session.inputs if entry.camera in recording.rig.names and entry.kind != "pose2d"]
-    if not inputs:
-        return
-    t_ns = recording.poses.t_ns
-    period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
-    streams = {entry.camera: FramesAhead(build_source(entry, config)) for entry in inputs}
-    try:
-        sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_reported_already)
-        for done, one in enumerate(sets, start=1):
-            yield one.t_ns, one.frames
-            progress(done, len(t_ns))
-    finally:
-        for stream in streams.values():
-            stream.close()
-
-
-def _reported_already(camera: str, error: SourceError) -> None:
-    """A camera that breaks off did so in tracking too, and was reported there."""

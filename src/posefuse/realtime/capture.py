@@ -113,7 +113,15 @@ class Capture:
 
     def state(self) -> CameraState:
         """How it fares."""
-        return CameraState(self.entry.camera, self._state, self._text, self._captured, self._used, self._replaced, self._missing)
+        return CameraState(
+            camera=self.entry.camera,
+            state=self._state,
+            text=self._text,
+            captured=self._captured,
+            used=self._used,
+            replaced=self._replaced,
+            missing=self._missing,
+        )
 
     def close(self) -> None:
         """Stop without waiting for a source that hangs."""

@@ -27,7 +27,7 @@ class LiveConfig:
         groups: processes the cameras are shared among; left out: one per two cameras, at most one per core.
         search_every_s: while fewer people than asked for are followed, every camera's whole image is searched this often.
         preview_hz: images per second and camera for the viewer.
-        joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
+        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
         angles: joint angles and segment frames with every pose.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
         detector: the 2D estimator. track, associate, fuse, joints: see the rooms.

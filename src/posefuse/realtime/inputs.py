@@ -73,12 +73,12 @@ def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, d
     if kind == "video" and rest:
         return LiveInput(camera, kind, PacedVideoConfig(Path(rest), camera), reopen=False)
     if kind in ("rtsp", "rtsps", "http", "https"):
-        return LiveInput(camera, kind, StreamConfig(what, camera), reopen=True)
+        return LiveInput(camera, kind, StreamConfig(where=what, camera=camera), reopen=True)
     if kind == "usb" and rest:
         device, _, size = rest.partition("@")
-        return LiveInput(camera, kind, StreamConfig(device, camera, size=size), reopen=True)
+        return LiveInput(camera, kind, StreamConfig(where=device, camera=camera, size=size), reopen=True)
     if kind == "ros" and rest:
         from posefuse.sources.ros import RosConfig
 
-        return LiveInput(camera, kind, RosConfig(rest, camera, domain_id=domain_id), reopen=True)
+        return LiveInput(camera, kind, RosConfig(topic=rest, camera=camera, domain_id=domain_id), reopen=True)
     raise SourceError(f"--source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")

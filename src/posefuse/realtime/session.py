@@ -144,7 +144,7 @@ def group_plans(
     count = config.groups or max(1, min(cores, len(inputs) // 2))
     count = min(count, len(inputs))
     detector = config.detector
-    if detector.name == "blazepose":
+    if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
     by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
@@ -170,7 +170,16 @@ def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
         return None
     k = len(skeleton)
     xyz, cov = np.random.default_rng(0).normal(size=(1, k, 3)), np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
-    made_up = Pose3D(10**15, skeleton, np.zeros(1), xyz, cov, np.ones((1, k)), np.full((1, k), 3), np.ones((1, k)))
+    made_up = Pose3D(
+        t_ns=10**15,
+        skeleton=skeleton,
+        person_id=np.zeros(1),
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=np.ones((1, k)),
+        n_views=np.full((1, k), 3),
+        kind=np.ones((1, k)),
+    )
     JointTracker(skeleton, config.joints).step(made_up)
     return JointTracker(skeleton, config.joints)
 

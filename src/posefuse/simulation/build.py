@@ -26,7 +26,7 @@ _BODY_RADIUS_M = 0.25
 _CHECK_STEP_S = 0.1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LiveScene:
     """What a scene file stands for. Times of all questions are seconds of session time.
 
@@ -97,9 +97,16 @@ def live_scene(scene: Scene) -> LiveScene:
         for i, (body, person) in enumerate(zip(bodies, scene.people, strict=True))
     )
     live = LiveScene(
-        scene, _room_size(scene, rig), placed, rig, shots, bodies, people, boxes_of(scene.occluders, scene.seed),
-        tuple(prop_from_settings(prop) for prop in scene.props),
-    )  # fmt: skip
+        scene=scene,
+        room_size_m=_room_size(scene, rig),
+        placed=placed,
+        rig=rig,
+        shots=shots,
+        bodies=bodies,
+        people=people,
+        boxes=boxes_of(scene.occluders, scene.seed),
+        props=tuple(prop_from_settings(prop) for prop in scene.props),
+    )
     _check_places(live)
     return live
 

@@ -203,13 +203,13 @@ def _camera(placed: PlacedCamera) -> Camera:
     intrinsics = placed.image.K or [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
     try:
         return Camera(
-            placed.name,
-            (width, height),
-            np.array(intrinsics),
-            _cam_from_world(placed),
-            np.array(placed.image.distortion),
-            placed.image.lens,
-            placed.sensor.readout_s,
+            name=placed.name,
+            size_wh=(width, height),
+            K=np.array(intrinsics),
+            cam_from_world=_cam_from_world(placed),
+            distortion=np.array(placed.image.distortion),
+            model=placed.image.lens,
+            readout_s=placed.sensor.readout_s,
         )
     except PosefuseError as error:
         raise ConfigError(f"cameras: {error}") from None

@@ -59,9 +59,17 @@ def truth_with(live: LiveScene, visible: list[Array]) -> Truth:
         xy_img = np.concatenate([seen_points(live, i, part).xy_img[:, : people * keypoints] for part in _parts(live, i)])
         shape = (len(live.shots[i]), people, keypoints)
         shown = visible[i][:, : people * keypoints].reshape(shape)
-        views.append(CameraTruth(camera.name, live.shots[i].t_ns, xy_img.reshape(*shape, 2), shown))
+        views.append(CameraTruth(camera=camera.name, t_ns=live.shots[i].t_ns, xy_img=xy_img.reshape(*shape, 2), visible=shown))
     t_s = live.t_ns / 1e9
-    return Truth(live.rig, live.t_ns, ANATOMICAL23, np.arange(people), live.keypoints(t_s), tuple(views), _joints(live))
+    return Truth(
+        rig=live.rig,
+        t_ns=live.t_ns,
+        skeleton=ANATOMICAL23,
+        person_id=np.arange(people),
+        xyz_world=live.keypoints(t_s),
+        views=tuple(views),
+        joints=_joints(live),
+    )
 
 
 def seen_points(live: LiveScene, camera_index: int, frames: slice) -> SeenPoints:
@@ -160,4 +168,13 @@ def _joints(live: LiveScene) -> JointAngles | None:
         np.stack([state.world_from_segment.xyz for state in states], axis=1),
     )
     angle = np.stack([state.angle_rad for state in states], axis=1)
-    return JointAngles(live.t_ns, np.arange(len(states)), SEGMENTS, pose, JOINTS, ANGLE_NAMES, angle, np.zeros_like(angle))
+    return JointAngles(
+        t_ns=live.t_ns,
+        person_id=np.arange(len(states)),
+        segments=SEGMENTS,
+        world_from_segment=pose,
+        joints=JOINTS,
+        angle_names=ANGLE_NAMES,
+        angle_rad=angle,
+        sigma_rad=np.zeros_like(angle),
+    )

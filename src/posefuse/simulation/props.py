@@ -96,7 +96,7 @@ PropSettings = Annotated[ArucoCube | CharucoBoard | GroundTile, Field(discrimina
 Path = StillPath | WavedPath | WaypointPath | CarriedPath
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Prop:
     """A rigid thing with markers on it.
 
@@ -153,9 +153,18 @@ def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
         vertices, uv, faces = _plate(prop.side_m, prop.side_m, half_uv)
         corners = _square(prop.marker_m / 2, np.array([0, 0, _PLATE_M / 2]), np.eye(3)[0], np.eye(3)[1])
         return Prop(
-            prop.name, prop.kind, prop.dictionary, [prop.id], corners[None], np.zeros((0, 3)),
-            vertices, uv, faces, picture, prop.path,
-        )  # fmt: skip
+            name=prop.name,
+            kind=prop.kind,
+            dictionary=prop.dictionary,
+            marker_id=[prop.id],
+            corners_prop=corners[None],
+            chess_prop=np.zeros((0, 3)),
+            vertices=vertices,
+            uv=uv,
+            faces=faces,
+            texture=picture,
+            path=prop.path,
+        )
     return _cube(prop)
 
 
@@ -174,9 +183,18 @@ def _cube(prop: ArucoCube) -> Prop:
         corners.append(_square(prop.marker_m / 2, half * normal, right, up))
     atlas, used = _power_of_two(np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])]))
     return Prop(
-        prop.name, prop.kind, prop.dictionary, ids, np.array(corners), np.zeros((0, 3)),
-        np.concatenate(vertices), np.concatenate(uv) * used, np.concatenate(faces), atlas, prop.path,
-    )  # fmt: skip
+        name=prop.name,
+        kind=prop.kind,
+        dictionary=prop.dictionary,
+        marker_id=ids,
+        corners_prop=np.array(corners),
+        chess_prop=np.zeros((0, 3)),
+        vertices=np.concatenate(vertices),
+        uv=np.concatenate(uv) * used,
+        faces=np.concatenate(faces),
+        texture=atlas,
+        path=prop.path,
+    )
 
 
 def _board(prop: CharucoBoard) -> Prop:
@@ -202,9 +220,18 @@ def _board(prop: CharucoBoard) -> Prop:
         return np.stack([flat[..., 0], -flat[..., 1], np.full(flat.shape[:-1], _PLATE_M / 2)], axis=-1)
 
     return Prop(
-        prop.name, prop.kind, prop.dictionary, board.getIds().ravel(), centred(np.array(board.getObjPoints())),
-        centred(board.getChessboardCorners()), vertices, uv * used, faces, texture, prop.path,
-    )  # fmt: skip
+        name=prop.name,
+        kind=prop.kind,
+        dictionary=prop.dictionary,
+        marker_id=board.getIds().ravel(),
+        corners_prop=centred(np.array(board.getObjPoints())),
+        chess_prop=centred(board.getChessboardCorners()),
+        vertices=vertices,
+        uv=uv * used,
+        faces=faces,
+        texture=texture,
+        path=prop.path,
+    )
 
 
 def _square(half: float, centre: Array, right: Array, up: Array) -> Array:

@@ -227,14 +227,14 @@ def plain_settings(settings: Any) -> Any:
 
 def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
     return RenderJob(
-        model_of(live, largest_wh),
-        backend,
-        live.rig.cameras,
-        tuple(camera.sensor for camera in live.placed),
-        tuple(camera.sensor.rate_hz or live.scene.rate_hz for camera in live.placed),
-        flesh_of_points(live),
-        live.scene.record,
-        live.scene.seed,
+        model=model_of(live, largest_wh),
+        backend=backend,
+        cameras=live.rig.cameras,
+        sensors=tuple(camera.sensor for camera in live.placed),
+        rates_hz=tuple(camera.sensor.rate_hz or live.scene.rate_hz for camera in live.placed),
+        flesh_m=flesh_of_points(live),
+        record=live.scene.record,
+        seed=live.scene.seed,
     )
 
 
@@ -284,14 +284,14 @@ def _tasks(live: LiveScene, runs: list[_Run]) -> Iterator[RenderTask]:
         poses = body_poses(live, (t_s[:, None] + after_s).ravel())
         seen = seen_points(live, run.camera, run.frames)
         yield RenderTask(
-            run.camera,
-            shots.seq[run.frames],
-            shots.stamp_ns[run.frames],
-            poses.reshape(len(t_s), len(after_s), *poses.shape[1:]),
-            seen.xyz_world,
-            seen.possible,
-            run.film,
-            run.done,
+            camera=run.camera,
+            seq=shots.seq[run.frames],
+            stamp_ns=shots.stamp_ns[run.frames],
+            poses=poses.reshape(len(t_s), len(after_s), *poses.shape[1:]),
+            xyz_world=seen.xyz_world,
+            possible=seen.possible,
+            film=run.film,
+            done=run.done,
         )
 
 

@@ -80,7 +80,9 @@ class SimulatedSource:
                         continue
                     time.sleep(max(0, zero_ns + int(t_ns) - time.monotonic_ns()) / 1e9)
                 image = image_at(k)
-                yield Frame(self.camera, int(seq[k]), int(t_ns), time.monotonic_ns() - zero_ns, image)
+                yield Frame(
+                    camera=self.camera, seq=int(seq[k]), t_ns=int(t_ns), received_ns=time.monotonic_ns() - zero_ns, image=image
+                )
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""

@@ -83,7 +83,7 @@ class ImagesSource:
                 self.broken_frames += 1
                 continue
             t_ns = self._session_ns(time_s)
-            frame = Frame(self.camera, seq, t_ns, t_ns, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+            frame = Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
             size_wh = size_wh or frame.size_wh
             if frame.size_wh != size_wh:
                 raise SourceError(f"{self._where}: {path.name} is {frame.size_wh}, the first image was {size_wh} px")

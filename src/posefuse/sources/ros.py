@@ -18,7 +18,7 @@ _DEPTH = 4
 _POLL_S = 0.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RosConfig:
     """A topic with one camera's images; their stamps are taken as mid-exposure.
 
@@ -57,7 +57,9 @@ class RosSource:
         self.camera = config.camera
         self.refused_frames, self.last_refusal = 0, ""
         self._seq, self._newest_ns = -1, -(2**63)
-        network = Network(config.domain_id, config.local_only, config.interface, tuple(config.peers))
+        network = Network(
+            domain_id=config.domain_id, local_only=config.local_only, interface=config.interface, peers=tuple(config.peers)
+        )
         self._closed = False
         self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", network)
         type_name = COMPRESSED_TYPE if config.topic.endswith("/compressed") else IMAGE_TYPE
@@ -95,7 +97,13 @@ class RosSource:
             try:
                 msg = decode(sample.raw, self._topic.type_name, _MAX_BYTES)
                 frame = frame_from_message(msg, self.camera, self._seq + 1, received_ns)
-                frame = Frame(frame.camera, frame.seq, frame.t_ns + self._offset_ns, received_ns, frame.image)
+                frame = Frame(
+                    camera=frame.camera,
+                    seq=frame.seq,
+                    t_ns=frame.t_ns + self._offset_ns,
+                    received_ns=received_ns,
+                    image=frame.image,
+                )
                 self._check(frame)
             except PosefuseError as error:
                 self.refused_frames += 1

@@ -125,7 +125,7 @@ class VideoSource:
                 if seq == 0 and container.format.name in _ARBITRARY_START:
                     start_s = time_s
                 t_ns = self._session_ns(time_s - start_s)
-                yield Frame(self.camera, seq, t_ns, t_ns, _upright(decoded), encoded)
+                yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=_upright(decoded), encoded=encoded)
                 seq += 1
 
     def _decoded_frames(

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from posefuse.core import ConfigError, Detector, Pose3D, PoseSequence, Skeleton
+from posefuse.core import ConfigError, Pose3D, PoseSequence, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_settings, settings
@@ -70,11 +70,6 @@ class JointCentres:
 def read_joint_centres(path: Path) -> JointCentres:
     """Read a table; raises ConfigError naming the file, and the joint or direction that does not exist."""
     return check_joint_centres(read_settings(path, JointCentres), str(path))
-
-
-def joint_centres_of(detector: Detector) -> JointCentres | None:
-    """The table that belongs to a detector's keypoints, None where it has none; raises ConfigError for an invalid table."""
-    return read_joint_centres(detector.joint_centres_file) if detector.joint_centres_file else None
 
 
 def check_joint_centres(table: JointCentres, where: str) -> JointCentres:

@@ -28,4 +28,13 @@ def sequence_from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
         rows = np.searchsorted(people, pose.person_id)
         xyz[i, rows], cov[i, rows], reproj[i, rows] = pose.xyz_world, pose.cov_world, pose.reproj_px
         n_views[i, rows], kind[i, rows] = pose.n_views, pose.kind
-    return PoseSequence(np.array([pose.t_ns for pose in poses]), skeleton, people, xyz, cov, reproj, n_views, kind)
+    return PoseSequence(
+        t_ns=np.array([pose.t_ns for pose in poses]),
+        skeleton=skeleton,
+        person_id=people,
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=reproj,
+        n_views=n_views,
+        kind=kind,
+    )

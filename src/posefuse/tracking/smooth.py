@@ -82,14 +82,14 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
     return PoseSequence(
-        sequence.t_ns,
-        sequence.skeleton,
-        sequence.person_id,
-        xyz,
-        cov,
-        np.where(used, sequence.reproj_px, np.nan),
-        np.where(used, sequence.n_views, 0),
-        kind,
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=sequence.person_id,
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=np.where(used, sequence.reproj_px, np.nan),
+        n_views=np.where(used, sequence.n_views, 0),
+        kind=kind,
     )
 
 

@@ -30,8 +30,8 @@ def made_up_detections(rig: Rig, skeleton: Skeleton, instants: int, start_ns: in
         score, sigma = sure.astype(np.float32), np.where(sure, 2.0, np.nan)
         yield [
             Detections2D(
-                name, start_ns + i * _PERIOD_NS + c * _STAGGER_NS, skeleton,
-                seen[c][None], score[c][None], sigma[c][None], np.zeros((1, 4)),
+                camera=name, t_ns=start_ns + i * _PERIOD_NS + c * _STAGGER_NS, skeleton=skeleton,
+                xy_img=seen[c][None], score=score[c][None], sigma_px=sigma[c][None], box_img=np.zeros((1, 4)),
             )
             for c, name in enumerate(rig.names)
         ]  # fmt: skip

@@ -15,14 +15,17 @@ HERE = Path(__file__).parent
 def golden_rig() -> Rig:
     K = np.array([[903.5, 0, 618.25], [0, 907.75, 394.5], [0, 0, 1]])
     poses = [SE3.from_rotvec([0.1 * i, -1.2, 0.4], [0.25 * i, -0.5, 3.0 + i]) for i in range(2)]
-    cameras = [Camera(f"cam_{i}", (1280, 720), K, pose, np.array([-0.3, 0.05, 0.001, -0.002])) for i, pose in enumerate(poses)]
+    cameras = [
+        Camera(name=f"cam_{i}", size_wh=(1280, 720), K=K, cam_from_world=pose, distortion=np.array([-0.3, 0.05, 0.001, -0.002]))
+        for i, pose in enumerate(poses)
+    ]
     return Rig(tuple(cameras), world_set_by="golden", residual_px=0.5)
 
 
 def golden_trc() -> TrcData:
     xyz = np.arange(3 * 2 * 3).reshape(3, 2, 3) / 8
     xyz[1, 0] = np.nan
-    return TrcData(("left_hip", "right_hip"), np.arange(3) / 50, xyz, 50.0)
+    return TrcData(names=("left_hip", "right_hip"), t_s=np.arange(3) / 50, xyz_world=xyz, rate_hz=50.0)
 
 
 if __name__ == "__main__":

@@ -16,10 +16,13 @@ from posefuse.calibration.targets.kinds import Target
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
+from .camera_errors import CameraError, VerifyLimits, camera_errors
+
 _MOST_LENGTH_RMS_SHARE = 0.02
 _MOST_SCALE_ERROR = 0.01
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
+VERIFY_LIMITS = VerifyLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +36,7 @@ class Verification:
         scale: ratio of measured to true lengths (median).
         reprojection_px: (C,) rms distance of the seen corners to the reprojected ones.
         cell_px: (C, rows, columns) the same per image region; NaN where nothing was seen.
+        cameras: turn, shift, focal length and clock of each camera against the others.
         report: checks.
     """
 
@@ -44,6 +48,7 @@ class Verification:
     scale: float
     reprojection_px: Array
     cell_px: Array
+    cameras: tuple[CameraError, ...]
     report: CalibrationReport
 
     @property
@@ -52,11 +57,14 @@ class Verification:
         return float(np.sqrt((self.length_error_m**2).mean()))
 
 
-def verify(rig: Rig, observations: Observations, target: Target, late_s: Array | None = None) -> Verification:
+def verify(
+    rig: Rig, observations: Observations, target: Target, late_s: Array | None = None, limits: VerifyLimits = VERIFY_LIMITS
+) -> Verification:
     """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
 
     Args:
         rig: to be verified. observations: of an extra marker or board. late_s: (C,) clocks of the cameras, as calibrated.
+        limits: what refuses a camera.
 
     Raises:
         CalibrationError: too few lengths to say anything.
@@ -83,7 +91,9 @@ def verify(rig: Rig, observations: Observations, target: Target, late_s: Array |
     good = np.isfinite(xyz).all(axis=1)
     square = (off**2).sum(axis=-1)
     scale = float(np.median(1 + error / true))
-    report = _report(rig, error, true, scale, np.sqrt(np.nanmean(square, axis=1)))
+    reprojection_px = _rms(square)
+    found = camera_errors(rig, seen, target, limits)
+    report = _report(rig, error, true, scale, reprojection_px, found, limits)
     return Verification(
         xyz[good],
         times[key[good, 0]],
@@ -91,8 +101,9 @@ def verify(rig: Rig, observations: Observations, target: Target, late_s: Array |
         at,
         true,
         scale,
-        np.sqrt(np.nanmean(square, axis=1)),
+        reprojection_px,
         _cells(rig, xy, square),
+        found,
         report,
     )
 
@@ -132,11 +143,45 @@ def _cells(rig: Rig, xy: Array, square: Array) -> Array:
     return out
 
 
-def _report(rig: Rig, error: Array, true: Array, scale: float, reprojection_px: Array) -> CalibrationReport:
+def _rms(square: Array) -> Array:
+    """(C,) root mean square of what is known of (C, P); NaN for a camera without any."""
+    known = np.isfinite(square)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan))
+        )
+
+
+def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tuple[Check, Check]:
+    unseen = [
+        f"{one.name} ({one.views} views shared with others, needed {limits.views})" for one in found if np.isnan(one.turn_rad)
+    ]
+    known = [one for one in found if not np.isnan(one.turn_rad)]
+    wrong = [one for one in known if one.excess(limits) > 1]
+    worst = max(known, key=lambda one: one.excess(limits), default=None)
+    detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+    return (
+        Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
+              "hold the target where this camera and another see it, or leave the camera out"),
+        Check("cameras are where the rig says", not wrong, detail,
+              "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again"),
+    )  # fmt: skip
+
+
+def _report(
+    rig: Rig,
+    error: Array,
+    true: Array,
+    scale: float,
+    reprojection_px: Array,
+    found: tuple[CameraError, ...],
+    limits: VerifyLimits,
+) -> CalibrationReport:
     rms, limit = float(np.sqrt((error**2).mean())), _MOST_LENGTH_RMS_SHARE * float(np.median(true))
     worst = int(np.nanargmax(reprojection_px))
     limit_px = _MOST_REPROJECTION_PX_PER_1000 * max(rig.cameras[worst].size_wh) / 1000
     checks = (
+        *_camera_checks(found, limits),
         Check("lengths are right", rms <= limit, f"rms {rms * 1e3:.2f} mm over {len(error)} lengths (limit {limit * 1e3:.2f} mm)",
               "a camera moved since the calibration, or the target is not as described"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
@@ -147,6 +192,9 @@ def _report(rig: Rig, error: Array, true: Array, scale: float, reprojection_px: 
               "this camera moved, or its intrinsics are wrong"),
     )  # fmt: skip
     numbers = {"length_rms_mm": rms * 1e3, "scale": scale, "lengths": float(len(error))}
+    for one in found:
+        numbers |= {f"{one.name}_turn_deg": float(np.rad2deg(one.turn_rad)), f"{one.name}_shift_mm": one.shift_m * 1e3,
+                    f"{one.name}_focal_percent": 1e2 * one.focal, f"{one.name}_late_ms": 1e3 * one.late_s}  # fmt: skip
     numbers |= {f"{name}_reprojection_px": float(px) for name, px in zip(rig.names, reprojection_px, strict=True)}
     return CalibrationReport("verification", checks, numbers=numbers)
 

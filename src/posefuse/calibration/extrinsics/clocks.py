@@ -22,7 +22,7 @@ from .snapshots import snapshots
 _WINDOWS, _WINDOW_S, _RATE_HZ = 4, 10.0, 30.0
 _LONGEST_GAP_S = 0.1
 _LEAST_SHARED = 30
-_STEP_S = 0.01
+_STEP_S, _COARSE_STEP_S = 0.01, 0.05
 
 
 def rough_offsets(observations: Observations, cameras: tuple[Camera, ...], target: Target, most_s: float) -> Array:
@@ -74,14 +74,19 @@ def _paths(observations: Observations, cameras: tuple[Camera, ...], target: Targ
 
 def _pair_offset(path_a: tuple[Array, Array], path_b: tuple[Array, Array], most_s: float) -> tuple[float, float] | None:
     """How much later b's stamps are than a's, and how sharply that is determined; None without enough overlap."""
-    trials = np.arange(-most_s, most_s + _STEP_S / 2, _STEP_S)
-    left = np.array([_misfit(path_a, path_b, late) for late in trials])
-    if not np.isfinite(left).any():
+    coarse = np.arange(-most_s, most_s + _COARSE_STEP_S / 2, _COARSE_STEP_S)
+    overall = np.array([_misfit(path_a, path_b, late) for late in coarse])
+    if not np.isfinite(overall).any():
         return None
+    # a hand takes far longer than a coarse step to turn back, so the best fine step is near the best coarse one
+    near = float(coarse[int(np.nanargmin(overall))])
+    trials = np.arange(near - _COARSE_STEP_S, near + _COARSE_STEP_S + _STEP_S / 2, _STEP_S)
+    trials = trials[np.abs(trials) <= most_s + _STEP_S / 2]
+    left = np.array([_misfit(path_a, path_b, late) for late in trials])
     best = int(np.nanargmin(left))
     low, high = trials[max(best - 1, 0)], trials[min(best + 1, len(trials) - 1)]
     refined = minimize_scalar(lambda late: _misfit(path_a, path_b, late), bounds=(low, high), method="bounded")
-    sharpness = float(np.nanmedian(left) / max(np.nanmin(left), 1e-9))
+    sharpness = float(np.nanmedian(overall) / max(np.nanmin(left), 1e-9))
     return (float(refined.x) if np.isfinite(refined.fun) else float(trials[best])), sharpness
 
 

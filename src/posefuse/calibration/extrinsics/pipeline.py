@@ -15,6 +15,7 @@ from posefuse.core.arrays import Array
 
 from .bootstrap import PropShape, PropViews, camera_edges, prop_shape, prop_track, prop_views, strong_camera_edges
 from .clocks import rough_offsets
+from .limits import LIMITS, Limits
 from .planar import planar_views
 from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened
 from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
@@ -25,6 +26,8 @@ _MOST_CLOCK_ROUNDS = 5
 _CLOCK_SETTLED_S = 1e-4
 _INLIER_SIGMA = 4.0
 _LEAST_PATCH_SHARE = 0.6
+# time steps that are enough to tell explanations apart
+TIME_STEPS = 100
 CLOCK_MODES = ("auto", "together", "offset", "drift")
 
 
@@ -37,13 +40,15 @@ class Options:
         clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock),
             ``auto`` (taken as synchronised, and estimated when they turn out not to be).
         most_offset_s: largest clock offset searched for.
-        lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the lenses by; None keeps them.
+        lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the intrinsics by; None keeps them.
+        limits: what refuses the result.
     """
 
     instants: int = 400
     clocks: str = "auto"
     most_offset_s: float = 0.3
     lens_sigma: tuple[float, ...] | None = None
+    limits: Limits = LIMITS
 
     def __post_init__(self) -> None:
         if self.clocks not in CLOCK_MODES:
@@ -178,3 +183,14 @@ def _settle_clocks(observations: Observations, cameras: tuple[Camera, ...], solv
         if np.abs(solved.solution.state.delay_s[:, 0] - state.delay_s[:, 0]).max() < _CLOCK_SETTLED_S:
             break
     return solved
+
+
+def thinned(solved: Solved) -> Solved:
+    """The solution on fewer time steps: enough to tell explanations apart."""
+    used = np.unique(solved.seen.instant)
+    keep = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), TIME_STEPS)).astype(np.int64))]
+    rows = np.isin(solved.seen.instant, keep)
+    return replace(
+        solved, seen=solved.seen.rows(rows), solution=replace(
+            solved.solution, residual_px=solved.solution.residual_px[rows], weight=solved.solution.weight[rows])
+    )  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from posefuse.calibration.solving.bundle import Block, Linearised, Problem, Solution, solve
+from posefuse.calibration.solving.bundle import Block, Linearised, Problem, Solution, clustered_covariance, solve
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, hat
 from posefuse.core import Camera
@@ -25,6 +25,8 @@ _MAD = 1.4826
 _LEAST_MOVING_SHARE = 0.5
 _MOST_JITTER_S = 0.05
 _DELAY_SCALE_S = np.array([1e-3, 1e-5])
+# stretches of a recording whose scatter the standard errors answer for
+_TIME_BLOCKS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +53,9 @@ class Freedom:
     Attributes:
         reference: camera whose pose and clock are held; None holds all cameras.
         patch: patch that is held on the prop; None holds all patches.
-        offset, drift: clocks of the other cameras. lens_sigma: (6,) standard errors of the given lenses, None holds them.
+        offset, drift: clocks of the other cameras. lens_sigma: (6,) standard errors of the given intrinsics, None holds them.
+        lens_of: cameras whose intrinsics move, None for all.
+        moving: cameras whose poses and clocks move, instead of all but the reference.
     """
 
     reference: int | None
@@ -59,6 +63,8 @@ class Freedom:
     offset: bool = False
     drift: bool = False
     lens_sigma: Array | None = None
+    lens_of: tuple[int, ...] | None = None
+    moving: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +75,10 @@ class PropSolution:
         state: unknowns. sigma_px: robust spread of a corner coordinate across its motion.
         jitter_s: spread of the moments of exposure, as far as it shows along the motion.
         residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
-        camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference.
+        camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference;
+            like all standard errors here as large as stretches of the recording scatter, where that is more than the noise says.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
-        lens_sigma: (C, 6) standard errors of `LENS_PARAMETERS`; 0 where held.
+        lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
         iterations: steps tried.
     """
 
@@ -82,8 +89,13 @@ class PropSolution:
     weight: Array
     camera_covariance: Array
     delay_sigma_s: Array
-    lens_sigma: Array
+    lens_covariance: Array
     iterations: int
+
+    @property
+    def lens_sigma(self) -> Array:
+        """(C, 6) standard errors of `LENS_PARAMETERS`; 0 where held."""
+        return np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2))
 
 
 def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
@@ -101,7 +113,7 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     second = solve(_problem(seen, corners, cameras, start, freedom, noise, _CAUCHY), first.state)
     residual = _unwhitened(second.residual, seen.velocity_px_s, noise)
     found = _noise(seen, residual, second.weight)
-    return _summary(second, residual, found, (found.sigma_px / noise.sigma_px) ** 2, freedom)
+    return _summary(second, residual, found, (found.sigma_px / noise.sigma_px) ** 2, freedom, seen.t_s)
 
 
 @dataclass(frozen=True)
@@ -154,29 +166,45 @@ def _noise(seen: Snapshots, residual_px: Array, weight: Array) -> Noise:
     return Noise(sigma, float(brentq(excess, 0.0, _MOST_JITTER_S)))
 
 
-def _summary(solution: Solution[PropState], residual_px: Array, noise: Noise, scale: float, freedom: Freedom) -> PropSolution:
+def _summary(
+    solution: Solution[PropState], residual_px: Array, noise: Noise, scale: float, freedom: Freedom, t_s: Array
+) -> PropSolution:
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
     full = np.zeros((len(free), len(free)))
-    full[np.ix_(free, free)] = solution.covariance * scale
+    covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, _time_block(t_s))
+    full[np.ix_(free, free)] = covariance
     cameras = np.stack([full[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(count)])
     clock = 6 * count + 6 * len(solution.state.prop_from_patch)
     variance = np.diag(full)[clock : clock + 2 * count].reshape(count, 2)
+    size, first = len(LENS_PARAMETERS), clock + 2 * count
+    lenses = np.stack([full[first + size * i : first + size * (i + 1), first + size * i : first + size * (i + 1)]
+                       for i in range(count)])  # fmt: skip
     return PropSolution(
         solution.state, noise.sigma_px, noise.jitter_s, residual_px, solution.weight, cameras,
-        np.sqrt(variance) * _DELAY_SCALE_S, np.sqrt(np.diag(full)[clock + 2 * count :]).reshape(count, -1), solution.iterations,
+        np.sqrt(variance) * _DELAY_SCALE_S, lenses, solution.iterations,
     )  # fmt: skip
+
+
+def _time_block(t_s: Array) -> Array:
+    """(T,) number of the stretch of time each time step belongs to."""
+    first, last = (float(t_s.min()), float(t_s.max())) if len(t_s) else (0.0, 0.0)
+    return np.minimum(((t_s - first) / max(last - first, 1e-9) * _TIME_BLOCKS).astype(np.int64), _TIME_BLOCKS - 1)
 
 
 def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
     cameras, clocks = np.zeros((len(state.cam_from_world), 6), bool), np.zeros((len(state.cam_from_world), 2), bool)
     patches = np.zeros((len(state.prop_from_patch), 6), bool)
-    if freedom.reference is not None:
+    if freedom.moving is not None or freedom.reference is not None:
         others = np.arange(len(cameras)) != freedom.reference
+        if freedom.moving is not None:
+            others = np.isin(np.arange(len(cameras)), freedom.moving)
         cameras[others], clocks[others] = True, (freedom.offset, freedom.drift)
     if freedom.patch is not None:
         patches[np.arange(len(patches)) != freedom.patch] = True
     lens = np.full((len(cameras), len(LENS_PARAMETERS)), freedom.lens_sigma is not None)
+    if freedom.lens_of is not None:
+        lens &= np.isin(np.arange(len(cameras)), freedom.lens_of)[:, None]
     return cameras, patches, clocks, lens
 
 

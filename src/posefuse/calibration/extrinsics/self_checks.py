@@ -13,23 +13,13 @@ from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
+from .limits import LIMITS, Limits
 from .pipeline import LEAST_INSTANTS, Links, Solved
 
-_MOST_SIGMA_PX_PER_1000 = 1.5
-_LEAST_INLIER_SHARE = 0.7
-_SEGMENTS, _LEAST_IN_SEGMENT, _LEAST_SEGMENT_SHARE = 10, 6, 0.5
-_MOST_SIGMA_SHARE = 0.005
-# the lens model errs alike in neighbouring views, so real halves differ by many of the formal standard errors
-_HALVES_SHARE, _HALVES_MOST_SHARE, _HALVES_SIGMA, _HALVES_RAD = 0.003, 0.012, 30.0, np.deg2rad(0.6)
-_MOST_SPREAD_RATIO = 1.35
-_MOST_FOCAL_CHANGE, _FOCAL_SIGMA = 0.03, 6.0
-_MOST_LATE_S, _LATE_SIGMA = 0.004, 5.0
 IN_STEP = "cameras are in step"
 CORNERS_FIT = "corners fit"
-_LEAST_APART_M = 0.03
-_LEAST_FACING = 0.9
-_UPSIDE_DOWN_COSINE = -0.5
-_LINK_INSTANTS = 12
+# two cameras that stand apart never see so many corners within this of each other
+_SAME_VIDEO_CORNERS, _SAME_VIDEO_PX = 40, 1.0
 
 
 def check_seen(observations: Observations) -> Check:
@@ -48,6 +38,26 @@ def check_doubled(observations: Observations) -> Check:
     return Check(
         "marker ids are unique", not often, f"met twice in one image: {'; '.join(often)}" if often else "no id comes twice",
         "two props or two faces carry the same id: take one away",
+    )  # fmt: skip
+
+
+def check_same_video(observations: Observations) -> Check:
+    """No two cameras have the same image points at the same times."""
+    key = np.stack([observations.t_ns, observations.patch, observations.corner], axis=1)
+    place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+    xy = np.full((len(observations.cameras), int(place.max(initial=-1)) + 1, 2), np.nan)
+    xy[observations.camera, place] = observations.xy_img
+    alike = []
+    for a in range(len(xy)):
+        for b in range(a + 1, len(xy)):
+            off = np.linalg.norm(xy[a] - xy[b], axis=1)
+            off = off[np.isfinite(off)]
+            if len(off) >= _SAME_VIDEO_CORNERS and float(np.median(off)) < _SAME_VIDEO_PX:
+                alike.append(f"{observations.cameras[a]} and {observations.cameras[b]}")
+    return Check(
+        "videos differ", not alike,
+        f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same",
+        "give each camera its own video",
     )  # fmt: skip
 
 
@@ -88,15 +98,15 @@ def check_amount(solved: Solved) -> Check:
     return Check("enough instants", used >= LEAST_INSTANTS, detail, "wave the prop longer, where several cameras see it")
 
 
-def check_fit(cameras: Sequence[Camera], solved: Solved) -> Check:
+def check_fit(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
     """The corners fit as well as detection can be trusted."""
-    limit = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
+    limit = limits.corner_spread_px_per_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
     sigma = solved.solution.sigma_px
     return Check(CORNERS_FIT, sigma <= limit, f"spread of a corner coordinate {sigma:.2f} px (limit {limit:.2f})",
                  "blur, cameras out of step (try clocks = offset), wrong intrinsics, or a prop that bends")  # fmt: skip
 
 
-def check_cameras_agree(cameras: Sequence[Camera], solved: Solved) -> Check:
+def check_cameras_agree(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
     """Every camera's views agree with the common solution."""
     first = solved.seen.group_starts()
     camera, inlier = solved.seen.camera[first], solved.inlier
@@ -104,24 +114,24 @@ def check_cameras_agree(cameras: Sequence[Camera], solved: Solved) -> Check:
     share = np.bincount(camera, inlier, len(cameras)) / np.maximum(count, 1)
     worst = int(np.argmin(share))
     return Check(
-        "cameras agree", bool(share[worst] >= _LEAST_INLIER_SHARE),
+        "cameras agree", bool(share[worst] >= limits.inlier_share),
         f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its {count[worst]} marker views"
-        f" (needed {_LEAST_INLIER_SHARE:.0%})",
+        f" (needed {limits.inlier_share:.0%})",
         "it moved, is out of step, has wrong intrinsics (a turned or cropped image?), or sees a second prop",
     )  # fmt: skip
 
 
-def check_still(cameras: Sequence[Camera], solved: Solved) -> Check:
+def check_still(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
     """No camera agrees for a part of the recording only."""
     first = solved.seen.group_starts()
     camera, inlier = solved.seen.camera[first], solved.inlier
     t_s = solved.seen.t_s[solved.seen.instant[first]]
-    edges = np.linspace(t_s.min(), t_s.max() + 1e-9, _SEGMENTS + 1)
-    segment = np.clip(np.searchsorted(edges, t_s, side="right") - 1, 0, _SEGMENTS - 1)
+    edges = np.linspace(t_s.min(), t_s.max() + 1e-9, limits.segments + 1)
+    segment = np.clip(np.searchsorted(edges, t_s, side="right") - 1, 0, limits.segments - 1)
     for c, named in enumerate(cameras):
-        count = np.bincount(segment[camera == c], minlength=_SEGMENTS)
-        share = np.bincount(segment[camera == c], inlier[camera == c], _SEGMENTS) / np.maximum(count, 1)
-        bad = (count >= _LEAST_IN_SEGMENT) & (share < _LEAST_SEGMENT_SHARE)
+        count = np.bincount(segment[camera == c], minlength=limits.segments)
+        share = np.bincount(segment[camera == c], inlier[camera == c], limits.segments) / np.maximum(count, 1)
+        bad = (count >= limits.segment_views) & (share < limits.segment_share)
         if bad.any():
             start, end = edges[np.flatnonzero(bad)[0]] - edges[0], edges[np.flatnonzero(bad)[-1] + 1] - edges[0]
             return Check(
@@ -132,10 +142,10 @@ def check_still(cameras: Sequence[Camera], solved: Solved) -> Check:
     return Check("cameras stand still", True, "every camera agrees over the whole recording")
 
 
-def check_determined(cameras: Sequence[Camera], solved: Solved, distance_m: float) -> Check:
+def check_determined(cameras: Sequence[Camera], solved: Solved, distance_m: float, limits: Limits = LIMITS) -> Check:
     """Standard errors of the camera positions are small."""
     sigma = position_sigma_m(solved)
-    worst, limit = int(np.argmax(sigma)), _MOST_SIGMA_SHARE * distance_m
+    worst, limit = int(np.argmax(sigma)), limits.position_sigma_share * distance_m
     return Check(
         "cameras are determined", bool(sigma[worst] <= limit),
         f"standard error of {cameras[worst].name}'s position {sigma[worst] * 1e3:.1f} mm (limit {limit * 1e3:.1f})",
@@ -156,45 +166,22 @@ def position_sigma_m(solved: Solved) -> Array:
     return out
 
 
-def check_halves(cameras: Sequence[Camera], halves: tuple[Poses, Poses], sigma_m: Array, distance_m: float) -> Check:
+def check_halves(
+    cameras: Sequence[Camera], halves: tuple[Poses, Poses], sigma_m: Array, distance_m: float, limits: Limits = LIMITS
+) -> Check:
     """Two solves that share no data put the cameras at the same places."""
     apart_m, turned_rad = camera_differences(*halves)
-    limit_m = float(np.clip(_HALVES_SIGMA * sigma_m.max(), _HALVES_SHARE * distance_m, _HALVES_MOST_SHARE * distance_m))
-    worst = int(np.argmax(np.maximum(apart_m / limit_m, turned_rad / _HALVES_RAD)))
-    passed = bool((apart_m <= limit_m).all() and (turned_rad <= _HALVES_RAD).all())
+    limit_m = float(
+        np.clip(limits.halves_sigma * sigma_m.max(), limits.halves_share * distance_m, limits.halves_most_share * distance_m)
+    )
+    worst = int(np.argmax(np.maximum(apart_m / limit_m, turned_rad / limits.halves_rad)))
+    passed = bool((apart_m <= limit_m).all() and (turned_rad <= limits.halves_rad).all())
     return Check(
         "halves agree", passed,
         f"from separate data {cameras[worst].name} comes out {apart_m[worst] * 1e3:.1f} mm and"
         f" {np.rad2deg(turned_rad[worst]):.2f} deg apart (limits {limit_m * 1e3:.1f} mm,"
-        f" {np.rad2deg(_HALVES_RAD):.1f} deg)",
+        f" {np.rad2deg(limits.halves_rad):.1f} deg)",
         "it was moved between the halves, or the data are too few: wave longer, over the whole volume",
-    )  # fmt: skip
-
-
-def check_one_place(cameras: Sequence[Camera], together: Array, apart: Array) -> Check:
-    """Both halves fit one common rig as well as each fits its own: a bump too small to break the fit shows here.
-
-    `together`, `apart` (2, C): spread in px of each half's corners in the common solve and in the half's own.
-    """
-    ratio = np.nan_to_num(together / np.maximum(apart, 1e-6), nan=1.0)
-    half, camera = np.unravel_index(np.argmax(ratio), ratio.shape)
-    return Check(
-        "one place per camera", bool(ratio[half, camera] <= _MOST_SPREAD_RATIO),
-        f"{cameras[camera].name}'s corners spread {ratio[half, camera]:.2f} times as far in one rig for the whole recording as in"
-        f" one for each half (limit {_MOST_SPREAD_RATIO:.2f})",
-        "it was bumped during the recording: calibrate again, or use the part before or after",
-    )  # fmt: skip
-
-
-def check_lenses(cameras: Sequence[Camera], change: Array, sigma: Array) -> Check:
-    """Focal lengths (C,), when they are let free, stay: relative change and its standard error."""
-    wrong = (np.abs(change) > _MOST_FOCAL_CHANGE) & (np.abs(change) > _FOCAL_SIGMA * sigma)
-    worst = int(np.argmax(np.where(wrong, 1e3, 1) * np.abs(change)))
-    return Check(
-        "focal lengths fit", not wrong.any(),
-        f"{cameras[worst].name}'s focal length would rather be {change[worst]:+.1%} (standard error {sigma[worst]:.1%},"
-        f" limit {_MOST_FOCAL_CHANGE:.0%})",
-        "its intrinsics belong to another camera, zoom or image size: calibrate them again",
     )  # fmt: skip
 
 
@@ -218,7 +205,7 @@ def _common_turn(a: Poses, b: Poses) -> Array:
     return mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
 
 
-def check_facing(cameras: Sequence[Camera], solved: Solved) -> Check:
+def check_facing(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
     """The printed faces look at the cameras that see them: a mirrored board looks away."""
     seen, state = solved.seen, solved.solution.state
     first = seen.group_starts()
@@ -233,42 +220,42 @@ def check_facing(cameras: Sequence[Camera], solved: Solved) -> Check:
     }
     worst = min(share, key=lambda name: share[name])
     return Check(
-        "nothing is mirrored", share[worst] >= _LEAST_FACING,
-        f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {_LEAST_FACING:.0%})",
+        "nothing is mirrored", share[worst] >= limits.facing_share,
+        f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {limits.facing_share:.0%})",
         "the board is described mirrored, the image is flipped, or the markers are too small to tell their slant",
     )  # fmt: skip
 
 
-def check_clocks(cameras: Sequence[Camera], late_s: Array, sigma_s: Array) -> Check:
+def check_clocks(cameras: Sequence[Camera], late_s: Array, sigma_s: Array, limits: Limits = LIMITS) -> Check:
     """Synchronised cameras show no offset when they are allowed one."""
-    ratio = np.abs(late_s) / np.maximum(_MOST_LATE_S, _LATE_SIGMA * sigma_s)
+    ratio = np.abs(late_s) / np.maximum(limits.late_s, limits.late_sigma * sigma_s)
     worst = int(np.argmax(ratio))
     return Check(
         IN_STEP, bool(ratio[worst] <= 1),
         f"{cameras[worst].name} runs {late_s[worst] * 1e3:+.1f} ms late (standard error {sigma_s[worst] * 1e3:.1f} ms,"
-        f" limit {_MOST_LATE_S * 1e3:.0f} ms)",
+        f" limit {limits.late_s * 1e3:.0f} ms)",
         "the cameras are not synchronised: calibrate with clocks = offset",
     )  # fmt: skip
 
 
-def check_apart(cameras: Sequence[Camera], cam_from_world: Poses) -> Check:
+def check_apart(cameras: Sequence[Camera], cam_from_world: Poses, limits: Limits = LIMITS) -> Check:
     """No two cameras share a body."""
     centre = cam_from_world.inverse().t
     distance = np.linalg.norm(centre[:, None] - centre[None], axis=-1) + np.eye(len(centre)) * 1e9
     a, b = np.unravel_index(np.argmin(distance), distance.shape)
     return Check(
-        "cameras are apart", bool(distance[a, b] >= _LEAST_APART_M),
-        f"{cameras[a].name} and {cameras[b].name} are nearest, {distance[a, b] * 1e3:.0f} mm (needed {_LEAST_APART_M * 1e3:.0f})",
+        "cameras are apart", bool(distance[a, b] >= limits.apart_m),
+        f"{cameras[a].name} and {cameras[b].name} are nearest, {distance[a, b] * 1e3:.0f} mm (needed {limits.apart_m * 1e3:.0f})",
         "is one stream given twice?",
     )  # fmt: skip
 
 
-def check_upright(cameras: Sequence[Camera], up_cam: Array) -> Check:
+def check_upright(cameras: Sequence[Camera], up_cam: Array, limits: Limits = LIMITS) -> Check:
     """No camera is upside down against the world's up (C, 3) in camera axes."""
     cosine = -up_cam[:, 1] / np.maximum(np.linalg.norm(up_cam[:, :2], axis=1), 1e-9)
     # a camera that looks straight up or down has no top
     cosine = np.where(np.linalg.norm(up_cam[:, :2], axis=1) < 0.2, 1.0, cosine)
-    wrong = [camera.name for camera, value in zip(cameras, cosine, strict=True) if value < _UPSIDE_DOWN_COSINE]
+    wrong = [camera.name for camera, value in zip(cameras, cosine, strict=True) if value < limits.upside_down_cosine]
     return Check(
         "images are upright", not wrong, f"upside down: {', '.join(wrong)}" if wrong else "the top of every image is up",
         "turn the image, or when the camera really hangs upside down, say so (upside_down)",

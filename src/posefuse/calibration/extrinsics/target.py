@@ -16,20 +16,27 @@ from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
 from . import self_checks as checks
+from .cause_hypotheses import HYPOTHESES
+from .causes import Trouble, base_spread_px, cause_check, likely_causes
 from .clocks import rough_offsets
+from .limits import LIMITS, Limits
 from .locate import aligned
-from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
-from .prop_solve import Freedom, PropSolution, solve_prop
-from .self_checks import CORNERS_FIT, IN_STEP
+from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks, thinned
+from .self_checks import IN_STEP, check_same_video
+from .size_check import check_target_size
 from .snapshots import middle_ns
+from .solution_checks import solution_checks, usual_distance_m
 from .world import UpFromCameras, WorldRule
 
-_HALF_BLOCKS = 2
-_OUT_OF_STEP_S = 0.02
-_FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
-# noise stays when the lenses are let go, the wrong lens goes
-_WRONG_LENS_RATIO = 0.6
-OUT_OF_STEP = "the paths of the prop fit best with clocks out of step"
+_UNSYNCHRONISED_S = 0.02
+# checks whose failure names its cause
+SAID_BY_ITSELF = (
+    "target seen",
+    "marker ids are unique",
+    "videos differ",
+    "target has a plausible size",
+    "rig has a plausible size",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,39 +91,99 @@ def calibrate_extrinsics(
     options = options or Options()
     intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
     _check_input(observations, intrinsics, target)
-    observations = aligned(observations, intrinsics)
-    rule = world or UpFromCameras()
+    task = _Task(aligned(observations, intrinsics), intrinsics.cameras, target, world or UpFromCameras(), upside_down)
     if options.clocks != "auto":
-        return _calibrate(observations, intrinsics, target, options, rule, upside_down)
-    try:
-        return _calibrate(observations, intrinsics, target, replace(options, clocks="together"), rule, upside_down)
-    except RefusedCalibration as refused:
-        if not any(check.name == IN_STEP or OUT_OF_STEP in check.remedy for check in refused.report.failed):
-            raise
-        first = refused
-    try:
-        found = _calibrate(observations, intrinsics, target, replace(options, clocks="offset"), rule, upside_down)
-    except CalibrationError:
-        raise first from None
+        return _explained(task, options, _attempt(task, options))
+    first = _attempt(task, replace(options, clocks="together"))
+    if not first.failed or not _may_be_clocks(task, first, options):
+        return _explained(task, replace(options, clocks="together"), first)
+    second = _attempt(task, replace(options, clocks="offset"))
+    if second.solved is None:
+        return _explained(task, replace(options, clocks="together"), first)
     note = "the cameras are not synchronised: their clock offsets were estimated and must be applied when they are used"
-    return replace(found, report=replace(found.report, notes=(*found.report.notes, note)))
+    if second.failed:
+        note = f"taken as synchronised it is refused as well: {'; '.join(check.line for check in first.failed[:2])}"
+    return _explained(task, replace(options, clocks="offset"), replace(second, notes=(*second.notes, note)))
 
 
-def _calibrate(
-    observations: Observations, intrinsics: Rig, target: Target, options: Options, rule: WorldRule, upside_down: tuple[str, ...]
-) -> Calibration:
-    done = [checks.check_seen(observations), checks.check_doubled(observations)]
-    _stop_if_failed(done)
-    solved = _solve(observations, intrinsics.cameras, target, options, done)
-    distance_m = _usual_distance_m(solved)
-    done += _solution_checks(observations, intrinsics.cameras, target, options, solved, distance_m, done)
-    rig = _rig(intrinsics.cameras, solved)
-    new_from_old = rule.new_from_old(rig)
-    rig = replace(rig.moved(new_from_old), world_set_by=rule.words)
-    done += world_checks(rig, rule.has_floor, upside_down)
-    report = CalibrationReport("extrinsics", tuple(done), _notes(solved), _numbers(solved, rig, distance_m))
-    report.require()
-    return _calibration(observations, rig, report, solved, new_from_old)
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What does not change from one attempt to the next; cameras in the order of the observations, without poses."""
+
+    observations: Observations
+    cameras: tuple[Camera, ...]
+    target: Target
+    world: WorldRule
+    upside_down: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """A solution with its checks, or how far it came.
+
+    Attributes:
+        done: checks. solved: None where the cameras could not be linked. notes: besides those of the solution.
+    """
+
+    done: tuple[Check, ...]
+    solved: Solved | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        return tuple(check for check in self.done if not check.passed)
+
+
+def _attempt(task: _Task, options: Options) -> _Attempt:
+    """Solve and check as far as that goes."""
+    done: list[Check] = [
+        checks.check_seen(task.observations), checks.check_doubled(task.observations),
+        check_same_video(task.observations), check_target_size(task.target, options.limits),
+    ]  # fmt: skip
+    solved: Solved | None = None
+    try:
+        _stop_if_failed(done)
+        solved = _solve(task.observations, task.cameras, task.target, options, done)
+        done += solution_checks(task.observations, task.cameras, task.target, options, solved, done)
+        done += world_checks(_in_world(task, solved)[0], task.world.has_floor, task.upside_down, options.limits)
+    except RefusedCalibration as refused:
+        return _Attempt(refused.report.checks, solved)
+    return _Attempt(tuple(done), solved)
+
+
+def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
+    """The calibration; where checks fail, the refusal with its likely cause in front."""
+    if not attempt.failed:
+        assert attempt.solved is not None
+        return _calibration(task, attempt.solved, attempt.done, attempt.notes)
+    done = attempt.done
+    if not any(check.name in SAID_BY_ITSELF for check in attempt.failed):
+        trouble = Trouble(
+            task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
+        )
+        causes = likely_causes(trouble, HYPOTHESES)
+        done = (cause_check(causes, base_spread_px(trouble)), *done) if causes else done
+    if attempt.solved is None:
+        raise RefusedCalibration(CalibrationReport("extrinsics", done, attempt.notes))
+    kept = _calibration(task, attempt.solved, done, attempt.notes)
+    raise RefusedCalibration(kept.report, kept)
+
+
+def _in_world(task: _Task, solved: Solved) -> tuple[Rig, SE3]:
+    """The rig in the world asked for, and the motion that takes it there."""
+    rig = _rig(task.cameras, solved)
+    new_from_old = task.world.new_from_old(rig)
+    return replace(rig.moved(new_from_old), world_set_by=task.world.words), new_from_old
+
+
+def _may_be_clocks(task: _Task, attempt: _Attempt, options: Options) -> bool:
+    """Whether a refused attempt that took the cameras as synchronised may fail for their clocks."""
+    if any(check.name in SAID_BY_ITSELF for check in attempt.failed):
+        return False
+    if any(check.name == IN_STEP for check in attempt.failed):
+        return True
+    late = rough_offsets(task.observations, task.cameras, task.target, options.most_offset_s)
+    return bool(np.isfinite(late).any() and (np.abs(late - np.nanmedian(late)) > _UNSYNCHRONISED_S).any())
 
 
 def _check_input(observations: Observations, intrinsics: Rig, target: Target) -> None:
@@ -148,174 +215,13 @@ def _solve(
     present = np.zeros((len(seen.t_s), len(cameras)), np.int64)
     present[seen.instant, seen.camera] = 1
     linked = checks.check_links(observations.cameras, links, present.T @ present)
-    done.append(_with_clock_hint(linked, observations, cameras, target, options))
+    done.append(linked)
     _stop_if_failed(done)
     solved = solve_linked(observations, cameras, target, options, seen, links, in_images, delay_s)
     enough = checks.check_amount(solved)
     done.append(enough)
     _stop_if_failed(done)
     return solved
-
-
-def _with_clock_hint(
-    check: Check, observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options
-) -> Check:
-    """A failed check of cameras taken as synchronised, with the offset that may explain it before its own remedy."""
-    if check.passed or options.clocks != "together":
-        return check
-    late = rough_offsets(observations, cameras, target, options.most_offset_s)
-    late = late - np.nanmedian(late) if np.isfinite(late).any() else late
-    far = [f"{camera.name} {value * 1e3:+.0f} ms" for camera, value in zip(cameras, late, strict=True)
-           if abs(value) > _OUT_OF_STEP_S]  # fmt: skip
-    if not far:
-        return check
-    return replace(check, remedy=f"{OUT_OF_STEP} ({', '.join(far)}): use clocks = offset; or else: {check.remedy}")
-
-
-def _with_lens_hint(check: Check, cameras: tuple[Camera, ...], solved: Solved, options: Options) -> Check:
-    """A failed fit of the corners, with the lenses named as the reason where letting them go makes them fit far better."""
-    if check.passed:
-        return check
-    free = _let_lenses_go(cameras, solved, options)
-    if free.sigma_px > _WRONG_LENS_RATIO * solved.solution.sigma_px:
-        return check
-    focal = _focal_px(cameras)
-    change, sigma = free.state.lens_delta[:, 0] / focal, free.lens_sigma[:, 0] / focal
-    worst = int(np.argmax(np.abs(change)))
-    return replace(
-        check,
-        remedy=f"the lenses given are not those of these cameras: let go, they bring it to {free.sigma_px:.2f} px, and"
-        f" {cameras[worst].name}'s focal length moves by {change[worst]:+.0%} (known from these views to {sigma[worst]:.1%}"
-        f" only); calibrate each lens with a board of its own (intrinsics); or else: {check.remedy}",
-    )
-
-
-def _solution_checks(
-    observations: Observations,
-    cameras: tuple[Camera, ...],
-    target: Target,
-    options: Options,
-    solved: Solved,
-    distance_m: float,
-    before: list[Check],
-) -> list[Check]:
-    state = solved.solution.state
-    quick = [
-        checks.check_still(cameras, solved),
-        checks.check_facing(cameras, solved),
-        checks.check_fit(cameras, solved),
-        checks.check_cameras_agree(cameras, solved),
-        checks.check_determined(cameras, solved, distance_m),
-        checks.check_apart(cameras, state.cam_from_world),
-    ]
-    quick = [_with_lens_hint(check, cameras, solved, options) if check.name == CORNERS_FIT else check for check in quick]
-    wrong = next((i for i, check in enumerate(quick) if not check.passed), None)
-    if wrong is not None:
-        quick[wrong] = _with_clock_hint(quick[wrong], observations, cameras, target, options)
-    # the rest takes further solves, which say nothing about a rig that already fails
-    _stop_if_failed([*before, *quick])
-    done = [
-        *quick,
-        *_halves(observations, cameras, target, options, solved, distance_m),
-        _lenses(cameras, solved, options),
-    ]
-    if options.clocks == "together":
-        freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
-        free = solve_prop(solved.seen, solved.corners, cameras, state, freedom)
-        done.append(checks.check_clocks(cameras, free.state.delay_s[:, 0], free.delay_sigma_s[:, 0]))
-    return done
-
-
-def _halves(
-    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved, distance_m: float
-) -> list[Check]:
-    """Solve the first and the second half of the recording from scratch; where a camera lacks one, every other stretch."""
-    sigma_m = checks.position_sigma_m(solved)
-    story = ""
-    for stretches in (_HALF_BLOCKS, 5 * _HALF_BLOCKS):
-        found: list[Solved] = []
-        for half in (0, 1):
-            part = _stretches(observations, stretches, half)
-            one, story = _half(part, cameras, target, options, solved)
-            if one is None:
-                break
-            found.append(one)
-        if len(found) == _HALF_BLOCKS:
-            poses = (found[0].solution.state.cam_from_world, found[1].solution.state.cam_from_world)
-            own = np.stack([_spread_px(one, np.ones(len(one.seen.t_s), bool), len(cameras)) for one in found])
-            half_of = _stretch_of(
-                np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations), observations, stretches
-            )
-            common = np.stack([_spread_px(solved, half_of == half, len(cameras)) for half in (0, 1)])
-            return [
-                checks.check_halves(cameras, poses, sigma_m, distance_m),
-                checks.check_one_place(cameras, common, own),
-            ]
-    return [
-        Check("halves agree", False, f"half of the data is not enough to solve: {story}",
-              "wave the prop longer, so that every camera sees it in both halves")
-    ]  # fmt: skip
-
-
-def _spread_px(solved: Solved, instants: Array, cameras: int) -> Array:
-    """(C,) median size of a corner's residual at some of the instants; NaN where there are none."""
-    size = np.linalg.norm(solved.solution.residual_px, axis=1)
-    rows = instants[solved.seen.instant] & np.isfinite(size)
-    mine = [rows & (solved.seen.camera == c) for c in range(cameras)]
-    return np.array([np.median(size[m]) if m.any() else np.nan for m in mine])
-
-
-def _lenses(cameras: tuple[Camera, ...], solved: Solved, options: Options) -> Check:
-    """Let the lenses go and see whether the focal lengths stay."""
-    focal, free = _focal_px(cameras), _let_lenses_go(cameras, solved, options)
-    return checks.check_lenses(cameras, free.state.lens_delta[:, 0] / focal, free.lens_sigma[:, 0] / focal)
-
-
-def _let_lenses_go(cameras: tuple[Camera, ...], solved: Solved, options: Options) -> PropSolution:
-    """The solve once more, with lenses that are hardly held."""
-    focal_px = _FREE_FOCAL * float(_focal_px(cameras).mean())
-    sigma = np.array([focal_px, focal_px, *_FREE_LENS])
-    freedom = Freedom(solved.links.reference, solved.links.shape.root, options.clocks != "together", False, sigma)
-    return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
-
-
-def _focal_px(cameras: tuple[Camera, ...]) -> Array:
-    return np.array([camera.K[0, 0] for camera in cameras])
-
-
-def _stretches(observations: Observations, count: int, half: int) -> Observations:
-    """Every second of `count` equal stretches of time, beginning with number `half`."""
-    return observations.rows(_stretch_of(observations.t_ns, observations, count) == half)
-
-
-def _stretch_of(t_ns: Array, observations: Observations, count: int) -> Array:
-    """0 or 1 by turns along the recording."""
-    first, last = int(observations.t_ns.min()), int(observations.t_ns.max()) + 1
-    return np.asarray((t_ns - first) * count // (last - first) % 2)
-
-
-def _half(
-    part: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
-) -> tuple[Solved | None, str]:
-    delay_s = solved.solution.state.delay_s
-    together = replace(options, clocks="together", instants=max(options.instants // 2, 8))
-    if set(np.unique(part.camera)) != set(range(len(cameras))):
-        return None, "a camera sees nothing in it"
-    seen = key_snapshots(part, together, delay_s)
-    if len(seen.camera) == 0:
-        return None, "no shared views"
-    links, in_images = link(part, cameras, target, seen)
-    if len(links.placed) < len(cameras):
-        lost = [camera.name for i, camera in enumerate(cameras) if i not in links.placed]
-        return None, f"{', '.join(lost)} not linked"
-    return solve_linked(part, cameras, target, together, seen, links, in_images, delay_s), ""
-
-
-def _usual_distance_m(solved: Solved) -> float:
-    """Median distance of the corners from the cameras."""
-    seen, state = solved.seen, solved.solution.state
-    in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.instant])
-    return float(np.median(np.linalg.norm(in_cam, axis=1)))
 
 
 def _rig(cameras: tuple[Camera, ...], solved: Solved) -> Rig:
@@ -331,11 +237,11 @@ def _rig(cameras: tuple[Camera, ...], solved: Solved) -> Rig:
     return Rig(placed, residual_px=rms)
 
 
-def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -> list[Check]:
+def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), limits: Limits = LIMITS) -> list[Check]:
     """Checks that need the world: cameras above the floor, images upright."""
     up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
     up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)
-    done = [checks.check_upright(rig.cameras, up_cam)]
+    done = [checks.check_upright(rig.cameras, up_cam, limits)]
     if has_floor:
         height = rig.centres_world()[:, 2]
         worst = int(np.argmin(height))
@@ -369,17 +275,20 @@ def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
     return numbers
 
 
-def _calibration(
-    observations: Observations, rig: Rig, report: CalibrationReport, solved: Solved, new_from_old: SE3
-) -> Calibration:
-    state, seen = solved.solution.state, solved.seen
+def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tuple[str, ...]) -> Calibration:
+    rig, new_from_old = _in_world(task, solved)
+    failed = [check.name for check in done if not check.passed]
+    if failed:
+        rig = replace(rig, refused=", ".join(failed))
+    report = CalibrationReport("extrinsics", done, (*_notes(solved), *notes), _numbers(solved, rig, usual_distance_m(solved)))
+    state, seen, middle = solved.solution.state, solved.seen, middle_ns(task.observations)
     used = np.unique(seen.instant)
     moved = Poses.from_se3(new_from_old)
     prop = Poses(moved.R[None], moved.t[None]) @ state.world_from_prop[used]
     patches = np.unique(seen.patch)
     return Calibration(
-        rig, report, coverage(observations), checks.position_sigma_m(solved), state.delay_s, solved.solution.delay_sigma_s,
-        middle_ns(observations), np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle_ns(observations), prop.se3(),
+        rig, report, coverage(task.observations), checks.position_sigma_m(solved), state.delay_s, solved.solution.delay_sigma_s,
+        middle, np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle, prop.se3(),
         {int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches},
         seen.camera, seen.xy_img, solved.solution.residual_px,
     )  # fmt: skip

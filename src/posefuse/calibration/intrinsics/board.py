@@ -201,7 +201,7 @@ def _result(
         | {f"sigma_{p}": s for p, s in zip(PARAMETERS, solved.sigma, strict=True)},
     )
     report.require()
-    camera = Camera(name, size_wh, solved.K, SE3.identity(), solved.distortion)
+    camera = Camera(name=name, size_wh=size_wh, K=solved.K, cam_from_world=SE3.identity(), distortion=solved.distortion)
     return Intrinsics(camera, solved.sigma, solved.rms_px, times, solved.view_rms_px, cells, report)
 
 

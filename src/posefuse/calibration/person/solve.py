@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -31,6 +32,9 @@ _LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
 # feet that spread less across their path than this do not tell where up is
 _PLANE_M, _LEAST_WALK_SHARE = 0.15, 0.04
 _HALVES_SHARE, _HALVES_RAD = 0.03, np.deg2rad(1.5)
+# of people who can be asked to walk through a room
+_STATURES_M = (0.8, 2.4)
+_SAME_VIDEO_PX = 2.0
 _FEET = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
 _HEADS = ("head", "nose", "neck")
 _HIPS = ("left_hip", "right_hip")
@@ -67,6 +71,10 @@ class KnownLength:
         metres = self.distance_m if self.stature_m is None else self.stature_m
         if not (metres is not None and np.isfinite(metres) and metres > 0):
             raise CalibrationError(f"scale: expected a length > 0 m, got {metres}")
+        least_m, most_m = _STATURES_M
+        if self.stature_m is not None and not least_m <= self.stature_m <= most_m:
+            centimetres = f"; did you mean {metres / 100:g} m?" if least_m <= metres / 100 <= most_m else ""
+            raise CalibrationError(f"height of the person: expected {least_m:g} to {most_m:g} m, got {metres:g}{centimetres}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +105,7 @@ def calibrate_from_person(
     if missing:
         raise CalibrationError(f"person: no intrinsics of {', '.join(missing)}; there are: {', '.join(by_name)}")
     cameras = tuple(by_name[name] for name in views.cameras)
-    done = [_check_seen(views)]
+    done = [_check_seen(views), _check_same_video(views)]
     CalibrationReport(_SUBJECT, tuple(done)).require()
     solution, rows = _solve(views, cameras)
     rig, xyz = _scaled(views, cameras, solution, rows, length)
@@ -130,6 +138,17 @@ def _check_seen(views: PersonViews) -> Check:
     blind = [f"{name} ({n} of {len(views.t_ns)} frames)" for name, n in zip(views.cameras, seen, strict=True) if n < 5]
     return Check("person seen", not blind, f"nobody found by {', '.join(blind)}" if blind else "every camera saw the person",
                  "walk where this camera looks, or leave it out")  # fmt: skip
+
+
+def _check_same_video(views: PersonViews) -> Check:
+    """No two cameras have the person at the same pixels all the time."""
+    alike = []
+    for a, b in combinations(range(len(views.cameras)), 2):
+        off = np.linalg.norm(views.xy_img[a] - views.xy_img[b], axis=-1)
+        if np.isfinite(off).any() and float(np.nanmedian(off)) < _SAME_VIDEO_PX:
+            alike.append(f"{views.cameras[a]} and {views.cameras[b]}")
+    detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
+    return Check("videos differ", not alike, detail, "give each camera its own video")
 
 
 def _solve(views: PersonViews, cameras: tuple[Camera, ...]) -> tuple[PointSolution, PointViews]:

@@ -70,7 +70,7 @@ def _pair(flat: Array, seen: Array, focal: Array, a: int, b: int) -> tuple[float
 def _next_camera(flat: Array, seen: Array, focal: Array, placed: dict[int, Poses]) -> tuple[int, Poses] | None:
     """The camera that sees most of the points the placed ones have fixed, and its pose."""
     known = sorted(placed)
-    bare = [Camera(f"c{i}", (2, 2), np.eye(3), placed[i].se3()) for i in known]
+    bare = [Camera(name=f"c{i}", size_wh=(2, 2), K=np.eye(3), cam_from_world=placed[i].se3()) for i in known]
     xy = np.where(seen[known][..., None], flat[known], np.nan)
     xyz = triangulate(Rig(tuple(bare)), xy)
     with np.errstate(invalid="ignore"):

@@ -17,6 +17,8 @@ from .corners import Observations, joined
 from .kinds import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of
 from .marker_fit import fit_marker
 
+# a step that is wider than this in every image is out of focus or moved
+_BLURRED_EDGE_PX = 6.0
 _REFINE_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 _MIN_CHARUCO_CORNERS = 4
 # a wrong grid is off by whole squares, the bend of a lens by less than this share of one
@@ -121,7 +123,18 @@ def why_nothing(grey_images: Sequence[Array], target: Target) -> str:
         if ids:
             known = f"markers of {name} are there (ids {', '.join(map(str, ids[:8]))}), the target says {target.dictionary}"
             return known if name != target.dictionary else f"markers {ids[:8]} of its dictionary are there, but not as described"
+    widths_px = [_edge_width_px(image) for image in grey_images]
+    if widths_px and min(widths_px) > _BLURRED_EDGE_PX:
+        return f"the images are blurred, the sharpest edges are {min(widths_px):.0f} px wide: focus, or shorten the exposure"
     return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?"
+
+
+def _edge_width_px(grey: Array) -> float:
+    """Contrast of an image over its steepest edges: a step in focus is 2 to 3 px wide."""
+    image = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.0)
+    gradient = np.hypot(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8))
+    low, high = np.percentile(image, [0.5, 99.5])
+    return float((high - low) / max(float(np.percentile(gradient, 99.9)), 1e-3))
 
 
 def _found_in(grey_images: Sequence[Array], detector: TargetDetector, change: Callable[[Array], Array] | None) -> bool:

@@ -15,11 +15,12 @@ from posefuse.cli.networks import fetch_networks
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError, Rig
 from posefuse.detection.build import build_detector
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_pose2d
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.images import common_timeline
 from posefuse.pipeline.opening import build_source
 from posefuse.pipeline.pose2d import stated_camera
+from posefuse.pipeline.pose2d_rate import pose2d_rate_hz
 from posefuse.pipeline.session import Session, find_session, fitted_camera
 
 from .person_poses import poses_apart
@@ -40,13 +41,13 @@ def clocks(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     if args.input is not None:
         config = replace(config, input=args.input)
     session = find_session(args.session, config)
+    config = replace(config, rate_hz=args.rate_hz or config.rate_hz)
     kinds = {entry.kind for entry in session.inputs}
     if len(kinds) > 1:
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {', '.join(sorted(kinds))}")
     if kinds == {"pose2d"}:
-        rig, tracks, period_s = _from_files(session, args.rate_hz or config.rate_hz, args.seconds)
+        rig, tracks, period_s = _from_files(session, config, args.seconds)
     else:
-        config = replace(config, rate_hz=args.rate_hz or config.rate_hz)
         rig, tracks, period_s = _from_images(session, config, args.seconds, terminal)
     with reported(args):
         found = clocks_from_person(rig, tracks, args.most_s, args.clocks == "drift")
@@ -78,12 +79,12 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, terminal
         return rig, person_tracks(poses_apart(sources, detector, timeline, advance)), period_s
 
 
-def _from_files(session: Session, rate_hz: float | None, seconds: float) -> _Seen:
-    if rate_hz is None:
-        raise InputError(f"{session.folder}: folders of 2D poses do not say their frame rate: add --rate-hz")
+def _from_files(session: Session, config: TrackConfig, seconds: float) -> _Seen:
+    poses = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
+    rate_hz = pose2d_rate_hz(session, poses, config)
     found = {}
-    for entry in session.inputs:
-        frames = list(read_openpose_folder(entry.path, entry.camera).frames(rate_hz))
+    for entry, one in zip(session.inputs, poses, strict=True):
+        frames = list(one.frames(rate_hz))
         spare = max(0, len(frames) - round(seconds * rate_hz)) // 2
         found[entry.camera] = frames[spare : len(frames) - spare]
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.outputs.rerun_scene import TIMELINE, camera_path, camera_views, opened_stream
 
 if TYPE_CHECKING:
     from posefuse.calibration.targets.guidance import Guidance
 
     from .guide_frame import GuideFrame
 
-TIMELINE = "session"
+_CAMERAS = "cameras"
 _EVERY_NS = 100_000_000
 _SHOWN_PX = 640
 _FOUND_RGB, _CORNERS = (255, 220, 60), 4
@@ -30,9 +31,6 @@ class GuideView:
     """
 
     def __init__(self, cameras: Sequence[str], place: str) -> None:
-        from posefuse.outputs.rerun import check_rerun, opened_stream
-
-        check_rerun()
         self._cameras = tuple(cameras)
         self._stream = opened_stream("posefuse calibrate guide", place, _blueprint(self._cameras))
         self._zero_ns: int | None = None
@@ -67,7 +65,7 @@ class GuideView:
 
         from posefuse.calibration.targets.coverage import coverage_picture
 
-        path, factor = _path(self._cameras[look.camera]), min(1.0, _SHOWN_PX / max(look.frame.size_wh))
+        path, factor = camera_path(self._cameras[look.camera], _CAMERAS), min(1.0, _SHOWN_PX / max(look.frame.size_wh))
         width, height = (round(side * factor) for side in look.frame.size_wh)
         small = cv2.resize(look.frame.image, (width, height), interpolation=cv2.INTER_AREA)
         picture = coverage_picture(look.state.coverage.cells[look.camera], (width, height), small)
@@ -131,19 +129,12 @@ def _colours(level: Array) -> Array:
     return np.asarray(_POOR_RGB + level.reshape(-1, 1) * (_RICH_RGB - _POOR_RGB), np.uint8)
 
 
-def _path(camera: str) -> str:
-    import rerun as rr
-
-    return f"cameras/{rr.escape_entity_path_part(camera)}"
-
-
 def _blueprint(cameras: Sequence[str]) -> Any:
     import rerun.blueprint as rrb
 
-    views = [rrb.Spatial2DView(origin=_path(name), contents=["$origin/**"], name=name) for name in cameras]
     beside = rrb.Vertical(
         rrb.TextDocumentView(origin="next", name="what to do next"),
         rrb.Spatial2DView(origin="together", contents=["$origin/**"], name="moments two cameras saw it together"),
         row_shares=[1, 1],
     )
-    return rrb.Blueprint(rrb.Horizontal(rrb.Grid(*views), beside, column_shares=[3, 2]), collapse_panels=True)
+    return rrb.Blueprint(rrb.Horizontal(camera_views(cameras, _CAMERAS), beside, column_shares=[3, 2]), collapse_panels=True)

@@ -18,7 +18,7 @@ from posefuse.calibration.targets.kinds import Target
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Frame, PosefuseError
 from posefuse.formats.rig import read_rig
-from posefuse.outputs.rerun import SPAWN
+from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 

@@ -19,7 +19,7 @@ from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.cli.terminal import Terminal
 from posefuse.core import SE3, Camera, InputError, Rig
 from posefuse.core.errors import choices
-from posefuse.formats.openpose import read_openpose_folder
+from posefuse.formats.pose2d import read_pose2d
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.config import CONFIG_FILE, read_config
 from posefuse.pipeline.session import LEAST_CAMERAS
@@ -92,10 +92,8 @@ def _seen(
         )
         return _Seen(views.tracks(), views, seen_by, clocks, True)
     if videos:
-        raise InputError(
-            f"person: expected videos or folders of 2D poses for all cameras, got both: {choices(map(str, paths.values()))}"
-        )
-    tracks = _from_files(args, paths)
+        raise InputError(f"person: expected videos or 2D poses for all cameras, got both: {choices(map(str, paths.values()))}")
+    tracks = _from_files(args, paths, cameras)
     return _Seen(tracks, person_views(tracks), cameras, unplaced_clocks(tracks, cameras, length, args.clocks, args.most_s), False)
 
 
@@ -124,13 +122,13 @@ def _known_length(args: argparse.Namespace, rig: Rig) -> KnownLength:
 def _periods_s(args: argparse.Namespace, paths: Mapping[str, Path]) -> list[float]:
     """Seconds between two frames of each camera."""
     return [
-        1 / args.rate_hz if path.is_dir() else frame_period_s(VideoConfig(path, name).build().times_ns())
+        frame_period_s(VideoConfig(path, name).build().times_ns()) if path.suffix.lower() in VIDEO_SUFFIXES else 1 / args.rate_hz
         for name, path in paths.items()
     ]
 
 
-def _from_files(args: argparse.Namespace, paths: Mapping[str, Path]) -> tuple[PersonTrack, ...]:
+def _from_files(args: argparse.Namespace, paths: Mapping[str, Path], cameras: tuple[Camera, ...]) -> tuple[PersonTrack, ...]:
     if args.rate_hz is None:
-        raise InputError("person: folders of 2D poses do not say their frame rate: add --rate-hz")
-    frames = {name: list(read_openpose_folder(path, name).frames(args.rate_hz)) for name, path in paths.items()}
-    return person_tracks(frames)
+        raise InputError("person: 2D poses do not state their frame rate: add --rate-hz")
+    poses = {camera.name: read_pose2d(paths[camera.name], camera.name, size_wh=camera.size_wh) for camera in cameras}
+    return person_tracks({name: list(frames.frames(args.rate_hz)) for name, frames in poses.items()})

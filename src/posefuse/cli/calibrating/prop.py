@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from posefuse.calibration.checks.verify import verify
+from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import FloorTile, ThreePoints, WorldRule
 from posefuse.calibration.intrinsics.board import calibrate_intrinsics
-from posefuse.calibration.report_html import heat_picture
+from posefuse.calibration.report_page import heat_picture
 from posefuse.calibration.targets.corners import Observations, joined
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.targets.detection import observe, observe_all
@@ -22,14 +23,24 @@ from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, InputError, Rig
-from posefuse.formats.rig import read_rig
+from posefuse.formats.rig import read_placed_rig, read_rig
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
 from .floor_points import read_floor_points
 from .inputs import late_s, seen_or_why_not, sources_from_arguments, target_from_arguments
-from .results import clocks_of, numbered, reported, show, write_clocks, write_coverage, write_report, write_rig_file
+from .results import (
+    clocks_of,
+    kept_if_asked,
+    numbered,
+    reported,
+    show,
+    write_clocks,
+    write_coverage,
+    write_report,
+    write_rig_file,
+)
 
 # a board that gives the focal length to a per cent gives k1 and k2 to about this
 _LENS_PER_PERCENT = 0.02
@@ -64,12 +75,18 @@ def extrinsics(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
         for i, source in enumerate(sources):
             seen.append(observe(source, target, args.every))
             advance(i + 1, len(sources))
+    for source, views in zip(sources, seen, strict=True):
+        seen_or_why_not(views, source, target)
     observations = joined(seen)
     covered = write_coverage(args.out, observations, terminal)
     observations, world = (observations, points) if points else _floor_marker(args, observations, target)
+    limits = replace(LIMITS, distance_m=(0.0, np.inf)) if args.any_size else LIMITS
+    options = Options(clocks=args.clocks, lens_sigma=_lens_sigma(args.refine_lenses, cameras), limits=limits)
     with reported(args):
-        options = Options(clocks=args.clocks, lens_sigma=_lens_sigma(args.refine_lenses, cameras))
-        found = calibrate_extrinsics(observations, cameras, target, options, world, tuple(args.upside_down))
+        found = kept_if_asked(
+            lambda: calibrate_extrinsics(observations, cameras, target, options, world, tuple(args.upside_down)),
+            args.keep_refused, terminal,
+        )  # fmt: skip
     show(found.report, terminal)
     write_rig_file(args.out, found.rig)
     pictures = {
@@ -120,7 +137,7 @@ def _lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float
 
 def verify_rig(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Millimetres and pixels of a rig, from a target that it was not made from."""
-    target, rig = target_from_arguments(args), read_rig(args.rig)
+    target, rig = target_from_arguments(args), read_placed_rig(args.rig)
     found = verify(rig, observe_all(sources_from_arguments(args.inputs), target, args.every), target, late_s(args.offset_ms, rig))
     show(found.report, terminal)
     pictures = {

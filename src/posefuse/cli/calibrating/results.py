@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,17 @@ import numpy as np
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.target import Calibration
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
-from posefuse.calibration.report_html import html_page
+from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.corners import Observations
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.formats.page import write_page
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import check_output_file, keep_copy
+from posefuse.pipeline.config import read_config
 
 from .inputs import name_and_path
 
@@ -50,12 +52,23 @@ def reported(args: argparse.Namespace) -> Iterator[None]:
         raise
 
 
+def kept_if_asked(calibrate: Callable[[], Calibration], keep: bool, terminal: Terminal) -> Calibration:
+    """The calibration; a refused one, marked as refused, where it was asked for and there is one."""
+    try:
+        return calibrate()
+    except RefusedCalibration as refused:
+        if not keep or refused.kept is None:
+            raise
+        terminal.warn(f"{refused}; kept all the same (--keep-refused), and marked as refused in the file")
+        kept: Calibration = refused.kept
+        return kept
+
+
 def write_report(path: Path | None, report: CalibrationReport, pictures: Mapping[str, Any], rig: Rig | None = None) -> None:
-    """The HTML page with pictures by title (RGB images), where one was asked for."""
+    """The HTML page with images by caption (RGB arrays), where one was asked for."""
     if path is not None:
         keep_copy(path)
-        with atomic_file(path) as temporary:
-            temporary.write_text(html_page(report, pictures, rig), encoding="utf-8")
+        write_page(path, calibration_page(report, pictures, rig))
 
 
 def write_rig_file(path: Path, rig: Rig) -> None:
@@ -126,6 +139,7 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate, termin
     Returns None when the cameras were in step, or the settings are somebody's already.
     """
     if not (clocks.offset_s.any() or clocks.drift.any()):
+        _warn_of_old_clocks(path, names, terminal)
         return None
     text = "\n".join(_clock_settings(name, *clocks.correction(c)) for c, name in enumerate(names))
     if path.exists():
@@ -135,6 +149,19 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate, termin
         temporary.write_text(text, encoding="utf-8")
     terminal.note(f"{path}: clocks of the cameras, for `posefuse track` of recordings made together with these")
     return path
+
+
+def _warn_of_old_clocks(path: Path, names: Sequence[str], terminal: Terminal) -> None:
+    """Say that clocks of another recording would be applied to cameras that are synchronised."""
+    if not path.exists():
+        return
+    old = read_config(path, ()).cameras
+    stale = [name for name in names if name in old and (old[name].offset_s or old[name].drift_ppm)]
+    if stale:
+        terminal.warn(
+            f"{path} holds clock offsets of {', '.join(stale)}, but these cameras are synchronised: `posefuse track` would"
+            " shift them; remove offset_s and drift_ppm there, or the file"
+        )
 
 
 def _clock_settings(camera: str, offset_s: float, drift_ppm: float) -> str:

@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                      help="or: pixels per camera of three points of the floor: origin, one along x, one towards y")  # fmt: skip
     two.add_argument("--refine-lenses", type=positive(100), metavar="PERCENT",
                      help="let the lenses move too; how well their focal lengths are known, e.g. 0.5")  # fmt: skip
+    two.add_argument("--any-size", action="store_true", help="accept a rig far smaller or larger than a room")
+    two.add_argument("--keep-refused", action="store_true",
+                     help="write a refused result too, marked as refused; `posefuse track` then warns each time")  # fmt: skip
     two.add_argument("--upside-down", action="append", default=[], metavar="CAMERA", help="a camera that really hangs so")
     live = steps.add_parser("guide", help="at the cameras: what the waving has covered, and when it is enough")
     _add_target(live, "markers")
@@ -49,13 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     live.add_argument("--view", action="store_true", help="show it in the Rerun viewer")
     live.add_argument("--view-file", type=Path, metavar="FILE.rrd", help="write what the viewer would show to a file")
     person = steps.add_parser("person", help="places of the cameras from a person who walks in front of them")
-    person.add_argument("inputs", nargs="+", metavar="NAME=PATH", help="video, or folder of OpenPose JSON files, per camera")
+    person.add_argument("inputs", nargs="+", metavar="NAME=PATH", help="video, or 2D poses of another tool, per camera")
     person.add_argument("--intrinsics", type=Path, required=True, metavar="FILE", help="rig file with the lenses")
     person.add_argument(
         "--height-m", type=positive(MOST_HEIGHT_M), help="stature of the person, which sets the scale to a few per cent"
     )
     person.add_argument("--apart", nargs=3, metavar=("CAMERA", "CAMERA", "METRES"), help="or: measured distance of two cameras")
-    person.add_argument("--rate-hz", type=positive(MOST_HZ), help="frame rate of OpenPose JSON")
+    person.add_argument("--rate-hz", type=positive(MOST_HZ), help="frame rate of 2D poses")
     person.add_argument(
         "--instants", type=count(MOST_FRAMES), default=600, metavar="N", help="instants of the videos to look at, at most"
     )
@@ -72,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     clocks.add_argument("--input", choices=("auto", "videos", "images", "pose2d"), help="which data of the session to use")
     clocks.add_argument("--clocks", choices=("offset", "drift"), default="offset",
                         help="whether clocks run at rates of their own as well")  # fmt: skip
-    clocks.add_argument("--rate-hz", type=positive(MOST_HZ), help="frame rate of OpenPose JSON and of images without times")
+    clocks.add_argument("--rate-hz", type=positive(MOST_HZ), help="frame rate of 2D poses and images that state none")
     clocks.add_argument(
         "--seconds", type=positive(MOST_S), default=60.0, metavar="S", help="look at so much of the recording, its middle"
     )

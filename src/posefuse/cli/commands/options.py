@@ -5,18 +5,36 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from typing import Any
+
+from posefuse.core import ConfigError
 
 
 def add_networks(parser: argparse.ArgumentParser) -> None:
-    """``--networks NAME``: short for the setting of the default 2D estimator that chooses its networks."""
+    """``--networks NAME|CARD.toml``: short for the settings of the detector that choose its network."""
     parser.add_argument(
         "--networks",
         dest="overrides",
-        action="append",
-        type=lambda name: f"detector.options.landmarks={name}",
-        metavar="NAME",
-        help="2D networks: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, or your own card (TOML)",
+        action=_Networks,
+        metavar="NAME|CARD.toml",
+        help="2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, or your own model card "
+        "(see docs/networks.md)",
     )
+
+
+class _Networks(argparse.Action):
+    """Adds the settings to those of ``--set``, where they can be changed further."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        from posefuse.detection.build import network_settings
+
+        try:
+            added = [f"{key}={value}" for key, value in network_settings(str(values)).items()]
+        except ConfigError as error:
+            raise argparse.ArgumentError(self, str(error)) from None
+        setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or []), *added])
 
 
 def positive(most: float) -> Callable[[str], float]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.terminal import Terminal
+from posefuse.core import Progress
 
 SUMMARY = "joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets"
 FOLDER = "biomechanics"
@@ -21,31 +22,50 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fit", choices=("none", "points", "rays"), default="points",
         help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",
     )  # fmt: skip
+    parser.add_argument("--title", metavar="TEXT", help="title of the page (default: Motion report)")
     parser.add_argument("--opensim", action="store_true", help="run OpenSim's inverse kinematics too (extra: biomech)")
 
 
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Write the files; returns their names."""
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
+<<<<<<< HEAD
+=======
+    from posefuse.evaluation.report import TITLE
+    from posefuse.formats.recording import RECORDING_FILES, read_recording
+>>>>>>> main
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
     from posefuse.pipeline.reading import files_of_result, is_live, read_result
 
+<<<<<<< HEAD
     recording = read_result(args.result, terminal.warn)
     beside = args.result.with_name(f"{args.result.stem}_{FOLDER}") if is_live(args.result) else args.result / FOLDER
     out = args.out or beside
     inputs = files_of_result(args.result)
+=======
+    recording = read_recording(args.result)
+    out = args.out or args.result / FOLDER
+    chosen = BiomechanicsSettings(fit=args.fit, opensim=args.opensim)
+    inputs = [args.result / name for name in RECORDING_FILES]
+>>>>>>> main
     # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
     with (
         output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,
-        terminal.progress("joint angles") as advance,
         compiling("joint angles", terminal.note),
     ):
-        made = write_biomechanics(recording, place.folder, BiomechanicsSettings(fit=args.fit, opensim=args.opensim))
+        made = write_biomechanics(recording, place.folder, chosen, title=args.title or TITLE, progress=_shown(terminal))
         names = [path.relative_to(place.folder).as_posix() for path in made]
-        advance(1, 1)
     terminal.facts(
         "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
     )
     terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot beside it hold the numbers")
     return {"out": out, "files": names, "people": len(recording.poses.person_id)}
+
+
+def _shown(terminal: Terminal) -> Progress:
+    def show(stage: str, done: int, total: int | None, message: str = "") -> None:
+        if message:
+            terminal.note(f"{stage} {done + 1} of {total}: {message}")
+
+    return show

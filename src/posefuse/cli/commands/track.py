@@ -42,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--person", type=_xy, metavar="X,Y", help="follow the person nearest to this place (world metres)")
     parser.add_argument("--start", type=float, metavar="S", help="begin at this time of the session, seconds")
     parser.add_argument("--end", type=float, metavar="S", help="end at this time of the session, seconds")
+    parser.add_argument(
+        "--rate", type=float, metavar="HZ", help="output rate; also the frame rate of images and 2D poses that state none"
+    )
     parser.add_argument("--outputs", metavar="A,B,...", help="which files to write; see `posefuse plugins`")
     parser.add_argument("--view", action="store_true", help="open the Rerun viewer on the result")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from pathlib import Path
@@ -58,7 +57,7 @@ class BlazePoseConfig:
     ) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
         persons, _, members = self._cards()
-        return fetch_all([persons, *members], self.cache or default_cache_dir(os.environ), self.models, progress, advance)
+        return fetch_all([persons, *members], self.cache or default_cache_dir(), self.models, progress, advance)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
@@ -178,7 +177,9 @@ class BlazePoseDetector:
         xy[absent], score[absent], sigma[absent] = np.nan, 0.0, np.nan
         box = np.full((len(shown), 4), np.nan)
         box[~absent] = np.concatenate([xy[~absent].min(1), xy[~absent].max(1)], axis=-1)
-        return Detections2D(frame.camera, frame.t_ns, self._skeleton, xy, score, sigma, box)
+        return Detections2D(
+            camera=frame.camera, t_ns=frame.t_ns, skeleton=self._skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
+        )
 
 
 def _in_image(look: Look, region: Region, side_px: int) -> Look:

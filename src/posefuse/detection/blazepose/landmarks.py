@@ -13,7 +13,7 @@ _WINDOW_CELLS = 4  # on either side of the regressed point
 _LEAST_PEAK = 0.2
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Landmarks:
     """Keypoints of B crops.
 

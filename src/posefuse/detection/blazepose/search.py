@@ -41,7 +41,7 @@ def _whole(size_wh: tuple[int, int], angle_rad: float) -> Region:
     cosine, sine = abs(np.cos(angle_rad)), abs(np.sin(angle_rad))
     side = max(width * cosine + height * sine, width * sine + height * cosine)
     wrapped = float(np.arctan2(np.sin(angle_rad), np.cos(angle_rad)))
-    return Region(np.array([(width - 1) / 2, (height - 1) / 2]), float(side), wrapped)
+    return Region(centre_img=np.array([(width - 1) / 2, (height - 1) / 2]), side_px=float(side), angle_rad=wrapped)
 
 
 def _tiles(size_wh: tuple[int, int], side_px: float, angle_rad: float) -> list[Region]:
@@ -54,4 +54,4 @@ def _tiles(size_wh: tuple[int, int], side_px: float, angle_rad: float) -> list[R
     centres = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
     middle = (np.array(size_wh) - 1) / 2
     order = np.argsort(np.linalg.norm(centres - middle, axis=-1), kind="stable")
-    return [Region(centre, side_px, angle_rad) for centre in centres[order]]
+    return [Region(centre_img=centre, side_px=side_px, angle_rad=angle_rad) for centre in centres[order]]

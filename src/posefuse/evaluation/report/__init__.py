@@ -1,5 +1,5 @@
-"""One self-contained HTML page about a recording."""
+"""The report about a recording: one page for people who are not engineers."""
 
-from .page import write_report
+from .page import TITLE, report_page, write_report
 
-__all__ = ["write_report"]
+__all__ = ["TITLE", "report_page", "write_report"]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from posefuse.core import Kind, Recording
 from posefuse.core.arrays import Array
+from posefuse.formats.page import Cell
+
+QUALITY_COLUMNS = ("keypoint", "measured", "filled", "cameras", "reprojection px", "standard deviation mm", "longest gap s")
 
 
 @dataclass(frozen=True)
@@ -15,7 +19,7 @@ class KeypointQuality:
     """One keypoint of one person over a recording.
 
     Attributes:
-        keypoint: its name. found: share of instants with a 3D point measured then. filled: share filled from elsewhere.
+        keypoint: its name. found: share of time steps with a measured 3D point. filled: share filled from neighbours.
         views: median number of cameras used. reproj_px: median reprojection error.
         sigma_mm: median standard deviation, root of the mean variance of the three axes.
         longest_gap_s: longest time without a measured point.
@@ -54,6 +58,18 @@ def keypoint_quality(recording: Recording, person: int) -> list[KeypointQuality]
     return rows
 
 
+def quality_rows(recording: Recording, person: int) -> list[list[Any]]:
+    """Rows under `QUALITY_COLUMNS`; a keypoint that is measured in less than half of the time stands out."""
+    return [
+        [
+            Cell(k.keypoint.replace("_", " "), "" if k.found > 0.5 else "bad"),
+            f"{100 * k.found:.0f} %", f"{100 * k.filled:.0f} %", _digits(k.views, 0), _digits(k.reproj_px, 1),
+            _digits(k.sigma_mm, 1), _digits(k.longest_gap_s, 2),
+        ]
+        for k in keypoint_quality(recording, person)
+    ]  # fmt: skip
+
+
 def views_picture(recording: Recording, person: int) -> Array:
     """(K, T', 3) uint8 RGB: how many cameras each keypoint was made from over time; at most 900 columns."""
     views = recording.poses.n_views[:, person].astype(float)
@@ -65,6 +81,10 @@ def views_picture(recording: Recording, person: int) -> Array:
     low = none + (few - none) * np.clip(share * 2, 0, 1)[..., None]
     picture = low + (all_ - few) * np.clip(share * 2 - 1, 0, 1)[..., None]
     return np.asarray(np.clip(picture, 0, 255).astype(np.uint8))
+
+
+def _digits(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
 
 
 def _share(mask: Array) -> float:

@@ -14,6 +14,8 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.parsing import short
 
+from .plausible import require_plausible
+
 # what rounding to a few digits does to a rotation is mended; anything more is not a rotation
 ROTATION_TOLERANCE = 1e-3
 # no recording room is larger, and a camera in millimetres is always farther
@@ -22,7 +24,7 @@ FARTHEST_M = 200.0
 _LARGEST = 1e12
 # keys beside the cameras in files of some format
 NOT_CAMERAS = (
-    "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px",
+    "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px", "refused",
 )  # fmt: skip
 
 
@@ -65,6 +67,11 @@ def rotation_matrix(where: str, value: Any) -> Array:
     """
     given = numbers(f"{where}: rotation", value)
     if given.shape in ((3,), (3, 1), (1, 3)):
+        turn = float(np.linalg.norm(given))
+        if turn > 2 * np.pi + ROTATION_TOLERANCE:
+            raise CalibrationError(
+                f"{where}: rotation: expected a rotation vector in radians, at most 2 pi long, got {turn:.1f}; is it in degrees?"
+            )
         return np.asarray(SE3.from_rotvec(given.reshape(3), np.zeros(3)).matrix())
     if given.shape != (3, 3):
         raise CalibrationError(f"{where}: rotation: expected a 3x3 matrix or 3 numbers (Rodrigues), got shape {given.shape}")
@@ -106,7 +113,7 @@ def camera(
     if not isinstance(fisheye, bool | int) or fisheye not in (0, 1):
         raise CalibrationError(f"{where}: fisheye: expected true or false, got {_short(fisheye)}")
     try:
-        return Camera(
+        made = Camera(
             name=str(name),
             size_wh=image_size(where, size),
             K=numbers(f"{where}: matrix", matrix, (3, 3)),
@@ -115,6 +122,7 @@ def camera(
             model="fisheye" if fisheye else "pinhole",
             readout_s=float(numbers(f"{where}: readout_s", readout_s, ())),
         )
+        return require_plausible(where, made)
     except ShapeError as error:
         raise CalibrationError(f"{where}: {error}") from None
     except CalibrationError as error:
@@ -128,7 +136,7 @@ def rig(path: Path, cameras: list[Camera], about: Mapping[str, Any]) -> Rig:
     residual = about.get("residual_px")
     residual_px = math.nan if residual is None else float(numbers(f"{path}: residual_px", residual, ()))
     try:
-        return Rig(tuple(cameras), world_set_by=str(about.get("world_set_by", "unknown")), residual_px=residual_px)
+        return Rig(tuple(cameras), str(about.get("world_set_by", "unknown")), residual_px, str(about.get("refused", "")))
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from None
 
@@ -138,7 +146,7 @@ def about_rig(rig: Rig) -> dict[str, Any]:
     about: dict[str, Any] = {"world_set_by": rig.world_set_by}
     if math.isfinite(rig.residual_px):
         about["residual_px"] = rig.residual_px
-    return about
+    return about | ({"refused": rig.refused} if rig.refused else {})
 
 
 def plain_keys(rig: Rig) -> list[str]:

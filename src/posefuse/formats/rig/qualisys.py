@@ -43,6 +43,7 @@ def rig_from(path: Path, content: ET.Element) -> Rig:
     """The rig of a parsed file; cameras that are switched off (``active="0"``) are left out."""
     elements = [element for element in content.iter("camera") if element.get("active", "1") != "0"]
     about: dict[str, Any] = {"world_set_by": content.get("world-set-by", "Qualisys")}
+    about["refused"] = content.get("refused", "")
     if content.get("residual-px") is not None:
         about["residual_px"] = _number(f"{path}", content, "residual-px")
     return parts.rig(path, [_camera(path, element) for element in elements], about)
@@ -90,6 +91,8 @@ def text_from(rig: Rig) -> str:
     residual = parts.about_rig(rig).get("residual_px")
     if residual is not None:
         root.set("residual-px", repr(residual))
+    if rig.refused:
+        root.set("refused", rig.refused)
     cameras = ET.SubElement(root, "cameras")
     for camera in rig:
         _check_holds(camera)

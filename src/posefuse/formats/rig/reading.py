@@ -14,6 +14,7 @@ from posefuse.foundation.output_folder import output_folder
 
 from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros_camera_info
 from .document import read_document
+from .plausible import require_placed
 
 # ROS before OpenCV: both call the intrinsics camera_matrix, and ROS says more
 _READERS: tuple[ModuleType, ...] = (caliscope_toml, anipose_toml, qualisys, ros_camera_info, opencv_storage)
@@ -40,7 +41,8 @@ def read_rig(path: Path | str) -> Rig:
 
     Raises:
         CalibrationError: no such file, a format not known (lists those that are), or a rig that cannot be right: a
-            missing key, NaN, a mirrored or non-rotation matrix, millimetres for metres, a name twice. One line that names
+            missing key, NaN, a mirrored or non-rotation matrix, millimetres for metres, degrees for radians, intrinsics that
+            no camera has, a name twice. One line that names
             file, camera, what was expected and what was there.
     """
     path = Path(path)
@@ -54,6 +56,15 @@ def read_rig(path: Path | str) -> Rig:
             rig: Rig = module.rig_from(path, content)
             return rig
     raise CalibrationError(f"{path}: no calibration in a known format; known: {'; '.join(m.HOLDS for m in _READERS)}")
+
+
+def read_placed_rig(path: Path | str) -> Rig:
+    """The rig of a file that must say where its cameras stand.
+
+    Raises:
+        CalibrationError: as `read_rig`; and for cameras at one place (intrinsics only) or poses that are inverse.
+    """
+    return require_placed(str(path), read_rig(path))
 
 
 def write_rig(path: Path | str, rig: Rig, format: str = anipose_toml.NAME) -> None:

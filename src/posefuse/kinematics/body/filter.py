@@ -22,7 +22,7 @@ _FIRST_SD = 1.0
 _SPEED_SD = 3.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Measurement:
     """What was seen of one body's keypoints (axis A as in `Body.keypoint`) at one instant.
 

@@ -53,7 +53,9 @@ def fit_poses(
     def measured(i: int, n: int, at: Array) -> Measurement:
         empty = np.zeros((len(at), 0))
         xyz, cov = sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at]
-        return Measurement(int(sequence.t_ns[i]), xyz, cov, none, empty[..., None] + [0, 0], empty)
+        return Measurement(
+            t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=none, xy=empty[..., None] + [0, 0], inverse_var=empty
+        )
 
     return _fit(sequence, measured, settings, bodies, joint_settings)
 
@@ -80,7 +82,7 @@ def fit_views(
             views.sigma_px[i, n][:, at],
         )
         xyz, cov = sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at]
-        return Measurement(int(sequence.t_ns[i]), xyz, cov, projections, xy, inverse_var)
+        return Measurement(t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=projections, xy=xy, inverse_var=inverse_var)
 
     return _fit(sequence, measured, settings, bodies, joint_settings)
 
@@ -120,6 +122,13 @@ def _fit(
                 fitted.sigmas,
             )
     poses = PoseSequence(
-        sequence.t_ns, sequence.skeleton, sequence.person_id, xyz, cov, sequence.reproj_px, sequence.n_views, kind
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        person_id=sequence.person_id,
+        xyz_world=xyz,
+        cov_world=cov,
+        reproj_px=sequence.reproj_px,
+        n_views=sequence.n_views,
+        kind=kind,
     )
     return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), bodies)

@@ -30,7 +30,7 @@ class Length:
     spread_m: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
     """One person's skeleton, ready to be fitted.
 
@@ -97,7 +97,15 @@ def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySe
     offset = np.array([offsets[node.offset] if node.offset else np.zeros(3) for node in nodes])
     at = np.array([names.index(node) for node, _ in places.values()], np.intp)
     local = np.array([place for _, place in places.values()]).reshape(-1, 3)
-    return Body(sequence.skeleton, nodes, offset, np.array(list(places), np.intp), at, local, lengths)
+    return Body(
+        skeleton=sequence.skeleton,
+        nodes=nodes,
+        offset=offset,
+        keypoint=np.array(list(places), np.intp),
+        keypoint_node=at,
+        keypoint_local=local,
+        lengths=lengths,
+    )
 
 
 def _point_noise(sequence: PoseSequence, person: int) -> float:

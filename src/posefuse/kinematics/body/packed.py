@@ -16,7 +16,7 @@ HABIT_S = 1.0  # a preference counts as one measurement in this time
 SLACK_S = 0.5
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Packed:
     """The tree of one body, and its constants of motion, as arrays (nodes, ...) and (D, ...)."""
 

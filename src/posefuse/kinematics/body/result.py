@@ -18,7 +18,7 @@ from .model import landmark_rows
 _LIMB_NODE = {"left_arm": "left_shoulder", "right_arm": "right_shoulder", "left_leg": "left_hip", "right_leg": "right_hip"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Fitted:
     """One person at one instant: keypoints of the tree (A, ...), frames (S, ...) and angles (J, 3)."""
 
@@ -59,7 +59,14 @@ class Reader:
         kernels.add_point_variance(work.weights, self._rows, self._jacobians, cov_state, work.sigmas)
         work.drop_uncertain()
         unwrap(work.angles, self._last)
-        return Fitted(self._points.copy(), cov, work.rotation.copy(), work.origins(), work.angles.copy(), work.sigmas.copy())
+        return Fitted(
+            xyz=self._points.copy(),
+            cov=cov,
+            rotation=work.rotation.copy(),
+            origin=work.origins(),
+            angles=work.angles.copy(),
+            sigmas=work.sigmas.copy(),
+        )
 
     def _planes(self, cov: Array) -> Array:
         """The limb planes as the tree itself holds them, straight or not."""

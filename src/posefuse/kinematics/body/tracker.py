@@ -56,7 +56,12 @@ class BodyTracker:
                 at = self._filters[person].body.keypoint
                 empty = np.zeros((len(at), 0))
                 measured[n] = Measurement(
-                    pose.t_ns, pose.xyz_world[n, at], pose.cov_world[n, at], none, empty[..., None] + [0, 0], empty
+                    t_ns=pose.t_ns,
+                    xyz=pose.xyz_world[n, at],
+                    cov=pose.cov_world[n, at],
+                    projections=none,
+                    xy=empty[..., None] + [0, 0],
+                    inverse_var=empty,
                 )
         return self._stepped(pose, measured)
 
@@ -79,7 +84,12 @@ class BodyTracker:
                 at = self._filters[person].body.keypoint
                 xy, inverse_var = rays_of(self._rig, views.xy_img[n][:, at], views.score[n][:, at], views.sigma_px[n][:, at])
                 measured[n] = Measurement(
-                    pose.t_ns, pose.xyz_world[n, at], pose.cov_world[n, at], self._projections, xy, inverse_var
+                    t_ns=pose.t_ns,
+                    xyz=pose.xyz_world[n, at],
+                    cov=pose.cov_world[n, at],
+                    projections=self._projections,
+                    xy=xy,
+                    inverse_var=inverse_var,
                 )
         return self._stepped(pose, measured)
 
@@ -101,7 +111,16 @@ class BodyTracker:
             kind[n, at] = np.where(np.isfinite(seen.xyz[:, 0]), Kind.SMOOTHED, Kind.PREDICTED)
             rotation[0, n], origin[0, n] = fitted.rotation, fitted.origin
             angles[0, n], sigmas[0, n] = fitted.angles, fitted.sigmas
-        out = Pose3D(pose.t_ns, pose.skeleton, pose.person_id, xyz, cov, pose.reproj_px, pose.n_views, kind)
+        out = Pose3D(
+            t_ns=pose.t_ns,
+            skeleton=pose.skeleton,
+            person_id=pose.person_id,
+            xyz_world=xyz,
+            cov_world=cov,
+            reproj_px=pose.reproj_px,
+            n_views=pose.n_views,
+            kind=kind,
+        )
         return out, joints_value(np.array([pose.t_ns]), pose.person_id, rotation, origin, angles, sigmas)
 
 

@@ -10,7 +10,7 @@ SLIDE, HINGE, BALL = 0, 1, 2
 FREE = float("inf")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Node:
     """One joint of the tree; a frame that moves relative to its parent's.
 
@@ -37,30 +37,32 @@ def _side(side: str) -> tuple[Node, ...]:
     s, e, w = f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"
     h, k, a = f"{side}_hip", f"{side}_knee", f"{side}_ankle"
     return (
-        Node(f"{side}_girdle_x", "stretch", SLIDE, X, s, 0.025, True),
-        Node(f"{side}_girdle_y", f"{side}_girdle_x", SLIDE, Y, "", 0.025, True),
-        Node(s, f"{side}_girdle_y", BALL, sd=1.5),
-        Node(f"{side}_carrying", s, HINGE, X, e, 0.07, True),
-        Node(e, f"{side}_carrying", HINGE, Z, sd=1.2, limits=((-0.15, 2.7),)),
-        Node(f"{side}_pronation", e, HINGE, Y, w, 1.0, limits=((-0.6, 3.3),)),
-        Node(f"{side}_wrist_flexion", f"{side}_pronation", HINGE, Z, "", 0.5, limits=((-1.4, 1.5),)),
-        Node(f"{side}_hand", f"{side}_wrist_flexion", HINGE, X, "", 0.3, limits=((-0.7, 0.7),)),
-        Node(h, "pelvis", BALL, offset=h, sd=0.8, limits=((-0.7, 2.3), (-0.9, 0.7), (-0.9, 0.9))),
-        Node(f"{side}_varus", h, HINGE, X, k, 0.07, True),
-        Node(k, f"{side}_varus", HINGE, Z, sd=1.0, limits=((-2.7, 0.15),)),
-        Node(a, k, BALL, offset=a, sd=0.4, limits=((-1.1, 0.7), (-0.7, 0.7), (-0.8, 0.8))),
+        Node(name=f"{side}_girdle_x", parent="stretch", kind=SLIDE, axis=X, offset=s, sd=0.025, slack=True),
+        Node(name=f"{side}_girdle_y", parent=f"{side}_girdle_x", kind=SLIDE, axis=Y, offset="", sd=0.025, slack=True),
+        Node(name=s, parent=f"{side}_girdle_y", kind=BALL, sd=1.5),
+        Node(name=f"{side}_carrying", parent=s, kind=HINGE, axis=X, offset=e, sd=0.07, slack=True),
+        Node(name=e, parent=f"{side}_carrying", kind=HINGE, axis=Z, sd=1.2, limits=((-0.15, 2.7),)),
+        Node(name=f"{side}_pronation", parent=e, kind=HINGE, axis=Y, offset=w, sd=1.0, limits=((-0.6, 3.3),)),
+        Node(
+            name=f"{side}_wrist_flexion", parent=f"{side}_pronation", kind=HINGE, axis=Z, offset="", sd=0.5, limits=((-1.4, 1.5),)
+        ),
+        Node(name=f"{side}_hand", parent=f"{side}_wrist_flexion", kind=HINGE, axis=X, offset="", sd=0.3, limits=((-0.7, 0.7),)),
+        Node(name=h, parent="pelvis", kind=BALL, offset=h, sd=0.8, limits=((-0.7, 2.3), (-0.9, 0.7), (-0.9, 0.9))),
+        Node(name=f"{side}_varus", parent=h, kind=HINGE, axis=X, offset=k, sd=0.07, slack=True),
+        Node(name=k, parent=f"{side}_varus", kind=HINGE, axis=Z, sd=1.0, limits=((-2.7, 0.15),)),
+        Node(name=a, parent=k, kind=BALL, offset=a, sd=0.4, limits=((-1.1, 0.7), (-0.7, 0.7), (-0.8, 0.8))),
     )
 
 
 NODES = (
-    Node("x", "", SLIDE, X),
-    Node("y", "x", SLIDE, Y),
-    Node("z", "y", SLIDE, Z),
-    Node("pelvis", "z", BALL),
-    Node("bend", "pelvis", HINGE, X, "", 0.4, limits=((-0.8, 0.8),)),
-    Node("twist", "bend", HINGE, Y, "", 0.5, limits=((-1.2, 1.2),)),
-    Node("stretch", "twist", SLIDE, Y, "neck", 0.03, True),
-    Node("head", "stretch", BALL, offset="head", sd=0.6),
+    Node(name="x", parent="", kind=SLIDE, axis=X),
+    Node(name="y", parent="x", kind=SLIDE, axis=Y),
+    Node(name="z", parent="y", kind=SLIDE, axis=Z),
+    Node(name="pelvis", parent="z", kind=BALL),
+    Node(name="bend", parent="pelvis", kind=HINGE, axis=X, offset="", sd=0.4, limits=((-0.8, 0.8),)),
+    Node(name="twist", parent="bend", kind=HINGE, axis=Y, offset="", sd=0.5, limits=((-1.2, 1.2),)),
+    Node(name="stretch", parent="twist", kind=SLIDE, axis=Y, offset="neck", sd=0.03, slack=True),
+    Node(name="head", parent="stretch", kind=BALL, offset="head", sd=0.6),
     *_side("left"),
     *_side("right"),
 )

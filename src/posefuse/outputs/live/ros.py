@@ -55,7 +55,9 @@ class Ros2Config:
     def _node(self) -> Any:
         from posefuse.messages.dds import Network, RosNode
 
-        return RosNode("posefuse", Network(self.domain_id, self.local_only, self.interface, self.peers))
+        return RosNode(
+            "posefuse", Network(domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=self.peers)
+        )
 
 
 @settings

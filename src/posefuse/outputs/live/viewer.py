@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from posefuse.core import (
-    Camera,
     CameraHealth,
     Detections2D,
     LiveDetections,
@@ -22,15 +21,25 @@ from posefuse.core import (
     LiveStart,
     Pose3D,
 )
-from posefuse.core.arrays import Array
 from posefuse.foundation.settings import settings
+from posefuse.outputs.rerun_scene import (
+    SPAWN,
+    TIMELINE,
+    camera_path,
+    check_rerun,
+    log_cameras,
+    log_detections,
+    log_person,
+    log_projection,
+    opened_stream,
+    pinhole,
+    session_blueprint,
+)
 
 from .parts import part_path
 
-TIMELINE = "session"
 _POSE_EVERY_NS = 30_000_000
 _VIEW_EVERY_NS = 60_000_000
-_IMAGE_PLANE_M = 0.5
 _DETECTION_RGB = (255, 220, 60)
 _GOOD_RGB, _BAD_RGB = (90, 200, 120), (235, 70, 60)
 _PLOTS = {"latency_p95_ms": "latency_p95_ms", "residual_sigmas": "innovation_sigmas"}
@@ -52,8 +61,6 @@ class RerunLiveConfig:
 
     def build(self) -> LiveOutput:
         """Not yet opened; raises DependencyError without the Rerun SDK."""
-        from posefuse.outputs.rerun import check_rerun
-
         check_rerun()
         return RerunLiveOutput(self)
 
@@ -93,14 +100,13 @@ class RerunLiveOutput:
             self._stream.disconnect()
 
     def _open(self, start: LiveStart) -> None:
-        from posefuse.outputs.rerun import SPAWN, opened_stream
-
         if self._config.file is not None:
             self.where = str(part_path(self._config.file, start.part))
         place = SPAWN if self._config.file is None else self.where
         self._rig, self._zero_ns = start.rig, start.t_ns
-        self._stream = opened_stream("posefuse live", place, _blueprint(start.rig.cameras))
-        self._log_cameras()
+        self._stream = opened_stream("posefuse live", place, session_blueprint(start.rig.names, _below()))
+        log_cameras(self._stream, start.rig.cameras, _GOOD_RGB)
+        self._name_plots()
 
     def _due(self, what: str, t_ns: int, every_ns: int) -> bool:
         if t_ns - self._shown_ns.get(what, 0) < every_ns:
@@ -109,14 +115,9 @@ class RerunLiveOutput:
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
         return True
 
-    def _log_cameras(self) -> None:
+    def _name_plots(self) -> None:
         import rerun as rr
 
-        self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for camera in self._rig:
-            pose, path = camera.cam_from_world.inverse(), _path(camera.name)
-            self._stream.log(path, rr.Transform3D(translation=pose.xyz, mat3x3=pose.matrix()), static=True)
-            self._stream.log(path, _pinhole(camera, _GOOD_RGB), static=True)
         for number, camera in enumerate(self._rig):
             line = rr.SeriesLines(colors=plot_rgb(number), names=camera.name)
             for plot in _PLOTS:
@@ -125,29 +126,16 @@ class RerunLiveOutput:
     def _pose(self, pose: Pose3D) -> None:
         import rerun as rr
 
-        from posefuse.outputs.drawing import bone_colours, keypoint_colours
-
-        bones = pose.skeleton.bone_indices
-        bone_rgb, point_rgb = np.array(bone_colours(pose.skeleton)), np.array(keypoint_colours(pose.skeleton))
         for person, xyz in zip(pose.person_id.tolist(), pose.xyz_world, strict=True):
-            here = np.isfinite(xyz).all(axis=-1)
-            whole = here[bones].all(axis=1)
-            path = f"world/people/{person}"
-            self._stream.log(f"{path}/bones", rr.LineStrips3D(xyz[bones[whole]], colors=bone_rgb[whole], radii=0.012))
-            self._stream.log(f"{path}/keypoints", rr.Points3D(xyz[here], colors=point_rgb[here], radii=0.02))
+            log_person(self._stream, f"world/people/{person}", pose.skeleton, xyz)
         for gone in self._people - set(pose.person_id.tolist()):
             self._stream.log(f"world/people/{gone}", rr.Clear(recursive=True))
         self._people = set(pose.person_id.tolist())
         for camera in self._rig:
-            strips: Any = camera.project(pose.xyz_world)[:, bones] + 0.5
-            strips = strips[np.isfinite(strips).all(axis=(-1, -2))]
-            self._stream.log(f"{_path(camera.name)}/skeleton", rr.LineStrips2D(strips, colors=_GOOD_RGB, radii=-1.5))
+            log_projection(self._stream, camera, pose.skeleton, pose.xyz_world, _GOOD_RGB)
 
     def _view(self, view: Detections2D) -> None:
-        import rerun as rr
-
-        points: Array = view.xy_img[view.score > 0] + 0.5
-        self._stream.log(f"{_path(view.camera)}/detections", rr.Points2D(points, colors=_DETECTION_RGB, radii=-1.5))
+        log_detections(self._stream, view.camera, view.xy_img[view.score > 0], _DETECTION_RGB)
 
     def _preview(self, preview: LivePreview) -> None:
         import cv2
@@ -159,14 +147,14 @@ class RerunLiveOutput:
         size = self._rig[preview.camera].size_wh
         small = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
         shown = cv2.resize(np.asarray(small), size, interpolation=cv2.INTER_LINEAR)
-        self._stream.log(f"{_path(preview.camera)}/image", rr.Image(shown).compress(jpeg_quality=70))
+        self._stream.log(f"{camera_path(preview.camera)}/image", rr.Image(shown).compress(jpeg_quality=70))
 
     def _health(self, t_ns: int, cameras: Mapping[str, CameraHealth]) -> None:
         import rerun as rr
 
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
         for name, camera in cameras.items():
-            self._stream.log(_path(name), _pinhole(self._rig[name], _GOOD_RGB if camera.state == "ok" else _BAD_RGB))
+            self._stream.log(camera_path(name), pinhole(self._rig[name], _GOOD_RGB if camera.state == "ok" else _BAD_RGB))
             for plot, key in _PLOTS.items():
                 self._stream.log(f"plots/{plot}/{name}", rr.Scalars(camera.figures[key]))
         came_hz = {name: self._rate_hz(name, t_ns, camera.figures["captured"]) for name, camera in cameras.items()}
@@ -197,29 +185,12 @@ def plot_rgb(number: int) -> tuple[int, int, int]:
     return round(255 * r), round(255 * g), round(255 * b)
 
 
-def _pinhole(camera: Camera, rgb: tuple[int, int, int]) -> Any:
-    import rerun as rr
-
-    return rr.Pinhole(
-        image_from_camera=camera.K, resolution=camera.size_wh, camera_xyz=rr.ViewCoordinates.RDF,
-        image_plane_distance=_IMAGE_PLANE_M, color=rgb,
-    )  # fmt: skip
-
-
-def _path(camera: str) -> str:
-    import rerun as rr
-
-    return f"world/cameras/{rr.escape_entity_path_part(camera)}"
-
-
-def _blueprint(cameras: Sequence[Camera]) -> Any:
+def _below() -> list[Any]:
+    """Plots and texts under the views."""
     import rerun.blueprint as rrb
 
-    views = [rrb.Spatial2DView(origin=_path(camera.name), contents=["$origin/**"], name=camera.name) for camera in cameras]
-    plots = [
+    return [
         rrb.TimeSeriesView(origin="plots/latency_p95_ms", name="latency p95, ms"),
         rrb.TimeSeriesView(origin="plots/residual_sigmas", name="residual, sigmas"),
         rrb.TextDocumentView(origin="health", name="cameras"),
     ]
-    above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), rrb.Grid(*views), column_shares=[3, 4])
-    return rrb.Blueprint(rrb.Vertical(above, rrb.Horizontal(*plots), row_shares=[3, 1]), collapse_panels=True)

@@ -17,7 +17,7 @@ from .mesh import rest_mesh
 from .settings import BodySettings
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
     """One body: what the renderer draws and what is true about it. Made by `build_body`.
 

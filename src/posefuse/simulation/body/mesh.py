@@ -28,7 +28,7 @@ _HEIGHT_TOLERANCE_M = 1e-3
 _WEIGHT_TOLERANCE_KG = 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RestMesh:
     """One body at rest.
 
@@ -77,14 +77,14 @@ def rest_mesh(settings: BodySettings) -> RestMesh:
     origin = np.array([*hips.mean(axis=0)[:2], vertices[:, 2].min()])
     bones[:, :3, 3] -= origin
     return RestMesh(
-        tuple(model.bone_labels),
-        np.array(model.bone_parents),
-        vertices - origin,
-        model.faces.numpy().astype(np.int64),
-        model.vertex_bone_indices.numpy().astype(np.int64),
-        model.vertex_bone_weights.numpy().astype(np.float64),
-        bones,
-        regression,
+        bone_names=tuple(model.bone_labels),
+        bone_parent=np.array(model.bone_parents),
+        vertices=vertices - origin,
+        faces=model.faces.numpy().astype(np.int64),
+        bone_index=model.vertex_bone_indices.numpy().astype(np.int64),
+        bone_weight=model.vertex_bone_weights.numpy().astype(np.float64),
+        world_from_bone=bones,
+        keypoint_weight=regression,
     )
 
 

@@ -65,7 +65,7 @@ class Tuning:
     dip_m: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Gait:
     """A walker on a route."""
 
@@ -246,7 +246,7 @@ def walking(body: Body, route: Route, speed_mps: float) -> Gait:
     way = pace(route, speed_mps, leg_m)
     sole = feet.sole_of(body)
     untuned = Tuning(np.zeros(1), np.full(1, leg_m), np.full(1, _SIDE_LIFT_M), np.zeros(1))
-    gait = Gait(body, route, way, sole, duty, untuned)
+    gait = Gait(body=body, route=route, pace=way, sole=sole, duty=duty, tuning=untuned)
     gait = replace(gait, tuning=tuned_gait(gait, speed_mps))
     return replace(gait, tuning=replace(gait.tuning, dip_m=_dips_m(gait)))
 

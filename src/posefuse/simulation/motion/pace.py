@@ -33,7 +33,7 @@ def cycles_hz(speed_mps: Array, leg_m: float) -> Array:
     return (brisk**_FLOOR_POWER + _SLOWEST_CYCLES_HZ**_FLOOR_POWER) ** (1 / _FLOOR_POWER)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Pace:
     """Distance and gait phase over time.
 
@@ -94,9 +94,15 @@ def pace(route: Route, speed_mps: float, leg_m: float) -> Pace:
     if not route.loops:
         u, t, phase = _closed_stance(u, t, phase, hz[-1])
     return Pace(
-        float(t[-1]), float(u[-1]), float(phase[-1]), route.loops,
-        PchipInterpolator(t, u), PchipInterpolator(t, phase), PchipInterpolator(phase, t), 0.0 if route.loops else STANDING_PHASE,
-    )  # fmt: skip
+        lap_s=float(t[-1]),
+        lap_m=float(u[-1]),
+        lap_cycles=float(phase[-1]),
+        loops=route.loops,
+        _distance=PchipInterpolator(t, u),
+        _phase=PchipInterpolator(t, phase),
+        _time=PchipInterpolator(phase, t),
+        _first_phase=0.0 if route.loops else STANDING_PHASE,
+    )
 
 
 def _closed_stance(u: Array, t: Array, phase: Array, hz: float) -> tuple[Array, Array, Array]:

@@ -65,7 +65,14 @@ def fitted(body: Body, t_s: Array, points: Points, settings: TrcSettings | Resul
     path = _middle(points, "left_hip", "right_hip") * (sum(lengths_m(body, "left", "leg")) / (2 * theirs))
     start = path[0, :2] * (2 * theirs) / sum(lengths_m(body, "left", "leg"))
     path[:, :2] += (start if settings.position_m is None else np.array(settings.position_m)) - path[0, :2]
-    motion = Sampled(t_s - t_s[0], path, axes, np.zeros((len(path), 2)), settings.start_s, settings.loop)
+    motion = Sampled(
+        t_s=t_s - t_s[0],
+        centre_world=path,
+        axes_world=axes,
+        toes_up_rad=np.zeros((len(path), 2)),
+        start_s=settings.start_s,
+        loop=settings.loop,
+    )
     return on_floor(body, motion, floor_known=True)
 
 

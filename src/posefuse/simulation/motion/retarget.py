@@ -60,7 +60,16 @@ def retargeted(body: Body, settings: BvhSettings) -> Sampled:
     path[:, :2] += np.array(settings.position_m) - path[0, :2]
     times = np.arange(len(data)) * data.frame_s
     return on_floor(
-        body, Sampled(times, path, axes, np.zeros((len(path), 2)), settings.start_s, settings.loop), floor_known=False
+        body,
+        Sampled(
+            t_s=times,
+            centre_world=path,
+            axes_world=axes,
+            toes_up_rad=np.zeros((len(path), 2)),
+            start_s=settings.start_s,
+            loop=settings.loop,
+        ),
+        floor_known=False,
     )
 
 

@@ -25,7 +25,7 @@ _ROUNDS, _ROUND_POINTS, _CURVE_SAMPLES = 4, 8, 8001
 _EIGHT_WIDTH, _LOOSE = 0.6, 0.08
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Route:
     """A way over the floor.
 
@@ -49,7 +49,9 @@ class Route:
 
 def straight_on() -> Route:
     """For ever along world +X: the gait laboratory."""
-    return Route(lambda u: np.stack([u, np.zeros_like(u)], axis=-1), np.zeros_like, np.zeros_like, 1.0)
+    return Route(
+        place=lambda u: np.stack([u, np.zeros_like(u)], axis=-1), heading=np.zeros_like, curvature=np.zeros_like, length_m=1.0
+    )
 
 
 def route(path: WalkPath, speed_mps: float, seed: int) -> Route:
@@ -79,10 +81,10 @@ def _circle(path: CirclePath, speed_mps: float) -> Route:
         return centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
     return Route(
-        place,
-        lambda u: start + sense * (u / radius + np.pi / 2),
-        lambda u: np.full_like(u, sense / radius),
-        2 * np.pi * radius,
+        place=place,
+        heading=lambda u: start + sense * (u / radius + np.pi / 2),
+        curvature=lambda u: np.full_like(u, sense / radius),
+        length_m=2 * np.pi * radius,
     )
 
 
@@ -102,7 +104,15 @@ def _line(path: LinePath) -> Route:
     def place(u: Array) -> Array:
         return start + _line_progress(np.clip(u, 0.0, far), far, length)[:, None] * ahead
 
-    return Route(place, lambda u: np.full_like(u, angle), np.zeros_like, far, False, None, (0.0, far))
+    return Route(
+        place=place,
+        heading=lambda u: np.full_like(u, angle),
+        curvature=np.zeros_like,
+        length_m=far,
+        loops=False,
+        facing_rad=None,
+        ends_m=(0.0, far),
+    )
 
 
 def _eased(u: Array) -> Array:
@@ -127,7 +137,15 @@ def _sideways(path: BackForthPath) -> Route:
     def heading(u: Array) -> Array:
         return np.full_like(u, angle)
 
-    return Route(place, heading, np.zeros_like, 2 * half, True, angle + np.pi / 2, (0.0, half))
+    return Route(
+        place=place,
+        heading=heading,
+        curvature=np.zeros_like,
+        length_m=2 * half,
+        loops=True,
+        facing_rad=angle + np.pi / 2,
+        ends_m=(0.0, half),
+    )
 
 
 def _turning(path: BackForthPath) -> Route:
@@ -155,7 +173,7 @@ def _turning(path: BackForthPath) -> Route:
         u = np.mod(u, lap)
         return start + curve(u) - drift * u[:, None]
 
-    return Route(place, turned, curvature, lap)
+    return Route(place=place, heading=turned, curvature=curvature, length_m=lap)
 
 
 def _random(path: RandomPath, rng: np.random.Generator) -> Route:
@@ -201,8 +219,8 @@ def _closed_curve(rng: np.random.Generator, low: Array, high: Array) -> Route:
         return (d[:, 0] * dd[:, 1] - d[:, 1] * dd[:, 0]) / np.linalg.norm(d, axis=1) ** 3
 
     return Route(
-        lambda u: curve(np.mod(u, length)),
-        lambda u: wobble(np.mod(u, length)) + turns * u / length,
-        curvature,
-        length,
+        place=lambda u: curve(np.mod(u, length)),
+        heading=lambda u: wobble(np.mod(u, length)) + turns * u / length,
+        curvature=curvature,
+        length_m=length,
     )

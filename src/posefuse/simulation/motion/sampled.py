@@ -24,7 +24,7 @@ _TOES_UP_MOST_RAD = np.deg2rad(65.0)
 _SIDES = {"left": "L", "right": "R"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Sampled:
     """A recorded motion.
 

@@ -29,7 +29,7 @@ from .stage import Stage
 _AHEAD = 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RenderJob:
     """What every process needs to know.
 
@@ -48,7 +48,7 @@ class RenderJob:
     seed: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RenderTask:
     """A run of F frames of one camera.
 

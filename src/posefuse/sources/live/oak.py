@@ -56,4 +56,6 @@ class OakSource(DepthCamera):
             exposed_ns = taken.getTimestamp(self._vendor.CameraExposureOffset.MIDDLE) // timedelta(microseconds=1) * 1000
             self._newest_ns = max(self._newest_ns + 1, exposed_ns + self._epoch_ns)
             image = np.array(taken.getFrame())
-            yield Frame(self.camera, int(taken.getSequenceNum()), self._newest_ns, arrived_ns, image)
+            yield Frame(
+                camera=self.camera, seq=int(taken.getSequenceNum()), t_ns=self._newest_ns, received_ns=arrived_ns, image=image
+            )

@@ -58,7 +58,9 @@ class RealSenseSource(DepthCamera):
             self._newest_ns = max(self._newest_ns + 1, self._exposed_ns(color, arrived_ns))
             # the library uses its memory again
             image = np.array(color.get_data())
-            yield Frame(self.camera, int(color.get_frame_number()), self._newest_ns, arrived_ns, image)
+            yield Frame(
+                camera=self.camera, seq=int(color.get_frame_number()), t_ns=self._newest_ns, received_ns=arrived_ns, image=image
+            )
 
     def _exposed_ns(self, color: Any, arrived_ns: int) -> int:
         stamp_ns = round(color.get_timestamp() * 1e6)

@@ -32,7 +32,7 @@ _ADVICE = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StreamConfig:
     """One live camera.
 
@@ -107,7 +107,14 @@ class StreamSource:
         stamp_ns = None if decoded.pts is None else round(decoded.pts * decoded.time_base * 1_000_000_000)
         t_ns = self._times.placed(stamp_ns, now_ns)
         self._seq += 1
-        return Frame(self.camera, self._seq - 1, t_ns, now_ns, np.ascontiguousarray(decoded.to_ndarray(format="rgb24")), encoded)
+        return Frame(
+            camera=self.camera,
+            seq=self._seq - 1,
+            t_ns=t_ns,
+            received_ns=now_ns,
+            image=np.ascontiguousarray(decoded.to_ndarray(format="rgb24")),
+            encoded=encoded,
+        )
 
 
 class StampClock:

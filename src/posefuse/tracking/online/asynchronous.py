@@ -84,7 +84,9 @@ class AsynchronousTracker:
         rays = self._optics[c].rays(detections)
         claims = self._claims(rays, c, detections.t_ns)
         for person, p in claims:
-            view = View(detections.t_ns, c, rays.z[p], rays.white[p], rays.late_s[p], rays.sigma_px[p])
+            view = View(
+                t_ns=detections.t_ns, camera=c, z=rays.z[p], white=rays.white[p], late_s=rays.late_s[p], sigma_px=rays.sigma_px[p]
+            )
             told = person.add(view)
             if told is not None:
                 figures.count(told)
@@ -111,9 +113,17 @@ class AsynchronousTracker:
             own = self._figures[name]
             age_s = float("nan") if newest_ns is None or own.newest_ns is None else (newest_ns - own.newest_ns) * 1e-9
             result[name] = CameraHealth(
-                own.used, age_s, float(np.sqrt(own.square)), own.gated, own.flipped, own.unclaimed, heard.late, heard.ahead,
-                heard.repeated, heard.crowded,
-            )  # fmt: skip
+                used=own.used,
+                age_s=age_s,
+                innovation_sigmas=float(np.sqrt(own.square)),
+                gated_share=own.gated,
+                flipped_share=own.flipped,
+                unclaimed=own.unclaimed,
+                late=heard.late,
+                ahead=heard.ahead,
+                repeated=heard.repeated,
+                crowded=heard.crowded,
+            )
         return result
 
     def _claims(self, rays: Rays, c: int, t_ns: int) -> list[tuple[Person, int]]:

@@ -12,7 +12,7 @@ from posefuse.core import Detections2D, Pose3D
 Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CameraHealth:
     """How one camera does, as the tracker sees it. Shares and rms run over about the last hundred views.
 

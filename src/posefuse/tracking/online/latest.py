@@ -90,6 +90,12 @@ def nobody(t_ns: int, skeleton: Skeleton) -> Pose3D:
     """No person is tracked."""
     k = len(skeleton)
     return Pose3D(
-        t_ns, skeleton, np.zeros(0), np.zeros((0, k, 3)), np.zeros((0, k, 3, 3)), np.zeros((0, k)), np.zeros((0, k)),
-        np.zeros((0, k)),
-    )  # fmt: skip
+        t_ns=t_ns,
+        skeleton=skeleton,
+        person_id=np.zeros(0),
+        xyz_world=np.zeros((0, k, 3)),
+        cov_world=np.zeros((0, k, 3, 3)),
+        reproj_px=np.zeros((0, k)),
+        n_views=np.zeros((0, k)),
+        kind=np.zeros((0, k)),
+    )

@@ -94,7 +94,7 @@ class Model:
         return np.array([s.measured_s, s.lost_after_s, s.lasting_share, s.averaging, s.bone_sigma_m, *kinds])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class View:
     """One camera's keypoints of this person: z, sigma_px (K, ...) and so on as in `optics.Rays`."""
 
@@ -217,5 +217,12 @@ class Pose3DArrays:
         """The first rows, one per id, as a value."""
         n = len(ids)
         return Pose3D(
-            t_ns, skeleton, np.array(ids, np.int64), self.xyz[:n], self.cov[:n], self.reproj[:n], self.n_views[:n], self.kind[:n]
+            t_ns=t_ns,
+            skeleton=skeleton,
+            person_id=np.array(ids, np.int64),
+            xyz_world=self.xyz[:n],
+            cov_world=self.cov[:n],
+            reproj_px=self.reproj[:n],
+            n_views=self.n_views[:n],
+            kind=self.kind[:n],
         )

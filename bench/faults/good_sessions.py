@@ -1,0 +1,93 @@
+"""Sixty sessions without a fault that vary in blur, noise, clocks, coverage, cameras and kind: none may be refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.person.synthetic_walk import STATURE_M, watch_walker
+from posefuse.calibration.targets.corners import Observations
+
+from .command_cases import GOOD as RENDERED
+from .person_cases import calibrate, calibrate_with_clocks, person_rig
+from .sessions import INSTANTS, Session, board_session, prop_session, solve
+from .verdict import Answer, GoodSession
+from .verify_cases import answer, held_board, room
+
+_PROPS, _BOARDS, _PERSONS, _VERIFIED = 38, 10, 6, 4
+
+
+def _varied(session: Session, number: int, seed: int) -> tuple[Observations, str]:
+    """One session in its own conditions, and the mode of its clocks."""
+    random = np.random.default_rng([seed, number, 5])
+    count, clocks = len(session.rig), ("together", "auto", "auto", "offset")[number % 4]
+    late = random.uniform(-0.2, 0.2, count) if clocks in ("auto", "offset") and number % 3 else np.zeros(count)
+    reach = random.uniform(0.5, 1.0) * np.array(session.motion.reach_m)
+    seconds, rate_hz = random.uniform(20, 60), random.choice([10.0, 15.0, 20.0, 30.0])
+    motion = replace(session.motion, seconds=float(seconds), rate_hz=float(rate_hz), reach_m=tuple(reach), swings_hz=0.3)
+    seen = session.watch(
+        motion=motion, noise_px=float(random.uniform(0.08, 0.8)), missed=float(random.uniform(0.02, 0.4)), delay_s=tuple(late)
+    )
+    return _with_uneven_exposure(session, seen, motion.rate_hz, float(random.uniform(0, 2e-3)), random), clocks
+
+
+def _with_uneven_exposure(
+    session: Session, seen: Observations, rate_hz: float, jitter_s: float, random: np.random.Generator
+) -> Observations:
+    """Frames stamped some ms from the moment of their exposure, each camera's by itself."""
+    key = seen.camera * (1 << 40) + np.round(seen.t_ns * rate_hz / 1e9).astype(np.int64)
+    _, frame = np.unique(key, return_inverse=True)
+    off_ns = np.round(random.normal(0, jitter_s, frame.max() + 1) * 1e9).astype(np.int64)
+    return replace(seen, t_ns=seen.t_ns + off_ns[frame])
+
+
+def _prop(number: int) -> GoodSession:
+    count = (2, 3, 4, 5, 6, 8)[number % 6]
+
+    def run(seed: int) -> Answer:
+        session = prop_session(100 * seed + number, count)
+        seen, clocks = _varied(session, number, seed)
+        return solve(session.rig, seen, session.rig.cameras, session.target, Options(instants=INSTANTS, clocks=clocks))
+
+    return GoodSession(f"prop {number}, {count} cameras", run)
+
+
+def _board(number: int) -> GoodSession:
+    count = (2, 3, 4)[number % 3]
+
+    def run(seed: int) -> Answer:
+        session = board_session(100 * seed + number, count)
+        seen, clocks = _varied(session, number, seed)
+        return solve(session.rig, seen, session.rig.cameras, session.target, Options(instants=INSTANTS, clocks=clocks))
+
+    return GoodSession(f"board {number}, {count} cameras", run)
+
+
+def _person(number: int) -> GoodSession:
+    def run(seed: int) -> Answer:
+        truth, noise_px = person_rig(100 * seed + number), 1.0 + 0.5 * number
+        if number % 3 == 2:
+            return calibrate_with_clocks(truth, (0.0, 0.1, -0.05, 0.03), "auto", noise_px, seed)
+        views = watch_walker(truth, seconds=15.0 + 5 * number, noise_px=noise_px, seed=seed)
+        return calibrate(truth, views, truth.cameras, STATURE_M)
+
+    return GoodSession(f"person {number}", run)
+
+
+def _verified(number: int) -> GoodSession:
+    def run(seed: int) -> Answer:
+        truth = room(100 * seed + number)
+        return answer(truth, held_board(truth, seed, noise_px=(0.05, 0.15, 0.4, 0.8)[number % 4]), wrong=False)
+
+    return GoodSession(f"verify {number}", run)
+
+
+SESSIONS = (
+    *(_prop(i) for i in range(_PROPS)),
+    *(_board(i) for i in range(_BOARDS)),
+    *(_person(i) for i in range(_PERSONS)),
+    *(_verified(i) for i in range(_VERIFIED)),
+    *RENDERED,
+)

@@ -1,0 +1,146 @@
+"""Sessions with a prop or a board as cameras would have seen them, by seed, and what the calibration answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.self_checks import camera_differences
+from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Charuco, Markers, Target
+from posefuse.calibration.targets.synthetic import Faults, Waving, board, cube, observe_prop
+from posefuse.core import SE3, CalibrationError, Camera, Rig
+from posefuse.core.arrays import Array
+
+from .verdict import Answer
+
+INSTANTS = 120
+_ROWS = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A rig that is known, and a target that is waved in it."""
+
+    rig: Rig
+    target: Target
+    prop: Mapping[int, SE3]
+    motion: Waving
+    faults: Faults
+
+    def watch(self, rig: Rig | None = None, motion: Waving | None = None, **faults: object) -> Observations:
+        """What the cameras see, with some things changed."""
+        return observe_prop(
+            rig or self.rig,
+            self.prop,
+            self.target,
+            motion or self.motion,
+            replace(self.faults, **faults),  # type: ignore[arg-type]
+        )
+
+
+def ring(count: int, seed: int, radius_m: float = 4.0, size_wh: tuple[int, int] = (640, 480), model: str = "pinhole") -> Rig:
+    """Cameras round the middle, each with a lens of its own (focal lengths within 3 %, principal points within 8 px)."""
+    random, cameras = np.random.default_rng([seed, 7]), []
+    for i in range(count):
+        angle = 2 * np.pi * i / count + random.uniform(-0.15, 0.15)
+        radius = radius_m * random.uniform(0.92, 1.08)
+        centre = np.array([radius * np.cos(angle), radius * np.sin(angle), random.uniform(1.9, 2.5)])
+        forward = np.array([0, 0, 1.0]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        focal = 0.9 * size_wh[0] * random.uniform(0.97, 1.03)
+        cx, cy = np.array([size_wh[0] - 1, size_wh[1] - 1]) / 2 + random.uniform(-8, 8, 2)
+        lens = np.array([-0.14, 0.06, 0, 0, 0]) * random.uniform(0.8, 1.2) + [0, 0, 5e-4, -5e-4, 0]
+        if model == "fisheye":
+            lens = np.array([0.03, -0.01, 0.002, 0.0])
+        intrinsics = np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]])
+        pose = SE3.from_matrix(rotation, -rotation @ centre)
+        cameras.append(
+            Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=lens, model=model)
+        )
+    return Rig(tuple(cameras), world_set_by="truth")
+
+
+def prop_session(seed: int, count: int = 4) -> Session:
+    """A box of markers, waved for 30 s."""
+    motion = Waving(seconds=30.0, rate_hz=15.0, seed=seed)
+    return Session(ring(count, seed), Markers(0.24), cube(0.3), motion, Faults(noise_px=0.25, seed=seed))
+
+
+def board_session(seed: int, count: int = 4) -> Session:
+    """A ChArUco board before cameras that stand on one side."""
+    rig = ring(9, seed, radius_m=3.4)
+    picked = Rig(tuple(replace(rig.cameras[i], name=f"cam{i:02d}") for i in range(count)), world_set_by="truth")
+    motion = Waving(seconds=40.0, rate_hz=15.0, seed=seed, reach_m=(0.8, 0.8, 0.5))
+    return Session(picked, Charuco(5, 7, 0.12, 0.09), board(), motion, Faults(noise_px=0.25, seed=seed))
+
+
+def solve(
+    truth: Rig,
+    observations: Observations,
+    cameras: tuple[Camera, ...],
+    target: Target,
+    options: Options | None = None,
+) -> Answer:
+    """Calibrate, and compare with the truth."""
+    try:
+        found = calibrate_extrinsics(observations, cameras, target, options or Options(instants=INSTANTS))
+    except CalibrationError as error:
+        return Answer(True, str(error))
+    return Answer(False, "; ".join(found.report.notes), *errors(truth, found.rig))
+
+
+def errors(truth: Rig, found: Rig) -> tuple[float, float]:
+    """Worst camera in mm and degrees; where the world lies does not count."""
+    true, ours = (stacked([Poses.from_se3(rig[name].cam_from_world) for name in found.names]) for rig in (truth, found))
+    metres, radians = camera_differences(true, ours)
+    return float(metres.max() * 1e3), float(np.rad2deg(radians.max()))
+
+
+def merged(*parts: Observations) -> Observations:
+    """Observations of the same cameras put together."""
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ROWS})
+
+
+def of_camera(observations: Observations, camera: int, xy_img: Array) -> Observations:
+    """With one camera's image points changed."""
+    return replace(observations, xy_img=np.where((observations.camera == camera)[:, None], xy_img, observations.xy_img))
+
+
+def switched(before: Observations, after: Observations, camera: int, at_s: float) -> Observations:
+    """One camera's views from `at_s` on out of other observations."""
+    late = before.t_ns >= round(at_s * 1e9)
+    return merged(
+        before.rows((before.camera != camera) | ~late), after.rows((after.camera == camera) & (after.t_ns >= round(at_s * 1e9)))
+    )
+
+
+def restamped(observations: Observations, camera: int, stamp_ns: Array) -> Observations:
+    """One camera's frames with other time stamps; `stamp_ns` (N,) for all rows."""
+    return replace(observations, t_ns=np.where(observations.camera == camera, stamp_ns, observations.t_ns))
+
+
+def moved(camera: Camera, shift_m: float, turn_deg: float, seed: int) -> Camera:
+    """The camera shifted and turned about random axes."""
+    random = np.random.default_rng([seed, 11])
+    along, axis = (v / np.linalg.norm(v) for v in random.normal(0, 1, (2, 3)))
+    there = SE3.from_rotvec(np.deg2rad(turn_deg) * axis, shift_m * along)
+    return replace(camera, cam_from_world=there @ camera.cam_from_world)
+
+
+def zoomed(camera: Camera, by: float) -> Camera:
+    """Intrinsics whose focal length is said larger by a share."""
+    return replace(camera, K=camera.K * np.array([[1 + by, 1, 1], [1, 1 + by, 1], [1, 1, 1]]))
+
+
+def one_changed(cameras: tuple[Camera, ...], index: int, changed: Camera) -> tuple[Camera, ...]:
+    """All cameras, one of them changed."""
+    return (*cameras[:index], changed, *cameras[index + 1 :])

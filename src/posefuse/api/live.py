@@ -1,0 +1,233 @@
+"""Poses while they happen: `posefuse.live`."""
+
+from __future__ import annotations
+
+import secrets
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection, Listener
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from posefuse import core
+from posefuse.core import CameraHealth, JointAngles, LiveHealth, LivePose, Pose3D, Progress, SourceError
+
+from .progress import shown
+
+if TYPE_CHECKING:
+    from posefuse.realtime.serve import ServePlan
+
+_START_S = 180.0
+_END_S = 10.0
+_NAME = "python"
+
+
+class LiveSession:
+    """A running live session; made by `live`. Use as a context manager and iterate over it: the newest pose wins.
+
+    A program that takes long over one pose misses those in between and gets the newest next; it never delays the session.
+
+    Attributes:
+        angles: joint angles of the newest pose (T = 1); None before the first, or where they are switched off.
+        cameras: state of every camera by name. news: lines that the session has reported, oldest first.
+    """
+
+    def __init__(self, plan: ServePlan, progress: Progress | bool | None = None) -> None:
+        self._plan, self._progress = plan, progress
+        self.angles: JointAngles | None = None
+        self.cameras: Mapping[str, CameraHealth] = {}
+        self.news: list[str] = []
+        self._changed = threading.Condition()
+        self._newest: LivePose | None = None
+        self._given_ns: int | None = None
+        self._ended, self._error = False, None
+        self._control: Connection | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        """Start the session and wait for its first output tick.
+
+        Raises:
+            PosefuseError: what keeps it from beginning, e.g. a camera that cannot be opened.
+        """
+        from dataclasses import replace
+
+        from posefuse.outputs.live.connection import ConnectionConfig
+
+        key = secrets.token_bytes(32)
+        listener = Listener(("127.0.0.1", 0), authkey=key)
+        port = listener.address[1]
+        mine = ConnectionConfig(port=port, authkey=key.hex())
+        self._plan = replace(self._plan, outputs={**self._plan.outputs, _NAME: mine})
+        threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
+        command = [sys.executable, "-c", "from posefuse.realtime.serve import main; main()", str(port)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=sys.platform != "win32")
+        assert self._process.stdin is not None
+        self._process.stdin.write(key.hex().encode() + b"\n")
+        self._process.stdin.close()
+        try:
+            self._wait(_START_S)
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[Pose3D]:
+        """The newest pose, whenever there is one that was not given yet; ends with the session.
+
+        Raises:
+            PosefuseError: the session ended for a reason other than its time or its sources.
+        """
+        while (message := self._wait(None)) is not None:
+            self.angles, self._given_ns = message.joints, message.pose.t_ns
+            yield message.pose
+
+    def close(self) -> None:
+        """End the session; safe to call twice."""
+        if self._control is not None:
+            from posefuse.realtime.serve import StopSession
+
+            with suppress(OSError):
+                self._control.send(StopSession())
+        if self._process is not None:
+            try:
+                self._process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait(_END_S)
+
+    def _wait(self, timeout_s: float | None) -> LivePose | None:
+        """The newest pose that was not given yet; None when the session is over."""
+        with self._changed:
+            # a wait without end could not be interrupted by Ctrl-C on every system
+            waited_s = 0.0
+            while not self._ended and not self._is_new():
+                self._changed.wait(0.2)
+                waited_s += 0.2
+                if self._process is not None and self._process.poll() is not None and not self._ended:
+                    self._changed.wait(0.5)
+                    if not self._ended:
+                        raise SourceError(f"live: the session's process ended with exit code {self._process.returncode}")
+                if timeout_s is not None and waited_s > timeout_s:
+                    raise SourceError(f"live: the session did not begin within {timeout_s:g} s")
+            if self._error is not None:
+                raise self._error
+            return self._newest if self._is_new() else None
+
+    def _is_new(self) -> bool:
+        return self._newest is not None and self._newest.pose.t_ns != self._given_ns
+
+    def _accept(self, listener: Listener) -> None:
+        """The control connection, and one of poses each time the outputs are (re)started."""
+        from posefuse.realtime.serve import CONTROL
+
+        with shown(self._progress) as report:
+            while not self._ended:
+                try:
+                    connection = listener.accept()
+                    kind = connection.recv()
+                except Exception:  # noqa: BLE001 - a stranger at the port must not end the session
+                    continue
+                if kind == CONTROL:
+                    self._control = connection
+                    connection.send(self._plan)
+                    threading.Thread(target=self._hear_control, args=(connection, report), daemon=True).start()
+                else:
+                    threading.Thread(target=self._hear_poses, args=(connection,), daemon=True).start()
+
+    def _hear_control(self, connection: Connection, report: Progress) -> None:
+        from posefuse.realtime.serve import Ended, News
+
+        with suppress(EOFError, OSError):
+            while True:
+                message = connection.recv()
+                if isinstance(message, News):
+                    self.news.append(message.line)
+                    report("live", 0, None, message.line)
+                elif isinstance(message, Ended):
+                    with self._changed:
+                        self._ended, self._error = True, message.error
+                        self._changed.notify_all()
+                    return
+
+    def _hear_poses(self, connection: Connection) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                message = connection.recv()
+                with self._changed:
+                    if isinstance(message, LivePose):
+                        self._newest = message
+                    elif isinstance(message, LiveHealth):
+                        self.cameras = message.cameras
+                    self._changed.notify_all()
+
+
+def live(
+    rig: core.Rig | str | Path,
+    sources: Mapping[str, str] | Sequence[str],
+    *,
+    people: int | None = None,
+    networks: str | None = None,
+    rate_hz: float | None = None,
+    duration_s: float | None = None,
+    record: str | Path | None = None,
+    outputs: Mapping[str, Mapping[str, Any]] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress | bool | None = None,
+) -> LiveSession:
+    """Track people in the images of calibrated cameras as they come.
+
+    Args:
+        rig: the cameras, or a rig file.
+        sources: camera name -> ``usb:0``, ``rtsp://...``, ``video:FILE``, ``realsense:SERIAL`` ...; or a list as for
+            ``posefuse live --source``, e.g. ``["sim:SCENE.yaml"]``.
+        people: at most so many. networks: see docs/networks.md. rate_hz: poses per second. duration_s: None: until it is closed.
+        record: .mcap file that keeps every detection and pose.
+        outputs: options of more outputs by name, e.g. ``{"osc": {"to": ["localhost:9000"]}}``; see `posefuse plugins`.
+        settings: any other setting by dotted key, as for ``posefuse live --set``.
+        progress: True shows the session's news on stderr.
+
+    Raises:
+        PosefuseError: settings, sources or outputs that cannot be.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> with pf.live("rig.toml", {"cam1": "usb:0", "cam2": "usb:1"}) as session:  # doctest: +SKIP
+        ...     for pose in session:
+        ...         print(pose.t_ns, pose.xyz_world)
+    """
+    from posefuse.detection.build import network_settings
+    from posefuse.formats.rig import read_placed_rig
+    from posefuse.foundation.output_file import check_output_file
+    from posefuse.foundation.plugins import plugin_config
+    from posefuse.pipeline.config import changed_config
+    from posefuse.realtime.config import LiveConfig
+    from posefuse.realtime.inputs import inputs_from_arguments
+    from posefuse.realtime.serve import ServePlan
+
+    cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
+    arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
+    options = {"track.max_people": people, "rate_hz": rate_hz}
+    changes = {key: value for key, value in options.items() if value is not None}
+    changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
+    config = changed_config(LiveConfig(), changes)
+    chosen: dict[str, dict[str, Any]] = {name: dict(one) for name, one in {**config.outputs, **(outputs or {})}.items()}
+    if record is not None:
+        check_output_file(Path(record), option="record")
+        chosen["record"] = {"path": Path(record).absolute(), **chosen.get("record", {})}
+    if duration_s is not None and not duration_s > 0:
+        raise core.ConfigError(f"live: duration_s: expected more than 0, got {duration_s:g}")
+    plan = ServePlan(
+        rig=cameras,
+        inputs=inputs_from_arguments(arguments, cameras),
+        config=config,
+        outputs={name: plugin_config("live_outputs", name, one) for name, one in chosen.items()},
+        duration_s=duration_s,
+    )
+    return LiveSession(plan, progress)

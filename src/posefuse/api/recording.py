@@ -1,0 +1,216 @@
+"""A result in the hand: look at it, save it, solve it again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from posefuse import core
+from posefuse.core import InputError, JointAngles, Progress
+from posefuse.core.arrays import Array
+
+from .progress import shown
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+Fit = Literal["points", "rays", "none"]
+
+
+class Recording(core.Recording):
+    """People in 3D over time with everything they were made from; from `track`, `read` or a live session alike.
+
+    Attributes:
+        rig: the cameras used.
+        poses: `PoseSequence`: t_ns (T,), person_id (N,), xyz_world (T, N, K, 3) in metres, cov_world, and how each came about.
+        observations: every detection that it was made from, raw, at its own exposure time.
+        provenance: plain values: version, settings, inputs.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> recording = pf.read("RESULT")  # doctest: +SKIP
+        >>> knee = recording.joint_angles()["left_knee", "flexion"]  # doctest: +SKIP
+        >>> knee.deg, knee.sigma_deg  # doctest: +SKIP
+    """
+
+    def __repr__(self) -> str:
+        poses, rig = self.poses, self.rig
+        seen = float(np.isfinite(poses.xyz_world[..., 0]).mean()) if poses.xyz_world.size else 0.0
+        people = ", ".join(map(str, poses.person_id.tolist())) or "none"
+        return (
+            f"Recording of {self.duration_s:.2f} s, {len(poses)} time steps ({self.rate_hz:.1f} per second)\n"
+            f"  people (ids): {people}; {len(poses.skeleton)} keypoints ({poses.skeleton.name}), {seen:.0%} present\n"
+            f"  cameras: {', '.join(rig.names)} (rig {rig.id})\n"
+            f"  observations: {len(self.observations)} detections in {len(self.observations.frame_t_ns)} frames\n"
+            f"  made by posefuse {self.provenance.get('posefuse', '?')} from {self.provenance.get('session', '?')}"
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """From the first time step to the last."""
+        t_ns = self.poses.t_ns
+        return float(t_ns[-1] - t_ns[0]) * 1e-9 if len(t_ns) else 0.0
+
+    @property
+    def rate_hz(self) -> float:
+        """Time steps per second; NaN for fewer than two."""
+        return (len(self.poses) - 1) / self.duration_s if self.duration_s > 0 else float("nan")
+
+    @property
+    def t_s(self) -> Array:
+        """(T,) seconds since the first time step."""
+        return (self.poses.t_ns - self.poses.t_ns[:1]) * 1e-9
+
+    def keypoint(self, name: str) -> Array:
+        """(T, N, 3) metres in the world frame; raises InputError for a name that the skeleton does not have."""
+        names = self.poses.skeleton.keypoints
+        if name not in names:
+            raise InputError(f"no keypoint {name!r}; there are: {core.errors.choices(names)}")
+        return np.asarray(self.poses.xyz_world[:, :, names.index(name)])
+
+    def joint_angles(self, *, fit: Fit = "points") -> JointAngles:
+        """Segment frames and joint angles (ISB) with their standard deviations.
+
+        Args:
+            fit: ``points`` fits one skeleton of constant lengths per person to the 3D points, ``rays`` to what the cameras saw,
+                ``none`` takes the angles straight from the points.
+
+        Raises:
+            InputError: left and right of a person are swapped, or no person was seen well enough.
+        """
+        from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of
+
+        return joints_of(self, BiomechanicsSettings(fit=fit))[1]
+
+    def solve(self, *, smooth: bool = True, people: int | None = None, settings: Mapping[str, Any] | None = None) -> Recording:
+        """Associate, fuse and smooth the kept observations again; nothing is detected again.
+
+        Args:
+            smooth: False leaves every time step as it was fused. people: how many at most; None: as before.
+            settings: changes by dotted key as in ``--set``, e.g. ``{"fuse.weights": "score"}``.
+
+        Returns:
+            A new recording. With the settings of the first time it is the same to the last bit.
+
+        Raises:
+            ConfigError: an unknown setting or a wrong value. InputError: no person can be followed.
+        """
+        from posefuse.pipeline.config import changed_config
+        from posefuse.pipeline.solve import config_of, solve_again
+
+        changes: dict[str, Any] = {**(settings or {})}
+        if not smooth:
+            changes["raw"] = True
+        if people is not None:
+            changes["associate.max_people"] = people
+        return recording_of(solve_again(self, changed_config(config_of(self), changes)))
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        formats: Sequence[str] = (),
+        session: str | Path | None = None,
+        replace: bool = False,
+        progress: Progress | bool | None = None,
+    ) -> list[Path]:
+        """Write a result folder that `read` reads back to the last bit, and files of other formats beside it.
+
+        Args:
+            path: new or empty folder; with `replace` also an unchanged result that posefuse wrote.
+            formats: names of outputs, e.g. ``trc``, ``c3d``, ``csv``, ``overlay``; see `posefuse plugins`.
+            session: the session folder, whose images outputs such as ``overlay`` draw on.
+
+        Returns:
+            The files written.
+
+        Raises:
+            ConfigError: no such format. InputError: the folder holds anything else, or a file cannot be written.
+        """
+        from posefuse.pipeline.writing import save_recording
+
+        with shown(progress) as report:
+            return save_recording(self, Path(path), formats, None if session is None else Path(session), replace, report)
+
+    def report(
+        self,
+        path: str | Path,
+        *,
+        fit: Fit = "points",
+        opensim: bool = False,
+        title: str = "Motion report",
+        progress: Progress | bool | None = None,
+    ) -> Path:
+        """Write joint angles, gait, OpenSim, BVH, glTF and C3D files and one HTML page into a folder; returns the page."""
+        from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
+        from posefuse.foundation.output_folder import output_folder
+
+        chosen = BiomechanicsSettings(fit=fit, opensim=opensim)
+        with shown(progress) as report, output_folder(Path(path), command="report", replace=True) as out:
+            write_biomechanics(self, out.folder, chosen, title=title, progress=report)
+        return Path(path) / "report.html"
+
+    def to_xarray(self, *, angles: bool = False) -> xr.Dataset:
+        """Positions with covariance (and, with `angles`, joint angles) as an xarray Dataset with named axes and units.
+
+        Axes: time, person, keypoint, space. ``recording.to_xarray().to_netcdf(path)`` keeps everything.
+        """
+        from posefuse.formats.labelled import recording_to_xarray
+
+        return recording_to_xarray(self, self.joint_angles(fit="none") if angles else None)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per time step, person and keypoint.
+
+        Columns: time_s, person, keypoint, x_m, y_m, z_m, sigma_m, reproj_px, n_views, kind.
+        """
+        from posefuse.formats.labelled import recording_to_dataframe
+
+        return recording_to_dataframe(self)
+
+    def plot(self, name: str, angle: str | None = None, *, person: int | None = None, axes: Any = None) -> Axes | list[Axes]:
+        """Draw a keypoint (three axes: x, y, z) or a joint angle over time with a band of two standard deviations.
+
+        Args:
+            name: a keypoint, or a joint when `angle` is given: ``plot("left_wrist")``, ``plot("left_knee", "flexion")``.
+            person: id; left out where there is one person. axes: matplotlib axes to draw into.
+
+        Raises:
+            InputError: no such keypoint, joint, angle or person.
+        """
+        from posefuse.outputs.plots import person_place, plot_angle, plot_keypoint
+
+        if angle is None:
+            return plot_keypoint(self, name, person, axes)
+        person_id = int(self.poses.person_id[person_place(self, person)])
+        return plot_angle(self.joint_angles().of(person_id)[name, angle], axes)
+
+    def view(self) -> None:
+        """Open the Rerun viewer on it and wait until it is closed; needs the extra ``viewer``."""
+        from posefuse.outputs.rerun import show_recording
+
+        show_recording(self)
+
+
+def recording_of(value: core.Recording) -> Recording:
+    """The same result as the handle of the front door."""
+    if isinstance(value, Recording):
+        return value
+    return Recording(**{field.name: getattr(value, field.name) for field in fields(core.Recording)})
+
+
+def read(path: str | Path) -> Recording:
+    """Read a result folder (of `track` or `Recording.save`).
+
+    Raises:
+        InputError: not a result, one of a newer format, or damaged.
+    """
+    from posefuse.formats.recording import read_recording
+
+    return recording_of(read_recording(Path(path)))

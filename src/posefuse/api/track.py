@@ -1,0 +1,86 @@
+"""Recordings to 3D: `posefuse.track`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import Progress
+from posefuse.fusion.settings import Weights
+
+from .progress import shown
+from .recording import Recording, recording_of
+
+_THIS_FILE = 2
+
+
+def track(
+    session: str | Path,
+    *,
+    people: int | None = None,
+    rig: str | Path | None = None,
+    networks: str | None = None,
+    weights: Weights | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress | bool | None = None,
+) -> Recording:
+    """Detect, associate, fuse and smooth the people of a session folder.
+
+    Args:
+        session: folder with a calibration file and one video, image folder or folder of 2D poses per camera. Its
+            ``posefuse.toml`` is read where there is one; the arguments go before it.
+        people: at most so many. rig: another calibration file.
+        networks: name of the 2D networks, e.g. ``blazepose_lite``, or a model card (TOML).
+        weights: how views are weighted: ``robust`` (default), ``score``, ``none``, ``all``.
+        start_s, end_s: the part to work on, session seconds.
+        settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
+        progress: True for bars on stderr, or a function (see `Progress`).
+
+    Returns:
+        The recording; `Recording.save` writes it. What is not as it should be (a camera that breaks off, that was moved or is
+        not synchronised) is a `UserWarning`.
+
+    Raises:
+        PosefuseError: anything that leaves fewer than two usable cameras or no person to follow; one line says what to do.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> recording = pf.track("examples/demo", end_s=0.5)  # doctest: +SKIP
+        >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
+    """
+    from posefuse.detection.build import network_settings
+    from posefuse.pipeline.clock import StageClock
+    from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
+    from posefuse.pipeline.run import track_session
+    from posefuse.pipeline.session import find_session
+
+    folder = Path(session)
+    path = folder / CONFIG_FILE
+    options = {
+        "rig": None if rig is None else str(Path(rig).absolute()),
+        "associate.max_people": people,
+        "fuse.weights": weights,
+        "start_s": start_s,
+        "end_s": end_s,
+    }
+    changes = {key: value for key, value in options.items() if value is not None}
+    changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
+    config = changed_config(read_config(path if path.is_file() else None, ()), changes)
+    with shown(progress) as report:
+        found = find_session(folder, config)
+        for line in found.notes:
+            _warn(line)
+        steps = lambda done, total: report("detect", done, total)  # noqa: E731
+        news = lambda line: report("detect", 0, None, line)  # noqa: E731
+        tracked = track_session(found, config, StageClock(), steps, news, _warn)
+    if tracked.interrupted:
+        raise KeyboardInterrupt
+    return recording_of(tracked.recording)
+
+
+def _warn(line: str) -> None:
+    warnings.warn(line, UserWarning, stacklevel=_THIS_FILE)

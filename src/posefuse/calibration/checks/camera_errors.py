@@ -1,0 +1,184 @@
+"""How far each camera of a rig is off, measured against the others with a target of known size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.calibration.extrinsics.bootstrap import PropShape, prop_track, prop_views
+from posefuse.calibration.extrinsics.planar import planar_views
+from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, PropState, solve_prop
+from posefuse.calibration.extrinsics.snapshots import Snapshots
+from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.rotations import Poses, angle_between
+from posefuse.calibration.targets.kinds import Target, patch_corners
+from posefuse.core import SE3, Rig
+
+_MOST_VIEWS, _ONE_OTHER = 80, 4.0
+# intrinsics besides the focal length are taken as given (px, and distortion coefficients)
+_HELD_PX, _HELD_BEND, _FREE_FOCAL = 0.01, 1e-6, 0.2
+
+
+@dataclass(frozen=True)
+class VerifyLimits:
+    """What refuses a camera in verification; each also needs `sigma` standard errors.
+
+    Attributes:
+        turn_rad, shift_m: of the pose: 0.2 deg is 14 mm at 4 m. focal_share: of the focal length. late_s: of the clock.
+            All by judgement: what the fusion of a person's keypoints begins to show.
+        effect_px_per_1000: and what the errors together do to the image, per 1000 px of width: 1.5 is about 0.1 deg. Errors that
+            cancel in the image (a longer focal length from farther away) hardly show at a person. Judgement; a real rig of
+            four webcams has 0.7.
+        sigma: standard errors. views: least views shared with other cameras.
+    """
+
+    turn_rad: float = float(np.deg2rad(0.2))
+    shift_m: float = 0.012
+    focal_share: float = 0.01
+    late_s: float = 0.004
+    effect_px_per_1000: float = 1.5
+    sigma: float = 5.0
+    views: int = 10
+
+
+@dataclass(frozen=True)
+class CameraError:
+    """One camera against the others, with standard errors; NaN where it shares too few views.
+
+    Attributes:
+        name, views: shared with other cameras. others: cameras it is measured against.
+        turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
+        effect: what they do together to the image, in px (rms) per 1000 px of width.
+    """
+
+    name: str
+    views: int
+    others: int = 0
+    turn_rad: float = np.nan
+    turn_sigma: float = np.nan
+    shift_m: float = np.nan
+    shift_sigma: float = np.nan
+    focal: float = np.nan
+    focal_sigma: float = np.nan
+    late_s: float = np.nan
+    late_sigma: float = np.nan
+    effect: float = np.nan
+
+    def excess(self, limits: VerifyLimits) -> float:
+        """The largest error over its limit; more than 1 is wrong, NaN is not known."""
+        pairs = (
+            (self.turn_rad, self.turn_sigma, limits.turn_rad), (self.shift_m, self.shift_sigma, limits.shift_m),
+            (self.focal, self.focal_sigma, limits.focal_share), (self.late_s, self.late_sigma, limits.late_s),
+        )  # fmt: skip
+        # one camera alone knows the target's distance badly, and in ways that standard errors do not show
+        alone = _ONE_OTHER if self.others == 1 else 1.0
+        single = max(abs(value) / (alone * max(least, limits.sigma * sigma)) for value, sigma, least in pairs)
+        return min(single, self.effect / limits.effect_px_per_1000)
+
+    @property
+    def words(self) -> str:
+        """The errors, for people."""
+        return (
+            f"{self.name} is turned by {np.rad2deg(self.turn_rad):.2f} ± {np.rad2deg(self.turn_sigma):.2f} deg, shifted by"
+            f" {self.shift_m * 1e3:.1f} ± {self.shift_sigma * 1e3:.1f} mm, its focal length off by {self.focal:+.2%} ±"
+            f" {self.focal_sigma:.2%}, its clock {self.late_s * 1e3:+.1f} ± {self.late_sigma * 1e3:.1f} ms late:"
+            f" {self.effect:.1f} px per 1000"
+        )
+
+
+def camera_errors(rig: Rig, seen: Snapshots, target: Target, limits: VerifyLimits) -> tuple[CameraError, ...]:
+    """Each camera against those that are not found wrong: the worst is taken away first, and the others measured anew."""
+    views = _each_patch_alone(seen)
+    trusted = {int(c) for c in np.unique(views.camera)}
+    found = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig))}
+    wrong: set[int] = set()
+    while len(trusted) > 2:
+        excess = {c: found[c].excess(limits) for c in trusted if np.isfinite(found[c].turn_rad)}
+        worst = max(excess, key=lambda c: excess[c], default=-1)
+        if worst < 0 or excess[worst] <= 1:
+            break
+        wrong.add(worst)
+        trusted.discard(worst)
+        again = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig)) if c not in wrong}
+        found |= {c: one for c, one in again.items() if np.isfinite(one.turn_rad)}
+    return tuple(found[c] for c in range(len(rig)))
+
+
+def _each_patch_alone(seen: Snapshots) -> Snapshots:
+    """Every marker at every time step as a target of its own, on at most so many of them that several cameras see."""
+    key = seen.instant * len(seen.patches) + seen.patch
+    used, place = np.unique(key, return_inverse=True)
+    present = np.zeros((len(used), int(seen.camera.max(initial=0)) + 1), bool)
+    present[place, seen.camera] = True
+    several = np.flatnonzero(present.sum(axis=1) >= 2)
+    chosen = several[np.unique(np.linspace(0, len(several) - 1, min(len(several), _MOST_VIEWS)).astype(np.int64))]
+    number = np.full(len(used), -1)
+    number[chosen] = np.arange(len(chosen))
+    t_s = seen.t_s[used[chosen] // len(seen.patches)]
+    alone = replace(seen, t_s=t_s, instant=number[place], patch=np.zeros(len(place), np.int64), patches=seen.patches[:1])
+    return alone.rows(number[place] >= 0)
+
+
+def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterable[int], limits: VerifyLimits) -> CameraError:
+    """One camera's pose, focal length and clock let free, the others held."""
+    trusted = sorted(others)
+    shared = np.unique(views.instant[np.isin(views.camera, trusted)])
+    seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.instant, shared))
+    count = len(np.unique(seen.instant[seen.camera == c]))
+    if count < limits.views or not trusted:
+        return CameraError(rig.names[c], count)
+    freed = _freed(rig, seen, target, c)
+    return CameraError(rig.names[c], count) if freed is None else _error(rig, freed[0], freed[1], target, c, count, len(trusted))
+
+
+def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
+    corners, lenses, cameras = patch_corners(target, seen.patches), Lenses(tuple(rig)), tuple(rig)
+    pose = Poses.from_se3(
+        SE3(np.stack([one.cam_from_world.wxyz for one in rig]), np.stack([one.cam_from_world.xyz for one in rig]))
+    )
+    trusted = seen.rows(seen.camera != c)
+    shape = PropShape({0: Poses(np.eye(3), np.zeros(3))}, {}, 0)
+    in_images = prop_views(trusted, planar_views(trusted, corners, lenses), shape, corners, lenses)
+    track = prop_track(trusted, in_images, shape, corners, lenses, pose)
+    known = np.isfinite(track.t).all(axis=1)
+    if not known.any():
+        return None
+    seen = seen.rows(known[seen.instant])
+    nothing = np.zeros((len(rig), len(LENS_PARAMETERS)))
+    state = PropState(pose, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)), nothing)
+    focal_px = _FREE_FOCAL * cameras[c].K[0, 0]
+    sigma = np.array([focal_px, focal_px, _HELD_PX, _HELD_PX, _HELD_BEND, _HELD_BEND])
+    return solve_prop(seen, corners, cameras, state, Freedom(None, None, True, False, sigma, (c,), (c,))), seen
+
+
+def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int) -> float:
+    """How far the camera as it is sees points from where the camera of the rig would, px (rms) per 1000 px of width."""
+    mine = seen.rows(seen.camera == c)
+    corners = patch_corners(target, mine.patches)[mine.patch, mine.corner]
+    xyz = solution.state.world_from_prop[mine.instant].move(corners)
+    before, after = rig.cameras[c].cam_from_world @ xyz, solution.state.cam_from_world[mine.camera].move(xyz)
+    late_s = solution.state.delay_s[c, 0]
+    apart = (
+        Lenses(tuple(rig), solution.state.lens_delta).px(mine.camera, after) - mine.velocity_px_s * late_s
+        - Lenses(tuple(rig)).px(mine.camera, before)
+    )  # fmt: skip
+    return float(np.sqrt(np.nanmean((apart**2).sum(axis=1)))) * 1000 / max(rig.cameras[c].size_wh)
+
+
+def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int, count: int, others: int) -> CameraError:
+    before, after = rig.cameras[c].cam_from_world, solution.state.cam_from_world
+    covariance = solution.camera_covariance[c]
+    turn = float(angle_between(after.R[c][None], before.matrix()[None])[0])
+    shift = float(np.linalg.norm(after.inverse().t[c] - rig.cameras[c].centre_world))
+    t = after.t[c]
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    slope = -after.R[c].T @ np.hstack([cross, np.eye(3)])
+    mean = np.array([0.5, 0.5, 0, 0, 0, 0]) / rig.cameras[c].K[0, 0]
+    return CameraError(
+        rig.names[c], count, others, turn, float(np.sqrt(np.trace(covariance[:3, :3]))),
+        shift, float(np.sqrt(np.trace(slope @ covariance @ slope.T))),
+        float(mean @ solution.state.lens_delta[c]), float(np.sqrt(mean @ solution.lens_covariance[c] @ mean)),
+        float(solution.state.delay_s[c, 0]), float(solution.delay_sigma_s[c, 0]), _effect(rig, solution, seen, target, c),
+    )  # fmt: skip

@@ -1,0 +1,228 @@
+"""The explanations that are tried when a calibration is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import linked_groups
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco
+from posefuse.core import Camera, ConfigError
+from posefuse.core.arrays import Array
+
+from .board_shape import DEFORMATIONS, DEFORMED_REMEDY, best_deformation
+from .cause_solves import anew_trial, near_solve, solve_anew, trial
+from .cause_splits import moved_or_jumped
+from .cause_views import views_wrong
+from .causes import Hypothesis, Trial, Trouble, base_spread_px
+from .clocks import rough_offsets
+from .lens_check import lens_change, lens_words
+from .pipeline import Solved
+from .prop_solve import Freedom, PropSolution
+from .solution_checks import let_lenses_free
+
+_LONGEST_OFFSET_S = 2.0
+_LEAST_DRIFT = 1e-4
+_TURN = np.diag([-1.0, -1.0, 1.0])
+_BAD_SHARE, _SHARED_TIME, _AT_ONCE_S = 0.5, 0.25, 0.05
+_LEAST_DEFORMED = 0.002
+# corners of a board described otherwise are off by squares, not by some px
+_ANOTHER_BOARD_PX = 4.0
+_FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
+
+
+def intrinsics_wrong(trouble: Trouble) -> Iterator[Trial]:
+    """The intrinsics of one camera, of two, or of all are let free; or the given ones belong to other cameras."""
+    solved = trouble.solved
+    if solved is None:
+        return
+    cameras, limits = trouble.cameras, trouble.options.limits
+    free = let_lenses_free(cameras, solved, False)
+    excess = lens_change(cameras, solved.solution, free, solved.seen).excess(cameras, limits).max(axis=1)
+    yield from _permuted(trouble, solved, free)
+    worst = np.argsort(-excess)
+    for some in {(int(worst[0]),), tuple(sorted(int(i) for i in worst[:2]))} if len(cameras) > 2 else set():
+        one = let_lenses_free(cameras, solved, False, some)
+        yield trial(_lens_story(trouble, solved, one, some), _FOCUS, solved, one, 6 * len(some))
+    yield trial(_lens_story(trouble, solved, free, None), _FOCUS, solved, free, 6 * len(cameras))
+
+
+def _lens_story(trouble: Trouble, solved: Solved, free: PropSolution, some: tuple[int, ...] | None) -> str:
+    cameras, limits = trouble.cameras, trouble.options.limits
+    change = lens_change(cameras, solved.solution, free, solved.seen)
+    excess = change.excess(cameras, limits)
+    of = range(len(cameras)) if some is None else some
+    wrong = [i for i in of if excess[i].max() > 1] or list(of)
+    whose = "all cameras" if len(wrong) == len(cameras) else " and ".join(cameras[i].name for i in wrong)
+    words = [lens_words(cameras, change, limits, i, int(np.argmax(excess[i]))) for i in wrong[:3]]
+    return f"the intrinsics of {whose} are wrong: {', '.join(words)}"
+
+
+def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[Trial]:
+    """The given intrinsics are right, but not in this order."""
+    cameras, delta, covariance = trouble.cameras, free.state.lens_delta, free.lens_covariance
+    given = np.array([[c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], *_bend(c)] for c in cameras])
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) + 1e-3 * np.array([1, 1, 1, 1, 1e-2, 1e-2]) * given[:, :1]
+    away = (((given + delta)[:, None] - given[None]) / sigma[:, None]) ** 2
+    order = linear_sum_assignment(np.minimum(away, 1e4).sum(axis=-1))[1]
+    other = np.flatnonzero(order != np.arange(len(cameras)))
+    if len(other) == 0:
+        return
+    swapped = tuple(replace(c, K=cameras[j].K, distortion=cameras[j].distortion, model=cameras[j].model)
+                    for c, j in zip(cameras, order, strict=True))  # fmt: skip
+    again = near_solve(solved, swapped, solved.solution.state)
+    names = [cameras[i].name for i in other]
+    yield trial(
+        f"the names of {', '.join(names[:-1])} and {names[-1]} are swapped: each other's intrinsics fit",
+        "name the videos, or the intrinsics, the other way round", solved, again, 0,
+    )  # fmt: skip
+
+
+def _bend(camera: Camera) -> Array:
+    return np.concatenate([camera.distortion, np.zeros(2)])[:2]
+
+
+def image_turned(trouble: Trouble) -> Iterator[Trial]:
+    """One camera's image is turned by half a turn."""
+    solved = trouble.solved
+    for c, camera in enumerate(trouble.cameras):
+        size = np.array(camera.size_wh)
+        words = f"the image of {camera.name} is turned by 180 deg"
+        remedy = "turn the image back, or calibrate the intrinsics with the image as it is now"
+        if solved is not None:
+            mine = (solved.seen.camera == c)[:, None]
+            seen = replace(solved.seen, xy_img=np.where(mine, size - 1 - solved.seen.xy_img, solved.seen.xy_img),
+                           velocity_px_s=np.where(mine, -solved.seen.velocity_px_s, solved.seen.velocity_px_s))  # fmt: skip
+            pose, turned = solved.solution.state.cam_from_world, replace(solved, seen=seen)
+            roll = np.where((np.arange(len(pose)) == c)[:, None, None], _TURN, np.eye(3))
+            state = replace(solved.solution.state, cam_from_world=Poses(roll @ pose.R, (roll @ pose.t[..., None])[..., 0]))
+            if solved.links.reference == c:
+                continue
+            yield trial(words, remedy, turned, near_solve(turned, trouble.cameras, state), 0)
+
+
+def image_mirrored(trouble: Trouble) -> Iterator[Trial]:
+    """One camera's image is flipped; only for cameras of which hardly a view fits."""
+    for c in _bad_cameras(trouble):
+        seen, width = trouble.observations, trouble.cameras[c].size_wh[0]
+        flipped = np.where((seen.camera == c)[:, None], seen.xy_img * [-1, 1] + [width - 1, 0], seen.xy_img)
+        solved, lost = solve_anew(trouble, replace(seen, xy_img=flipped), trouble.cameras, trouble.target)
+        words = f"the image of {trouble.cameras[c].name} is mirrored"
+        yield from anew_trial(words, "switch the mirror mode of the camera off", solved, lost, 0)
+
+
+def _bad_cameras(trouble: Trouble) -> list[int]:
+    solved = trouble.solved
+    if solved is None:
+        return list(range(len(trouble.cameras)))
+    camera = solved.seen.camera[solved.seen.group_starts()]
+    return [c for c in range(len(trouble.cameras)) if (camera == c).any() and solved.inlier[camera == c].mean() < _BAD_SHARE]
+
+
+def clocks_near(trouble: Trouble) -> Iterator[Trial]:
+    """Each camera has a clock of its own, within what the motion of the corners extrapolates to."""
+    solved = trouble.solved
+    if solved is None:
+        return
+    freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+    free = near_solve(solved, trouble.cameras, solved.solution.state, freedom)
+    words = _clock_story(trouble.cameras, replace(solved, solution=free))
+    if words:
+        remedy = "the cameras are not synchronised: calibrate with --clocks offset"
+        yield trial(words, remedy, solved, free, len(trouble.cameras) - 1)
+
+
+def clocks_off(trouble: Trouble) -> Iterator[Trial]:
+    """Each camera has a clock of its own, farther apart than a calibration looks by itself; or running at its own rate."""
+    cameras = trouble.cameras
+    late = rough_offsets(trouble.observations, cameras, trouble.target, _LONGEST_OFFSET_S)
+    if not np.isfinite(late).any():
+        return
+    late = np.nan_to_num(late - np.nanmedian(late))
+    start = np.stack([late, np.zeros(len(cameras))], axis=1)
+    for clocks, frees in (("offset", 1), ("drift", 2)):
+        solved, lost = solve_anew(trouble, trouble.observations, cameras, trouble.target, clocks, start)
+        if solved is None or not _see_together(trouble.observations, solved.solution.state.delay_s[:, 0]):
+            continue
+        words = _clock_story(cameras, solved)
+        if words:
+            remedy = f"the cameras are not synchronised: calibrate with --clocks {clocks}" + (
+                "" if np.abs(late).max() < trouble.options.most_offset_s else ", and stamps shifted by these offsets"
+            )
+            yield from anew_trial(words, remedy, solved, lost, frees * (len(cameras) - 1))
+
+
+def _see_together(observations: Observations, delay_s: Array) -> bool:
+    """Whether all cameras hang together through pairs that see the target at once for a good part of their frames.
+
+    With offsets that are wide enough, a little of any two recordings overlaps.
+    """
+    seen = [np.unique(observations.t_ns[observations.camera == c]) / 1e9 - late for c, late in enumerate(delay_s)]
+    linked = np.eye(len(seen), dtype=bool)
+    for a, first in enumerate(seen):
+        for b, second in enumerate(seen):
+            if a != b and len(first) and len(second):
+                after = np.searchsorted(second, first).clip(1, max(len(second) - 1, 1))
+                apart = np.minimum(np.abs(first - second[after - 1]), np.abs(first - second[after % len(second)]))
+                linked[a, b] = (apart < _AT_ONCE_S).sum() >= _SHARED_TIME * min(len(first), len(second))
+    return len(linked_groups(linked | linked.T)) == 1
+
+
+def _clock_story(cameras: tuple[Camera, ...], solved: Solved) -> str:
+    value, sigma = solved.solution.state.delay_s, solved.solution.delay_sigma_s
+    value = value - np.median(value, axis=0)
+    parts = []
+    for c, camera in enumerate(cameras):
+        if abs(value[c, 1]) > max(_LEAST_DRIFT, 5 * sigma[c, 1]):
+            parts.append(f"the clock of {camera.name} runs {value[c, 1] * 1e6:+.0f} ppm fast (drift)")
+        elif abs(value[c, 0]) > max(0.004, 5 * sigma[c, 0]):
+            parts.append(f"the clock of {camera.name} is off by {value[c, 0] * 1e3:+.0f} ms")
+    return ", ".join(parts)
+
+
+def board_swapped(trouble: Trouble) -> Iterator[Trial]:
+    """A board whose columns and rows are swapped."""
+    target = trouble.target
+    if np.isfinite(spread := base_spread_px(trouble)) and spread < _ANOTHER_BOARD_PX:
+        return
+    if isinstance(target, Charuco | ArucoBoard) and target.columns != target.rows:
+        try:
+            other = replace(target, columns=target.rows, rows=target.columns)
+        except ConfigError:
+            return
+        corners = len(other.corners(0))
+        if trouble.observations.corner.max(initial=0) < corners:
+            solved, lost = solve_anew(trouble, trouble.observations, trouble.cameras, other)
+            yield from anew_trial(
+                f"the board has {other.columns} columns and {other.rows} rows, not {target.columns} and {target.rows}",
+                f"--columns {other.columns} --rows {other.rows}", solved, lost, 0,
+            )  # fmt: skip
+
+
+def board_deformed(trouble: Trouble) -> Iterator[Trial]:
+    """The board stretched or bent, as far as fits best."""
+    solved = trouble.solved
+    if solved is None or not isinstance(trouble.target, Charuco | ArucoBoard):
+        return
+    for way in DEFORMATIONS:
+        found = best_deformation(solved, trouble.cameras, way)
+        if found is not None and abs(found.share) > _LEAST_DEFORMED:
+            yield trial(f"the board is {found.words}", DEFORMED_REMEDY, solved, found.solution, 1)
+
+
+HYPOTHESES = (
+    Hypothesis("images turned", "nothing: one image is turned back", image_turned, near=True),
+    Hypothesis("intrinsics", "intrinsics of one, two or all cameras; or their order", intrinsics_wrong, near=True),
+    Hypothesis("moved, jumped or uneven", "one camera from a time step on; its stamps", moved_or_jumped, near=True),
+    Hypothesis("views", "the noise, or some markers, of one camera", views_wrong, near=True),
+    Hypothesis("board deformed", "one deformation of the board", board_deformed, near=True),
+    Hypothesis("clocks, near", "offset of each clock", clocks_near, near=True),
+    Hypothesis("images mirrored", "nothing: one image is flipped back", image_mirrored, near=False),
+    Hypothesis("clocks", "offset, or offset and drift, of each clock", clocks_off, near=False),
+    Hypothesis("board described wrongly", "nothing: columns and rows are swapped", board_swapped, near=True),
+)

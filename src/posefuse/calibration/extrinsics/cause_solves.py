@@ -1,0 +1,51 @@
+"""The solves behind the hypotheses: from a solution that is near, or anew from changed input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from .causes import Trial, Trouble
+from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
+from .prop_solve import Freedom, PropSolution, PropState, solve_prop
+
+
+def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, freedom: Freedom | None = None) -> PropSolution:
+    """The same corners with other cameras or another start."""
+    free = freedom or Freedom(solved.links.reference, solved.links.shape.root)
+    return solve_prop(solved.seen, solved.corners, cameras, state, free)
+
+
+def trial(words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int) -> Trial:
+    """What a solve on the same corners gives."""
+    return Trial(words, remedy, solved.seen.camera, solution.residual_px, 0, frees)
+
+
+def solve_anew(
+    trouble: Trouble, observations: Observations, cameras: tuple[Camera, ...], target: Target, clocks: str = "together",
+    delay_s: Array | None = None,
+) -> tuple[Solved | None, int]:  # fmt: skip
+    """Everything from the beginning on fewer time steps: the solution, and how many corners it could not place."""
+    options: Options = replace(trouble.options, instants=min(trouble.options.instants, TIME_STEPS), clocks=clocks)
+    delay = np.zeros((len(cameras), 2)) if delay_s is None else delay_s
+    seen = key_snapshots(observations, options, delay)
+    if len(seen.camera) == 0:
+        return None, 0
+    links, in_images = link(observations, cameras, target, seen)
+    if len(links.placed) < len(cameras):
+        return None, len(seen.camera)
+    solved = solve_linked(observations, cameras, target, options, seen, links, in_images, delay)
+    return solved, max(len(seen.camera) - len(solved.seen.camera), 0)
+
+
+def anew_trial(words: str, remedy: str, solved: Solved | None, lost: int, frees: int) -> list[Trial]:
+    """What a solve from the beginning gives: nothing where it could not be linked."""
+    if solved is None:
+        return []
+    return [Trial(words, remedy, solved.seen.camera, solved.solution.residual_px, lost, frees)]

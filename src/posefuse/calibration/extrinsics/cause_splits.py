@@ -1,0 +1,199 @@
+"""Explanations in time: a camera that was moved, a clock that jumped, stamps that are uneven."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.calibration.solving.rotations import Poses, angle_between
+from posefuse.core.arrays import Array
+
+from .cause_solves import near_solve
+from .causes import Trial, Trouble
+from .clocks import rough_offsets
+from .pipeline import Solved
+from .prop_solve import Freedom, PropSolution
+from .snapshots import Snapshots, middle_ns, snapshots
+
+_CANDIDATES, _STILL_LARGER = 2, 1.5
+_LEAST_STEPS = 6
+_LEAST_JUMP_S, _SIGMA = 0.005, 5.0
+_LONGEST_JUMP_S = 0.6
+
+
+def moved_or_jumped(trouble: Trouble) -> Iterator[Trial]:
+    """One camera has another pose and clock from some time step on."""
+    solved = trouble.solved
+    if solved is None:
+        return
+    changes = [(*_change_step(solved, c), c) for c in range(len(trouble.cameras))]
+    for _, step, c in sorted(changes, reverse=True)[:_CANDIDATES]:
+        if step >= 0:
+            yield from _split(trouble, solved, c, step)
+    yield from _uneven_stamps(trouble, solved)
+
+
+def _change_step(solved: Solved, c: int) -> tuple[float, int]:
+    """How much better two stretches of one camera's residuals are explained apart, and the time step where they part."""
+    steps, x, y, v, weight = _camera_means(solved, c)
+    if len(steps) < 2 * _LEAST_STEPS:
+        return 0.0, -1
+
+    def cumulated(values: Array) -> Array:
+        return np.cumsum(weight * values)
+
+    # residual = a + b * velocity, before and after: squares from running sums
+    sums = {name: cumulated(value) for name, value in {
+        "n": np.ones(len(steps)), "x": x, "y": y, "xx": x**2 + y**2, "vx": v[:, 0], "vy": v[:, 1], "vv": (v**2).sum(axis=1),
+        "xv": x * v[:, 0] + y * v[:, 1]}.items()}  # fmt: skip
+
+    def left(one: dict[str, Array]) -> Array:
+        n = np.maximum(one["n"], 1e-9)
+        vv = one["vv"] - (one["vx"] ** 2 + one["vy"] ** 2) / n
+        xv = one["xv"] - (one["x"] * one["vx"] + one["y"] * one["vy"]) / n
+        xx = one["xx"] - (one["x"] ** 2 + one["y"] ** 2) / n
+        return np.asarray(xx - xv**2 / np.maximum(vv, 1e-9))
+
+    last = {name: value[-1] - value for name, value in sums.items()}
+    both = left(sums) + left(last)
+    inner = slice(_LEAST_STEPS - 1, len(steps) - _LEAST_STEPS)
+    best = int(np.argmin(both[inner])) + _LEAST_STEPS - 1
+    whole = float(left({name: value[-1:] for name, value in sums.items()})[0])
+    return whole - float(both[best]), int(steps[best + 1])
+
+
+def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Per time step of a camera: number, mean residual x and y, mean velocity (n, 2), and a robust weight."""
+    seen, residual = solved.seen, solved.solution.residual_px
+    rows = (seen.camera == c) & np.isfinite(residual).all(axis=1)
+    steps, place, count = np.unique(seen.instant[rows], return_inverse=True, return_counts=True)
+    mean = np.stack([np.bincount(place, residual[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
+    velocity = np.stack([np.bincount(place, seen.velocity_px_s[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
+    size = np.linalg.norm(mean, axis=1)
+    cut = max(3 * float(np.median(size)), 1.0) if len(size) else 1.0
+    clipped = mean * np.minimum(1.0, 4 * cut / np.maximum(size, 1e-9))[:, None]
+    return steps, clipped[:, 0], clipped[:, 1], velocity / 100.0, np.ones(len(steps))
+
+
+def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[Trial]:
+    """Solve with the camera taken as two, before and after the step."""
+    cameras = (*trouble.cameras, replace(trouble.cameras[c], name=f"{trouble.cameras[c].name} later"))
+    t_s = float(solved.seen.t_s[step])
+    start_s = middle_ns(trouble.observations) / 1e9 - trouble.observations.t_ns.min() / 1e9
+    apart, solution = _solve_split(trouble, solved, cameras, c, t_s, 0.0)
+    mine = np.isin(apart.seen.camera, (c, len(trouble.cameras)))
+    if _size(solution, mine) > _STILL_LARGER * _size(solution, ~mine):
+        # a jump of the clock beyond what the motion of the corners extrapolates to
+        apart, solution = min(
+            ((apart, solution), _solve_split(trouble, solved, cameras, c, t_s, _rough_jump_s(trouble, c, t_s))),
+            key=lambda one: _size(one[1]),
+        )
+    words, remedy, frees = _split_story(trouble, solution, c, t_s + start_s, apart)
+    camera = np.where(apart.seen.camera == len(trouble.cameras), c, apart.seen.camera)
+    yield Trial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees)
+
+
+def _size(solution: PropSolution, rows: Array | slice = slice(None)) -> float:
+    """Usual residual, large ones counting little."""
+    return float(np.nanmean(np.log1p((solution.residual_px[rows] ** 2).sum(axis=1))))
+
+
+def _rough_jump_s(trouble: Trouble, c: int, t_s: float) -> float:
+    """By how much the camera's clock jumps, from the paths of the target; 0 where they do not tell."""
+    seen = trouble.observations
+    late = seen.t_ns - middle_ns(seen) >= t_s * 1e9
+    other = int(
+        np.argmax(np.where(np.arange(len(trouble.cameras)) == c, -1, np.bincount(seen.camera, minlength=len(trouble.cameras))))
+    )
+    offsets = []
+    for part in (~late, late):
+        pair = seen.rows(part & np.isin(seen.camera, (c, other)))
+        if len(pair) == 0:
+            return 0.0
+        found = rough_offsets(pair, trouble.cameras, trouble.target, _LONGEST_JUMP_S)
+        offsets.append(found[c] - found[other])
+    jump = offsets[1] - offsets[0]
+    return float(jump) if np.isfinite(jump) else 0.0
+
+
+def _solve_split(
+    trouble: Trouble,
+    solved: Solved,
+    cameras: tuple,
+    c: int,
+    t_s: float,
+    jump_s: float,  # type: ignore[type-arg]
+) -> tuple[Solved, PropSolution]:
+    seen, state, count = solved.seen, solved.solution.state, len(trouble.cameras)
+    delay = np.concatenate([state.delay_s, state.delay_s[c : c + 1] + [[jump_s, 0.0]]])
+    if jump_s:
+        seen = _read_again(trouble, solved, delay, c, t_s)
+    else:
+        seen = replace(seen, camera=np.where((seen.camera == c) & (seen.t_s[seen.instant] >= t_s), count, seen.camera))
+    seen = seen.rows(np.arange(len(seen.camera)) >= 0)
+    pose = state.cam_from_world
+    start = replace(
+        state, cam_from_world=Poses(np.concatenate([pose.R, pose.R[c : c + 1]]), np.concatenate([pose.t, pose.t[c : c + 1]])),
+        delay_s=delay, lens_delta=np.concatenate([state.lens_delta, state.lens_delta[c : c + 1]]),
+    )  # fmt: skip
+    apart = replace(solved, seen=seen)
+    freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+    return apart, near_solve(apart, cameras, start, freedom)
+
+
+def _read_again(trouble: Trouble, solved: Solved, delay: Array, c: int, t_s: float) -> Snapshots:
+    """The corners at the same time steps, with the camera taken as two whose clocks differ."""
+    seen, count = trouble.observations, len(trouble.cameras)
+    late = (seen.camera == c) & (seen.t_ns - middle_ns(seen) >= t_s * 1e9)
+    two = replace(
+        seen, cameras=(*seen.cameras, f"{seen.cameras[c]} later"), sizes_wh=(*seen.sizes_wh, seen.sizes_wh[c]),
+        frame_count=(*seen.frame_count, seen.frame_count[c]), camera=np.where(late, count, seen.camera),
+    )  # fmt: skip
+    steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(seen)
+    again = snapshots(two, steps_ns, delay)
+    return again.rows(np.isin(again.instant, np.unique(solved.seen.instant)) & np.isin(again.patch, np.unique(solved.seen.patch)))
+
+
+def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, apart: Solved) -> tuple[str, str, int]:
+    """What differs between the camera before and after: its pose or its clock, whichever moves more pixels."""
+    name, count = trouble.cameras[c].name, len(trouble.cameras)
+    pose = solution.state.cam_from_world
+    centre = pose.inverse().t
+    shift_m = float(np.linalg.norm(centre[count] - centre[c]))
+    turn_rad = float(angle_between(pose.R[count][None], pose.R[c][None])[0])
+    jump_s = float(solution.state.delay_s[count, 0] - solution.state.delay_s[c, 0])
+    sigma_s = float(np.hypot(solution.delay_sigma_s[count, 0], solution.delay_sigma_s[c, 0]))
+    focal = trouble.cameras[c].K[0, 0]
+    depth = np.abs(pose[apart.seen.camera].move(solution.state.world_from_prop.t[apart.seen.instant])[:, 2])
+    moved_px = focal * (turn_rad + shift_m / max(float(np.median(depth)), 0.1))
+    speed = np.linalg.norm(apart.seen.velocity_px_s[np.isin(apart.seen.camera, (c, count))], axis=1)
+    jumped_px = abs(jump_s) * float(np.median(speed)) if len(speed) else 0.0
+    if abs(jump_s) > max(_LEAST_JUMP_S, _SIGMA * sigma_s) and jumped_px > moved_px:
+        return (f"the clock of {name} jumps by {jump_s * 1e3:+.0f} ms at {at_s:.0f} s",
+                "frames were lost: give each frame its true time stamp, or use the part before or after", 2)  # fmt: skip
+    return (f"{name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {np.rad2deg(turn_rad):.2f} deg",
+            "calibrate again, or use the part before or after", 7)  # fmt: skip
+
+
+def _uneven_stamps(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
+    """Every frame of one camera has a time shift of its own."""
+    seen, residual = solved.seen, solved.solution.residual_px
+    for c, camera in enumerate(trouble.cameras):
+        rows = (seen.camera == c) & np.isfinite(residual).all(axis=1)
+        steps = int(seen.instant.max(initial=0)) + 1
+        v = seen.velocity_px_s
+        square = np.bincount(seen.instant[rows], (v[rows] ** 2).sum(axis=1), steps)
+        along = np.bincount(seen.instant[rows], (v[rows] * residual[rows]).sum(axis=1), steps)
+        late_s = along / np.maximum(square, 1e-6)
+        used = np.unique(seen.instant[rows])
+        if len(used) < _LEAST_STEPS:
+            continue
+        left = np.where(rows[:, None], residual - v * late_s[seen.instant][:, None], residual)
+        spread_s = 1.4826 * float(np.median(np.abs(late_s[used] - np.median(late_s[used]))))
+        yield Trial(
+            f"the time stamps of {camera.name} are uneven by {spread_s * 1e3:.0f} ms from frame to frame",
+            "read the true time of each frame, or fix the camera's exposure so that it keeps its frame rate",
+            seen.camera, left, 0, len(used),
+        )  # fmt: skip

@@ -1,0 +1,152 @@
+"""Why a calibration was refused: explanations tested against each other on the same corners.
+
+A hypothesis undoes or frees one thing and solves again. All are judged by the share of the excess residual that they take
+away; among those that take away about as much, the one that frees least is named. Two that cannot be separated are both named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.calibration.report import Check
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Target
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from .pipeline import Options, Solved
+
+# residuals beyond so many standard deviations count ever less
+_ROBUST = 3.0
+# what a corner costs that the hypothesis cannot place, and one that only has noise (mean of log(1 + chi2 / 9))
+_LOST, _NOISE = 3.0, 0.095
+# what detection leaves of a corner: the yardstick that an explanation has to come near
+_LEAST_SIGMA_PX, _MOST_SIGMA_PX = 0.1, 0.6
+_LEAST_EXPLAINED, _ABOUT_AS_MUCH, _INSEPARABLE = 0.5, 0.1, 0.02
+# what explains so much leaves nothing to look for from the beginning
+_ENOUGH = 0.85
+
+
+@dataclass(frozen=True, eq=False)
+class Trouble:
+    """A calibration that was refused.
+
+    Attributes:
+        observations, cameras, target, options: its input. solved: its solution; None where the cameras could not be linked.
+    """
+
+    observations: Observations
+    cameras: tuple[Camera, ...]
+    target: Target
+    options: Options
+    solved: Solved | None
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One hypothesis solved.
+
+    Attributes:
+        words: the cause, with its figures. remedy: what to do.
+        camera, residual_px: (N,), (N, 2) of the corners that it placed. lost: corners that it could not place.
+        frees: unknowns it has more than the solution that was refused.
+    """
+
+    words: str
+    remedy: str
+    camera: Array
+    residual_px: Array
+    lost: int
+    frees: int
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An explanation.
+
+    Attributes:
+        name: in words. frees: what it undoes or frees. trials: its solves.
+        near: whether they start from the solution at hand, and so take little time.
+    """
+
+    name: str
+    frees: str
+    trials: Callable[[Trouble], Iterable[Trial]]
+    near: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A hypothesis with the share (0 to 1) of the excess residual that it takes away."""
+
+    trial: Trial
+    explained: float
+    spread_px: float
+
+
+def likely_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[Cause, ...]:
+    """The best explanation, or the two best when they cannot be told apart; none where nothing explains enough."""
+    trials = [trial for hypothesis in hypotheses if hypothesis.near for trial in hypothesis.trials(trouble)]
+    found = _best(trouble, trials)
+    if found and found[0].explained >= _ENOUGH:
+        return found
+    return _best(
+        trouble, trials + [trial for hypothesis in hypotheses if not hypothesis.near for trial in hypothesis.trials(trouble)]
+    )
+
+
+def _best(trouble: Trouble, trials: Sequence[Trial]) -> tuple[Cause, ...]:
+    if not trials:
+        return ()
+    base = _base(trouble)
+    sigma_px = float(np.clip(min(_spread_px(trial) for trial in trials), _LEAST_SIGMA_PX, _MOST_SIGMA_PX))
+    before = _cost(base, sigma_px)
+    causes = [Cause(trial, (before - _cost(trial, sigma_px)) / max(before - _NOISE, 1e-9), _spread_px(trial)) for trial in trials]
+    causes = [cause for cause in causes if cause.explained >= _LEAST_EXPLAINED]
+    if not causes:
+        return ()
+    most = max(cause.explained for cause in causes)
+    near = sorted(
+        (cause for cause in causes if cause.explained >= most - _ABOUT_AS_MUCH), key=lambda c: (c.trial.frees, -c.explained)
+    )
+    first = near[0]
+    alike = [c for c in near[1:] if c.trial.frees == first.trial.frees and c.explained >= first.explained - _INSEPARABLE]
+    return (first, *alike[:1])
+
+
+def cause_check(causes: Sequence[Cause], before_px: float) -> Check:
+    """The causes as a failed check, with the evidence."""
+    words = " or ".join(cause.trial.words for cause in causes)
+    evidence = f"it takes away {causes[0].explained:.0%} of the misfit" if len(causes) == 1 else "the images do not tell which"
+    spread = "" if np.isnan(before_px) else f": corners spread {causes[0].spread_px:.2f} px instead of {before_px:.2f} px"
+    return Check("cause", False, f"{words} ({evidence}{spread})", " or ".join(dict.fromkeys(c.trial.remedy for c in causes)))
+
+
+def _base(trouble: Trouble) -> Trial:
+    if trouble.solved is None:
+        return Trial("", "", np.zeros(0, np.int64), np.zeros((0, 2)), 1, 0)
+    return Trial("", "", trouble.solved.seen.camera, trouble.solved.solution.residual_px, 0, 0)
+
+
+def base_spread_px(trouble: Trouble) -> float:
+    """Usual residual of a corner coordinate in the refused solution; NaN without one."""
+    return float("nan") if trouble.solved is None else _spread_px(_base(trouble))
+
+
+def _spread_px(trial: Trial) -> float:
+    size = np.linalg.norm(trial.residual_px, axis=1)
+    size = size[np.isfinite(size)]
+    return float(np.median(size) / 1.1774) if len(size) else np.inf
+
+
+def _cost(trial: Trial, sigma_px: float) -> float:
+    """Mean over the cameras of the robust cost of a corner."""
+    square = np.nan_to_num((trial.residual_px**2).sum(axis=1), nan=np.inf) / (2 * sigma_px**2)
+    each = np.minimum(np.log1p(square / _ROBUST**2), _LOST)
+    mine = [each[trial.camera == c] for c in np.unique(trial.camera)]
+    mean = float(np.mean([one.mean() for one in mine])) if mine else _LOST
+    lost = trial.lost / max(trial.lost + len(each), 1)
+    return (1 - lost) * mean + lost * _LOST

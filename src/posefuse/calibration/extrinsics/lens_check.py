@@ -1,0 +1,118 @@
+"""What a rig would rather have for intrinsics, when they are let free, and how surely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.calibration.report import Check
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from .limits import Limits
+from .prop_solve import PropSolution
+from .snapshots import Snapshots
+
+# what remains of the radius of a camera's image points when the farthest are left out
+_RIM_QUANTILE = 0.95
+# by so many standard errors each half must show a change, so that one bad stretch of time stamps does not make it
+_EACH_PART_SIGMA = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class LensChange:
+    """Change of each camera's intrinsics (C,) when they are let free, with standard errors.
+
+    Attributes:
+        focal: share of the focal length. centre_rad: shift of the principal point, as an angle. bend_px: shift of the image
+            points at the rim of what was seen, by distortion alone.
+        confirmed: (C, 3) whether focal length, principal point and distortion may be called wrong.
+    """
+
+    focal: Array
+    focal_sigma: Array
+    centre_rad: Array
+    centre_sigma: Array
+    bend_px: Array
+    bend_sigma: Array
+    confirmed: Array
+
+    def excess(self, cameras: Sequence[Camera], limits: Limits) -> Array:
+        """(C, 3) focal length, principal point and distortion over their limits: more than 1 is wrong."""
+        width = np.array([max(camera.size_wh) for camera in cameras])
+        pairs = (
+            (self.focal, self.focal_sigma, limits.focal_share),
+            (self.centre_rad, self.centre_sigma, limits.centre_rad),
+            (self.bend_px, self.bend_sigma, limits.bend_px_per_1000 * width / 1000),
+        )
+        excess = np.stack([np.abs(v) / np.maximum(least, limits.lens_sigma * sigma) for v, sigma, least in pairs], axis=1)
+        return np.where(self.confirmed, excess, np.minimum(excess, 1.0))
+
+    def confirmed_by(self, parts: Sequence[LensChange]) -> LensChange:
+        """The same, counting only what two parts of the data show alike, each by some standard errors."""
+        if len(parts) != 2:
+            return self
+        one, two = (part.in_sigmas() for part in parts)
+        return replace(self, confirmed=(np.minimum(np.abs(one), np.abs(two)) >= _EACH_PART_SIGMA) & (one * two > 0))
+
+    def in_sigmas(self) -> Array:
+        """(C, 3) each change in standard errors."""
+        pairs = ((self.focal, self.focal_sigma), (self.centre_rad, self.centre_sigma), (self.bend_px, self.bend_sigma))
+        return np.stack([value / np.maximum(sigma, 1e-12) for value, sigma in pairs], axis=1)
+
+
+def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolution, seen: Snapshots) -> LensChange:
+    """How the intrinsics of `free` differ from those of `held`."""
+    focal_px = np.array([camera.K[0, 0] for camera in cameras])
+    delta = free.state.lens_delta - held.state.lens_delta
+    covariance = free.lens_covariance
+    mean = np.array([0.5, 0.5, 0, 0, 0, 0])
+    rim = np.array([_rim(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
+    bend = np.zeros((len(cameras), 6))
+    bend[:, 4], bend[:, 5] = focal_px * rim**3, focal_px * rim**5
+    centre_px, centre_sigma = delta[:, 2:4], np.sqrt(np.diagonal(covariance[:, 2:4, 2:4], axis1=1, axis2=2))
+    return LensChange(
+        delta @ mean / focal_px, np.sqrt(np.einsum("i,cij,j->c", mean, covariance, mean)) / focal_px,
+        np.linalg.norm(centre_px, axis=1) / focal_px, np.linalg.norm(centre_sigma, axis=1) / focal_px,
+        (bend * delta).sum(axis=1), np.sqrt(np.einsum("ci,cij,cj->c", bend, covariance, bend)), np.ones((len(cameras), 3), bool),
+    )  # fmt: skip
+
+
+def _rim(camera: Camera, xy_img: Array) -> float:
+    """Radius on the ideal image plane within which most of the points lie."""
+    if len(xy_img) == 0:
+        return 0.0
+    return float(np.quantile(np.linalg.norm((xy_img - camera.K[:2, 2]) / camera.K[0, 0], axis=1), _RIM_QUANTILE))
+
+
+def check_lenses(cameras: Sequence[Camera], change: LensChange, limits: Limits) -> Check:
+    """The intrinsics, when they are let free, stay."""
+    excess = change.excess(cameras, limits)
+    worst, kind = (int(i) for i in np.unravel_index(np.argmax(excess), excess.shape))
+    return Check(
+        "intrinsics fit", bool(excess[worst, kind] <= 1), lens_words(cameras, change, limits, worst, kind),
+        "focus or zoom has changed since they were calibrated, or they belong to another camera or image size:"
+        " calibrate them again, or let them move with --refine-lenses 3",
+    )  # fmt: skip
+
+
+def lens_words(cameras: Sequence[Camera], change: LensChange, limits: Limits, camera: int, kind: int) -> str:
+    """What one camera's intrinsics would rather be: kind 0 focal length, 1 principal point, 2 distortion."""
+    name = cameras[camera].name
+    if kind == 0:
+        limit = max(limits.focal_share, limits.lens_sigma * float(change.focal_sigma[camera]))
+        return (
+            f"{name}'s focal length would rather be {change.focal[camera]:+.1%}"
+            f" (standard error {change.focal_sigma[camera]:.2%}, limit {limit:.1%})"
+        )
+    if kind == 1:
+        return (
+            f"{name}'s principal point would rather be {np.rad2deg(change.centre_rad[camera]):.1f} deg elsewhere"
+            f" (standard error {np.rad2deg(change.centre_sigma[camera]):.1f} deg)"
+        )
+    return (
+        f"{name}'s distortion would rather move points at the rim by {change.bend_px[camera]:+.1f} px"
+        f" (standard error {change.bend_sigma[camera]:.1f} px)"
+    )

@@ -1,0 +1,69 @@
+"""What refuses a calibration: every threshold with its unit and where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the checks of a rig from a prop or board.
+
+    "bench" is `bench/calibration_faults.py`, which shows each of them able to refuse and to accept. Judgement: set by the author.
+
+    Attributes:
+        corner_spread_px_per_1000: of a corner coordinate, per 1000 px of image width. Detection leaves 0.1 to 0.4 (docs).
+        inlier_share: of each camera's marker views that must agree. Judgement; good sessions have 0.9 or more (bench).
+        segments, segment_views, segment_share: the recording is cut into so many parts; a part of a camera with so many views
+            must agree by this share. Judgement.
+        position_sigma_share: standard error of a camera's position over the target's usual distance. Judgement: 20 mm of 4 m.
+        halves_share, halves_most_share, halves_sigma: two solves without common data may differ by so many standard errors,
+            within these shares of the distance. Real lenses deviate alike in neighbouring views (four webcams of `caliscope`).
+        halves_rad: and by this angle. From the same webcams.
+        spread_ratio: of residuals in one rig to those in a rig for each half. Bench: 1.1 in good sessions.
+        moved_sigma, moved_share, moved_rad: a spread ratio above its limit refuses only with a pose that differs between the
+            halves by so many standard errors, and by this share of the distance or this angle. The webcams: 2 sigma.
+        focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
+        centre_rad: and the principal point by this angle. Judgement: a smaller one is taken up by the camera's rotation.
+        bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.
+        stretch_share: a board may be longer in one direction by this: printers are true to 0.5 %.
+        lens_sigma: none of the four refuses below so many standard errors.
+        late_s, late_sigma: clocks of synchronised cameras. 4 ms is 4 mm at 1 m/s.
+        apart_m: two cameras nearer than this share a body. Judgement.
+        facing_share: of marker views that must show the printed face. Judgement; a mirrored board has 0.
+        upside_down_cosine: of the image's up direction with the world's. Judgement: 120 deg.
+        target_side_m: smallest and largest plausible edge of a marker or square. Prints are 10 mm to 1 m.
+        distance_m: smallest and largest plausible distance between target and cameras, of rooms in which people move.
+    """
+
+    corner_spread_px_per_1000: float = 1.5
+    inlier_share: float = 0.7
+    segments: int = 10
+    segment_views: int = 6
+    segment_share: float = 0.5
+    position_sigma_share: float = 0.005
+    halves_share: float = 0.003
+    halves_most_share: float = 0.012
+    halves_sigma: float = 30.0
+    halves_rad: float = float(np.deg2rad(0.6))
+    spread_ratio: float = 1.35
+    moved_sigma: float = 5.0
+    moved_share: float = 0.0005
+    moved_rad: float = float(np.deg2rad(0.03))
+    focal_share: float = 0.005
+    centre_rad: float = float(np.deg2rad(1.0))
+    bend_px_per_1000: float = 1.0
+    stretch_share: float = 0.01
+    lens_sigma: float = 6.0
+    late_s: float = 0.004
+    late_sigma: float = 5.0
+    apart_m: float = 0.03
+    facing_share: float = 0.9
+    upside_down_cosine: float = -0.5
+    target_side_m: tuple[float, float] = (0.004, 2.0)
+    distance_m: tuple[float, float] = (0.6, 25.0)
+
+
+LIMITS = Limits()

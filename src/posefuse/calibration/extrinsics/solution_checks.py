@@ -1,0 +1,80 @@
+"""The checks of a solved rig, the quick ones first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Target
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from . import self_checks as checks
+from .board_shape import check_board_shape
+from .halves import Halves, half_checks, solve_halves
+from .lens_check import LensChange, check_lenses, lens_change
+from .pipeline import Options, Solved, thinned
+from .prop_solve import Freedom, PropSolution, solve_prop
+from .size_check import check_rig_size
+
+_FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
+
+
+def solution_checks(
+    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved, before: list[Check]
+) -> list[Check]:
+    """All checks of a solution; raises RefusedCalibration after the quick ones, since the others take further solves."""
+    state, limits, distance_m = solved.solution.state, options.limits, usual_distance_m(solved)
+    quick = [
+        checks.check_still(cameras, solved, limits),
+        checks.check_facing(cameras, solved, limits),
+        checks.check_fit(cameras, solved, limits),
+        checks.check_cameras_agree(cameras, solved, limits),
+        checks.check_determined(cameras, solved, distance_m, limits),
+        checks.check_apart(cameras, state.cam_from_world, limits),
+        check_rig_size(target, cameras, state.cam_from_world.se3(), distance_m, limits),
+    ]
+    CalibrationReport("extrinsics", (*before, *quick)).require()
+    halves = solve_halves(observations, cameras, target, options, solved)
+    done = [
+        *quick,
+        *half_checks(cameras, solved, halves, distance_m, limits),
+        check_lenses(cameras, _lens_change(cameras, solved, halves, options), limits),
+    ]
+    if isinstance(target, Charuco | ArucoBoard):
+        done.append(check_board_shape(thinned(solved), cameras, limits))
+    if options.clocks == "together":
+        freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+        free = solve_prop(solved.seen, solved.corners, cameras, state, freedom)
+        done.append(checks.check_clocks(cameras, free.state.delay_s[:, 0], free.delay_sigma_s[:, 0], limits))
+    return done
+
+
+def _lens_change(cameras: tuple[Camera, ...], solved: Solved, halves: Halves, options: Options) -> LensChange:
+    parts = [_change_of(cameras, half, False) for half in halves.solved]
+    return _change_of(cameras, solved, options.clocks != "together").confirmed_by(parts)
+
+
+def _change_of(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> LensChange:
+    return lens_change(cameras, solved.solution, let_lenses_free(cameras, solved, offset), solved.seen)
+
+
+def let_lenses_free(cameras: tuple[Camera, ...], solved: Solved, offset: bool, of: tuple[int, ...] | None = None) -> PropSolution:
+    """The solve once more, with intrinsics that are hardly held: of all cameras, or of some."""
+    focal_px = _FREE_FOCAL * float(focal_lengths_px(cameras).mean())
+    sigma = np.array([focal_px, focal_px, *_FREE_LENS])
+    freedom = Freedom(solved.links.reference, solved.links.shape.root, offset, False, sigma, of)
+    return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
+
+
+def focal_lengths_px(cameras: tuple[Camera, ...]) -> Array:
+    """(C,) fx."""
+    return np.array([camera.K[0, 0] for camera in cameras])
+
+
+def usual_distance_m(solved: Solved) -> float:
+    """Median distance of the target from the cameras."""
+    seen, state = solved.seen, solved.solution.state
+    in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.instant])
+    return float(np.median(np.linalg.norm(in_cam, axis=1)))

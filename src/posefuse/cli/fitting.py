@@ -1,0 +1,119 @@
+"""What `posefuse fit-noise` does: scenes, two fits, the files beside the card, the table at the end."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import InputError
+from posefuse.detection.build import DetectorChoice
+from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card
+from posefuse.evaluation.fitting import (
+    NoiseFit,
+    Run,
+    collect,
+    fit_noise,
+    fitted,
+    noise_text,
+    render_everyday,
+    render_moving,
+    table_text,
+)
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.atomic import atomic_file
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import CameraInput, TrackConfig
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.session import find_session
+
+from .terminal import Terminal
+
+EVERYDAY, MOVING = "everyday", "moving"
+# scenes in which the person was tracked in fewer do not make a table of joint centres
+_LEAST_RUNS = 2
+
+
+def fit_card(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+    """Fit a card on simulated people; returns the figures of the tables.
+
+    Raises:
+        PosefuseError: a card or network that is not right, or a network that finds nobody.
+    """
+    card = read_network_card(args.card)
+    detector = OnnxConfig(card=args.card, engine=args.engine).build()
+    everyday = render_everyday(args.scenes_in / EVERYDAY, args.scenes, terminal.note)
+    with terminal.progress("noise") as advance:
+        samples = []
+        for i, folder in enumerate(everyday):
+            samples.append(collect(folder, detector, seed=i))
+            advance(i + 1, len(everyday))
+    seen = [one for one in samples if len(one.error)]
+    if not seen:
+        raise InputError(f"{args.card}: the network finds nobody in any of {len(samples)} scenes; is its card right?")
+    made_by = f"posefuse fit-noise: {len(seen)} rendered scenes, {sum(len(one.error) for one in seen)} crops"
+    noise = fit_noise(seen, made_by)
+    noise_file = args.card.with_suffix(".noise.toml")
+    _write(noise_file, noise_text(noise.noise))
+    _show(terminal, noise)
+    moving = render_moving(args.scenes_in / MOVING, args.moving, terminal.note)
+    centres_file = _joint_centres(args, card, [*everyday, *moving], terminal)
+    add = [f'noise = "{noise_file.name}"', *([f'joint_centres = "{centres_file.name}"'] if centres_file else [])]
+    terminal.next(f"add to {args.card}: {'; '.join(add)}", "the fits are used from then on")
+    return {
+        "noise": noise_file,
+        "joint_centres": centres_file,
+        "crops": noise.samples,
+        "squared_error_over_variance": noise.ratio,
+        "by_keypoint": noise.ratio_of,
+    }
+
+
+def _joint_centres(args: argparse.Namespace, card: NetworkCard, folders: Sequence[Path], terminal: Terminal) -> Path | None:
+    choice = DetectorChoice(name="onnx", options={"card": str(args.card.absolute()), "engine": args.engine})
+    runs: list[Run] = []
+    with terminal.progress("joint centres") as advance:
+        for i, folder in enumerate(folders):
+            try:
+                runs.append(_tracked(folder, choice))
+            except InputError as error:
+                terminal.warn(f"{folder.name}: left out ({error})")
+            advance(i + 1, len(folders))
+    if len(runs) < _LEAST_RUNS:
+        terminal.warn(f"joint centres: the person was tracked in {len(runs)} scenes; expected at least {_LEAST_RUNS}; not fitted")
+        return None
+    steps = sum(len(poses) for poses, _ in runs)
+    path = Path(args.card.with_suffix(".joint_centres.toml"))
+    _write(path, table_text(fitted(runs, f"posefuse fit-noise: {len(runs)} rendered scenes, {steps} time steps of {card.name}")))
+    return path
+
+
+def _tracked(folder: Path, choice: DetectorChoice) -> Run:
+    """What the pipeline makes of a scene, time step by time step and uncorrected, and the truth."""
+    truth = read_truth(folder / "truth" / "truth.npz")
+    inputs = {name: CameraInput(images=f"videos/{name}") for name in truth.rig.names}
+    rate_hz = 1e9 / float(truth.views[0].t_ns[1] - truth.views[0].t_ns[0])
+    config = TrackConfig(detector=choice, raw=True, joint_centres=False, rate_hz=rate_hz, cameras=inputs)
+
+    def silent(*_: object) -> None: ...
+
+    done = track_session(find_session(folder, config), config, StageClock(), silent, silent, silent)
+    return done.recording.poses, truth
+
+
+def _write(path: Path, text: str) -> None:
+    with atomic_file(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def _show(terminal: Terminal, noise: NoiseFit) -> None:
+    terminal.facts(
+        "Noise of people left out of the fit",
+        {
+            "crops": noise.samples,
+            "squared error over variance": f"{noise.ratio:.2f} per axis; 1 is right",
+            "surest": min(noise.ratio_of, key=lambda name: noise.ratio_of[name]),
+            "least sure": max(noise.ratio_of, key=lambda name: noise.ratio_of[name]),
+        },
+    )

@@ -1,0 +1,100 @@
+"""Which of the networks that come with us this machine keeps up with: measured, not guessed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core import Frame, ModelError, Region
+from posefuse.foundation.platform import usable_cores
+from posefuse.foundation.user_cache import default_cache_dir
+
+from .blazepose import BlazePoseConfig
+from .models import ModelCard, read_any_card, status
+from .models.cards import EnsembleCard
+
+# from the smallest to the largest
+BUNDLED = ("blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best")
+# of the time there is for an image, what decoding video, fusion and outputs leave to the network
+_NETWORK_SHARE = 0.6
+_IMAGE_WH = (640, 480)
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class NetworkCost:
+    """What a network costs on this machine.
+
+    Attributes:
+        name: of the bundled network. image_s: wall-clock seconds per image of one followed person, with all cores at work.
+    """
+
+    name: str
+    image_s: float
+
+    def sustains(self, cameras: int, rate_hz: float) -> bool:
+        """Whether every frame of every camera is processed, with time left for everything else."""
+        return self.image_s * cameras * rate_hz <= _NETWORK_SHARE
+
+
+def measured_costs(
+    names: Sequence[str] = BUNDLED, cache: Path | None = None, clock_s: Callable[[], float] = time.perf_counter
+) -> list[NetworkCost]:
+    """Cost of each of the networks whose files are there; a few seconds.
+
+    Args:
+        names: bundled networks. cache: where their files are; None: the user's cache folder.
+        clock_s: for tests.
+
+    Raises:
+        ModelError: none of them is there.
+    """
+    folder = cache or default_cache_dir()
+    ready = [name for name in names if _is_ready(name, folder)]
+    if not ready:
+        raise ModelError(f"none of the networks {', '.join(names)} is in {folder}; fetch them with: posefuse models")
+    return [NetworkCost(name, _image_s(name, cache, clock_s)) for name in ready]
+
+
+def largest_sustained(costs: Sequence[NetworkCost], cameras: int, rate_hz: float) -> NetworkCost:
+    """The largest network with which every frame of every camera is processed; the cheapest where none keeps up.
+
+    Args:
+        costs: from the smallest network to the largest.
+        cameras, rate_hz: how many, and frames per second of each.
+    """
+    keeping_up = [cost for cost in costs if cost.sustains(cameras, rate_hz)]
+    return keeping_up[-1] if keeping_up else min(costs, key=lambda cost: cost.image_s)
+
+
+def share_of_frames(cost: NetworkCost, cameras: int, rate_hz: float) -> float:
+    """Which share of the frames this machine processes with a network, 1 at most."""
+    return min(1.0, _NETWORK_SHARE / (cost.image_s * cameras * rate_hz))
+
+
+def _is_ready(name: str, cache: Path) -> bool:
+    return all(status(card, cache) == "ready" for card in _cards(name))
+
+
+def _cards(name: str) -> list[ModelCard]:
+    chosen = read_any_card(name)
+    return chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
+
+
+def _image_s(name: str, cache: Path | None, clock_s: Callable[[], float]) -> float:
+    detector = BlazePoseConfig(landmarks=name, cache=cache).build()
+    noise = np.random.default_rng(0).integers(0, 256, (_IMAGE_WH[1], _IMAGE_WH[0], 3), dtype=np.uint8)
+    count = 2 * usable_cores()
+    frames = [Frame(camera=f"cam{i}", seq=0, t_ns=0, received_ns=0, image=noise) for i in range(count)]
+    regions: Sequence[Sequence[Region]] = [[Region(centre_img=np.array(_IMAGE_WH) / 2, side_px=float(_IMAGE_WH[1]))]] * count
+    times = []
+    for _ in range(_ROUNDS):
+        began_s = clock_s()
+        detector.detect(frames, regions)
+        times.append((clock_s() - began_s) / count)
+    # the first round warms up, and what else the machine does only ever adds
+    return min(times[1:])

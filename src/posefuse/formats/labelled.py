@@ -1,0 +1,124 @@
+"""Results as labelled arrays (xarray), which go to netCDF and back, and as tables (pandas).
+
+Dimensions: time (seconds, float64; the exact nanoseconds are the coordinate ``t_ns``), person (id), keypoint (name), space
+("x", "y", "z"; world frame, Z up), space_b (the columns of a covariance), camera (name) and angle ("left_knee flexion").
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from posefuse.core import InputError, JointAngles, PosefuseError, PoseSequence, Recording, Skeleton
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SPACE = ("x", "y", "z")
+_POINT = ("time", "person", "keypoint")
+# PoseSequence field -> (variable, dimensions, units, meaning)
+_VARIABLES = {
+    "xyz_world": ("position", (*_POINT, "space"), "m", "keypoint in the world frame, Z up"),
+    "cov_world": ("covariance", (*_POINT, "space", "space_b"), "m2", "covariance of the position"),
+    "reproj_px": ("reprojection_error", _POINT, "px", "rms distance of the views used to the reprojection"),
+    "n_views": ("n_views", _POINT, "1", "cameras used"),
+    "kind": ("kind", _POINT, "1", "0 missing, 1 fused, 2 smoothed, 3 interpolated, 4 predicted"),
+}
+
+
+def recording_to_xarray(recording: Recording, angles: JointAngles | None = None) -> xr.Dataset:
+    """Positions with their covariance, and the joint angles where they are given, as one Dataset.
+
+    Units are in the attributes of every variable; skeleton, rig id and provenance (as JSON) in those of the Dataset.
+
+    Raises:
+        InputError: angles of other people or time steps than the recording.
+    """
+    import xarray as xr
+
+    poses = recording.poses
+    data: dict[str, Any] = {
+        name: (dims, getattr(poses, field), {"units": units, "long_name": meaning})
+        for field, (name, dims, units, meaning) in _VARIABLES.items()
+    }
+    coords: dict[str, Any] = {
+        "time": ("time", (poses.t_ns - poses.t_ns[:1]) * 1e-9, {"units": "s", "long_name": "time since the first time step"}),
+        "t_ns": ("time", poses.t_ns, {"units": "ns", "long_name": "session clock, mid-exposure"}),
+        "person": poses.person_id,
+        "keypoint": list(poses.skeleton.keypoints),
+        "space": list(SPACE),
+        "space_b": list(SPACE),
+    }
+    if angles is not None:
+        if not (np.array_equal(angles.t_ns, poses.t_ns) and np.array_equal(angles.person_id, poses.person_id)):
+            raise InputError("to_xarray: the joint angles are not those of this recording")
+        shape = (len(poses), len(poses.person_id), -1)
+        coords["angle"] = [
+            f"{joint} {name}" for joint, names in zip(angles.joints, angles.angle_names, strict=True) for name in names
+        ]
+        dims = ("time", "person", "angle")
+        data["joint_angle"] = (dims, angles.angle_rad.reshape(shape), {"units": "rad", "long_name": "joint angle"})
+        data["joint_angle_sigma"] = (
+            dims,
+            angles.sigma_rad.reshape(shape),
+            {"units": "rad", "long_name": "its standard deviation"},
+        )
+    attrs = {
+        "source": "posefuse",
+        "rig_id": recording.rig.id,
+        "cameras": list(recording.rig.names),
+        "skeleton": poses.skeleton.name,
+        "bones": json.dumps([list(bone) for bone in poses.skeleton.bones]),
+        "provenance": json.dumps(dict(recording.provenance)),
+    }
+    return xr.Dataset(data, coords=coords, attrs=attrs)
+
+
+def poses_from_xarray(dataset: xr.Dataset) -> PoseSequence:
+    """The poses of a Dataset as `recording_to_xarray` makes it, to the last bit, after netCDF too.
+
+    Raises:
+        InputError: variables, coordinates or attributes are missing, or do not fit together.
+    """
+    try:
+        skeleton = Skeleton(
+            str(dataset.attrs["skeleton"]),
+            tuple(str(name) for name in dataset["keypoint"].values),
+            tuple((str(a), str(b)) for a, b in json.loads(dataset.attrs["bones"])),
+        )
+        fields = {field: dataset[name].transpose(*dims).values for field, (name, dims, _, _) in _VARIABLES.items()}
+        return PoseSequence(t_ns=dataset["t_ns"].values, skeleton=skeleton, person_id=dataset["person"].values, **fields)
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"dataset: not a posefuse recording ({type(error).__name__}: {error})") from None
+    except PosefuseError as error:
+        raise InputError(f"dataset: does not fit together: {error}") from None
+
+
+def recording_to_dataframe(recording: Recording) -> pd.DataFrame:
+    """One row per time step, person and keypoint.
+
+    Columns: time_s, person, keypoint, x_m, y_m, z_m, sigma_m (root of the mean variance of the axes), reproj_px, n_views, kind.
+    """
+    import pandas as pd
+
+    poses = recording.poses
+    t, n, k = poses.kind.shape
+    variance = np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3
+    xyz = poses.xyz_world.reshape(-1, 3)
+    return pd.DataFrame(
+        {
+            "time_s": np.repeat((poses.t_ns - poses.t_ns[:1]) * 1e-9, n * k),
+            "person": np.tile(np.repeat(poses.person_id, k), t),
+            "keypoint": pd.Categorical(np.tile(np.array(poses.skeleton.keypoints), t * n), categories=poses.skeleton.keypoints),
+            "x_m": xyz[:, 0],
+            "y_m": xyz[:, 1],
+            "z_m": xyz[:, 2],
+            "sigma_m": np.sqrt(variance).ravel(),
+            "reproj_px": poses.reproj_px.ravel(),
+            "n_views": poses.n_views.ravel(),
+            "kind": poses.kind.ravel(),
+        }
+    )

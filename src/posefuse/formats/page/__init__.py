@@ -1,0 +1,36 @@
+"""Pages: typed blocks in, one HTML file out that works offline.
+
+A page holds headings, tables, images, plots that zoom and export, and a 3D player. Its plots are drawn in the browser by
+plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. See `write_page`.
+"""
+
+from .blocks import MISSING, Block, Cards, Cell, Details, Facts, Heading, Images, Note, Page, Table
+from .player import Player, Side
+from .plots import Band, Bars, Dots, Line, Plot, Plots, Series, Spikes, Ticks
+from .write import write_page
+
+__all__ = [
+    "MISSING",
+    "Band",
+    "Bars",
+    "Block",
+    "Cards",
+    "Cell",
+    "Details",
+    "Dots",
+    "Facts",
+    "Heading",
+    "Images",
+    "Line",
+    "Note",
+    "Page",
+    "Player",
+    "Plot",
+    "Plots",
+    "Series",
+    "Side",
+    "Spikes",
+    "Table",
+    "Ticks",
+    "write_page",
+]

@@ -1,0 +1,181 @@
+"""What a page is made of: frozen blocks in reading order."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar, Literal, Protocol
+
+import numpy as np
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+
+MISSING = "–"
+Tone = Literal["", "left", "right", "mid", "good", "bad"]
+_JPEG_QUALITY = 85
+_MEDIA = {b"\xff\xd8": "jpeg", b"\x89P": "png"}
+
+
+class Block(Protocol):
+    """A part of a page; `kind` names the macro of ``templates/blocks.html.j2`` that shows it."""
+
+    kind: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole page; every heading of level 2 begins a new section.
+
+    Attributes:
+        title: shown on top and in the browser's tab. blocks: in reading order. subtitle: a line under the title.
+    """
+
+    title: str
+    blocks: Sequence[Block]
+    _: KW_ONLY
+    subtitle: str = ""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading, and a paragraph under it."""
+
+    text: str
+    note: str = ""
+    _: KW_ONLY
+    level: Literal[2, 3] = 2
+    kind: ClassVar[str] = "heading"
+
+
+@dataclass(frozen=True)
+class Note:
+    """A paragraph; a warning stands out."""
+
+    text: str
+    _: KW_ONLY
+    warning: bool = False
+    kind: ClassVar[str] = "note"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values, one per line."""
+
+    values: Mapping[str, Any]
+    kind: ClassVar[str] = "facts"
+
+    @property
+    def shown(self) -> list[tuple[str, str]]:
+        """Names and texts."""
+        return [(name, cell_text(value)) for name, value in self.values.items()]
+
+
+@dataclass(frozen=True)
+class Cards:
+    """A few names and values side by side, the values large."""
+
+    values: Mapping[str, str]
+    kind: ClassVar[str] = "cards"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a table with a colour: that of a side of the body, or good or bad."""
+
+    value: Any
+    tone: Tone = ""
+
+    @property
+    def text(self) -> str:
+        """As it is shown."""
+        return cell_text(self.value)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under named columns; the first column is text, the others are numbers unless `text` says otherwise.
+
+    Attributes:
+        rows: cells as plain values or `Cell`; floats are shown to one digit after the point, NaN and None as a dash.
+        text: every column is text, aligned to the left.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    _: KW_ONLY
+    text: bool = False
+    kind: ClassVar[str] = "table"
+
+    def __post_init__(self) -> None:
+        wrong = [len(row) for row in self.rows if len(row) != len(self.columns)]
+        if wrong:
+            raise InputError(f"table: expected rows of {len(self.columns)} cells ({', '.join(self.columns)}), got {wrong[0]}")
+
+    @property
+    def shown(self) -> list[list[Cell]]:
+        """Every cell as a `Cell`."""
+        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Captions to images, stored inside the page.
+
+    Attributes:
+        images: JPEG or PNG bytes as they are, or RGB arrays (H, W, 3) uint8.
+        lossless: arrays are stored as PNG in place of JPEG. raster: each fills the width of the page, its pixels as blocks.
+    """
+
+    images: Mapping[str, Array | bytes]
+    _: KW_ONLY
+    lossless: bool = False
+    raster: bool = False
+    kind: ClassVar[str] = "images"
+
+    @property
+    def shown(self) -> list[tuple[str, str]]:
+        """Captions and ``data:`` addresses."""
+        return [(caption, _data_address(image, self.lossless)) for caption, image in self.images.items()]
+
+
+@dataclass(frozen=True)
+class Details:
+    """Blocks folded away under a line that opens them; no headings inside."""
+
+    summary: str
+    blocks: Sequence[Block]
+    kind: ClassVar[str] = "details"
+
+
+def cell_text(value: Any) -> str:
+    """A value as tables and facts show it: floats to one digit after the point, small ones to two significant digits."""
+    if value is None:
+        return MISSING
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return MISSING
+        return f"{value:.1f}" if abs(value) >= 0.1 or value == 0 else f"{value:.2g}"
+    return str(value)
+
+
+def _data_address(image: Array | bytes, lossless: bool) -> str:
+    data = image if isinstance(image, bytes) else _encoded(image, lossless)
+    media = _MEDIA.get(data[:2])
+    if media is None:
+        raise InputError(f"page: expected images as JPEG, PNG or RGB arrays, got {len(data)} bytes that begin with {data[:4]!r}")
+    return f"data:image/{media};base64,{base64.b64encode(data).decode()}"
+
+
+def _encoded(image: Array, lossless: bool) -> bytes:
+    import cv2
+
+    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
+        raise InputError(f"page: expected an RGB image (H, W, 3) uint8, got {image.shape} {image.dtype}")
+    ending, options = (".png", []) if lossless else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    done, data = cv2.imencode(ending, np.ascontiguousarray(image[..., ::-1]), options)
+    if not done:
+        raise InputError(f"page: an image of shape {image.shape} could not be encoded as {ending[1:].upper()}")
+    return data.tobytes()

@@ -1,0 +1,232 @@
+"""Plots of a page: series over a common x, with the axes they need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+
+from .packing import COARSE, FINE, PackedArrays
+
+COLOURS = ("c0", "c1", "c2", "c3", "c4", "c5", "left", "right", "mid", "ink", "soft", "bad")
+_CYCLE = 6
+_MOST_POINTS = 3600
+# a band is background: as many as a screen shows
+_MOST_BAND_POINTS = 900
+_ROOM = 0.04
+# a band may widen the y axis by this share of the range of the lines, on each side
+_BAND_ROOM = 1.0
+
+
+class _Series:
+    """Checks what all series share; `of` maps the arrays of a series to their names in the page's data."""
+
+    type: ClassVar[str]
+    of: ClassVar[tuple[str, ...]]
+    colour: str | None
+
+    def __post_init__(self) -> None:
+        shapes = {name: np.shape(getattr(self, name)) for name in self.of}
+        if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
+            raise InputError(f"{self.type}: expected arrays of one length, got {shapes}")
+        if self.colour is not None and self.colour not in COLOURS:
+            raise InputError(f"{self.type}: unknown colour {self.colour!r}; there are: {', '.join(COLOURS)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Line(_Series):
+    """A line through x and y (n,), NaN for gaps.
+
+    `colour` is one of `COLOURS`, None takes the next of the plot. A `faint` line is background: thin and not in the legend.
+    """
+
+    name: str
+    x: Array
+    y: Array
+    _: KW_ONLY
+    colour: str | None = None
+    dashed: bool = False
+    faint: bool = False
+    type: ClassVar[str] = "line"
+    of: ClassVar[tuple[str, ...]] = ("x", "y")
+
+
+@dataclass(frozen=True, eq=False)
+class Band(_Series):
+    """The area between low and high (n,) over x (n,), NaN for gaps."""
+
+    name: str
+    x: Array
+    low: Array
+    high: Array
+    _: KW_ONLY
+    colour: str | None = None
+    type: ClassVar[str] = "band"
+    of: ClassVar[tuple[str, ...]] = ("x", "low", "high")
+
+
+@dataclass(frozen=True, eq=False)
+class Dots(_Series):
+    """Points at x and y (n,), with texts beside them if there are `labels`."""
+
+    name: str
+    x: Array
+    y: Array
+    _: KW_ONLY
+    colour: str | None = None
+    labels: Sequence[str] = ()
+    type: ClassVar[str] = "dots"
+    of: ClassVar[tuple[str, ...]] = ("x", "y")
+
+
+@dataclass(frozen=True, eq=False)
+class Spikes(_Series):
+    """Upright strokes from low to high (n,) at x (n,)."""
+
+    name: str
+    x: Array
+    low: Array
+    high: Array
+    _: KW_ONLY
+    colour: str | None = None
+    type: ClassVar[str] = "spikes"
+    of: ClassVar[tuple[str, ...]] = ("x", "low", "high")
+
+
+@dataclass(frozen=True, eq=False)
+class Ticks(_Series):
+    """Short strokes on the x axis at x (n,): events."""
+
+    name: str
+    x: Array
+    _: KW_ONLY
+    colour: str | None = None
+    type: ClassVar[str] = "ticks"
+    of: ClassVar[tuple[str, ...]] = ("x",)
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """One horizontal bar per row, its parts end to end, the sum behind it.
+
+    Attributes:
+        parts: names of the parts. rows: name to the values of its parts, in their order.
+    """
+
+    parts: Sequence[str]
+    rows: Mapping[str, Sequence[float]]
+    type: ClassVar[str] = "bars"
+
+    def __post_init__(self) -> None:
+        for name, values in self.rows.items():
+            if len(values) != len(self.parts):
+                raise InputError(f"bars: row {name}: expected {len(self.parts)} values, got {len(values)}")
+
+
+Series = Line | Band | Dots | Spikes | Ticks | Bars
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """Series in one pair of axes.
+
+    Attributes:
+        x_label, y_label: what the axes show, with units. equal: one scale on both axes; from_zero: y begins at 0.
+        wide: over all columns of `Plots`. window: x least and greatest, y least and greatest, where plots are compared.
+        legend: name the series above the plot, if there are several.
+    """
+
+    title: str
+    series: Sequence[Series]
+    _: KW_ONLY
+    x_label: str
+    y_label: str
+    equal: bool = False
+    from_zero: bool = False
+    wide: bool = False
+    window: tuple[float, float, float, float] | None = None
+    legend: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Plots:
+    """Plots side by side: in two columns or, if they are small, in three; in one on a phone."""
+
+    plots: Sequence[Plot]
+    _: KW_ONLY
+    small: bool = False
+    kind: ClassVar[str] = "plots"
+
+
+def plot_content(plot: Plot, arrays: PackedArrays) -> dict[str, Any]:
+    """A plot as the page's script reads it; its arrays go into `arrays`."""
+    step = max(1, *(-(-len(getattr(one, "x", ())) // _MOST_POINTS) for one in plot.series), 1)
+    return {
+        "title": plot.title,
+        "x": plot.x_label + (f" (every {step}th point drawn)" if step > 1 else ""),
+        "y": plot.y_label,
+        "equal": plot.equal,
+        "wide": plot.wide,
+        "legend": plot.legend and sum(map(_in_legend, plot.series)) > 1,
+        "ranges": _ranges(plot),
+        "series": [_series_content(one, colour, step, arrays) for one, colour in zip(plot.series, _colours(plot), strict=True)],
+    }
+
+
+def _in_legend(one: Series) -> bool:
+    return bool(getattr(one, "name", "")) and not isinstance(one, Band) and not (isinstance(one, Line) and one.faint)
+
+
+def _colours(plot: Plot) -> list[str]:
+    free = (f"c{i % _CYCLE}" for i in range(len(plot.series)))
+    return [getattr(one, "colour", None) or next(free) for one in plot.series]
+
+
+def _series_content(one: Series, colour: str, step: int, arrays: PackedArrays) -> dict[str, Any]:
+    if isinstance(one, Bars):
+        rows = {name: [float(value) for value in values] for name, values in one.rows.items()}
+        return {"type": one.type, "parts": list(one.parts), "rows": list(rows), "values": list(rows.values())}
+    content: dict[str, Any] = {"type": one.type, "name": one.name, "colour": colour}
+    if isinstance(one, Band):
+        step = max(step, -(-len(one.x) // _MOST_BAND_POINTS))
+    kept = {name: np.asarray(getattr(one, name), float)[::step] for name in one.of}
+    if isinstance(one, Band):
+        # smoother than the upper edge, so shorter
+        kept["width"] = kept.pop("high") - kept["low"]
+    rough = isinstance(one, Band) or (isinstance(one, Line) and one.faint)
+    content |= {name: arrays.add(values, COARSE if rough and name != "x" else FINE) for name, values in kept.items()}
+    if isinstance(one, Line):
+        content |= {name: True for name in ("dashed", "faint") if getattr(one, name)}
+    if isinstance(one, Dots) and one.labels:
+        content["labels"] = list(one.labels)[::step]
+    return content
+
+
+def _ranges(plot: Plot) -> list[list[float] | None]:
+    """Least and greatest x and y shown at first; None leaves the choice to the script."""
+    if plot.window is not None:
+        return [list(plot.window[:2]), list(plot.window[2:])]
+    bands = [one for one in plot.series if isinstance(one, Band)]
+    lines = [np.asarray(one.y, float) for one in plot.series if isinstance(one, Line | Dots)]
+    low, high = _extent(lines)
+    if not (bands or plot.from_zero) or not low <= high:
+        return [None, None]
+    if bands:
+        reach = _BAND_ROOM * ((high - low) or 1.0)
+        least, most = _extent([np.asarray(edge, float) for one in bands for edge in (one.low, one.high)])
+        low, high = max(least, low - reach) if least < low else low, min(most, high + reach) if most > high else high
+    room = _ROOM * (high - low) or 1.0
+    return [None, [0.0 if plot.from_zero else low - room, high + room]]
+
+
+def _extent(columns: Sequence[Array]) -> tuple[float, float]:
+    known = [column[np.isfinite(column)] for column in columns]
+    known = [column for column in known if len(column)]
+    if not known:
+        return float("inf"), float("-inf")
+    return min(float(column.min()) for column in known), max(float(column.max()) for column in known)

@@ -1,0 +1,86 @@
+"""2D poses that other tools have written: one module per format, one place that tells them apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from posefuse.core import InputError, Skeleton
+from posefuse.foundation.parsing import short
+
+from . import alphapose, coco, deeplabcut, mediapipe, mmpose, openpose, sleap
+from .frames import UNTRACKED, People2D, Pose2DFrames
+from .openpose import read_openpose_folder
+
+# what reading values of the wrong type or shape may raise
+_MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+POSE2D_SUFFIXES = (".json", ".csv", ".h5", ".hdf5")
+
+
+class _Reader(Protocol):
+    def fits(self, path: Path) -> bool: ...
+
+    def read(
+        self, path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None
+    ) -> Pose2DFrames: ...
+
+
+@dataclass(frozen=True)
+class Pose2DFormat:
+    """A format: its name, what is looked for to recognise it, and its module."""
+
+    name: str
+    looks_for: str
+    reader: _Reader
+
+
+# in the order they are tried: AlphaPose's list is like COCO's, with something of its own
+FORMATS = (
+    Pose2DFormat("openpose", "a folder of JSON files with people[].pose_keypoints_2d (OpenPose, Pose2Sim)", openpose),
+    Pose2DFormat("alphapose", "alphapose-results.json, or a JSON list with idx or image names", alphapose),
+    Pose2DFormat("mmpose", "JSON with frame_id and instances, or a folder of JSON lists with keypoint_scores", mmpose),
+    Pose2DFormat("coco", "a JSON list with image_id and keypoints", coco),
+    Pose2DFormat("mediapipe", "JSON frames with landmarks, or csv with a frame column and landmarks' x and y", mediapipe),
+    Pose2DFormat("deeplabcut", "csv that begins with scorer, or h5 with df_with_missing", deeplabcut),
+    Pose2DFormat("sleap", "h5 with tracks and node_names", sleap),
+)
+
+
+def read_pose2d(
+    path: Path, camera: str, *, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None
+) -> Pose2DFrames:
+    """One camera's 2D poses, of whatever format they are.
+
+    Args:
+        path: a file, or a folder with one file per frame.
+        camera: name in the rig.
+        skeleton: keypoint set; None: told by the files.
+        size_wh: px of the images, for formats in shares of them.
+
+    Raises:
+        InputError: nothing there, no format that fits (lists what was looked for), or content that is not as it should be.
+        DependencyError: HDF5 without the extra ``h5``.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: camera {camera}: no such file or folder of 2D poses")
+    for format in FORMATS:
+        if _fits(format, path):
+            try:
+                return format.reader.read(path, camera, skeleton, size_wh)
+            except _MALFORMED as error:
+                raise InputError(f"{path}: camera {camera}: damaged {format.name} data ({short(error)})") from None
+    looked = "; ".join(f"{format.name}: {format.looks_for}" for format in FORMATS)
+    raise InputError(f"{path}: camera {camera}: no format of 2D poses recognised; looked for {looked}")
+
+
+def _fits(format: Pose2DFormat, path: Path) -> bool:
+    try:
+        return format.reader.fits(path)
+    except _MALFORMED:
+        return False
+
+
+__all__ = [
+    "FORMATS", "POSE2D_SUFFIXES", "UNTRACKED", "People2D", "Pose2DFormat", "Pose2DFrames", "read_openpose_folder", "read_pose2d",
+]  # fmt: skip

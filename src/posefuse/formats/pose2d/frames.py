@@ -1,0 +1,147 @@
+"""What every reader of 2D poses gives: one camera's frames by number, each with everybody in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import Detections2D, InputError, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import parse_json, read_text
+
+# a keypoint's noise grows with the person's size in the image: this part of the box diagonal at score 1, as 1 / score below
+_SIGMA_OF_DIAGONAL = 0.006
+_LEAST_SIGMA_PX = 0.5
+# no image has so many pixels across; larger numbers are damage, and their squares overflow
+_FARTHEST_PX = 1e6
+UNTRACKED = -1
+
+
+@dataclass(frozen=True, eq=False)
+class People2D:
+    """Everybody in one image.
+
+    Attributes:
+        points: (P, K, 3) x, y in raw px and score; score 0 or NaN where a keypoint is missing.
+        track_id: (P,) number the other tool tracks each person by; `UNTRACKED` where it says nothing.
+    """
+
+    points: Array
+    track_id: Array
+
+    @staticmethod
+    def of(points: Sequence[Array], track_id: Sequence[int] | None, count: int) -> People2D:
+        """People of (K, 3) points each; `count` is K, for when there are none."""
+        ids = [UNTRACKED] * len(points) if track_id is None else list(track_id)
+        return People2D(np.array(points, np.float64).reshape(len(points), count, 3), np.array(ids, np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class Pose2DFrames:
+    """One camera's 2D poses, read when asked for.
+
+    Attributes:
+        camera: its name in the rig. format: the reader's name.
+        skeleton: of all frames.
+        numbers: frame numbers that are there, strictly increasing.
+        people: place in `numbers` -> everybody in that frame; may raise InputError.
+        rate_hz: frame rate, where the files state it.
+    """
+
+    camera: str
+    format: str
+    skeleton: Skeleton
+    numbers: tuple[int, ...]
+    people: Callable[[int], People2D]
+    rate_hz: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @cached_property
+    def _place(self) -> dict[int, int]:
+        return {number: i for i, number in enumerate(self.numbers)}
+
+    def frame(self, number: int, t_ns: int) -> Detections2D:
+        """Everybody in the frame of this number, stamped t_ns; nobody where there is none.
+
+        Raises:
+            InputError: a file that cannot be read, or is not what the others are.
+        """
+        place = self._place.get(number)
+        if place is None:
+            return Detections2D.nobody(self.camera, t_ns, self.skeleton)
+        points = self.people(place).points
+        far = points[..., :2][np.abs(np.nan_to_num(points[..., :2], posinf=np.inf)) > _FARTHEST_PX]
+        if len(far):
+            where = f"camera {self.camera}: 2D poses of frame {number}"
+            raise InputError(f"{where}: expected keypoints within {_FARTHEST_PX:g} px of the image, got {far[0]:.3g}")
+        return _detections(self.camera, t_ns, self.skeleton, points)
+
+    def track_ids(self, number: int) -> Array:
+        """(P,) ids of the people of `frame`, in its order: hints for who is the same person in other frames of this camera."""
+        place = self._place.get(number)
+        if place is None:
+            return np.zeros(0, np.int64)
+        people = self.people(place)
+        return people.track_id[_shown(people.points)]
+
+    def frames(self, rate_hz: float) -> Iterator[Detections2D]:
+        """All frames in order, each stamped with its number at this rate."""
+        for number in self.numbers:
+            yield self.frame(number, round(number * 1e9 / rate_hz))
+
+
+def frames_from_mapping(
+    camera: str, format: str, skeleton: Skeleton, people: Mapping[int, People2D], rate_hz: float | None = None
+) -> Pose2DFrames:
+    """Frames that are in memory already, by number."""
+    numbers = tuple(sorted(people))
+    return Pose2DFrames(camera, format, skeleton, numbers, lambda place: people[numbers[place]], rate_hz)
+
+
+def read_json(path: Path) -> Any:
+    """A JSON file's content; raises InputError in one line for one that cannot be read."""
+    return parse_json(str(path), read_text(path))
+
+
+def frame_number(name: str, where: str) -> int:
+    """The last number in a file's or image's name: ``cam01_000000000042_keypoints`` is frame 42."""
+    numbers = re.findall(r"\d+", name)
+    if not numbers:
+        raise InputError(f"{where}: expected a frame number in the name {name!r}, got none")
+    return int(numbers[-1])
+
+
+def _shown(points: Array) -> Array:
+    """(P,) bool: who has any keypoint."""
+    score = np.nan_to_num(points[..., 2])
+    return np.asarray(((score > 0) & np.isfinite(points[..., :2]).all(-1)).any(-1))
+
+
+def _detections(camera: str, t_ns: int, skeleton: Skeleton, points: Array) -> Detections2D:
+    points = points[_shown(points)]
+    if not len(points):
+        return Detections2D.nobody(camera, t_ns, skeleton)
+    score = np.clip(np.nan_to_num(points[..., 2]), 0, 1)
+    xy = np.where(score[..., None] > 0, points[..., :2], np.nan)
+    score = np.where(np.isfinite(xy).all(-1), score, 0.0)
+    xy = np.where(score[..., None] > 0, xy, np.nan)
+    box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
+    return Detections2D(
+        camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy, score=score, sigma_px=_sigma_px(score, box), box_img=box
+    )
+
+
+def _sigma_px(score: Array, box_img: Array) -> Array:
+    """(P, K) noise where nothing but a score is known: a part of the person's size at score 1, growing as 1 / score."""
+    diagonal = np.linalg.norm(box_img[:, 2:] - box_img[:, :2], axis=-1)
+    at_best = np.maximum(_SIGMA_OF_DIAGONAL * diagonal, _LEAST_SIGMA_PX)
+    with np.errstate(divide="ignore"):
+        return np.where(score > 0, at_best[:, None] / score, np.nan)

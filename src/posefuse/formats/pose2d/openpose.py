@@ -1,0 +1,114 @@
+"""OpenPose JSON, also as Pose2Sim writes it: a folder with one file per frame."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import SKELETONS, InputError, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import short
+
+from .frames import People2D, Pose2DFrames, frame_number, read_json
+from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
+
+NAME = "openpose"
+# mid_hip lies within a quarter of the hips' distance of their middle, however the person stands
+_HIP_SHARE = 4.0
+_ENOUGH_PEOPLE = 200
+
+
+def fits(path: Path) -> bool:
+    """Whether this is a folder whose first JSON file has OpenPose's ``people``."""
+    first = next(iter(sorted(path.glob("*.json"))), None) if path.is_dir() else None
+    if first is None:
+        return False
+    content = read_json(first)
+    return isinstance(content, dict) and isinstance(content.get("people"), list)
+
+
+def read(path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None) -> Pose2DFrames:
+    """A folder of OpenPose JSON files, see `read_openpose_folder`."""
+    return read_openpose_folder(path, camera, skeleton)
+
+
+def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
+    """Understand a folder of OpenPose JSON files.
+
+    A person without keypoints (an empty list) is dropped.
+
+    Args:
+        folder: with one .json per frame; the last number in a file's name (``cam01_000000000042_keypoints``) is the frame's.
+        camera: name in the rig.
+        skeleton: order of the keypoints; None: told by their number from the first person found
+            (25 is ``body_25`` or ``body_25b`` by which midpoint lies where it belongs).
+
+    Raises:
+        InputError: no such folder, no files, a name without a number or two with the same, no person in any file.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: camera {camera}: no such folder of OpenPose JSON")
+    paths = sorted(folder.glob("*.json"))
+    if not paths:
+        raise InputError(f"{folder}: camera {camera}: expected one .json per frame, got none")
+    numbered = sorted((frame_number(path.stem, str(path)), path) for path in paths)
+    for (number, path), (following, other) in itertools.pairwise(numbered):
+        if number == following:
+            raise InputError(f"{other}: same frame number {number} as {path.name}")
+    numbers, ordered = zip(*numbered, strict=True)
+    chosen = skeleton or _told_skeleton(folder, camera, ordered)
+    return Pose2DFrames(camera, NAME, chosen, numbers, lambda place: _people(ordered[place], chosen))
+
+
+def _told_skeleton(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skeleton:
+    offsets: list[float] = []
+    for path, person in ((file, person) for file in paths for person in _read(file)):
+        if len(person) != BODY_POINTS:
+            return skeleton_of_count(len(person), str(path))
+        offsets.extend(_hip_offset(person))
+        if len(offsets) >= _ENOUGH_PEOPLE:
+            break
+    if not offsets:
+        raise InputError(
+            f"{folder}: camera {camera}: no person with hips in any of {len(paths)} files: the order of keypoints is unknown"
+        )
+    return SKELETONS["body_25b" if np.median(offsets) > 1 else "body_25"]
+
+
+def _hip_offset(person: Array) -> list[float]:
+    """How far point 8 is from the middle of points 9 and 12, by their distance: 0 where 8 is BODY_25's mid_hip.
+
+    In BODY_25B the three are the right elbow, the left wrist and the right hip.
+    """
+    if not (person[[8, 9, 12], 2] > 0).all():
+        return []
+    point, right, left = person[[8, 9, 12], :2]
+    across = max(float(np.linalg.norm(right - left)), 1.0)
+    return [float(np.linalg.norm(point - (right + left) / 2)) / across * _HIP_SHARE]
+
+
+def _read(path: Path) -> list[Array]:
+    """Keypoints (K, 3) x, y, score of each person in a file who has any."""
+    return people_of(read_json(path), str(path))
+
+
+def people_of(content: Any, where: str) -> list[Array]:
+    """Keypoints (K, 3) of each person in OpenPose's form of one frame; raises InputError for another form."""
+    try:
+        lists = [person["pose_keypoints_2d"] for person in content["people"]]
+        return [np.array(points, np.float64).reshape(-1, 3) for points in lists if len(points)]
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{where}: not OpenPose JSON: expected people[].pose_keypoints_2d of x, y, score triples ({short(error)})"
+        ) from None
+
+
+def _people(path: Path, skeleton: Skeleton) -> People2D:
+    people = [in_coco17_order(person) if skeleton.name == "coco17" else person for person in _read(path)]
+    for person in people:
+        if len(person) != len(skeleton):
+            raise InputError(f"{path}: expected {len(skeleton)} keypoints ({skeleton.name}), got a person with {len(person)}")
+    return People2D.of(people, None, len(skeleton))

@@ -1,0 +1,52 @@
+"""The gallery scripts run and their claims hold on the bundled clip."""
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import matplotlib
+import pytest
+
+GALLERY = Path(__file__).resolve().parents[2] / "examples" / "gallery"
+matplotlib.use("Agg")
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"gallery_{name}", GALLERY / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_script_has_a_test() -> None:
+    named = Path(__file__).read_text(encoding="utf-8")
+    assert not [path.stem for path in GALLERY.glob("*.py") if f'script("{path.stem}")' not in named]
+
+
+def test_knee_angle(demo_session: Path, tmp_path: Path, models: None) -> None:
+    script("knee_angle").main(demo_session, tmp_path)
+    assert (tmp_path / "knee_angle.png").stat().st_size > 5000
+
+
+def test_plan_rig_prefers_cameras_around(tmp_path: Path) -> None:
+    medians = script("plan_rig").main(tmp_path)
+    assert medians["around"] < medians["along a wall"]
+
+
+def test_own_detector_finds_the_ball(demo_session: Path) -> None:
+    assert script("own_detector").main(demo_session) < 3
+
+
+def test_uncertainty_is_on_the_safe_side(demo_session: Path, tmp_path: Path, models: None) -> None:
+    assert 0.9 < script("uncertainty").main(demo_session, tmp_path) <= 1
+
+
+def test_compare_with_markers(demo_session: Path, tmp_path: Path, models: None) -> None:
+    assert script("compare_with_markers").main(demo_session, tmp_path) < 20
+
+
+@pytest.mark.realtime
+def test_live_poses(demo_session: Path, models: None) -> None:
+    assert script("live_poses").main(demo_session, 3.0) > 20

@@ -1,0 +1,116 @@
+"""A recording in the hand: labelled arrays, tables, plots, files, the second solve."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posefuse as pf
+from posefuse.core import InputError
+from posefuse.formats.labelled import poses_from_xarray
+
+Make = Callable[..., pf.Recording]
+
+
+def assert_same_poses(one: pf.PoseSequence, other: pf.PoseSequence) -> None:
+    assert one.skeleton == other.skeleton
+    for name in ("t_ns", "person_id", "xyz_world", "cov_world", "reproj_px", "n_views", "kind"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_its_repr_is_a_few_lines(make_recording: Make) -> None:
+    lines = repr(make_recording()).splitlines()
+    assert 3 <= len(lines) <= 8
+    assert max(map(len, lines)) < 120
+
+
+def test_labelled_arrays_have_named_axes_units_and_provenance(make_recording: Make) -> None:
+    recording = make_recording(people=(7, 3))
+    data = recording.to_xarray()
+    assert data["position"].dims == ("time", "person", "keypoint", "space")
+    assert data["position"].attrs["units"] == "m"
+    assert '"session": "walk"' in data.attrs["provenance"]
+    wrist = data["position"].sel(person=3, keypoint="left_wrist", space="z")
+    np.testing.assert_array_equal(wrist.values, recording.keypoint("left_wrist")[:, 1, 2])
+
+
+def test_netcdf_keeps_every_bit(make_recording: Make, tmp_path: Path) -> None:
+    import xarray as xr
+
+    recording = make_recording(people=(7, 3))
+    recording.to_xarray().to_netcdf(tmp_path / "walk.nc")
+    with xr.open_dataset(tmp_path / "walk.nc") as data:
+        assert_same_poses(poses_from_xarray(data), recording.poses)
+
+
+def test_a_dataset_of_something_else_is_refused_by_name(make_recording: Make) -> None:
+    with pytest.raises(InputError, match="not a posefuse recording"):
+        poses_from_xarray(make_recording().to_xarray().drop_vars("covariance"))
+
+
+def test_the_table_has_a_row_per_time_step_person_and_keypoint(make_recording: Make) -> None:
+    recording = make_recording(people=(7, 3), times=5)
+    table = recording.to_dataframe()
+    assert len(table) == 5 * 2 * 33
+    row = table[(table.person == 3) & (table.keypoint == "nose")].iloc[4]
+    np.testing.assert_array_equal([row.x_m, row.y_m, row.z_m], recording.keypoint("nose")[4, 1])
+    assert row.time_s == pytest.approx(4 * 0.033333333)
+    assert row.sigma_m == pytest.approx(np.sqrt((1e-4 + 4e-4 + 9e-4) / 3))
+
+
+def test_plots_draw_the_values_and_return_their_axes(make_recording: Make) -> None:
+    recording = make_recording()
+    axes = recording.plot("right_ankle")
+    assert [one.get_ylabel() for one in axes] == ["x [m]", "y [m]", "z [m]"]
+    np.testing.assert_array_equal(axes[1].lines[0].get_ydata(), recording.keypoint("right_ankle")[:, 0, 1])
+
+
+def test_several_people_must_be_told_apart(make_recording: Make) -> None:
+    recording = make_recording(people=(7, 3))
+    with pytest.raises(InputError, match="choose one of several; there are: 7, 3"):
+        recording.plot("nose")
+    recording.plot("nose", person=3)
+    with pytest.raises(InputError, match=r"choose one with \.of"):
+        recording.joint_angles(fit="none")["left_knee", "flexion"]
+
+
+def test_one_angle_by_name(make_recording: Make) -> None:
+    angles = make_recording().joint_angles(fit="none")
+    knee = angles["left_knee", "flexion"]
+    np.testing.assert_allclose(knee.deg, np.degrees(knee.rad))
+    assert knee.rad.shape == knee.sigma_rad.shape == (9,)
+    with pytest.raises(InputError, match=r"no joint 'left_nee'.*left_knee"):
+        angles["left_nee", "flexion"]
+    with pytest.raises(InputError, match=r"no angle 'bend'.*flexion"):
+        angles["left_knee", "bend"]
+
+
+def test_what_is_saved_is_read_to_the_last_bit(make_recording: Make, tmp_path: Path) -> None:
+    recording = make_recording(people=(7, 3))
+    written = recording.save(tmp_path / "result", formats=("trc", "json"))
+    assert {path.name for path in written} >= {"recording.npz", "pose.json"}
+    again = pf.read(tmp_path / "result")
+    assert isinstance(again, pf.Recording)
+    assert_same_poses(again.poses, recording.poses)
+    assert again.provenance == recording.provenance
+
+
+def test_saving_does_not_touch_what_is_there(make_recording: Make, tmp_path: Path) -> None:
+    (tmp_path / "result").mkdir()
+    (tmp_path / "result" / "thesis.txt").write_text("years of work")
+    with pytest.raises(InputError, match=r"thesis\.txt"):
+        make_recording().save(tmp_path / "result", replace=True)
+    assert (tmp_path / "result" / "thesis.txt").read_text() == "years of work"
+
+
+def test_one_without_settings_cannot_be_solved_again(make_recording: Make) -> None:
+    with pytest.raises(InputError, match="provenance has no settings"):
+        make_recording().solve()
+
+
+def test_comparing_a_recording_with_itself_moved_finds_nothing(make_recording: Make, tmp_path: Path) -> None:
+    recording = make_recording()
+    recording.save(tmp_path / "result", formats=("trc",))
+    found = pf.compare(recording, tmp_path / "result" / "pose.trc")
+    assert found.errors.mpjpe_mm < 0.01

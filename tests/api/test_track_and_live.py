@@ -1,0 +1,76 @@
+"""The whole way from Python, on the bundled clip."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posefuse as pf
+from posefuse.core import ConfigError, InputError, SourceError
+
+
+@pytest.fixture(scope="module")
+def tracked(demo_session: Path, models: None) -> pf.Recording:
+    return pf.track(demo_session, end_s=1.0)
+
+
+def test_a_session_becomes_a_recording_that_solves_to_the_same_bits(tracked: pf.Recording, tmp_path: Path) -> None:
+    assert len(tracked.poses) == 31
+    tracked.save(tmp_path / "result")
+    again = pf.read(tmp_path / "result").solve()
+    np.testing.assert_array_equal(again.poses.xyz_world, tracked.poses.xyz_world)
+    np.testing.assert_array_equal(again.poses.cov_world, tracked.poses.cov_world)
+    assert again.provenance == tracked.provenance
+
+
+def test_other_settings_are_used_and_remembered(tracked: pf.Recording) -> None:
+    raw = tracked.solve(smooth=False, settings={"fuse.weights": "score"})
+    assert raw.provenance["config"]["fuse"]["weights"] == "score"
+    assert not np.array_equal(raw.poses.xyz_world, tracked.poses.xyz_world)
+    with pytest.raises(ConfigError, match="wieghts"):
+        tracked.solve(settings={"fuse.wieghts": "score"})
+
+
+def test_progress_is_reported_in_order(demo_session: Path, models: None) -> None:
+    reports: list[tuple[str, int, int | None]] = []
+    pf.track(demo_session, end_s=0.3, progress=lambda stage, done, total, message="": reports.append((stage, done, total)))
+    steps = [done for stage, done, total in reports if stage == "detect" and total is not None]
+    assert steps == sorted(steps)
+    assert steps[-1] == 10
+
+
+def test_a_detector_takes_plain_images(demo_session: Path, models: None) -> None:
+    from posefuse.sources import VideoConfig
+
+    image = next(VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build().frames()).image
+    detect = pf.detector("blazepose_lite")
+    found, nobody = detect([image, np.zeros_like(image)])
+    assert (len(found), len(nobody)) == (1, 0)
+    assert found.xy_img.shape == (1, len(detect.skeleton), 2)
+
+
+def test_a_session_that_is_not_there_is_one_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such session folder"):
+        pf.track(tmp_path / "nowhere")
+
+
+@pytest.mark.realtime
+def test_poses_come_while_the_session_runs(demo_session: Path, models: None) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    sources = {name: f"video:{demo_session / 'videos' / name}.mp4" for name in rig.names}
+    times, people = [], 0
+    with pf.live(rig, sources, duration_s=4.0) as session:
+        for pose in session:
+            times.append(pose.t_ns)
+            people = max(people, len(pose.person_id))
+    assert people == 1
+    assert len(times) > 20
+    assert (np.diff(times) > 0).all()
+    assert set(session.cameras) == set(rig.names)
+
+
+@pytest.mark.realtime
+def test_a_camera_that_cannot_be_opened_is_said_at_the_start(demo_session: Path, models: None) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    with pytest.raises(SourceError, match=r"nowhere\.mp4"), pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4")):
+        pass

@@ -1,0 +1,158 @@
+"""What refuses a calibration, and by which name: limits, causes, sizes, single cameras of a rig, and rigs kept all the same."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.calibration.checks.camera_errors import VerifyLimits
+from posefuse.calibration.checks.verify import verify
+from posefuse.calibration.extrinsics.causes import Cause, Hypothesis, Trial, Trouble, cause_check, likely_causes
+from posefuse.calibration.extrinsics.limits import LIMITS
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.person.solve import KnownLength
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.solving.bundle import clustered_covariance
+from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
+from posefuse.core import SE3, CalibrationError, Rig
+from posefuse.formats.rig import read_placed_rig, read_rig, write_rig
+
+BENCH = Path(__file__).resolve().parents[2] / "bench"
+TOGETHER = Options(instants=60, clocks="together")
+
+
+def test_standard_errors_grow_where_blocks_share_errors_and_never_shrink() -> None:
+    random = np.random.default_rng(0)
+    block, covariance = np.repeat(np.arange(20), 10), np.eye(2) / 200
+    alone = random.normal(0, 1, (200, 2))
+    shared = alone + np.repeat(random.normal(0, 3, (20, 2)), 10, axis=0)
+    assert np.diag(clustered_covariance(covariance, alone, block)) == pytest.approx(np.diag(covariance), rel=0.8)
+    assert (np.diag(clustered_covariance(covariance, alone, block)) >= np.diag(covariance)).all()
+    # ten that share an error of 3 count as much as one: 1 + 10 * 9 times the variance
+    assert np.diag(clustered_covariance(covariance, shared, block)) == pytest.approx(91 * np.diag(covariance), rel=0.7)
+    np.testing.assert_array_equal(clustered_covariance(covariance, alone, np.zeros(200)), covariance)
+
+
+def trial(words: str, spread_px: float, frees: int) -> Trial:
+    residual = np.random.default_rng(1).normal(0, spread_px, (400, 2))
+    return Trial(words, f"mend {words}", np.repeat([0, 1], 200), residual, 0, frees)
+
+
+def trouble_of(spread_px: float) -> Trouble:
+    class Solved:
+        seen = type("Seen", (), {"camera": np.repeat([0, 1], 200)})
+        solution = type("Solution", (), {"residual_px": np.random.default_rng(1).normal(0, spread_px, (400, 2))})
+
+    return Trouble(None, (), None, Options(), Solved())  # type: ignore[arg-type]
+
+
+def named(*trials: Trial, spread_px: float = 3.0) -> tuple[Cause, ...]:
+    hypotheses = [Hypothesis(one.words, "", lambda trouble, one=one: [one], near=True) for one in trials]
+    return likely_causes(trouble_of(spread_px), hypotheses)
+
+
+def test_the_explanation_that_frees_least_among_equals_is_named() -> None:
+    swapped, free = trial("names swapped", 0.3, 0), trial("intrinsics", 0.29, 12)
+    assert [cause.trial.words for cause in named(free, swapped)] == ["names swapped"]
+    # one that explains far more wins though it frees more
+    assert [cause.trial.words for cause in named(trial("turned", 2.0, 0), free)] == ["intrinsics"]
+
+
+def test_two_explanations_that_cannot_be_separated_are_both_named() -> None:
+    found = named(trial("moved", 0.3, 6), trial("zoomed", 0.3, 6))
+    assert {cause.trial.words for cause in found} == {"moved", "zoomed"}
+    assert "moved or zoomed (the images do not tell which" in cause_check(found, 3.0).line
+
+
+def test_what_explains_little_is_not_named() -> None:
+    assert named(trial("moved", 2.7, 6)) == ()
+
+
+def test_a_side_in_other_units_is_refused_before_and_after_the_solve(lab: Any) -> None:
+    seen = lab.watch()
+    with pytest.raises(RefusedCalibration, match=r"target has a plausible size: marker side 0\.24 mm"):
+        calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.24e-3), TOGETHER)
+    with pytest.raises(RefusedCalibration, match=r"rig has a plausible size: with a marker side of 24 mm .*--any-size") as caught:
+        calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), TOGETHER)
+    # it can be had on request, and says what it failed
+    assert caught.value.kept.rig.refused == "rig has a plausible size"
+    small = replace(TOGETHER, limits=replace(LIMITS, distance_m=(0.0, np.inf)))
+    assert calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), small).rig.refused == ""
+
+
+def test_a_rig_that_was_refused_says_so_from_its_file(lab: Any, tmp_path: Path) -> None:
+    write_rig(tmp_path / "rig.toml", replace(lab.rig, refused="halves agree"))
+    assert read_rig(tmp_path / "rig.toml").refused == "halves agree"
+    write_rig(tmp_path / "rig.toml", lab.rig)
+    assert read_rig(tmp_path / "rig.toml").refused == ""
+
+
+@pytest.mark.parametrize(("height_m", "said"), [(0.5, "got 0.5"), (178.0, "did you mean 1.78 m")])
+def test_a_height_nobody_has_is_refused(height_m: float, said: str) -> None:
+    with pytest.raises(CalibrationError, match=f"height of the person: .*{said}"):
+        KnownLength(stature_m=height_m)
+    assert KnownLength(stature_m=1.2).stature_m == 1.2
+
+
+def test_intrinsics_alone_are_read_as_intrinsics_and_not_as_a_rig(lab: Any, tmp_path: Path) -> None:
+    write_rig(tmp_path / "lenses.toml", Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in lab.rig)))
+    assert read_rig(tmp_path / "lenses.toml").names == lab.rig.names
+    with pytest.raises(CalibrationError, match=r"lenses\.toml: all 4 cameras are at one place: these are intrinsics only"):
+        read_placed_rig(tmp_path / "lenses.toml")
+
+
+TARGET = Charuco(4, 5, 0.12, 0.09)
+
+
+@pytest.fixture(scope="module")
+def wall(ring_rig: Any) -> Rig:
+    """Four cameras near each other, which see the printed face together."""
+    return Rig(ring_rig(10, radius_m=3.0).cameras[:4])
+
+
+@pytest.fixture(scope="module")
+def held(wall: Rig) -> Any:
+    motion = Waving(seconds=20.0, rate_hz=8.0, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
+    return observe_prop(wall, board(), TARGET, motion, Faults(noise_px=0.1))
+
+
+def test_the_camera_that_was_turned_is_named_with_its_turn(wall: Rig, held: Any) -> None:
+    found = verify(wall, held, TARGET)
+    assert [check.name for check in found.report.failed] == []
+    turn = SE3.from_rotvec([0, np.deg2rad(1.0), 0], np.zeros(3))
+    turned = replace(wall.cameras[1], cam_from_world=turn @ wall.cameras[1].cam_from_world)
+    wrong = verify(Rig((wall.cameras[0], turned, *wall.cameras[2:])), held, TARGET)
+    check = next(check for check in wrong.report.failed if check.name == "cameras are where the rig says")
+    assert check.detail.startswith("cam01 is turned by")
+    assert np.rad2deg(wrong.cameras[1].turn_rad) == pytest.approx(1.0, abs=0.1)
+    assert wrong.cameras[1].excess(VerifyLimits()) > 1
+
+
+def test_cameras_without_views_are_not_verified(wall: Rig, held: Any) -> None:
+    found = verify(wall, held.rows(held.camera < 2), TARGET)
+    check = next(check for check in found.report.failed if check.name == "every camera is measured")
+    assert "cam02 (0 views shared with others" in check.detail
+    assert "cam03 (0 views" in check.detail
+
+
+@pytest.mark.slow
+def test_the_faults_of_the_benchmark_are_never_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One seed of every sixth fault, and every tenth good session."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    import calibration_faults
+    from faults.good_sessions import SESSIONS
+    from faults.verdict import SILENT, verdict
+
+    for case in calibration_faults.quick(calibration_faults.CASES):
+        if not case.not_in_images:
+            assert verdict(case, case.run(3)) != SILENT, case.name
+    for good in SESSIONS[::10]:
+        answer = good.run(3)
+        assert not answer.refused, f"{good.name}: {answer.words}"
+    for name in [name for name in sys.modules if name == "faults" or name.startswith("faults.")]:
+        monkeypatch.delitem(sys.modules, name)

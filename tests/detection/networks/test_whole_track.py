@@ -1,0 +1,39 @@
+"""From images to a result with networks that really see: discs of one colour per keypoint, through the whole `posefuse track`."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.cli.main import main
+from posefuse.core import Rig
+from posefuse.formats.recording import read_recording
+from posefuse.formats.rig import write_rig
+
+discs = pytest.importorskip("discs", reason="the package onnx is not installed")
+
+
+@pytest.fixture(scope="module")
+def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("discs")
+    rig = ring_rig(4, size_wh=(720, 560))
+    discs.draw(rig, discs.true_xyz(), folder / "images")
+    write_rig(folder / "rig.toml", rig)
+    (folder / "posefuse.toml").write_text(f"rate_hz = {discs.RATE_HZ}\njoint_centres = false\n")
+    return folder
+
+
+@pytest.mark.parametrize("kind", ["simcc", "heatmap", "rtmo", "yolo_pose"])
+def test_the_person_is_where_the_discs_are(kind: str, session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    options = ["--networks", str(discs.card_of(kind, tmp_path)), "--outputs", "parquet,trc", "--raw", "--json"]
+    assert main(["track", str(session), "--out", str(out), *options]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert min(figures["found"].values()) == 1.0
+    recording = read_recording(out)
+    assert recording.poses.skeleton == discs.SKELETON and recording.poses.xyz_world.shape == (discs.FRAMES, 1, 17, 3)
+    off_mm = 1000 * np.linalg.norm(recording.poses.xyz_world[:, 0] - discs.true_xyz(), axis=-1)
+    assert np.nanmedian(off_mm) < 2.0 and np.nanpercentile(off_mm, 95) < 8.0
+    assert np.isfinite(off_mm).mean() > 0.97

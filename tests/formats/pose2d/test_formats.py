@@ -1,0 +1,270 @@
+"""The same people in every format read back the same; what is none of them lists what was looked for."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, InputError
+from posefuse.formats.pose2d import FORMATS, UNTRACKED, Pose2DFrames, read_pose2d
+from posefuse.formats.pose2d.keypoint_sets import keypoint_name
+
+DATA = Path(__file__).parent / "data"
+SIZE_WH = (640, 360)
+COCO, BLAZE = SKELETONS["coco17"], SKELETONS["blazepose33"]
+# frames 0, 2, 5: two people, nobody, one
+NUMBERS, COUNTS = (0, 2, 5), (2, 0, 1)
+PEOPLE = [
+    np.concatenate([rng.uniform(20, 340, (n, 17, 2)), rng.uniform(0.2, 0.9, (n, 17, 1))], axis=-1)
+    for rng, n in ((np.random.default_rng(i), n) for i, n in enumerate(COUNTS))
+]
+IDS = [[7, 3], [], [3]]
+EIGHTEEN = (
+    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist", "right_hip",
+    "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye", "left_eye", "right_ear", "left_ear",
+)  # fmt: skip
+
+
+def flat(person: np.ndarray) -> list[float]:
+    return person.ravel().tolist()
+
+
+def eighteen(person: np.ndarray) -> np.ndarray:
+    """OpenPose's COCO order; the neck is the middle of the shoulders."""
+    neck = (person[COCO.index("left_shoulder")] + person[COCO.index("right_shoulder")]) / 2
+    return np.stack([neck if name == "neck" else person[COCO.index(name)] for name in EIGHTEEN])
+
+
+def save(path: Path, content: object) -> Path:
+    path.write_text(json.dumps(content))
+    return path
+
+
+def openpose(folder: Path) -> Path:
+    for number, people in zip(NUMBERS, PEOPLE, strict=True):
+        # OpenPose writes nobody's hands as empty lists, and now and then a person of none
+        listed = [{"pose_keypoints_2d": flat(p), "hand_left_keypoints_2d": []} for p in people]
+        save(folder / f"cam_{number:012d}_keypoints.json", {"version": 1.3, "people": [*listed, {"pose_keypoints_2d": []}]})
+    return folder
+
+
+def each() -> list[tuple[int, int, np.ndarray]]:
+    return [(number, IDS[i][n], person) for i, number in enumerate(NUMBERS) for n, person in enumerate(PEOPLE[i])]
+
+
+def alphapose_list(folder: Path) -> Path:
+    rows = [
+        {"image_id": f"{n:06d}.jpg", "category_id": 1, "keypoints": flat(p), "score": 2.9, "box": [1, 2, 3, 4], "idx": [i]}
+        for n, i, p in each()
+    ]
+    save(folder / "alphapose-results.json", rows)
+    return folder
+
+
+def alphapose_by_image(key: str, points: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        images = {
+            f"{number}.jpg": {"version": "AlphaPose v0.3", key: [{points: flat(eighteen(person))} for person in people]}
+            for number, people in zip(NUMBERS, PEOPLE, strict=True)
+        }
+        return save(folder / "alphapose-results.json", images)
+
+    return write
+
+
+def coco(folder: Path) -> Path:
+    rows = [{"image_id": n, "category_id": 1, "keypoints": flat(p), "score": 0.9, "track_id": i} for n, i, p in each()]
+    return save(folder / "results.json", rows)
+
+
+def instances(people: np.ndarray, ids: list[int]) -> list[dict]:
+    return [
+        {"keypoints": p[:, :2].tolist(), "keypoint_scores": p[:, 2].tolist(), "bbox": [[0, 0, 1, 1]], "track_id": i}
+        for p, i in zip(people, ids, strict=True)
+    ]
+
+
+def mmpose_video(folder: Path) -> Path:
+    frames = [{"frame_id": n, "instances": instances(people, ids)} for n, people, ids in zip(NUMBERS, PEOPLE, IDS, strict=True)]
+    names = {str(k): name for k, name in enumerate(COCO.keypoints)}
+    return save(folder / "cam.json", {"meta_info": {"keypoint_id2name": names}, "instance_info": frames})
+
+
+def mmpose_images(folder: Path) -> Path:
+    for n, people, ids in zip(NUMBERS, PEOPLE, IDS, strict=True):
+        save(folder / f"{n:012d}.json", instances(people, ids))
+    return folder
+
+
+def sleap(folder: Path) -> Path:
+    h5py = pytest.importorskip("h5py", reason="the extra h5 is not installed")
+    tracks = np.full((2, 2, 17, NUMBERS[-1] + 1), np.nan)
+    scores = np.full((2, 17, NUMBERS[-1] + 1), np.nan)
+    for number, track, person in each():
+        place = {7: 0, 3: 1}[track]
+        tracks[place, :, :, number], scores[place, :, number] = person[:, :2].T, person[:, 2]
+    with h5py.File(folder / "cam.analysis.h5", "w") as file:
+        file["tracks"], file["point_scores"] = tracks, scores
+        file["node_names"] = [name.replace("_", " ").title().encode() for name in COCO.keypoints]
+    return folder / "cam.analysis.h5"
+
+
+def deeplabcut(folder: Path) -> Path:
+    people, parts = ("a", "b"), ("x", "y", "likelihood")
+    header = [(person, name, part) for person in people for name in COCO.keypoints for part in parts]
+    with (folder / "camDLC.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["scorer", *(["net"] * len(header))])
+        for i, title in enumerate(("individuals", "bodyparts", "coords")):
+            rows.writerow([title, *(column[i] for column in header)])
+        for number in range(NUMBERS[-1] + 1):
+            found = {track: person.ravel().tolist() for n, track, person in each() if n == number}
+            rows.writerow([number, *found.get(7, [""] * 51), *found.get(3, [""] * 51)])
+    return folder / "camDLC.csv"
+
+
+# how to write each, and what becomes of the tracks 7 and 3: tables number theirs by place
+NUMBERED, BY_PLACE = {7: 7, 3: 3}, {7: 0, 3: 1}
+WRITERS: dict[str, tuple[Callable[[Path], Path], dict[int, int] | None]] = {
+    "openpose": (openpose, None),
+    "alphapose": (alphapose_list, NUMBERED),
+    "alphapose open": (alphapose_by_image("people", "pose_keypoints_2d"), None),
+    "alphapose cmu": (alphapose_by_image("bodies", "joints"), None),
+    "coco": (coco, NUMBERED),
+    "mmpose": (mmpose_video, NUMBERED),
+    "mmpose images": (mmpose_images, NUMBERED),
+    "sleap": (sleap, BY_PLACE),
+    "deeplabcut": (deeplabcut, BY_PLACE),
+}
+
+
+def same(frames: Pose2DFrames, tracks: dict[int, int] | None) -> None:
+    assert frames.skeleton.keypoints == COCO.keypoints
+    for number, people, ids in zip(NUMBERS, PEOPLE, IDS, strict=True):
+        seen = frames.frame(number, 40)
+        assert (seen.camera, seen.t_ns, len(seen)) == ("cam", 40, len(people))
+        assert np.allclose(seen.xy_img, people[..., :2], atol=1e-3) and np.allclose(seen.score, people[..., 2], atol=1e-6)
+        assert frames.track_ids(number).tolist() == [UNTRACKED if tracks is None else tracks[i] for i in ids]
+    assert len(frames.frame(99, 0)) == 0 and len(frames.track_ids(99)) == 0
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_same_people_in_every_format(name: str, tmp_path: Path) -> None:
+    write, tracks = WRITERS[name]
+    frames = read_pose2d(write(tmp_path), "cam")
+    assert frames.format == name.split()[0]
+    same(frames, tracks)
+
+
+def mediapipe_people() -> np.ndarray:
+    return np.concatenate([np.random.default_rng(9).uniform(30, 330, (3, 33, 2)), np.full((3, 33, 1), 0.75)], axis=-1)
+
+
+def mediapipe_json(path: Path, people: np.ndarray) -> Path:
+    rows = [[{"x": x, "y": y, "z": 0.0, "visibility": v} for x, y, v in person] for person in people]
+    frames = [{"frame": 3 + i, "timestamp_ms": 40 * i, "pose_landmarks": [row]} for i, row in enumerate(rows)]
+    return save(path / "cam.json", {"frames": frames})
+
+
+def mediapipe_csv(path: Path, people: np.ndarray, wide: bool) -> Path:
+    with (path / "cam.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        if wide:
+            rows.writerow(["frame", *(f"{name.upper()}_{part}" for name in BLAZE.keypoints for part in ("x", "y", "visibility"))])
+            rows.writerows([[3 + i, *person.ravel()] for i, person in enumerate(people)])
+        else:
+            rows.writerow(["frame", "landmark", "x", "y", "visibility"])
+            rows.writerows([[3 + i, k, *point] for i, person in enumerate(people) for k, point in enumerate(person)])
+    return path / "cam.csv"
+
+
+@pytest.mark.parametrize("form", ["json", "long", "wide"])
+@pytest.mark.parametrize("shares", [False, True])
+def test_mediapipe_landmarks(form: str, shares: bool, tmp_path: Path) -> None:
+    people = mediapipe_people()
+    written = people.copy()
+    if shares:
+        written[..., :2] = (people[..., :2] + 0.5) / SIZE_WH
+    path = mediapipe_json(tmp_path, written) if form == "json" else mediapipe_csv(tmp_path, written, form == "wide")
+    frames = read_pose2d(path, "cam", size_wh=SIZE_WH)
+    assert (frames.format, frames.skeleton, frames.numbers) == ("mediapipe", BLAZE, (3, 4, 5))
+    assert frames.rate_hz == (pytest.approx(25.0) if form == "json" else None)
+    assert np.allclose(frames.frame(4, 0).xy_img[0], people[1, :, :2], atol=1e-2)
+    if shares:
+        with pytest.raises(InputError, match="size_wh"):
+            read_pose2d(path, "cam")
+
+
+def test_deeplabcut_files_made_by_pandas() -> None:
+    pytest.importorskip("h5py", reason="the extra h5 is not installed")
+    table, text = (read_pose2d(DATA / f"deeplabcut_two.{suffix}", "cam") for suffix in ("h5", "csv"))
+    assert table.skeleton.keypoints == ("nose", "left_shoulder", "right_shoulder", "left_knee")
+    assert table.skeleton.bones == (("left_shoulder", "right_shoulder"),)
+    assert [len(table.frame(i, 0)) for i in range(3)] == [2, 1, 2]
+    for i in range(3):
+        one, two = table.frame(i, 0), text.frame(i, 0)
+        assert np.array_equal(one.xy_img, two.xy_img) and np.array_equal(one.score, two.score)
+    assert table.frame(0, 0).xy_img[0, 0] == pytest.approx([254.78, 107.91], abs=0.01)
+
+
+def test_a_pickle_that_could_run_something_is_refused(tmp_path: Path) -> None:
+    import pickle
+
+    from posefuse.formats.pose2d.deeplabcut import _column_names
+
+    with pytest.raises(InputError, match="not a plain value"):
+        _column_names(pickle.dumps([print]), tmp_path / "x.h5")
+
+
+def test_visibilities_of_annotations_become_scores(tmp_path: Path) -> None:
+    keypoints = [[float(k), 2.0, float(k % 3)] for k in range(17)]
+    path = save(tmp_path / "a.json", [{"image_id": 1, "category_id": 1, "keypoints": np.ravel(keypoints).tolist()}])
+    seen = read_pose2d(path, "cam").frame(1, 0)
+    assert seen.score[0, :3].tolist() == [0.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("count", "name"), [(26, "halpe_26"), (133, "coco_wholebody_133"), (136, "halpe_136"), (33, "blazepose33")]
+)
+def test_larger_keypoint_sets_are_told_by_their_number(count: int, name: str, tmp_path: Path) -> None:
+    people = [{"pose_keypoints_2d": np.ones((count, 3)).ravel().tolist()}]
+    save(tmp_path / "a_0.json", {"people": people})
+    assert read_pose2d(tmp_path, "cam").skeleton.name == name
+
+
+@pytest.mark.parametrize("name", ["RKnee", "knee_r", "Right Knee", "RIGHT_KNEE", "rightKnee", "right-knee", "rightknee"])
+def test_names_of_keypoints(name: str) -> None:
+    assert keypoint_name(name) == "right_knee"
+
+
+def test_other_names_of_keypoints() -> None:
+    given = {"Nose": "nose", "LBigToe": "left_big_toe", "MidHip": "mid_hip", "mouth_left": "left_mouth", "tail": "tail"}
+    assert {name: keypoint_name(name) for name in given} == given
+
+
+def test_what_is_no_known_format_lists_what_was_looked_for(tmp_path: Path) -> None:
+    path = save(tmp_path / "odd.json", {"skeletons": []})
+    with pytest.raises(InputError) as caught:
+        read_pose2d(path, "cam")
+    assert all(format.name in str(caught.value) for format in FORMATS) and "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="no such file"):
+        read_pose2d(tmp_path / "absent.json", "cam")
+    (tmp_path / "half.json").write_text("[{")
+    with pytest.raises(InputError, match="cannot be parsed as JSON"):
+        read_pose2d(tmp_path / "half.json", "cam")
+
+
+def test_the_same_keypoint_under_two_names_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_text("scorer,n,n,n,n\nbodyparts,LKnee,LKnee,left_knee,left_knee\ncoords,x,y,x,y\n0,1,2,3,4\n")
+    with pytest.raises(InputError, match="all of which mean left_knee"):
+        read_pose2d(path, "cam")
+
+
+def test_people_of_different_sets_in_one_file_are_named(tmp_path: Path) -> None:
+    rows = [{"image_id": i, "category_id": 1, "keypoints": [1.0] * 3 * count} for i, count in enumerate((17, 26))]
+    with pytest.raises(InputError, match=r"entry 1: expected 17 keypoints \(coco17\), got 26"):
+        read_pose2d(save(tmp_path / "a.json", rows), "cam")

@@ -1,0 +1,236 @@
+"""Pages: one file that stands alone, shows its input and nothing else, and survives names, gaps and emptiness."""
+
+import gzip
+import re
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from posefuse.core import InputError
+from posefuse.formats.page import (
+    Band,
+    Bars,
+    Cards,
+    Cell,
+    Details,
+    Dots,
+    Facts,
+    Heading,
+    Images,
+    Line,
+    Note,
+    Page,
+    Player,
+    Plot,
+    Plots,
+    Spikes,
+    Table,
+    Ticks,
+    write_page,
+)
+from posefuse.formats.page.packing import COARSE, FINE, packed, unpacked
+from posefuse.formats.page.write import PLOTLY
+
+NASTY = "<b>[x]</script>{{ 7*7 }}&amp;\"'%{y}"
+GAP = np.array([0.0, 1, np.nan, np.nan, 3, 4, 2])
+X = np.arange(7) * 0.1
+
+
+def axes(*series, **more):
+    return Plot("p", series, **{"x_label": "s", "y_label": "mm", **more})
+
+
+def shown(read_page, tmp_path, *blocks, **more):
+    return read_page(write_page(tmp_path / "page.html", Page("title", blocks, **more)))
+
+
+@pytest.mark.parametrize("parts", [FINE, COARSE])
+@given(st.lists(st.one_of(st.floats(-1e9, 1e9), st.just(float("nan"))), max_size=60))
+def test_packed_numbers_come_back_to_a_fraction_of_their_range(parts, values):
+    values = np.array(values, float)
+    again = unpacked(packed(values, parts))
+    known = np.isfinite(values)
+    np.testing.assert_array_equal(np.isfinite(again), known)
+    span = np.ptp(values[known]) if known.any() else 0.0
+    span = span or (np.abs(values[known]).max() if known.any() else 0.0) or 1.0
+    np.testing.assert_allclose(again[known], values[known], rtol=0, atol=max(1.01 * span / parts / 2, 1e-12))
+
+
+def test_every_kind_of_series_arrives_as_it_was_given(read_page, tmp_path):
+    series = [
+        Line("line", X, GAP, colour="left", dashed=True),
+        Band("band", X, GAP - 1, GAP + 1),
+        Dots("dots", X, GAP, labels=list("abcdefg")),
+        Spikes("spikes", X, GAP * 0, GAP),
+        Ticks("ticks", X[:2], colour="right"),
+    ]
+    plot = shown(read_page, tmp_path, Plots([axes(*series)])).plot("p")
+    for given_one, one in zip(series, plot["series"], strict=True):
+        assert (one["type"], one["name"]) == (given_one.type, given_one.name)
+        for name in given_one.of:
+            np.testing.assert_allclose(one[name], getattr(given_one, name), atol=2e-3 if given_one.type == "band" else 3e-4)
+    assert plot["series"][0]["colour"] == "left" and plot["series"][0]["dashed"]
+    assert plot["series"][1]["colour"] == "c0" and plot["series"][2]["colour"] == "c1"
+    assert plot["series"][2]["labels"] == list("abcdefg")
+    assert plot["legend"]
+
+
+def test_arrays_that_are_the_same_are_stored_once(read_page, tmp_path):
+    page = shown(read_page, tmp_path, Plots([axes(Line("a", X, GAP), Line("b", X.copy(), 2 * GAP))] * 2))
+    assert len(page.data["arrays"]) == 3 and len(page.data["plots"]) == 2
+
+
+def test_a_bars_parts_are_those_given(read_page, tmp_path):
+    bars = Bars(("first", "second"), {"one": [1.0, 3.0], NASTY: [0.0, 2.0]})
+    [series] = shown(read_page, tmp_path, Plots([axes(bars)])).plot("p")["series"]
+    assert (series["rows"], series["parts"], series["values"]) == (["one", NASTY], ["first", "second"], [[1, 3], [0, 2]])
+
+
+def test_names_are_shown_as_they_are_and_run_nothing(read_page, tmp_path):
+    page = Page(
+        NASTY,
+        [
+            Heading(NASTY, NASTY),
+            Cards({NASTY: NASTY}),
+            Facts({NASTY: NASTY}),
+            Table([NASTY], [[NASTY]]),
+            Images({NASTY: np.zeros((4, 4, 3), np.uint8)}),
+            Details(NASTY, [Note(NASTY, warning=True)]),
+            Plots([Plot(NASTY, [Line(NASTY, X, GAP)], x_label=NASTY, y_label=NASTY)]),
+        ],
+        subtitle=NASTY,
+    )
+    read = read_page(write_page(tmp_path / "page.html", page))
+    assert read.headings == [NASTY, NASTY, NASTY]
+    assert read.tables == [[[NASTY, NASTY]], [[NASTY], [NASTY]]]
+    assert read.text.count(NASTY) >= 12
+    assert read.plot(NASTY)["series"][0]["name"] == NASTY
+
+
+def test_missing_values_are_dashes_and_gaps(read_page, tmp_path):
+    page = shown(
+        read_page,
+        tmp_path,
+        Table(["joint", "mm"], [["neck", 12.345], ["hip", float("nan")], ["toe", None], ["knee", 0.0123]]),
+        Facts({"a": float("inf")}),
+        Plots([axes(Line("none", X, X * np.nan)), axes(Band("none", X, X * np.nan, X * np.nan)), axes()]),
+    )
+    assert page.tables == [[["joint", "mm"], ["neck", "12.3"], ["hip", "–"], ["toe", "–"], ["knee", "0.012"]], [["a", "–"]]]
+    assert np.isnan(page.data["plots"][0]["series"][0]["y"]).all()
+    assert page.data["plots"][1]["ranges"] == [None, None] and page.data["plots"][2]["series"] == []
+
+
+def test_empty_blocks_make_a_whole_page(read_page, tmp_path):
+    nothing = Player(np.zeros(0), np.zeros((0, 0, 5, 3)), bones=np.zeros((0, 2), int), sides=(), people=())
+    blocks = (Cards({}), Facts({}), Table(["a"], []), Images({}), Details("d", []), Plots([]), nothing)
+    page = shown(read_page, tmp_path, *blocks)
+    assert page.headings == ["title"] and page.images == []
+    bare = tmp_path / "bare.html"
+    read_page(write_page(bare, Page("nothing", [])))
+    assert "<script" not in bare.read_text() and bare.stat().st_size < 20_000
+
+
+def test_sections_begin_at_headings_and_cells_have_tones(read_page, tmp_path):
+    table = Table(["a", "b"], [[Cell("bad one", "bad"), Cell(3.0, "left")]])
+    page = shown(read_page, tmp_path, Note("before"), Heading("one"), table, Heading("three", level=3), Heading("two"))
+    assert (tmp_path / "page.html").read_text().count("<section>") == 3
+    assert page.headings == ["title", "one", "three", "two"]
+    assert page.classes == {"bad one": "bad", "3.0": "left"}
+
+
+def test_images_are_inside_and_what_is_none_is_refused(read_page, tmp_path):
+    picture = np.random.default_rng(0).integers(0, 255, (6, 9, 3), np.uint8)
+    ready = cv2.imencode(".jpg", picture)[1].tobytes()
+    page = shown(read_page, tmp_path, Images({"a": picture, "b": ready}), Images({"c": picture}, lossless=True))
+    assert [address.split(",")[0] for address in page.images] == ["data:image/jpeg;base64"] * 2 + ["data:image/png;base64"]
+    for wrong, said in ((b"GIF89a", "expected images as JPEG, PNG"), (picture[..., 0], "RGB image"), (picture[:0], "RGB image")):
+        with pytest.raises(InputError, match=said):
+            write_page(tmp_path / "bad.html", Page("t", [Images({"x": wrong})]))
+    assert not (tmp_path / "bad.html").exists()
+
+
+def test_bands_widen_the_axes_but_do_not_flatten_the_line(read_page, tmp_path):
+    y = np.linspace(10, 20, 50)
+    wide = np.full(50, 3.0)
+    wide[25] = 4000.0
+    for half, low, high in ((np.full(50, 2.0), 8, 22), (wide, 0, 30)):
+        x = np.arange(50.0)
+        plot = shown(read_page, tmp_path, Plots([axes(Band("b", x, y - half, y + half), Line("l", x, y))])).plot("p")
+        least, most = plot["ranges"][1]
+        assert low - 2 < least <= low and high <= most < high + 2
+
+
+def test_long_series_are_thinned_and_it_is_said(read_page, tmp_path):
+    x = np.arange(20_000.0)
+    plot = shown(read_page, tmp_path, Plots([axes(Line("l", x, x), Band("b", x, x - 1, x + 1))])).plot("p")
+    assert len(plot["series"][1]["x"]) <= 900 and plot["series"][1]["x"][-1] > 19_900
+    step = int(plot["series"][0]["x"][1])
+    assert 1000 < len(plot["series"][0]["x"]) <= 3600 and f"every {step}th point" in plot["x"]
+
+
+def test_windows_zero_and_equal_axes_reach_the_script(read_page, tmp_path):
+    plots = [axes(Line("l", X, GAP), window=(0, 2, 0, 10)), axes(Line("l", X, GAP), from_zero=True, equal=True, wide=True)]
+    first, second = shown(read_page, tmp_path, Plots(plots)).data["plots"]
+    assert first["ranges"] == [[0, 2], [0, 10]] and not first["legend"]
+    assert second["ranges"][1][0] == 0 and second["equal"] and second["wide"]
+
+
+def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):
+    rng = np.random.default_rng(1)
+    xyz = rng.normal(size=(90, 2, 4, 3)).cumsum(axis=0) * 0.01
+    xyz[10:20, 1, 2] = np.nan
+    t_s = np.arange(90) / 60
+    player = Player(t_s, xyz, bones=np.array([[0, 1], [2, 3]]), sides=("left", "mid"), people=("a", NASTY), right_left=[(0, 1)])
+    [content] = shown(read_page, tmp_path, player).data["players"]
+    np.testing.assert_allclose(unpacked(content["t"]), t_s[::2], atol=6e-4)
+    for n, person in enumerate(content["people"]):
+        for k, positions in enumerate(person["xyz"]):
+            again = np.stack(
+                [unpacked({"m": content["step"][0], "n": content["step"][1], "d": steps}) for steps in positions], axis=-1
+            )
+            np.testing.assert_allclose(again, xyz[::2, n, k], atol=5.1e-4)
+    assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and player.note == ""
+
+
+def test_a_long_recording_is_cut_and_it_is_said():
+    t_s = np.arange(12_000) / 30
+    player = Player(t_s, np.zeros((12_000, 1, 1, 3)), bones=np.zeros((0, 2), int), sides=(), people=("a",))
+    assert len(player.kept) == 5400 and player.note == "The first 180 s of 400 s."
+
+
+@pytest.mark.parametrize(
+    ("build", "said"),
+    [
+        (lambda: Line("l", X, X[:3]), "line: expected arrays of one length"),
+        (lambda: Spikes("l", X, X, X, colour="pink"), "unknown colour 'pink'"),
+        (lambda: Table(["a", "b"], [["only one"]]), "expected rows of 2 cells"),
+        (lambda: Bars(("a",), {"r": [1.0, 2.0]}), "row r: expected 1 values, got 2"),
+        (
+            lambda: Player(X, np.zeros((3, 1, 1, 3)), bones=np.zeros((0, 2)), sides=(), people=("a",)),
+            r"expected positions \(7, 1",
+        ),
+        (
+            lambda: Player(X, np.zeros((7, 1, 1, 3)), bones=np.zeros((1, 2)), sides=(), people=("a",)),
+            "a side for each of 1 bones",
+        ),
+    ],
+)
+def test_blocks_that_do_not_fit_together_are_refused(build, said):
+    with pytest.raises(InputError, match=said):
+        build()
+
+
+def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path):
+    with pytest.raises(InputError, match="no folder"):
+        write_page(tmp_path / "nowhere" / "page.html", Page("t", []))
+
+
+def test_the_bundle_of_plotly_is_the_one_its_name_says():
+    head = gzip.decompress(PLOTLY.read_bytes())[:300].decode()
+    assert re.search(r"plotly\.js \(basic - minified\) v([\d.]+)", head)[1] == PLOTLY.name.split("-")[2].removesuffix(
+        ".min.js.gz"
+    )
+    assert "MIT" in head and "MIT License" in PLOTLY.with_name("plotly-LICENSE.txt").read_text()

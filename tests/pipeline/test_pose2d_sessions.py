@@ -1,0 +1,151 @@
+"""Sessions of other tools' 2D poses: a whole Pose2Sim project by one command, and no frame rate out of thin air."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.cli.main import main
+from posefuse.core import SKELETONS, Rig
+from posefuse.formats.recording import read_recording
+from posefuse.formats.rig import write_rig
+
+HALPE = SKELETONS["halpe_26"]
+FRAMES = 14
+HEIGHTS_M = {
+    "neck": 1.5,
+    "head": 1.8,
+    "ankle": 0.1,
+    "heel": 0.05,
+    "small_toe": 0.02,
+    "toe": 0.03,
+    "knee": 0.5,
+    "hip": 0.95,
+    "wrist": 1.0,
+    "elbow": 1.2,
+    "shoulder": 1.45,
+}
+ACROSS_M = {"small_toe": 0.17, "wrist": 0.35, "elbow": 0.3, "shoulder": 0.2}
+
+
+def person() -> np.ndarray:
+    """(T, K, 3) somebody who glides along x."""
+    rest = []
+    for name in HALPE.keypoints:
+        side = {"left": 1, "right": -1}.get(name.partition("_")[0], 0)
+        part = next((part for part in HEIGHTS_M if part in name), "")
+        ahead = 0.2 if "toe" in name else -0.05 if "heel" in name else 0.1 if name in ("nose", "left_eye", "right_eye") else 0.0
+        rest.append([ahead, side * ACROSS_M.get(part, 0.12 if part else 0.05), HEIGHTS_M.get(part, 1.65)])
+    return np.array(rest) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
+
+
+@pytest.fixture
+def project(ring_rig: Callable[..., Rig], tmp_path: Path) -> Path:
+    """A Pose2Sim project: Config.toml, calibration/ and pose/, as its own pose estimation leaves it."""
+    rig = ring_rig(3)
+    folder = tmp_path / "project"
+    (folder / "calibration").mkdir(parents=True)
+    write_rig(folder / "calibration" / "Calib_scene.toml", rig)
+    write_poses(folder, rig, person())
+    (folder / "Config.toml").write_text('[project]\nframe_rate = 50\n[pose]\npose_model = "Body_with_feet"\n')
+    return folder
+
+
+def write_poses(folder: Path, rig: Rig, xyz: np.ndarray) -> None:
+    """OpenPose's form of 3D points (T, K, 3) as each camera sees them."""
+    for camera in rig:
+        place = folder / "pose" / f"{camera.name}_json"
+        place.mkdir(parents=True, exist_ok=True)
+        for i, xy in enumerate(camera.project(xyz)):
+            points = np.concatenate([xy, np.full((xyz.shape[1], 1), 0.9)], axis=-1)
+            people = [{"person_id": [-1], "pose_keypoints_2d": points.ravel().tolist()}]
+            (place / f"{camera.name}_{i:06d}.json").write_text(json.dumps({"version": 1.3, "people": people}))
+
+
+def track(folder: Path, out: Path, *more: str) -> int:
+    return main(["track", str(folder), "--out", str(out), "--outputs", "trc", "--set", "joint_centres=false", *more])
+
+
+def test_a_pose2sim_project_is_tracked_by_one_command(project: Path, tmp_path: Path) -> None:
+    assert track(project, tmp_path / "out") == 0
+    poses = read_recording(tmp_path / "out").poses
+    assert poses.skeleton == HALPE and set(np.diff(poses.t_ns)) == {20_000_000}
+    assert np.nanmax(np.linalg.norm(poses.xyz_world[:, 0] - person(), axis=-1)) < 0.01
+
+
+def test_a_trial_of_a_session_uses_the_calibration_above_it(project: Path, tmp_path: Path) -> None:
+    trial = project / "Trial_1"
+    trial.mkdir()
+    (project / "pose").rename(trial / "pose")
+    assert track(trial, tmp_path / "out") == 0
+    assert set(np.diff(read_recording(tmp_path / "out").poses.t_ns)) == {20_000_000}
+
+
+def test_without_a_frame_rate_it_asks_for_one(project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (project / "Config.toml").write_text('[project]\nframe_rate = "auto"\n')
+    assert track(project, tmp_path / "out") == 1
+    told = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "--rate" in told and "rate_hz" in told and "posefuse.toml" in told
+    assert track(project, tmp_path / "out", "--rate", "25") == 0
+    assert set(np.diff(read_recording(tmp_path / "out").poses.t_ns)) == {40_000_000}
+
+
+def test_the_videos_beside_them_state_the_rate(project: Path, tmp_path: Path, demo_session: Path) -> None:
+    (project / "Config.toml").unlink()
+    (project / "videos").mkdir()
+    (project / "videos" / "cam00.mp4").write_bytes((demo_session / "videos" / "cam00.mp4").read_bytes())
+    assert track(project, tmp_path / "out", "--input", "pose2d") == 0
+    (period,) = set(np.diff(read_recording(tmp_path / "out").poses.t_ns))
+    from posefuse.sources import VideoConfig
+
+    times = np.asarray(VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build().times_ns())
+    assert abs(period - np.median(np.diff(times))) < 1000
+
+
+def test_a_table_per_camera_is_data_as_well(project: Path, tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    names = [f"{name}_{part}" for name in SKELETONS["blazepose33"].keypoints for part in ("x", "y", "visibility")]
+    rng = np.random.default_rng(0)
+    body = person()[:, HALPE.index("mid_hip")][:, None] + rng.normal(0, 0.3, (33, 3))
+    for camera in ring_rig(3):
+        for file in (project / "pose" / f"{camera.name}_json").iterdir():
+            file.unlink()
+        (project / "pose" / f"{camera.name}_json").rmdir()
+        with (project / "pose" / f"{camera.name}.csv").open("w", newline="") as file:
+            rows = csv.writer(file)
+            rows.writerow(["frame", *names])
+            for i, xy in enumerate(camera.project(body)):
+                shares = (xy + 0.5) / camera.size_wh
+                rows.writerow([i, *np.concatenate([shares, np.full((33, 1), 0.9)], axis=-1).ravel().tolist()])
+    assert track(project, tmp_path / "out", "--raw") == 0
+    poses = read_recording(tmp_path / "out").poses
+    assert poses.skeleton.name == "blazepose33"
+    assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - body, axis=-1)) < 1e-3
+
+
+def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    whole = SKELETONS["coco_wholebody_133"]
+    body = {name: person()[0, k] for k, name in enumerate(HALPE.keypoints)}
+    rng = np.random.default_rng(0)
+    rest = []
+    for name in whole.keypoints:
+        # what the body lacks lies about its wrist, or in front of its nose
+        hand = any(part in name for part in ("hand", "thumb", "index", "middle", "ring", "pinky"))
+        about = body[f"{name.partition('_')[0]}_wrist"] if hand else body["nose"]
+        rest.append(body.get(name, about + rng.uniform(-0.06, 0.06, 3)))
+    xyz = np.array(rest) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
+    write_poses(project, ring_rig(3), xyz)
+    out = tmp_path / "out"
+    assert track(project, out, "--outputs", "trc,c3d,csv,parquet,json") == 0
+    poses = read_recording(out).poses
+    assert poses.skeleton == whole
+    assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - xyz, axis=-1)) < 0.002
+    assert np.isfinite(poses.xyz_world).all()
+    written = (out / "pose.trc").read_text()
+    assert "left_pinky4" in written and "chin" in written
+    from posefuse.outputs.drawing import LEFT_RGB, RIGHT_RGB, bone_colours
+
+    colours = dict(zip(whole.bones, bone_colours(whole), strict=True))
+    assert colours["left_hand_root", "left_index1"] == LEFT_RGB and colours["right_ring2", "right_ring3"] == RIGHT_RGB
