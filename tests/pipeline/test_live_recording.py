@@ -76,7 +76,8 @@ def frames_of(rig: Rig, count: int, lost: float = 0.0, people: int = 1) -> list[
                 continue
             xyz = np.stack([body(t_ns) + n * OTHER for n in rng.permutation(people)])
             xy, score = camera.project(xyz), np.full((people, K), 0.9)
-            found.append(Detections2D(camera.name, t_ns, BLAZEPOSE33, xy, score, 0 * score + 1.5, keypoint_boxes(xy, score)))
+            parts = {"xy_img": xy, "score": score, "sigma_px": 0 * score + 1.5, "box_img": keypoint_boxes(xy, score)}
+            found.append(Detections2D(camera=camera.name, t_ns=t_ns, skeleton=BLAZEPOSE33, **parts))
     return found
 
 
@@ -87,8 +88,14 @@ def poses_of(count: int, people: int = 1, absent: Sequence[int] = ()) -> list[Po
         t_ns, n = BEGIN_NS + i * 10_000_000, 0 if i in absent else people
         xyz = np.stack([body(t_ns - 40_000_000) + j * OTHER for j in range(n)]) if n else np.zeros((0, K, 3))
         cov = np.einsum("nkij,nklj->nkil", *[rng.normal(size=(n, K, 3, 3)) * 0.01] * 2)
-        planes = (rng.normal(size=(n, K)) ** 2, rng.integers(2, 5, (n, K)), rng.integers(1, 5, (n, K)))
-        made.append(Pose3D(t_ns, BLAZEPOSE33, np.arange(n) + 4, xyz, (cov + cov.swapaxes(-1, -2)) / 2, *planes))
+        planes = {
+            "xyz_world": xyz,
+            "cov_world": (cov + cov.swapaxes(-1, -2)) / 2,
+            "reproj_px": rng.normal(size=(n, K)) ** 2,
+            "n_views": rng.integers(2, 5, (n, K)),
+            "kind": rng.integers(1, 5, (n, K)),
+        }
+        made.append(Pose3D(t_ns=t_ns, skeleton=BLAZEPOSE33, person_id=np.arange(n) + 4, **planes))
     return made
 
 
@@ -215,7 +222,7 @@ def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> 
     (tmp_path / "a.2.mcap").rename(tmp_path / "a.11.mcap")
     (tmp_path / "a.12.mcap").write_bytes(b"")
     lines: list[str] = []
-    whole, joined = read_live_recording(tmp_path / "whole.mcap"), read_live_recording(tmp_path / "a.mcap", lines.append)
+    whole, joined = (read_live_recording(tmp_path / f"{name}.mcap", lines.append) for name in ("whole", "a"))
     assert [line.split(":")[0] for line in lines] == [str(tmp_path / "a.12.mcap")]
     np.testing.assert_array_equal(whole.poses.xyz_world, joined.poses.xyz_world)
     times = [np.sort(one.observations.frame_t_ns) for one in (whole, joined)]
@@ -223,7 +230,7 @@ def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> 
     record(tmp_path / "other.mcap", rig, frames, poses, replace(CONFIG, rate_hz=50.0))
     (tmp_path / "other.mcap").rename(tmp_path / "a.13.mcap")
     with pytest.raises(InputError, match=r"a\.13\.mcap: is a part of another session"):
-        read_live_recording(tmp_path / "a.mcap")
+        read_live_recording(tmp_path / "a.mcap", lines.append)
 
 
 def test_the_table_of_joint_centres_is_that_of_the_session(tmp_path: Path, rig: Rig) -> None:
@@ -271,8 +278,14 @@ def test_the_frame_period_is_found_although_frames_are_missing(lost: float, jitt
 
 def test_each_time_step_has_the_nearest_frame_and_no_frame_is_at_two(rig: Rig) -> None:
     rng = np.random.default_rng(4)
+    empty = {
+        "xy_img": np.zeros((1, 17, 2)),
+        "score": np.zeros((1, 17)),
+        "sigma_px": np.zeros((1, 17)),
+        "box_img": np.zeros((1, 4)),
+    }
     frames = [
-        Detections2D(name, int(t_ns), COCO17, *(np.zeros((1, 17, *more)) for more in ((2,), (), ())), np.zeros((1, 4)))
+        Detections2D(camera=name, t_ns=int(t_ns), skeleton=COCO17, **empty)
         for name in rig.names
         for t_ns in rng.permutation(rng.integers(0, 2_000, 40))
     ]

@@ -19,7 +19,7 @@ from posefuse.sources.video import VideoConfig
 
 def frame(i: int) -> Frame:
     image = np.full((32, 48, 3), i % 250, np.uint8)
-    return Frame("cam", i, i * 10_000_000, i * 10_000_000, image)
+    return Frame(camera="cam", seq=i, t_ns=i * 10_000_000, received_ns=i * 10_000_000, image=image)
 
 
 def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:

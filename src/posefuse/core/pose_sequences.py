@@ -34,4 +34,4 @@ def sequence_of_all(poses: Sequence[Pose3D]) -> PoseSequence:
         at = np.searchsorted(ids, pose.person_id)
         for name, plane in planes.items():
             plane[i, at] = getattr(pose, name)
-    return PoseSequence(np.array([pose.t_ns for pose in poses]), skeleton, ids, **planes)
+    return PoseSequence(t_ns=np.array([pose.t_ns for pose in poses]), skeleton=skeleton, person_id=ids, **planes)

@@ -77,7 +77,6 @@ def views_over_time(
     rows = _rows_of_people(observations, ids, steps_only=t_ns is None)
     shape = (len(steps), len(ids), len(observations.camera_names), len(observations.skeleton))
     xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
-<<<<<<< HEAD
     for c in range(shape[2]):
         frames = _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c)
         if len(frames.t_ns):
@@ -86,20 +85,10 @@ def views_over_time(
             alone_ns = np.inf if t_ns is None else max(_period_ns(frames.t_ns) / 2, _SAME_TIME_NS)
             planes = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns)
             xy[:, :, c], score[:, :, c], sigma[:, :, c] = planes
-    return ViewSequence(steps, observations.skeleton, observations.camera_names, ids, xy, score, sigma)
-=======
-    frame = observations.detection_frame
-    rows = np.flatnonzero(np.isin(observations.person_id, ids) & (observations.frame_step[frame] != LIVE_STEP))
-    step, camera = observations.frame_step[frame[rows]], observations.frame_camera[frame[rows]]
-    at = (step, by_id[np.searchsorted(ids[by_id], observations.person_id[rows])], camera)
-    xy[at], score[at], sigma[at] = observations.xy_img[rows], observations.score[rows], observations.sigma_px[rows]
-    frame_t_ns = _frame_times(observations)
-    for c in range(len(names)):
-        _to_time_steps(t_ns, frame_t_ns[:, c], xy[:, :, c], score[:, :, c], sigma[:, :, c])
+    names = observations.camera_names
     return ViewSequence(
-        t_ns=t_ns, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma
+        t_ns=steps, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma
     )
->>>>>>> main
 
 
 def observations_from_views(views: ViewSequence) -> Observations:

@@ -97,23 +97,16 @@ def show_recording(recording: Recording, open_viewer: Callable[[Path], None] = o
 
 def view_recording(
     folder: Path | str,
-    read: Callable[[Path], Recording] = read_recording,
     frame_sets: FrameSets | None = None,
     open_viewer: Callable[[Path], None] = open_in_viewer,
+    *,
+    read: Callable[[Path], Recording] = read_recording,
 ) -> Path:
-<<<<<<< HEAD
-    """Show a result in the Rerun viewer until it is closed: its ``recording.rrd``, or one made for the occasion.
+    """Show a result in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
 
     Args:
         folder: a result that `read` reads: a folder, see `formats.recording`, or a file.
-        frame_sets: images for a result that has no ``recording.rrd``.
-=======
-    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
-
-    Args:
-        folder: a result, see `formats.recording`.
         frame_sets: images to show with it, in a temporary ``recording.rrd``.
->>>>>>> main
         open_viewer: shows an .rrd file.
 
     Returns:
@@ -125,13 +118,8 @@ def view_recording(
     """
     check_rerun()
     folder = Path(folder)
-<<<<<<< HEAD
     recording = read(folder)
-    if (folder / FILE).is_file():
-=======
-    recording = read_recording(folder)
     if frame_sets is None and (folder / FILE).is_file():
->>>>>>> main
         open_viewer(folder / FILE)
         return folder / FILE
     with tempfile.TemporaryDirectory(prefix="posefuse-") as beside:

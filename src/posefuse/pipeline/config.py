@@ -69,13 +69,9 @@ class TrackConfig:
             state theirs.
         max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
-<<<<<<< HEAD
-        joint_centres: move keypoints to anatomical joint centres, where the 2D estimator's model card knows how they lie.
+        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
         live_gap_s: for the second solve of a live session, of which not every frame was used: two frames of a camera this far
             apart are interpolated between. Chosen with `bench/live_second_solve.py --gaps`.
-=======
-        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
->>>>>>> main
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
         outputs: names of sinks, see `posefuse plugins`.
     """

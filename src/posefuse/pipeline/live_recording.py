@@ -81,7 +81,7 @@ def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
     observations = observations.with_person_ids(people_of_detections(observations, rig, poses))
     table = next((content.tables[name] for name in rig.names if content.tables.get(name) is not None), None)
     about = _provenance(parts, notes, rig, table, say) | {"start_ns": start_ns}
-    return Recording(rig, poses, observations, plain(about))
+    return Recording(rig=rig, poses=poses, observations=observations, provenance=plain(about))
 
 
 def parts_of(path: Path) -> list[Path]:

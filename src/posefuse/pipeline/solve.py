@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -108,7 +108,6 @@ def solve_live(
         InputError: no frame, or no person could be followed.
         SourceError: more time steps than `config` allows.
     """
-<<<<<<< HEAD
     line = live_timeline(recording.observations, config or TrackConfig())
     steps = on_time_steps(recording.observations, line.start_ns + line.period_ns * np.arange(line.count))
     return solve(steps, recording.rig, settings, {**recording.provenance, "second_solve": True}, clock)
@@ -120,44 +119,24 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, clock: 
     Raises:
         InputError: the provenance does not have the settings (the recording was not made by posefuse).
     """
-    about = dict(recording.provenance)
-    if config is None:
-        config = config_of(recording)
-    else:
-        about["config"] = plain(dataclasses.asdict(config))
-    table = about.get("joint_centres")
-    centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
-    live = recording.is_live or bool(about.get("second_solve"))
-    settings = SolveSettings.of(config, centres, live=live)
-    if recording.is_live:
-        again = dataclasses.replace(recording, provenance=about)
-        return solve_live(again, settings, config, clock)
-    return solve(recording.observations, recording.rig, settings, about, clock)
-
-
-def config_of(recording: Recording) -> TrackConfig:
-    """The settings in a recording's provenance; raises InputError where there are none."""
-    content = recording.provenance.get("config")
-    if not isinstance(content, Mapping):
-        raise InputError("recording: its provenance has no settings; give the settings to solve it with")
-    return settings_from_mapping(content, TrackConfig, where="provenance: config")
-=======
     about = recording.provenance
     table = about.get("joint_centres")
     centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
     chosen = config or config_of(recording)
-    settings = SolveSettings.of(chosen, centres)
-    return solve(recording.observations, recording.rig, settings, {**about, "config": plain(asdict(chosen))})
+    settings = SolveSettings.of(chosen, centres, live=recording.is_live or bool(about.get("second_solve")))
+    about = {**about, "config": plain(dataclasses.asdict(chosen))}
+    if recording.is_live:
+        return solve_live(dataclasses.replace(recording, provenance=about), settings, chosen, clock)
+    return solve(recording.observations, recording.rig, settings, about, clock)
 
 
 def config_of(recording: Recording) -> TrackConfig:
     """The settings that a recording was made with.
 
     Raises:
-        InputError: the provenance does not have them (the recording was not made by `track`).
+        InputError: the provenance does not have them (the recording was not made by posefuse).
     """
     config = recording.provenance.get("config")
     if not isinstance(config, Mapping):
         raise InputError("recording: its provenance has no settings; give the settings to solve it with")
     return settings_from_mapping(config, TrackConfig, where="provenance: config")
->>>>>>> main

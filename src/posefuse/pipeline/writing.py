@@ -10,12 +10,7 @@ from posefuse.core import Progress as StageProgress
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
-<<<<<<< HEAD
-from posefuse.outputs.frames import FrameSets, write_each
-from posefuse.sources import FramesAhead, frame_sets
-=======
-from posefuse.outputs.frames import write_each, write_outputs
->>>>>>> main
+from posefuse.outputs.frames import FrameSets, write_each, write_outputs
 
 from .config import TrackConfig
 from .opening import Opened
@@ -39,7 +34,7 @@ def write_result(
     Raises:
         InputError: the recording itself cannot be written.
     """
-    return write_with_frames(recording, _frames(recording, session, config, progress), sinks, out)
+    return write_with_frames(recording, session_frames(recording, session, progress, config), sinks, out)
 
 
 def write_with_frames(
@@ -54,11 +49,7 @@ def write_with_frames(
         written = write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-<<<<<<< HEAD
     outcome = write_each(sinks, recording, out.folder, frame_sets)
-=======
-    outcome = write_each(sinks, recording, out.folder, session_frames(recording, session, progress, config))
->>>>>>> main
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
 

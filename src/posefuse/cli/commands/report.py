@@ -29,26 +29,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     """Write the files; returns their names."""
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
-<<<<<<< HEAD
-=======
     from posefuse.evaluation.report import TITLE
-    from posefuse.formats.recording import RECORDING_FILES, read_recording
->>>>>>> main
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
     from posefuse.pipeline.reading import files_of_result, is_live, read_result
 
-<<<<<<< HEAD
     recording = read_result(args.result, terminal.warn)
     beside = args.result.with_name(f"{args.result.stem}_{FOLDER}") if is_live(args.result) else args.result / FOLDER
     out = args.out or beside
-    inputs = files_of_result(args.result)
-=======
-    recording = read_recording(args.result)
-    out = args.out or args.result / FOLDER
     chosen = BiomechanicsSettings(fit=args.fit, opensim=args.opensim)
-    inputs = [args.result / name for name in RECORDING_FILES]
->>>>>>> main
+    inputs = files_of_result(args.result)
     # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
     with (
         output_folder(out, command="report", inputs=inputs, replace=True, warn=terminal.warn) as place,

@@ -32,9 +32,14 @@ def rig_from_values(content: Mapping[str, Any]) -> Rig:
     """The rig of `rig_values`; raises KeyError, TypeError, ValueError or PosefuseError for anything else."""
     cameras = tuple(
         Camera(
-            one["name"], tuple(one["size_wh"]), one["K"], SE3(one["wxyz"], one["xyz"]), one["distortion"], one["model"],
-            one["readout_s"],
+            name=one["name"],
+            size_wh=tuple(one["size_wh"]),
+            K=one["K"],
+            cam_from_world=SE3(one["wxyz"], one["xyz"]),
+            distortion=one["distortion"],
+            model=one["model"],
+            readout_s=one["readout_s"],
         )
         for one in content["cameras"]
-    )  # fmt: skip
+    )
     return Rig(cameras, content["world_set_by"], math.nan if content["residual_px"] is None else content["residual_px"])
