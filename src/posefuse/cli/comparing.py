@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from posefuse.cli.options.compare import CompareOptions
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
 from posefuse.evaluation.tracks import read_tracks, tracks_of
 from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
@@ -21,23 +21,23 @@ from posefuse.pipeline.reading import is_live, read_result
 from .terminal import Terminal
 
 
-def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+def compare_files(path_a: Path, path_b: Path, options: CompareOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Compare two recordings, write the page, show the figures."""
-    if args.out:
-        check_apart(args.out, (args.a, args.b))
-        check_replaceable(args.out, command="compare", replace=True)
-    a, b = (_tracks(path, args.person, terminal) for path in (args.a, args.b))
-    found = compare(a, b, time=not args.no_time, space=not args.no_space, scale=args.scale, start_s=args.align_first)
+    if options.out:
+        check_apart(options.out, (path_a, path_b))
+        check_replaceable(options.out, command="compare", replace=True)
+    a, b = (_tracks(path, options.person, terminal) for path in (path_a, path_b))
+    found = compare(a, b, time=not options.no_time, space=not options.no_space, scale=options.scale, start_s=options.align_first)
     figures = _figures(found)
     rows = [[point.replace("_", " "), *row.values()] for point, row in figures["points"].items()]
     terminal.facts("Alignment of the second onto the first", _facts(found))
     terminal.table("Distances, mm", ["point", "mean", "sd", "median", "p95", "share compared"], rows)
-    if args.out:
+    if options.out:
         # its own, unchanged, can be made again at any time: replaced without being asked
-        with output_folder(args.out, command="compare", inputs=(args.a, args.b), replace=True, warn=terminal.warn) as out:
+        with output_folder(options.out, command="compare", inputs=(path_a, path_b), replace=True, warn=terminal.warn) as out:
             write_page(out.folder / "compare.html", comparison_page(a, b, found, rows))
             (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
-        page = args.out / "compare.html"
+        page = options.out / "compare.html"
         terminal.note(f"written: {page}")
         terminal.next(f"open {page} in a browser", "every point over time, and the drift")
     else:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from posefuse.outputs.rerun import FILE, check_rerun, open_in_viewer, view_recording
+from posefuse.outputs.rerun import FILE, open_in_viewer, view_recording
+from posefuse.outputs.rerun_scene import check_rerun
 from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.session_images import nearby_session, session_frames, session_of
 
@@ -30,7 +31,7 @@ def view_result(
     found = nearby_session(recording, result) if session is None else session_of(recording, session)
     if found is None:
         name = recording.provenance.get("session", "unnamed")
-        terminal.note(f"shown without images: no session {name} beside {result} or here; --session FOLDER names it")
+        terminal.note(f"shown without images: no session {name} near {result} or here; --session FOLDER names it")
         return view_recording(result, open_viewer=open_viewer, read=lambda _: recording)
     with terminal.progress(f"images of {found.folder}") as advance:
         frames = session_frames(recording, found, advance)

@@ -122,8 +122,8 @@ def view_recording(
     if frame_sets is None and (folder / FILE).is_file():
         open_viewer(folder / FILE)
         return folder / FILE
-    with tempfile.TemporaryDirectory(prefix="posefuse-") as beside:
-        [path] = write_outputs([RerunSink()], recording, Path(beside), frame_sets)
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as temporary:
+        [path] = write_outputs([RerunSink()], recording, Path(temporary), frame_sets)
         open_viewer(path)
     return folder
 
@@ -141,8 +141,8 @@ class _RerunWriter:
         self._stream = rr.RecordingStream("posefuse", recording_id=identity)
 
     def __enter__(self) -> _RerunWriter:
-        beside = self._whole.enter_context(atomic_file(self._path))
-        self._stream.save(beside, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
+        temporary = self._whole.enter_context(atomic_file(self._path))
+        self._stream.save(temporary, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
         log_cameras(self._stream, self._cameras)
         self._log_about()
         self._log_plots()

@@ -71,7 +71,7 @@ def solve(
         skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
     )
     steps, person_id = list(stored_steps(observations)), np.full(len(observations), NOT_KEPT)
-    for step, one in zip(steps, follower.follow(steps), strict=True):
+    for step, one in zip(steps, follower.identified(list(follower.follow(steps))), strict=True):
         for (_, rows), people in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
             person_id[rows] = people
     return finish(observations.with_person_ids(person_id), rig, settings, provenance, clock)

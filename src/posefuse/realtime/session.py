@@ -27,6 +27,7 @@ from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
 from .group import GroupPlan
+from .identity import NamedTracker
 from .joint_centres import Centring
 from .news import News, Say
 from .output_plan import NoOutputs, OutputPlan
@@ -161,7 +162,7 @@ def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
     """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
     warm_tracker(build_tracker(rig, skeleton, config.track, solve), rig, skeleton)
-    return build_tracker(rig, skeleton, config.track, solve)
+    return NamedTracker(build_tracker(rig, skeleton, config.track, solve), config.track)
 
 
 def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
@@ -201,7 +202,10 @@ def new_board(rig: Rig) -> Board:
 
 @contextmanager
 def stop_requests() -> Iterator[list[str]]:
-    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual."""
+    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual.
+
+    Whatever interrupts the block is put down to the first request: the handler that was there before raises what it raises.
+    """
     stopped: list[str] = []
 
     def note(number: int, frame: Any) -> None:
@@ -212,6 +216,11 @@ def stop_requests() -> Iterator[list[str]]:
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stopped
+    except KeyboardInterrupt:
+        earlier = before[signal.Signals[stopped[0]]] if stopped else None
+        if callable(earlier):
+            earlier(signal.Signals[stopped[0]], None)
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
