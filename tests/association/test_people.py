@@ -236,7 +236,7 @@ def test_one_who_is_lost_takes_no_detection_from_one_in_sight(ring_rig, body):
     """A wide guess supports every detection near it more than a narrow one does."""
     rig = ring_rig(5)
     walker = crowd(body, "here")
-    reports, order = detections(rig, walker, t_ns=500_000_000)
+    reports, _ = detections(rig, walker, t_ns=500_000_000)
     lost_here = np.concatenate([walker + [0.08, 0, 0], walker + [0.02, 0, 0]])
     settings = AssociateSettings(max_people=2)
     before = pose_of(lost_here, [0, 1], 500_000_000)

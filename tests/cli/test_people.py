@@ -12,9 +12,9 @@ def test_a_number_or_all(text: str, count: int) -> None:
     assert people_count(text) == count
 
 
-@pytest.mark.parametrize("text", ["0", "65", "-1", "two", "1.5", "", "ALL"])
+@pytest.mark.parametrize("text", ["two", "1.5", "", "ALL"])
 def test_anything_else_is_refused_in_one_line(text: str) -> None:
-    with pytest.raises(argparse.ArgumentTypeError, match=r"^expected a whole number from 1 to 64, or all, got "):
+    with pytest.raises(argparse.ArgumentTypeError, match=r"^expected a whole number, or all, got "):
         people_count(text)
 
 
