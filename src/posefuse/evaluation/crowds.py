@@ -124,7 +124,7 @@ def _on_unasked(distance_m: Array, asked: Array, there: Array, gate_m: float) ->
     """(T, M) results that are people who do not count: nearer to one of those than to anybody who counts."""
     hidden = np.where(asked[:, :, None], np.inf, distance_m).min(axis=1, initial=np.inf)
     counted = np.where(asked[:, :, None], distance_m, np.inf).min(axis=1, initial=np.inf)
-    return there & (hidden < gate_m) & (hidden < counted)
+    return np.asarray(there & (hidden < gate_m) & (hidden < counted))
 
 
 def _matches(close: Array, gate_m: float) -> Array:
