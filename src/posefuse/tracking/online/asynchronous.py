@@ -149,8 +149,8 @@ class AsynchronousTracker:
         support = np.where(share >= settings.min_share, support, 0.0)
         claims = []
         while support.max() > 0:
-            n, p = np.unravel_index(int(support.argmax()), support.shape)
-            claims.append((self._people[n], int(p)))
+            n, p = (int(i) for i in np.unravel_index(int(support.argmax()), support.shape))
+            claims.append((self._people[n], p))
             support[n], support[:, p] = 0.0, 0.0
         return claims
 
