@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from paper.experiments.command import EXPERIMENTS, experiment
-from posefuse.cli.options.common import settings_of_networks
+from posefuse.cli.options.shared import settings_of_networks
 from posefuse.cli.terminal import Terminal
 from posefuse.core import PosefuseError
 

@@ -16,7 +16,7 @@ import pytest
 from posefuse import __version__
 from posefuse.cli import main as cli
 from posefuse.cli.commands import plugins as plugins_command
-from posefuse.cli.options.common import Figures, Shown
+from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.stopping import stop_requests
 from posefuse.core import DependencyError
 

@@ -7,7 +7,7 @@ import pytest
 
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
-from posefuse.cli.options.common import SettingsOptions
+from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.tracking import settled_config
 from posefuse.core import ConfigError, InputError, SourceError
 from posefuse.foundation.settings import settings_from_mapping

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.options.common import SettingsOptions
+from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError
 

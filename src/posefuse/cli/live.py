@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
-from posefuse.cli.options.common import Ros2Options
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import LiveOutputConfig, Rig
 from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_file import check_output_file
@@ -28,6 +28,7 @@ from posefuse.realtime.session import run_live
 from .live_report import figures_of, show, write_report
 from .stopping import session_exit_code
 from .terminal import Terminal
+from .videos import kept_videos, video_figures
 
 
 def run_session(
@@ -38,8 +39,10 @@ def run_session(
     ros_2: Ros2Options,
     settings: LiveSettingsOptions,
     terminal: Terminal,
+    *,
+    videos: Path | None = None,
 ) -> Mapping[str, Any]:
-    """Run a session; returns the figures of the tables."""
+    """Run a session; returns the figures of the tables. `videos`: folder that takes the cameras' videos."""
     config = settled_config(settings)
     rig = read_placed_rig(rig_file)
     if outputs.report:
@@ -49,11 +52,18 @@ def run_session(
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     fetch_networks(config.detector, terminal)
     duration_s = run_options(timing).duration_s
-    done = run_live(rig, inputs, config, plan, duration_s, terminal.note)
+    if videos:
+        check_replaceable(videos, command="live", replace=False)
+    with kept_videos(videos, rig, inputs) as folder:
+        done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
     figures = {**figures_of(done), **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed)}
+    if videos:
+        figures["videos"] = video_figures(videos, inputs)
     show(terminal, figures)
     if outputs.report:
         write_report(outputs.report, done, figures)
+    if videos:
+        terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
     _show_next(rig_file, outputs, terminal)
     return figures
 

@@ -113,6 +113,9 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
     for name, output in figures["outputs"].items():
         fault = f"; failed {output['failures']} times, the last: {output['fault']}" if output["failures"] else ""
         facts[f"output {name}"] = f"{output['taken']} taken, {output['dropped']} dropped{fault}"
+    for name, video in figures.get("videos", {}).items():
+        fault = f"; {video['fault']}" if video["fault"] else ""
+        facts[f"video {name}"] = f"{video['written']} frames {video['how']}, {video['dropped']} dropped{fault}"
     if figures["outputs_lost"]:
         facts["outputs"] = f"{figures['outputs_lost']} messages lost before they reached an output"
     if figures["rig_watch_trouble"]:

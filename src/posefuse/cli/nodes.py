@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.cli.options.common import Ros2Options
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_placed_rig

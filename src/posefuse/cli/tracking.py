@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
-from posefuse.cli.options.common import SettingsOptions
+from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording, Sink
 from posefuse.evaluation.metrics import JointErrors, joint_errors
@@ -134,10 +134,14 @@ def settled_config(folder: Path, options: TrackOptions, settings: SettingsOption
     """The config file with the command line's options on top."""
     path = settings.config or (folder / CONFIG_FILE if (folder / CONFIG_FILE).is_file() else None)
     rig = str(Path(options.rig).absolute()) if options.rig is not None and Path(options.rig).exists() else options.rig
+    on_top = {"--rig": ("rig", rig), "--input": ("input", options.input)}
+    return read_config(path, settings.overrides, on_top | solve_options(options))
+
+
+def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
+    """Options of the command line about all that follows detection."""
     outputs = None if options.outputs is None else tuple(name for name in options.outputs.split(",") if name)
-    on_top = {
-        "--rig": ("rig", rig),
-        "--input": ("input", options.input),
+    return {
         "--start": ("start_s", options.start),
         "--end": ("end_s", options.end),
         "--rate": ("rate_hz", options.rate),
@@ -147,7 +151,6 @@ def settled_config(folder: Path, options: TrackOptions, settings: SettingsOption
         "--person": ("associate.near_xy_m", options.person),
         "--outputs": ("outputs", outputs),
     }
-    return read_config(path, settings.overrides, on_top)
 
 
 def _errors(session: Session, recording: Recording) -> JointErrors | None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields
+from .encoded import EncodedImage
 from .errors import ShapeError
 from .joint_angles import JointAngles
 from .rig import Rig
@@ -49,6 +50,7 @@ class Frame:
         t_ns: mid-exposure on the session clock.
         received_ns: when it reached this process, same clock.
         image: (H, W, 3) uint8 RGB; not copied, so do not write to it.
+        encoded: as the camera delivered it, where that is asked for and it encodes itself.
     """
 
     camera: str
@@ -56,6 +58,7 @@ class Frame:
     t_ns: int
     received_ns: int
     image: Array
+    encoded: EncodedImage | None = None
 
     def __post_init__(self) -> None:
         image = self.image

@@ -96,12 +96,16 @@ def show_recording(recording: Recording, open_viewer: Callable[[Path], None] = o
 
 
 def view_recording(
-    folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
+    folder: Path | str,
+    frame_sets: FrameSets | None = None,
+    open_viewer: Callable[[Path], None] = open_in_viewer,
+    *,
+    read: Callable[[Path], Recording] = read_recording,
 ) -> Path:
-    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
+    """Show a result in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
 
     Args:
-        folder: a result, see `formats.recording`.
+        folder: a result that `read` reads: a folder, see `formats.recording`, or a file.
         frame_sets: images to show with it, in a temporary ``recording.rrd``.
         open_viewer: shows an .rrd file.
 
@@ -114,7 +118,7 @@ def view_recording(
     """
     check_rerun()
     folder = Path(folder)
-    recording = read_recording(folder)
+    recording = read(folder)
     if frame_sets is None and (folder / FILE).is_file():
         open_viewer(folder / FILE)
         return folder / FILE

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from posefuse.tracking.stand_in import made_up_detections
 
 from .assignment import dealt
 from .board import Board
-from .capture import LiveInput
+from .capture import LiveInput, keeping_packets
 from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
@@ -42,9 +43,18 @@ _WARM_UP_INSTANTS = 15
 
 
 def run_live(
-    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, duration_s: float | None, say: Say
+    rig: Rig,
+    inputs: Sequence[LiveInput],
+    config: LiveConfig,
+    plan: OutputPlan,
+    duration_s: float | None,
+    say: Say,
+    *,
+    videos: Path | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
+
+    `videos`: an existing folder that takes every camera's video; None: none are kept.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
@@ -55,7 +65,7 @@ def run_live(
     rig = rig.only(entry.camera for entry in inputs)
     plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan), board), say)
+    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan, videos), board), say)
 
 
 def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextManager[SessionViews]], say: Say) -> Finished:
@@ -128,7 +138,9 @@ class GroupViews(Groups):
         return zero_ns + clock.offset_ns
 
 
-def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
+def group_plans(
+    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, videos: Path | None = None
+) -> list[GroupPlan]:
     """Cameras dealt out to groups, see `dealing`."""
     cores = usable_cores()
     count = config.groups or max(1, min(cores, len(inputs) // 2))
@@ -137,7 +149,7 @@ def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan:
     if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
-    by_name = {entry.camera: entry for entry in inputs}
+    by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
             group=group,
@@ -148,6 +160,7 @@ def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan:
             most_people=config.track.max_people,
             search_every_s=config.search_every_s,
             preview_hz=config.preview_hz if plan.wants(LivePreview) else 0.0,
+            videos=videos,
         )
         for group, cameras in enumerate(dealt(rig, list(by_name), count))
     ]

@@ -8,7 +8,7 @@ from typing import Any
 
 from posefuse.api.calibrate import calibrate_clocks, calibrate_person
 from posefuse.cli.options.calibration import ClockOptions, PersonOptions, ReportOptions, RigOptions
-from posefuse.cli.options.common import NetworkOptions
+from posefuse.cli.options.shared import NetworkOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.pipeline.config import CONFIG_FILE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from posefuse.cli.options.calibration import ClockOptions, ReportOptions
-from posefuse.cli.options.common import Figures, NetworkOptions, Shown
+from posefuse.cli.options.shared import Figures, NetworkOptions, Shown
 
 
 def calibrate_clocks(

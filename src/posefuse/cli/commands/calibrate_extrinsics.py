@@ -9,7 +9,7 @@ from posefuse.cli.options.calibration import (
     MarkerTargetOptions,
     RigOptions,
 )
-from posefuse.cli.options.common import Figures, Shown
+from posefuse.cli.options.shared import Figures, Shown
 
 
 def calibrate_extrinsics(

@@ -7,7 +7,7 @@ from posefuse.cli.options.calibration import (
     PersonOptions,
     RigOptions,
 )
-from posefuse.cli.options.common import Figures, NetworkOptions, Shown
+from posefuse.cli.options.shared import Figures, NetworkOptions, Shown
 
 
 def calibrate_person(

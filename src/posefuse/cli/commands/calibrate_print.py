@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from posefuse.cli.options.calibration import PrintOptions, TargetOptions
-from posefuse.cli.options.common import Figures, Shown
+from posefuse.cli.options.shared import Figures, Shown
 
 
 def calibrate_print(*, target: TargetOptions = TargetOptions(), options: PrintOptions, terminal: Shown) -> Figures:

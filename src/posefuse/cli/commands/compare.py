@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from posefuse.cli.options.common import Figures, Shown
 from posefuse.cli.options.compare import CompareOptions
+from posefuse.cli.options.shared import Figures, Shown
 
 MOST_S = 86_400.0
 
 
 def compare(a: Path, b: Path, /, *, options: CompareOptions = CompareOptions(), terminal: Shown) -> Figures:
-    """Compare two recordings (posefuse result, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift.
+    """Compare two recordings (posefuse result or .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift.
 
     Args:
         a: The reference: result folder, .trc, .c3d, .csv or .mvnx.

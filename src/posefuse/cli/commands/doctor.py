@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posefuse.cli.options.common import Figures, Shown
+from posefuse.cli.options.shared import Figures, Shown
 
 
 def doctor(*, terminal: Shown) -> Figures:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.common import Figures, Shown
 from posefuse.cli.options.fit_noise import FitOptions
+from posefuse.cli.options.shared import Figures, Shown
 
 MOST_SCENES = 100
 

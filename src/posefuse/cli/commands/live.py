@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.common import Figures, Ros2Options, Shown
 from posefuse.cli.options.live import LiveSettingsOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Figures, Ros2Options, Shown
 
 
 def live(
@@ -20,6 +20,7 @@ def live(
     outputs: OutputOptions = OutputOptions(),
     ros_2: Ros2Options = Ros2Options(),
     settings: LiveSettingsOptions = LiveSettingsOptions(),
+    videos: Annotated[Path | None, Parameter(metavar="DIR")] = None,
     replay: Annotated[Path | None, Parameter(metavar="FILE")] = None,
     terminal: Shown,
 ) -> Figures:
@@ -29,10 +30,11 @@ def live(
 
     Args:
         rig: Calibration file of the cameras.
+        videos: Keep the cameras' videos in this folder, a session for posefuse track.
         replay: Feed a recording to the tracker again, and compare the poses.
     """
     from posefuse.cli.live import replay_session, run_session
 
     if replay is not None:
         return replay_session(rig, replay, settings, terminal)
-    return run_session(rig, sources, timing, outputs, ros_2, settings=settings, terminal=terminal)
+    return run_session(rig, sources, timing, outputs, ros_2, settings=settings, terminal=terminal, videos=videos)

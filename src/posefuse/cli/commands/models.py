@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.common import Figures, Shown
+from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.terminal import Terminal
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from posefuse.cli.options.common import Figures, Ros2Options, Shown
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, SourceOptions
+from posefuse.cli.options.shared import Figures, Ros2Options, Shown
 
 
 def node_camera(

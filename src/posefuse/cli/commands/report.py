@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.common import Figures, Shown
+from posefuse.cli.options.shared import Figures, Shown
 
 FOLDER = "biomechanics"
 # of all files together, measured on the bundled clip
@@ -27,21 +27,21 @@ def report(
     """Compute joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets.
 
     Args:
-        result: Folder written by `posefuse track`.
-        out: Folder for the files (default DIR/biomechanics).
+        result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
+        out: Folder for the files (default DIR/biomechanics, or NAME_biomechanics for NAME.mcap).
         fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
         title: Title of the page (default: Motion report).
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
     """
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
     from posefuse.evaluation.report import TITLE
-    from posefuse.formats.recording import RECORDING_FILES, read_recording
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
+    from posefuse.pipeline.reading import files_of_result, is_live, read_result
 
-    recording = read_recording(result)
-    folder = out or result / FOLDER
-    inputs = [result / name for name in RECORDING_FILES]
+    recording = read_result(result, terminal.warn)
+    folder = out or (result.with_name(f"{result.stem}_{FOLDER}") if is_live(result) else result / FOLDER)
+    inputs = files_of_result(result)
     settings = BiomechanicsSettings(fit=fit, opensim=opensim)
     size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
     # its own unchanged files can be made again at any time: replaced without --force

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.common import Figures, Shown, count
+from posefuse.cli.options.shared import Figures, Shown, count
 
 MOST_PROCESSES = 1024
 

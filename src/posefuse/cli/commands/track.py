@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from posefuse.cli.options.common import Figures, SettingsOptions, Shown
+from posefuse.cli.options.shared import Figures, SettingsOptions, Shown
 from posefuse.cli.options.track import TrackOptions
 
 
@@ -19,8 +19,14 @@ def track(
     """Turn a session (calibration + videos, image folders or 2D poses) into a 3D skeleton and write its files.
 
     Args:
-        session: Folder with a calibration file and the recordings.
+        session: Folder with a calibration file and the recordings, or the .mcap of `posefuse live --record`.
     """
+    from posefuse.pipeline.reading import is_live
+
+    if is_live(session):
+        from posefuse.cli.second_solve import second_solve
+
+        return second_solve(session, options, settings, terminal)
     from posefuse.cli.tracking import track_session
 
     return track_session(session, options, settings, terminal)

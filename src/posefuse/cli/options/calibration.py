@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .common import FLOOR, TARGET, InputKind, count, positive
+from .shared import FLOOR, TARGET, InputKind, count, positive
 
 # the largest values that can be meant: a target of 10 m, a day, ten times the fastest camera of a laboratory
 MOST_MM, MOST_S, MOST_HZ, MOST_HEIGHT_M = 10_000.0, 86_400.0, 10_000.0, 3.0

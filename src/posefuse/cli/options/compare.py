@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from .common import positive
+from .shared import positive
 
 MOST_S = 86_400.0
 

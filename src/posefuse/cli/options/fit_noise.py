@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .common import count
+from .shared import count
 
 MOST_SCENES = 100
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .common import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions, people_from_text
+from .shared import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions, people_from_text
 
 SOURCE_HELP = (
     "One per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "

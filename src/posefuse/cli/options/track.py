@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import ArgumentCollection, Group, Parameter
 
-from .common import InputKind, people_from_text, xy_from_text
+from .shared import InputKind, people_from_text, xy_from_text
 
 
 def _one_of_two(arguments: ArgumentCollection) -> None:
