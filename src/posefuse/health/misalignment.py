@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from posefuse.calibration.extrinsics.world import meeting_points
+from posefuse.calibration.extrinsics.world import linear_points
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
@@ -99,7 +99,7 @@ class Sums:
 def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
     """Points (C, P, 2) in raw px, NaN where unseen, as they fit the rig."""
     norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
-    points = meeting_points(rig, norm)
+    points = linear_points(rig, norm)
     turn, shift = _poses(rig)
     norm = np.moveaxis(norm, 0, 1)
     # where the rays meet with every camera's error counted in metres
