@@ -7,13 +7,14 @@ SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(E
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
 
-.PHONY: calibration-faults help setup setup-core demo test test-slow fuzz check bench bench-live paper demo-clip pictures clean
+.PHONY: calibration-faults help setup setup-core demo test test-slow fuzz reliability check bench bench-live paper demo-clip pictures clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
 	@echo "make test       set up, then run the tests"
 	@echo "make test-slow  the minutes-long studies"
 	@echo "make fuzz       some 4,000 damaged files for every reader and command; the table of docs/reliability.md"
+	@echo "make reliability  the fuzz stage and every other attempt to lose work; all tables of docs/reliability.md"
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
 	@echo "make calibration-faults  constructed faults of calibrations, and what is answered to each"
@@ -49,6 +50,9 @@ test-slow: setup
 
 fuzz: setup
 	$(BIN)/python tests/fuzz/drive.py --write docs/reliability.md
+
+reliability: fuzz
+	$(BIN)/python tests/fuzz/attempts.py --write docs/reliability.md
 
 check: setup
 	$(BIN)/ruff check .

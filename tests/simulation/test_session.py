@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -194,14 +195,39 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     # of another scene, unfinished: moved aside and kept
     sessions._begin(sessions.SessionPaths(folder), dataclasses.replace(scene, duration_s=0.2))
     (folder / "parts" / "notes.txt").write_text("the user's")
-    simulate(scene, folder, processes=1, replace=True)
+    said = []
+    simulate(scene, folder, processes=1, replace=True, warn=said.append)
     [aside] = tmp_path.glob("session.replaced-*")
+    assert len(said) == 1 and said[0].endswith(f"is kept in {aside}")
     assert (aside / "parts" / "notes.txt").read_text() == "the user's"
     # finished and unchanged: replaced, and nothing of it stays
     before = _contents(folder)
     simulate(scene, folder, processes=1, replace=True)
     assert _contents(folder) == before
     assert set(tmp_path.iterdir()) == {folder, aside}
+    # interrupted: the finished one is aside, and where is told
+
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, folder, interrupt, processes=1, replace=True, warn=said.append)
+    [kept] = set(tmp_path.iterdir()) - {folder, aside}
+    assert _contents(kept) == before
+    assert said[1:] == [f"the earlier session is kept in {kept}"]
+
+
+def test_a_disk_that_is_too_small_is_told_before_anything_is_rendered(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=1000))
+    with pytest.raises(InputError, match="MB will be written"):
+        simulate(_SCENE, tmp_path / "deep" / "session")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
+    live = live_scene(read_scene(demo_session / "scene.yaml"))
+    films = sum(film.stat().st_size for film in (demo_session / "videos").iterdir())
+    assert 0.7 < sessions.estimated_bytes(live) / (2 * films) < 1.5
 
 
 def test_a_file_of_the_user_among_the_parts_stays(tmp_path):

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+FAILED_CODE = 1
 INTERRUPTED_CODE = 130
 TERMINATED_CODE = 143
 
@@ -43,6 +44,20 @@ class StopRequests:
             return
         self._terminated = True
         raise Terminated
+
+
+def session_exit_code(stopped_by: str, *, endless: bool, failed: bool) -> int:
+    """The exit code of a live session: Ctrl-C is how one without a duration is meant to end, and cuts any other short.
+
+    Args:
+        stopped_by: name of the signal that ended it, empty where none did. endless: no duration was asked for.
+        failed: something failed on the way; that outweighs how it ended.
+    """
+    if failed:
+        return FAILED_CODE
+    if stopped_by == signal.Signals.SIGTERM.name:
+        return TERMINATED_CODE
+    return INTERRUPTED_CODE if stopped_by and not endless else 0
 
 
 @contextmanager

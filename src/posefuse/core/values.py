@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import Array, check_fields, freeze_fields
+from .encoded import EncodedImage
 from .errors import ShapeError
 from .joint_angles import JointAngles
 from .rig import Rig
@@ -48,6 +49,7 @@ class Frame:
         t_ns: mid-exposure on the session clock.
         received_ns: when it reached this process, same clock.
         image: (H, W, 3) uint8 RGB; not copied, so do not write to it.
+        encoded: as the camera delivered it, where that is asked for and it encodes itself.
     """
 
     camera: str
@@ -55,6 +57,7 @@ class Frame:
     t_ns: int
     received_ns: int
     image: Array
+    encoded: EncodedImage | None = None
 
     def __post_init__(self) -> None:
         image = self.image

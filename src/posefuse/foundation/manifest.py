@@ -21,6 +21,8 @@ MANIFEST_FILE = "posefuse-files.json"
 _FORMAT = "posefuse files"
 _FORMAT_VERSION = 1
 _BLOCK_BYTES = 1 << 20
+# what Finder and Explorer leave in every folder they show: neither a result nor anybody's work
+DESKTOP_FILES = (".DS_Store", "Thumbs.db", "desktop.ini")
 _UNFINISHED, _COMPLETE = "unfinished", "complete"
 
 
@@ -58,11 +60,13 @@ class Contents:
 
     Attributes:
         written: files of posefuse, manifests included, with the content they were written with. folders: folders of posefuse.
+        desktop: files that the desktop of a system put there, see `DESKTOP_FILES`.
         foreign: everything else: files not in a manifest, changed since, or links; folders not in a manifest.
     """
 
     written: tuple[Path, ...]
     folders: tuple[Path, ...]
+    desktop: tuple[Path, ...]
     foreign: tuple[Path, ...]
 
 
@@ -99,8 +103,8 @@ def _manifest(about: Any) -> Manifest | None:
 
 
 def completed(folder: Path, manifest: Manifest) -> Manifest:
-    """The manifest with everything that is in `folder` now; raises OSError where a file cannot be read."""
-    entries = _entries(folder)
+    """The manifest with everything but desktop files that is in `folder` now; raises OSError where a file cannot be read."""
+    entries = [entry for entry in _entries(folder) if entry.name not in DESKTOP_FILES]
     folders = [entry.relative_to(folder).as_posix() for entry in entries if entry.is_dir()]
     found = listed(folder, manifest, [entry for entry in entries if not entry.is_dir()])
     return dataclasses.replace(found, folders=tuple(folders))
@@ -139,6 +143,7 @@ def contents(folder: Path) -> Contents:
             _add_listed(entry, entry.relative_to(folder), known, own_folders)
     written: list[Path] = []
     folders: list[Path] = []
+    desktop: list[Path] = []
     foreign: list[Path] = []
     for entry in entries:
         relative = entry.relative_to(folder)
@@ -149,10 +154,12 @@ def contents(folder: Path) -> Contents:
             (folders if name in own_folders else foreign).append(relative)
         elif name in known:
             (written if _is_unchanged(entry, known[name]) else foreign).append(relative)
+        elif entry.name in DESKTOP_FILES:
+            desktop.append(relative)
         else:
             is_list = entry.name == MANIFEST_FILE and relative.parent.as_posix() in own_folders
             (written if is_list else foreign).append(relative)
-    return Contents(written=tuple(written), folders=tuple(folders), foreign=tuple(foreign))
+    return Contents(written=tuple(written), folders=tuple(folders), desktop=tuple(desktop), foreign=tuple(foreign))
 
 
 def remove_written(folder: Path) -> bool:

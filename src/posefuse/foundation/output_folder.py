@@ -2,6 +2,7 @@
 
 Results are made in a staging folder ``.NAME.xxxxxxxx.unfinished`` in the same parent and renamed at the end. An older result is
 replaced only when posefuse wrote all of it (`manifest`) and nobody changed it since; it is moved aside first and removed last.
+Files that Finder and Explorer put into the older one move into the new one.
 """
 
 from __future__ import annotations
@@ -127,6 +128,8 @@ def check_replaceable(path: Path, *, command: str, replace: bool) -> None:
 def _check_own(path: Path, target: Path, command: str, replace: bool) -> None:
     manifest = read_manifest(target)
     foreign = contents(target).foreign
+    if manifest is None and not foreign:
+        return
     if manifest is None or foreign:
         names = ", ".join(name.as_posix() for name in foreign[:_NAMED]) + (", ..." if len(foreign) > _NAMED else "")
         raise InputError(
@@ -190,7 +193,7 @@ def _finish(path: Path, staging: Path, target: Path, manifest: Manifest, replace
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{path}: the results are complete in {staging} but cannot be moved there ({reason})") from None
     if aside is not None:
-        clear_aside(aside, warn)
+        clear_aside(aside, target, warn)
 
 
 def _swap(staging: Path, target: Path) -> Path | None:
@@ -221,11 +224,21 @@ def move_aside(folder: Path) -> Path | None:
     return aside
 
 
-def clear_aside(aside: Path, warn: Warn | None = None) -> None:
-    """Remove what posefuse wrote of a replaced result; what else is there stays, and is reported."""
+def clear_aside(aside: Path, new: Path, warn: Warn | None = None) -> None:
+    """Remove what posefuse wrote of a result that `new` replaces; what else is there stays, and is reported.
+
+    Files of the desktop (`manifest.DESKTOP_FILES`) go along to the same place in `new`.
+    """
     try:
+        _carry_desktop_files(aside, new)
         reason = None if remove_written(aside) else "holds files that posefuse did not write or that were changed"
     except OSError as error:
         reason = f"cannot be removed ({error.strerror})"
     if reason is not None and warn is not None:
         warn(f"{aside}: the replaced result {reason}; it stays there")
+
+
+def _carry_desktop_files(aside: Path, new: Path) -> None:
+    for path in contents(aside).desktop:
+        if (new / path).parent.is_dir() and not (new / path).exists():
+            (aside / path).rename(new / path)

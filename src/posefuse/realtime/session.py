@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from posefuse.tracking.stand_in import made_up_detections
 
 from .assignment import dealt
 from .board import Board
-from .capture import LiveInput
+from .capture import LiveInput, keeping_packets
 from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
@@ -42,9 +43,17 @@ _WARM_UP_INSTANTS = 15
 
 
 def run_live(
-    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, duration_s: float | None, say: Say
+    rig: Rig,
+    inputs: Sequence[LiveInput],
+    config: LiveConfig,
+    plan: OutputPlan,
+    duration_s: float | None,
+    say: Say,
+    videos: Path | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
+
+    `videos`: an existing folder that takes every camera's video; None: none are kept.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
@@ -55,7 +64,7 @@ def run_live(
     rig = rig.only(entry.camera for entry in inputs)
     plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan), board), say)
+    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan, videos), board), say)
 
 
 def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextManager[SessionViews]], say: Say) -> Finished:
@@ -128,7 +137,9 @@ class GroupViews(Groups):
         return zero_ns + clock.offset_ns
 
 
-def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
+def group_plans(
+    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, videos: Path | None = None
+) -> list[GroupPlan]:
     """Cameras dealt out to groups, see `dealing`."""
     cores = usable_cores()
     count = config.groups or max(1, min(cores, len(inputs) // 2))
@@ -137,11 +148,11 @@ def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan:
     if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
-    by_name = {entry.camera: entry for entry in inputs}
+    by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
             group, rig, tuple(by_name[name] for name in cameras), detector, plan.clock, config.track.max_people,
-            config.search_every_s, config.preview_hz if plan.wants(LivePreview) else 0.0,
+            config.search_every_s, config.preview_hz if plan.wants(LivePreview) else 0.0, videos,
         )
         for group, cameras in enumerate(dealt(rig, list(by_name), count))
     ]  # fmt: skip
@@ -191,7 +202,10 @@ def new_board(rig: Rig) -> Board:
 
 @contextmanager
 def stop_requests() -> Iterator[list[str]]:
-    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual."""
+    """A list that stays empty until Ctrl-C or a request to terminate; a second one interrupts as usual.
+
+    Whatever interrupts the block is put down to the first request: the handler that was there before raises what it raises.
+    """
     stopped: list[str] = []
 
     def note(number: int, frame: Any) -> None:
@@ -202,6 +216,11 @@ def stop_requests() -> Iterator[list[str]]:
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stopped
+    except KeyboardInterrupt:
+        earlier = before[signal.Signals[stopped[0]]] if stopped else None
+        if callable(earlier):
+            earlier(signal.Signals[stopped[0]], None)
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -33,6 +33,7 @@ from posefuse.formats.truth import write_arrays, write_truth
 from posefuse.formats.video import join_videos
 from posefuse.foundation.manifest import Manifest, listed, write_manifest
 from posefuse.foundation.output_folder import check_replaceable, clear_aside, move_aside
+from posefuse.foundation.places import check_space, real_path
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
@@ -50,6 +51,9 @@ TIMES_FILE = "timestamps.csv"
 _RUN = 30
 _RUN_OF_PICTURES = 240
 _COMMAND = "simulate"
+# measured on the bundled scene: bytes per pixel of every frame
+_H264_BYTES, _H264_AT_CRF, _CRF_THAT_HALVES = 0.0045, 23, 6
+_JPEG_BYTES = 0.18
 _MARKER_TEXT = "This session is not finished. Simulate the same scene into this folder to go on.\n"
 
 
@@ -105,7 +109,13 @@ class SessionPaths:
 
 
 def simulate(
-    scene: Scene, out: Path, progress: Progress | None = None, processes: int | None = None, *, replace: bool = False
+    scene: Scene,
+    out: Path,
+    progress: Progress | None = None,
+    processes: int | None = None,
+    *,
+    replace: bool = False,
+    warn: Callable[[str], None] | None = None,
 ) -> SessionPaths:
     """Render a scene into the folder `out`, or go on where an interrupted run of the same scene stopped.
 
@@ -114,9 +124,10 @@ def simulate(
         processes: how many render at once; None takes one per core.
         replace: an earlier session that posefuse wrote and nobody changed is moved aside, and removed when the new one is
             complete; an unfinished one of another scene is moved aside and stays there.
+        warn: is told where an earlier session is that stays aside, also when this one is interrupted.
 
     Raises:
-        ConfigError: the scene cannot be. InputError: `out` holds something else, or cannot be written.
+        ConfigError: the scene cannot be. InputError: `out` holds something else, cannot be written, or there is too little room.
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
     paths = SessionPaths(Path(out))
@@ -124,8 +135,11 @@ def simulate(
     live = live_scene(scene)
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
+    if earlier is not _Earlier.RESUMED:
+        check_space(_existing(paths.folder), estimated_bytes(live))
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
+    aside = None
     try:
         aside = move_aside(paths.folder) if earlier is not _Earlier.RESUMED else None
         _begin(paths, scene)
@@ -134,11 +148,31 @@ def simulate(
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
         _render(live, job, paths, progress, processes or usable_cores())
         _finish(live, paths)
-        if aside is not None and earlier is _Earlier.REPLACED:
-            clear_aside(aside)
-    except OSError as error:
-        raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
+    except BaseException as error:
+        if aside is not None and warn is not None:
+            warn(f"the earlier session is kept in {aside}")
+        if isinstance(error, OSError):
+            raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
+        raise
+    if aside is not None and earlier is _Earlier.REPLACED:
+        clear_aside(aside, paths.folder, warn)
+    elif aside is not None and warn is not None:
+        warn(f"the unfinished session of another scene is kept in {aside}")
     return paths
+
+
+def estimated_bytes(live: LiveScene) -> int:
+    """About how much the session will take on disk; films twice, because they are joined from parts."""
+    record = live.scene.record
+    pixels = sum(len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True))
+    if isinstance(record, H264Settings):
+        return round(2 * pixels * _H264_BYTES * 2 ** ((_H264_AT_CRF - record.crf) / _CRF_THAT_HALVES))
+    return round(pixels * _JPEG_BYTES)
+
+
+def _existing(folder: Path) -> Path:
+    """The innermost folder above `folder` that is there."""
+    return next(parent for parent in real_path(folder).parents if parent.exists())
 
 
 def model_of(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:

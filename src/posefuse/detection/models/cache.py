@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from posefuse.core import ModelError
+from posefuse.foundation.output_file import keep_copy
 
 from .archives import member_of
 from .cards import ModelCard
@@ -116,13 +117,15 @@ def _read_from(origin: Path, card: ModelCard) -> bytes:
 
 
 def _keep(card: ModelCard, content: bytes, cache_dir: Path, origin: str) -> None:
-    """Check and write beside, then rename."""
+    """Check and write beside, then rename; a file of that name with another content stays as NAME.replaced-TIME."""
     got = _sha256(content)
     if got != card.sha256:
         raise ModelError(f"{origin}: {card.file_name}: expected sha256 {card.sha256}, got {got}; not used")
     target = model_path(card, cache_dir)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        # of another content: a download that was damaged, or a network of the user's own
+        keep_copy(target)
         with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as beside:
             beside.write(content)
         Path(beside.name).replace(target)

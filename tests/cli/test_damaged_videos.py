@@ -1,0 +1,70 @@
+"""A session of which one video is damaged: tracked as far as it goes, and `posefuse track` names the camera."""
+
+import json
+import shutil
+from pathlib import Path
+
+import av
+import pytest
+
+from posefuse.cli.main import main
+
+CAMERA, OTHERS = "cam01", ("cam00", "cam02", "cam03")
+
+
+@pytest.fixture
+def session(demo_session: Path, tmp_path: Path) -> Path:
+    """The first second of the bundled clip, the index of every video at its start, as cameras for the web write it."""
+    folder = tmp_path / "session"
+    (folder / "videos").mkdir(parents=True)
+    shutil.copyfile(demo_session / "rig.toml", folder / "rig.toml")
+    for camera in (CAMERA, *OTHERS):
+        copied(demo_session / "videos" / f"{camera}.mp4", folder / "videos" / f"{camera}.mp4", frames=30)
+    return folder
+
+
+def copied(source: Path, path: Path, frames: int) -> None:
+    with av.open(str(source)) as whole, av.open(str(path), "w", options={"movflags": "faststart"}) as copy:
+        stream = copy.add_stream_from_template(whole.streams.video[0])
+        for i, packet in enumerate(whole.demux(video=0)):
+            if packet.dts is None or i == frames:
+                return
+            packet.stream = stream
+            copy.mux(packet)
+
+
+def track(session: Path, truth: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:
+    told = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--outputs", "", "--json")
+    code = main(["track", str(session), "--out", str(session.with_name("result")), *told])
+    said = capsys.readouterr()
+    assert code == 0, said.err
+    return json.loads(said.out), said.err
+
+
+def frames_start(video: bytes) -> int:
+    return video.index(b"mdat") + 4
+
+
+def cut(video: bytes) -> bytes:
+    """Copied to a disk that was full: the index lists every frame, the bytes of the later half are missing."""
+    return video[: (frames_start(video) + len(video)) // 2]
+
+
+def corrupt(video: bytes) -> bytes:
+    """A stretch of zeros where the disk lost blocks, from the middle to the end."""
+    middle = (frames_start(video) + len(video)) // 2
+    return video[:middle] + bytes(len(video) - middle)
+
+
+@pytest.mark.parametrize("damage", [cut, corrupt])
+def test_a_camera_whose_video_is_damaged_is_named_with_the_share_that_is_missing(
+    session: Path, demo_session: Path, capsys: pytest.CaptureFixture[str], damage
+) -> None:
+    video = session / "videos" / f"{CAMERA}.mp4"
+    video.write_bytes(damage(video.read_bytes()))
+    figures, said = track(session, demo_session / "truth" / "truth.npz", capsys)
+    [line] = [line for line in said.splitlines() if line.startswith("warning: ") and "cannot be read" in line]
+    assert line.startswith(f"warning: camera {CAMERA}: ") and "% of its frames cannot be read (" in line
+    assert "it stops at " in line
+    assert figures["instants"] == 30, "the other cameras are tracked to their end"
+    assert not any(f"camera {camera}" in said for camera in OTHERS)

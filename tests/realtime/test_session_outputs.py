@@ -1,0 +1,99 @@
+"""Outputs of a whole live session that fail: told at once, recorded on, and the session ends with 1."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from live_session import PATIENCE_S, Live, command, until
+
+from posefuse.messages import topics
+from posefuse.messages.bags import read_mcap, read_poses
+
+pytestmark = pytest.mark.realtime
+
+pytest.importorskip("mcap")
+FILLED = 1 << 16
+
+
+def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_1(
+    demo_session: Path, tmp_path: Path, record_property
+) -> None:
+    recording, report = tmp_path / "a.mcap", tmp_path / "report"
+    live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
+    outputs = int(live.wait_for(r"outputs record in process (\d+)")[1])
+    live.wait_for("cam03: ok")
+    until(lambda: recording.stat().st_size > 100_000)
+    killed_s = time.monotonic()
+    os.kill(outputs, signal.SIGKILL)
+    live.wait_for(f"outputs: failed: process {outputs} ended by signal SIGKILL; starting again")
+    record_property("s from kill -9 to the line", f"{time.monotonic() - killed_s:.2f}")
+    live.wait_for(f"output record: ok: goes on in {tmp_path / 'a.2.mcap'}")
+    until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
+    live.process.send_signal(signal.SIGINT)
+    figures, _ = live.ended(1)
+    assert figures["failed"] == ["record"]
+    assert figures["outputs_lost"] > 0
+    assert [(event["output"], event["state"]) for event in figures["output_events"]] == [("process", "failed"), ("record", "ok")]
+    assert "process | failed | process" in (report / "latency.md").read_text()
+    diagnostics = [entry.msg for entry in read_mcap(tmp_path / "a.2.mcap", {topics.DIAGNOSTICS.name})]
+    [line] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
+    assert "goes on after 1 failures" in line.message and "SIGKILL" in line.message
+    said: list[str] = []
+    first = list(read_poses(recording, warn=said.append))
+    second = list(read_poses(tmp_path / "a.2.mcap", warn=said.append))
+    assert first and second and len(said) == 1
+    # a replay takes what was cut off, too
+    done = subprocess.run(
+        [sys.executable, "-m", "posefuse.cli.main", "live", str(demo_session / "rig.toml"), "--replay", str(recording), "--json"],
+        capture_output=True, text=True, check=False, timeout=PATIENCE_S,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert "was cut off" in done.stderr
+    figures = json.loads(done.stdout)
+    assert figures["equal"] == figures["poses"] == len(first)
+
+
+def test_a_disk_that_is_full_is_told_and_recorded_on_once_there_is_room(
+    demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path, record_property
+) -> None:
+    disk, report = small_disk(8), tmp_path / "report"
+    recording, filler = disk / "a.mcap", disk / "filler"
+    live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
+    live.wait_for("cam03: ok")
+    until(lambda: recording.stat().st_size > FILLED)
+    full_s = fill(filler)
+    line = live.wait_for(r"(\S+) s  output record: failed: .*a\.mcap: No space left on device")
+    record_property("s from the full disk to the line", f"{time.monotonic() - full_s:.2f}")
+    filler.unlink()
+    live.wait_for(rf"output record: ok: goes on in {disk / 'a.2.mcap'}")
+    until(lambda: (disk / "a.2.mcap").stat().st_size > FILLED)
+    live.process.send_signal(signal.SIGINT)
+    figures, _ = live.ended(1)
+    assert figures["failed"] == ["record"]
+    [failed, ok] = figures["output_events"]
+    assert (failed["output"], failed["state"], ok["state"]) == ("record", "failed", "ok")
+    assert f"{failed['t_s']:.2f}" == f"{float(line[1]):.2f}"
+    assert "record | failed | " in (report / "latency.md").read_text()
+    said: list[str] = []
+    assert list(read_poses(recording, warn=said.append)), "what was recorded until then can be read"
+    assert list(read_poses(disk / "a.2.mcap", warn=said.append))
+    assert len(said) <= 1
+    diagnostics = [entry.msg for entry in read_mcap(disk / "a.2.mcap", {topics.DIAGNOSTICS.name})]
+    [told] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
+    assert "goes on after 1 failures" in told.message and "No space left" in told.message
+
+
+def fill(path: Path) -> float:
+    """Fill the disk to its last byte; returns the moment it was full."""
+    with path.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(FILLED))
+        except OSError:
+            return time.monotonic()

@@ -1,0 +1,51 @@
+"""A live session of the bundled clip in processes of its own, with an oracle for the 2D estimator."""
+
+import json
+import re
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from running import Running
+
+PATIENCE_S = 180.0
+
+
+def command(session: Path, *options: str, source: str | None = None) -> list[str]:
+    oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={session / 'truth' / 'truth.npz'}"]
+    oracle += ["--set", "detector.options.noise.sigma_px=1.0"]
+    sources = ["--source", source or f"sim:{session}"]
+    return [sys.executable, "-m", "posefuse.cli.main", "live", str(session / "rig.toml"), *sources, *oracle, "--json", *options]
+
+
+class Live:
+    """A running session whose notes are read as they come."""
+
+    def __init__(self, arguments: list[str]) -> None:
+        self._running = Running(arguments)
+        self.process = self._running.process
+
+    def wait_for(self, pattern: str) -> re.Match:
+        try:
+            return self._running.err.wait_for(pattern, PATIENCE_S)
+        except AssertionError:
+            self.process.kill()
+            raise
+
+    def ended(self, code: int = 0) -> tuple[dict, str]:
+        """Its figures and everything on stderr, once it has ended with this exit code."""
+        out, err = self._running.finished(PATIENCE_S)
+        assert self.process.returncode == code, err
+        assert "Traceback" not in err
+        return json.loads(out), err
+
+    def figures(self) -> dict:
+        return self.ended()[0]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.05)
