@@ -189,10 +189,10 @@ class AsynchronousTracker:
             return
         if self._tried_ns is not None and abs(newest_ns - self._tried_ns) < _BIRTH_EVERY_NS:
             return
-        if self._model.settings.max_people > 1 and len(views) < len(self._place):
-            # among several people the first two views alone meet in bodies that are nobody's: the others get to say theirs
-            if newest_ns - min(one.t_ns for one in views.values()) < _BIRTH_WAIT_NS:
-                return
+        several = self._model.settings.max_people > 1 and len(views) < len(self._place)
+        # among several people the first two views alone meet in bodies that are no person's: the others get to add theirs
+        if several and newest_ns - min(one.t_ns for one in views.values()) < _BIRTH_WAIT_NS:
+            return
         self._tried_ns = newest_ns
         skeleton = self._model.skeleton
         together = [
