@@ -74,6 +74,8 @@ def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: An
         run(*person, "--apart", "cam00", "cam01", "far", *both)
     with pytest.raises(WrongCommandLineError, match="--height-m: expected a number > 0 and <= 3, got -1"):
         run(*person, "--height-m", "-1", *both)
+    with pytest.raises(CalibrationError, match="expected a length > 0 m, got -1"):
+        run(*person, "--apart", "cam00", "cam01", "-1", *both)
     with pytest.raises(CalibrationError, match="no camera 'cam09'"):
         run(*person, "--apart", "cam00", "cam09", "3", *both)
     poses = tmp_path / "poses"

@@ -37,7 +37,7 @@ def images_shown(result: Path, session: Path | None) -> bool:
 
     def listed(path: Path) -> None:
         command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)]
-        listing.append(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        listing.append(subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout)
 
     view_result(result, session, Terminal(True), listed)
     return "EncodedImage:blob" in listing[0]

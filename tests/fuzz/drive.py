@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from damage import damaged
 from options import OPTIONS
@@ -103,7 +104,7 @@ class Worker:
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, encoding="utf-8"
         )
         answers: queue.Queue[str | None] = queue.Queue()
-        threading.Thread(target=_pump, args=(process, answers), daemon=True).start()
+        threading.Thread(target=_pump, args=(process.stdout, answers), daemon=True).start()
         self._process, self._answers = process, answers
         if answers.get(timeout=START_LIMIT_S) is None:
             raise RuntimeError("the worker of the fuzz stage does not start")
@@ -118,9 +119,8 @@ def _cpu_s(pid: int) -> float | None:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _pump(process: subprocess.Popen[str], answers: queue.Queue[str | None]) -> None:
-    assert process.stdout is not None
-    for line in process.stdout:
+def _pump(stream: IO[str], answers: queue.Queue[str | None]) -> None:
+    for line in stream:
         answers.put(line)
     answers.put(None)
 

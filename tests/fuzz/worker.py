@@ -84,7 +84,7 @@ def _misbehave(what: str) -> None:
     if what == "warning":
         warnings.warn("overflow", RuntimeWarning, stacklevel=1)
     if what == "hang":
-        threading.Event().wait()
+        threading.Event().wait(3600)
     if what == "crash":
         os.kill(os.getpid(), signal.SIGTERM)
     if what == "clear":

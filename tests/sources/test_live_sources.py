@@ -150,6 +150,7 @@ def test_an_rtsp_camera_that_is_away_or_silent_is_one_line() -> None:
     assert time.monotonic() - began_s < 5
 
 
+@pytest.mark.realtime
 def test_a_film_comes_at_its_own_pace_and_from_the_zero_it_is_given(demo_session) -> None:
     film = demo_session / "videos" / "cam00.mp4"
     late_ns = 4_000_000_000

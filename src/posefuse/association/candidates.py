@@ -11,7 +11,7 @@ from posefuse.core import Detections2D, Rig
 from posefuse.core.arrays import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Candidates:
     """D detections of all cameras in one list.
 
@@ -50,7 +50,17 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
     direction = ahead @ rotation
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     mirror = detections[0].skeleton.mirror
-    return Candidates(camera, place, xy_norm, score, direction, rig.centres_world()[camera], rotation, translation, mirror)
+    return Candidates(
+        camera=camera,
+        place=place,
+        xy_norm=xy_norm,
+        score=score,
+        direction=direction,
+        centre=rig.centres_world()[camera],
+        rotation=rotation,
+        translation=translation,
+        mirror=mirror,
+    )
 
 
 def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Array) -> tuple[Array, Array]:

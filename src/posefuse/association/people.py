@@ -218,7 +218,8 @@ def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings)
 def _most_convincing(candidates: Candidates, support: Array, poses: Array, settings: AssociateSettings) -> int | None:
     """The proposal with the most support over two or more cameras, or the nearest to `near_xy_m`; None when there is none."""
     by_camera = np.zeros((len(support), int(candidates.camera.max()) + 1))
-    np.maximum.at(by_camera, (slice(None), candidates.camera), support)
+    for c in range(by_camera.shape[1]):
+        by_camera[:, c] = support[:, candidates.camera == c].max(axis=1, initial=0.0)
     total = np.where((by_camera > 0).sum(axis=1) >= 2, by_camera.sum(axis=1), 0.0)
     if not total.max() > 0:
         return None

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.options.common import SettingsOptions
+from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.foundation.compiled import compiling
@@ -69,7 +69,7 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
             "time steps": str(figures["time_steps"]),
             "people": str(figures["people"]),
             "result in": str(options.out),
-            "files": ", ".join(figures["files"]),
+            "files": ", ".join(path.name for path in written),
         },
     )
     terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")

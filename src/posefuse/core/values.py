@@ -12,6 +12,7 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields
 from .encoded import EncodedImage
@@ -194,7 +195,7 @@ class Pose3D:
         _check_keypoints(self, check_fields(self, _POSE_AXES))
 
 
-_POSE_DTYPES = {
+_POSE_DTYPES: dict[str, DTypeLike] = {
     "person_id": np.int64,
     "xyz_world": np.float64,
     "cov_world": np.float64,

@@ -153,8 +153,8 @@ def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
     An angle that joint centres never determine is zero by construction (see `undefined_angles`) and written so.
     """
     angle = joints.angle_rad[:, n]
-    ever = np.isfinite(angle).any(axis=0)
-    kept = np.flatnonzero(ever.any(axis=1))
+    ever = np.asarray(np.isfinite(angle).any(axis=0))
+    kept = np.asarray(np.flatnonzero(ever.any(axis=1)))
     return tuple(f"{joints.joints[q]}_angles" for q in kept), np.where(ever, angle, 0.0)[:, kept]
 
 

@@ -22,8 +22,8 @@ def others_seen(observations: Observations, settings: AssociateSettings) -> dict
     looks: dict[tuple[int, int], list[int]] = {}
     for frame, key in enumerate(zip(observations.frame_step.tolist(), observations.frame_camera.tolist(), strict=True)):
         looks.setdefault(key, []).append(frame)
-    for frame in np.flatnonzero(observations.frame_look == LookKind.SEARCH):
-        found = observations.detections(int(frame))
+    for frame in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
+        found = observations.detections(frame)
         same = looks[int(observations.frame_step[frame]), int(observations.frame_camera[frame])]
         kept = _kept(observations, same)
         together = _joined(kept, found)

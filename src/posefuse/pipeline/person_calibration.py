@@ -83,7 +83,7 @@ def find_person(
     videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
     if len(videos) == len(paths):
         views, seen_by, clocks = person_in_videos(
-            paths, Rig(cameras), length, search.detector, search.time_steps, progress, search.clocks, search.most_s
+            paths, Rig(cameras), length, search.detector, search.time_steps, progress, clocks=search.clocks, most_s=search.most_s
         )
         return PersonSeen(tracks=views.tracks(), views=views, cameras=seen_by, clocks=clocks, corrected=True)
     if videos:

@@ -38,7 +38,7 @@ _PREVIEW_QUALITY = 70
 _NICENESS = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GroupPlan:
     """All a group needs to know.
 
@@ -153,8 +153,14 @@ class Group:
         found = self._detected(capture.camera, caught, regions)
         shown = _in_session(found, shift_ns + caught.wrong.off_ns)
         seen = Seen(
-            shown, capture.state(), frame.received_ns + shift_ns, started_ns, clock.now_ns(), caught.still, regions is None
-        )  # fmt: skip
+            detections=shown,
+            state=capture.state(),
+            received_ns=frame.received_ns + shift_ns,
+            started_ns=started_ns,
+            detected_ns=clock.now_ns(),
+            still=caught.still,
+            searched=regions is None,
+        )
         self._channel.send(seen, _SEND_S)
         self._preview(frame, shown.t_ns)
 

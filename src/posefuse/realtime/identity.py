@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from posefuse.association import Identity, with_persons
 from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.tracking.online import CameraHealth, LiveSettings, Tracker
@@ -53,6 +51,6 @@ class NamedTracker:
 
 def _measured(pose: Pose3D) -> Pose3D:
     """The tracks that views measured lately: a prediction says nothing about a body."""
-    rows = np.flatnonzero((pose.kind == Kind.FUSED).mean(axis=1) >= _MEASURED_SHARE) if len(pose.person_id) else []
-    kept = set(pose.person_id[rows].tolist())
+    share = (pose.kind == Kind.FUSED).sum(axis=1) / pose.kind.shape[1]
+    kept = set(pose.person_id[share >= _MEASURED_SHARE].tolist())
     return with_persons(pose, [track if track in kept else -1 for track in pose.person_id.tolist()])

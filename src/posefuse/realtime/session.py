@@ -49,6 +49,7 @@ def run_live(
     plan: OutputPlan,
     duration_s: float | None,
     say: Say,
+    *,
     videos: Path | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
@@ -86,7 +87,7 @@ def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextMa
                 joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
                 tracker = ready_tracker(rig, skeleton, config)
             centring = Centring(rig.names, config.joint_centres)
-            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch, joints)
+            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints)
             for told in views.centres():
                 fusion.take(told)
             zero_ns = views.start(clock)
@@ -151,11 +152,18 @@ def group_plans(
     by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
-            group, rig, tuple(by_name[name] for name in cameras), detector, plan.clock, config.track.max_people,
-            config.search_every_s, config.preview_hz if plan.wants(LivePreview) else 0.0, videos,
+            group=group,
+            rig=rig,
+            inputs=tuple(by_name[name] for name in cameras),
+            detector=detector,
+            clock=plan.clock,
+            most_people=config.track.max_people,
+            search_every_s=config.search_every_s,
+            preview_hz=config.preview_hz if plan.wants(LivePreview) else 0.0,
+            videos=videos,
         )
         for group, cameras in enumerate(dealt(rig, list(by_name), count))
-    ]  # fmt: skip
+    ]
 
 
 def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:

@@ -170,7 +170,8 @@ def _opened(config: VideoConfig) -> av.container.InputContainer:
     if not container.streams.video:
         container.close()
         raise SourceError(f"{where}: the file holds no video stream")
-    if container.streams.video[0].codec_context is None:
+    context: object = container.streams.video[0].codec_context  # None where it cannot be decoded, which the stubs leave out
+    if context is None:
         # PyAV crashes when it decodes such a stream
         container.close()
         raise SourceError(f"{where}: its video is in a format that cannot be decoded; is the file damaged?")

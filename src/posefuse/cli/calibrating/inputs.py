@@ -26,12 +26,28 @@ def target_of(options: TargetOptions) -> Target:
         return Markers(side, options.dictionary, options.ids, options.inverted)
     if options.target == "charuco":
         columns, rows, square, marker = need("columns", "rows", "square_mm", "marker_mm")
-        return Charuco(columns, rows, square, marker, options.dictionary, options.inverted, options.legacy)
+        return Charuco(
+            columns=columns,
+            rows=rows,
+            square_m=square,
+            marker_m=marker,
+            dictionary=options.dictionary,
+            inverted=options.inverted,
+            legacy=options.legacy,
+        )
     if options.target == "chessboard":
         columns, rows, square = need("columns", "rows", "square_mm")
         return Chessboard(columns, rows, square)
     columns, rows, side, gap = need("columns", "rows", "marker_mm", "gap_mm")
-    return ArucoBoard(columns, rows, side, gap, options.dictionary, options.ids[0] if options.ids else 0, options.inverted)
+    return ArucoBoard(
+        columns=columns,
+        rows=rows,
+        side_m=side,
+        gap_m=gap,
+        dictionary=options.dictionary,
+        first_id=options.ids[0] if options.ids else 0,
+        inverted=options.inverted,
+    )
 
 
 def recordings_of(inputs: Sequence[str]) -> dict[str, Path]:

@@ -37,4 +37,4 @@ def live(
 
     if replay is not None:
         return replay_session(rig, replay, settings, terminal)
-    return run_session(rig, sources, timing, outputs, ros_2, settings, terminal, videos=videos)
+    return run_session(rig, sources, timing, outputs, ros_2, settings=settings, terminal=terminal, videos=videos)

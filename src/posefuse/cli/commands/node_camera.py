@@ -27,4 +27,4 @@ def node_camera(
     """
     from posefuse.cli.nodes import camera_node
 
-    return camera_node(rig, name, sources, timing, ros_2, settings, terminal)
+    return camera_node(rig, name, sources, timing, ros_2, settings=settings, terminal=terminal)
