@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,9 +19,12 @@ from .settings import LiveSettings
 
 # a person is looked for in views nobody claimed that are not older than this against the newest, so often at most
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
+_BIRTH_WAIT_NS = 20_000_000
 # who was not measured for so long may be found anew within this distance
 _STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
 _SAME_PERSON_M = 0.3
+# a person whom some view measured so shortly before is in sight
+_IN_SIGHT_NS = 150_000_000
 _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
 _BIRTH_SPEED_M_S = 1.5
@@ -147,11 +150,12 @@ class AsynchronousTracker:
                 model.cameras[c], means, sigmas, rays.z, model.mirror, settings.tolerance_m, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= settings.min_share, support, 0.0)
+        # the place of one out of sight is a guess, which is wide and fits many: it takes what the others leave
+        in_sight = np.array([t_ns - person.measured_ns <= _IN_SIGHT_NS for person in self._people])
         claims = []
-        while support.max() > 0:
-            n, p = (int(i) for i in np.unravel_index(int(support.argmax()), support.shape))
-            claims.append((self._people[n], p))
-            support[n], support[:, p] = 0.0, 0.0
+        for rows in (np.flatnonzero(in_sight), np.flatnonzero(~in_sight)):
+            for n, p in _claimed(support, rows):
+                claims.append((self._people[n], p))
         return claims
 
     def _keep_unclaimed(self, detections: Detections2D, claimed: set[int], figures: _Figures) -> None:
@@ -184,6 +188,10 @@ class AsynchronousTracker:
         if len(fresh) >= self._model.settings.max_people or len(views) < 2:
             return
         if self._tried_ns is not None and abs(newest_ns - self._tried_ns) < _BIRTH_EVERY_NS:
+            return
+        several = self._model.settings.max_people > 1 and len(views) < len(self._place)
+        # among several people the first two views alone meet in bodies that are no person's: the others get to add theirs
+        if several and newest_ns - min(one.t_ns for one in views.values()) < _BIRTH_WAIT_NS:
             return
         self._tried_ns = newest_ns
         skeleton = self._model.skeleton
@@ -218,6 +226,14 @@ class AsynchronousTracker:
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
+
+
+def _claimed(support: Array, rows: Array) -> Iterator[tuple[int, int]]:
+    """Pairs of person (one of `rows`) and detection, the best supported first; takes both out of `support` (N, P)."""
+    while len(rows) and support[rows].max() > 0:
+        row, p = np.unravel_index(int(support[rows].argmax()), (len(rows), support.shape[1]))
+        yield int(rows[row]), int(p)
+        support[rows[row]], support[:, p] = 0.0, 0.0
 
 
 def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
