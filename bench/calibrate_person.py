@@ -16,12 +16,11 @@ from posefuse.calibration.person.solve import KnownLength, PersonCalibration, ca
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.cli.calibrating.person_poses import person_in_videos
-from posefuse.cli.terminal import Terminal
 from posefuse.core import Camera, Rig
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
+from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.simulation.session import SessionPaths, simulate
 
 # where `python -m paper` keeps its own: the first walk is the one it reports
@@ -63,7 +62,7 @@ def simulated() -> dict:
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
         films = {camera.name: paths.film(camera.name) for camera in rig}
-        views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), INSTANTS, Terminal(as_json=True))
+        views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), INSTANTS)
         for seconds in (s for s in SECONDS if s <= longest_s):
             figures[f"seed {seed}, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)
     return figures
@@ -124,9 +123,7 @@ def folders_of(data: Path, rig: Rig) -> dict[str, Path]:
 def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[PersonViews, tuple[Camera, ...]]]:
     films = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
     found = {
-        network: person_in_videos(
-            films, lenses, length, DetectorChoice(options={"landmarks": network}), INSTANTS, Terminal(as_json=True)
-        )[:2]
+        network: person_in_videos(films, lenses, length, DetectorChoice(options={"landmarks": network}), INSTANTS)[:2]
         for network in NETWORKS
     }
     folders = folders_of(data, lenses)

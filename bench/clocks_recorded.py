@@ -25,11 +25,11 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
 from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
 from posefuse.calibration.person.views import person_views
-from posefuse.cli.calibrating.person_poses import poses_apart, timeline_of
 from posefuse.core import CalibrationError, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
+from posefuse.pipeline.person_poses import poses_apart, timeline_of
 from posefuse.sources import VideoConfig
 
 # by seed: seconds, and how many of them have to do when the rig is not known; all at 30 Hz
@@ -49,7 +49,7 @@ SHIFTED_FRAMES = (0, 0, 12, 0)
 def tracks_of(rig: Rig, session: Path) -> tuple[PersonTrack, ...]:
     """The person in every frame of the films, as the first look of `posefuse calibrate` has it."""
     sources = [VideoConfig(session / "videos" / f"{name}.mp4", name).build() for name in rig.names]
-    found = poses_apart(sources, build_detector(DetectorChoice(), rig), timeline_of(sources, 10**6), lambda *_: None)
+    found = poses_apart(sources, build_detector(DetectorChoice(), rig), timeline_of(sources, 10**6))
     return person_tracks(found)
 
 

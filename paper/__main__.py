@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from paper.experiments.command import EXPERIMENTS, experiment
-from posefuse.cli.commands.options import add_networks
+from posefuse.cli.options.shared import settings_of_networks
 from posefuse.cli.terminal import Terminal
 from posefuse.core import PosefuseError
 
@@ -24,10 +24,13 @@ def main(words: Sequence[str] | None = None) -> int:
         "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
         help="any setting of `posefuse track`, in place of its default, e.g. detector.name=NAME; take another --out",
     )  # fmt: skip
-    add_networks(parser)
+    parser.add_argument(
+        "--networks", action="append", default=[], metavar="NAME", help="2D network, as in `posefuse track --help`"
+    )
     parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
     parser.add_argument("--json", action="store_true", help="figures as one JSON object on stdout")
     args = parser.parse_args(words)
+    args.overrides = [*(one for name in args.networks for one in settings_of_networks(name)), *args.overrides]
     terminal = Terminal(as_json=args.json)
     try:
         terminal.figures(dict(experiment(args, terminal)))

@@ -80,7 +80,9 @@ def board_session(seed: int, count: int = 4) -> Session:
     rig = ring(9, seed, radius_m=3.4)
     picked = Rig(tuple(replace(rig.cameras[i], name=f"cam{i:02d}") for i in range(count)), world_set_by="truth")
     motion = Waving(seconds=40.0, rate_hz=15.0, seed=seed, reach_m=(0.8, 0.8, 0.5))
-    return Session(picked, Charuco(5, 7, 0.12, 0.09), board(), motion, Faults(noise_px=0.25, seed=seed))
+    return Session(
+        picked, Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09), board(), motion, Faults(noise_px=0.25, seed=seed)
+    )
 
 
 def solve(

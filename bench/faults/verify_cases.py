@@ -15,7 +15,7 @@ from .sessions import moved, one_changed, ring, zoomed
 from .verdict import Answer, Case
 
 _WRONG = 1e6
-TARGET = Charuco(5, 7, 0.09, 0.065)
+TARGET = Charuco(columns=5, rows=7, square_m=0.09, marker_m=0.065)
 
 
 def room(seed: int) -> Rig:

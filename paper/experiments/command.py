@@ -51,7 +51,7 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
 
 
 def _check_detector(context: Context) -> None:
-    """Fetch and open what is to look at the pictures, so that what is wrong shows before an hour of rendering."""
+    """Fetch and build the detector, so that an error shows before an hour of rendering."""
     choice = context.config.detector
     fetch_networks(choice, context.terminal)
     build_plugin("detectors", choice.name, choice.options)
@@ -64,7 +64,7 @@ def _one(name: str, context: Context, out: Path) -> list[Path]:
     blocks = [*outcome.page.blocks, Heading("How it was made"), Facts(facts)]
     page = write_page(out / f"{name}.html", replace(outcome.page, blocks=blocks))
     figures = out / f"{name}.json"
-    with atomic_file(figures) as beside:
+    with atomic_file(figures) as temporary:
         content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}
-        beside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return [page, figures]

@@ -1,4 +1,4 @@
-"""Three paths, beside a simulated inertial suit: what drifts and what does not (the paper's comparison with a suit)."""
+"""Three paths, compared with a simulated inertial suit: what drifts and what does not (the paper's comparison with a suit)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plo
 from .moments import pictures
 from .runs import Context, Outcome, run_scene
 
-SUMMARY = "three paths: place of the pelvis over time, beside a simulated inertial suit"
+SUMMARY = "three paths: place of the pelvis over time, compared with a simulated inertial suit"
 _QUICK_S, _FULL_S = 2.0, 40.0
 _SUIT_SEEDS = 20
 _PELVIS = PAPER14.keypoints.index("mid_hip")

@@ -62,7 +62,7 @@ def run(context: Context) -> Outcome:
 
 
 def decode_ms(film: Path) -> float:
-    """Mean time per image of decoding the first images of a film, with nothing else to do."""
+    """Mean time per image of decoding the first images of a video, with nothing else to do."""
     began_s = time.perf_counter()
     count = sum(1 for _ in itertools.islice(read_video(film), _DECODED))
     return 1000 * (time.perf_counter() - began_s) / max(count, 1)

@@ -1,4 +1,4 @@
-"""Half of the body hidden, and a false arm in its place, beside a simulated inertial suit (the paper's other comparison)."""
+"""Half of the body hidden, a false arm in its place, compared with a simulated inertial suit (the paper's other comparison)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from .runs import Context, Outcome, best_errors, run_scene
 from .tables import LANDMARKS, errors_row, joint_rows
 from .trajectories import trajectories
 
-SUMMARY = "half of the body hidden from two of four cameras, and a false arm in its place, beside a simulated inertial suit"
+SUMMARY = (
+    "half of the body hidden from two of four cameras, and a false arm in its place, compared with a simulated inertial suit"
+)
 TITLES = {
     "free": "Nothing in the way",
     "screen": "Screens hide the left half from two of four cameras",
@@ -30,7 +32,7 @@ _FOLLOWED = "left_wrist"
 
 
 def run(context: Context) -> Outcome:
-    """Errors of every joint with nothing in the way, screens, and false arms; the suit beside them."""
+    """Errors of every joint with nothing in the way, screens, and false arms; compared with the suit."""
     blocks: list[Block] = [
         Heading(
             "What is measured",

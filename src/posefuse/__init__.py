@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.compare import compare
     from .api.detector import detector
     from .api.live import live
@@ -33,6 +34,10 @@ _HOMES = {
     "Recording": "api.recording",
     "Rig": "api.rig",
     "Skeleton": "core",
+    "calibrate_clocks": "api.calibrate",
+    "calibrate_extrinsics": "api.calibrate",
+    "calibrate_intrinsics": "api.calibrate",
+    "calibrate_person": "api.calibrate",
     "compare": "api.compare",
     "detector": "api.detector",
     "live": "api.live",
@@ -41,11 +46,13 @@ _HOMES = {
     "simulate": "api.simulate",
     "track": "api.track",
     "triangulate": "fusion",
+    "verify": "api.calibrate",
 }
 
 __all__ = [
     "Camera", "Detections2D", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError", "Progress", "Recording",
-    "Rig", "Skeleton", "__version__", "compare", "detector", "live", "read", "read_rig", "simulate", "track", "triangulate",
+    "Rig", "Skeleton", "__version__", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person",
+    "compare", "detector", "live", "read", "read_rig", "simulate", "track", "triangulate", "verify",
 ]  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from posefuse.association import AssociateSettings, associate
+from posefuse.association import AssociateSettings, assign, associate
 from posefuse.core import SKELETONS, Detections2D, Kind, Pose3D, Rig, ShapeError
 
 COCO = SKELETONS["coco17"]
@@ -208,3 +208,38 @@ def test_cameras_in_another_order_are_refused(ring_rig, body):
     reports, _ = detections(rig, crowd(body, "here"))
     with pytest.raises(ShapeError, match="in this order, got cam02, cam01, cam00"):
         associate(reports[::-1], rig, AssociateSettings())
+
+
+@pytest.mark.parametrize("seed", [4, 11])
+def test_every_view_of_noisy_people_is_found_as_choices_are_settled_twice(ring_rig, body, seed):
+    """With 16 px of noise the first answer of a pair of views leaves out views that the fused answer of all others explains."""
+    rig = ring_rig(6)
+    reports, order = detections(rig, crowd(body, "here", "beside"), noise_px=16.0, seed=seed)
+    views = associate(reports, rig, AssociateSettings(max_people=2))
+    first = int(order[0][np.argmin(np.abs(reports[0].xy_img - views.xy_img[0, 0]).sum(axis=(1, 2)))])
+    assert_is(views, 0, reports, order, first)
+    assert_is(views, 1, reports, order, 1 - first)
+
+
+def test_two_views_that_meet_in_no_human_body_make_nobody(ring_rig, body):
+    rig = ring_rig(3)
+    giant, child = body * 3, body * 0.6
+    for people, count in ((giant, 0), (child, 1)):
+        reports, _ = detections(rig, people[None])
+        reports[2] = without(reports[2], 0)
+        assert len(associate(reports, rig, AssociateSettings()).person_id) == count, "two views alone"
+    reports, _ = detections(rig, giant[None])
+    assert len(associate(reports, rig, AssociateSettings()).person_id) == 1, "three views agree: it is there"
+
+
+def test_one_who_is_lost_takes_no_detection_from_one_in_sight(ring_rig, body):
+    """A wide guess supports every detection near it more than a narrow one does."""
+    rig = ring_rig(5)
+    walker = crowd(body, "here")
+    reports, _ = detections(rig, walker, t_ns=500_000_000)
+    lost_here = np.concatenate([walker + [0.08, 0, 0], walker + [0.02, 0, 0]])
+    settings = AssociateSettings(max_people=2)
+    before = pose_of(lost_here, [0, 1], 500_000_000)
+    found = assign(reports, rig, settings, 500_000_000, before, seen_ns=np.array([467_000_000, 100_000_000]))
+    assert found.person_id.tolist() == [0]
+    assert (found.place[0] == 0).all()

@@ -44,7 +44,7 @@ def lab(ring_rig: Callable[..., Rig]) -> Lab:
 @pytest.fixture(scope="session")
 def board() -> Charuco:
     """The board of `caliscope/post_optimization`."""
-    return Charuco(4, 5, 0.054, 0.0405, "DICT_4X4_1000", inverted=True)
+    return Charuco(columns=4, rows=5, square_m=0.054, marker_m=0.0405, dictionary="DICT_4X4_1000", inverted=True)
 
 
 @pytest.fixture(scope="session")

@@ -65,7 +65,7 @@ def test_a_marker_too_small_to_decide_is_refused(lab: Any, ring_rig: Any) -> Non
 
 
 def test_a_mirrored_board_is_refused_by_name(lab: Any) -> None:
-    target = Charuco(5, 7, 0.12, 0.09)
+    target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
     seen = observe_prop(lab.rig, board(), target, lab.motion, Faults())
     assert calibrate_extrinsics(seen, lab.rig.cameras, target, TOGETHER).report.failed == ()
     mirrored = replace(seen, corner=(seen.corner // 4) * 4 + 3 - seen.corner % 4)

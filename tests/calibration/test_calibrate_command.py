@@ -1,6 +1,5 @@
 """`posefuse calibrate` from the outside: exit codes, one-line errors, reports and files."""
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,12 @@ import numpy as np
 import pytest
 
 from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
-from posefuse.cli.calibrating.floor_points import read_floor_points
-from posefuse.cli.calibrating.results import write_clocks
-from posefuse.cli.commands import calibrate
+from posefuse.cli.calibrating.showing import write_clocks
+from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.page import write_page
@@ -26,9 +25,9 @@ from posefuse.sources import ImagesConfig
 
 
 def run(*words: str) -> dict:
-    parser = argparse.ArgumentParser()
-    calibrate.add_arguments(parser)
-    return dict(calibrate.run(parser.parse_args(list(words)), Terminal(as_json=True)))
+    found = parse(["calibrate", *words])
+    assert found is not None
+    return dict(found.run(Terminal(as_json=True)))
 
 
 def test_printing_needs_its_sizes_and_says_which(tmp_path: Path) -> None:
@@ -71,8 +70,10 @@ def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: An
         run(*person, "--height-m", "1.8", str(film), "cam01=none.mp4")
     with pytest.raises(InputError, match="one known length: --height-m METRES, or --apart"):
         run(*person, *both)
-    with pytest.raises(InputError, match="expected a number of metres at the end"):
+    with pytest.raises(WrongCommandLineError, match=r'--apart: unable to convert "far" into float'):
         run(*person, "--apart", "cam00", "cam01", "far", *both)
+    with pytest.raises(WrongCommandLineError, match="--height-m: expected a number > 0 and <= 3, got -1"):
+        run(*person, "--height-m", "-1", *both)
     with pytest.raises(CalibrationError, match="expected a length > 0 m, got -1"):
         run(*person, "--apart", "cam00", "cam01", "-1", *both)
     with pytest.raises(CalibrationError, match="no camera 'cam09'"):

@@ -14,10 +14,10 @@ import pytest
 from posefuse.calibration.targets.detection import Corners
 from posefuse.calibration.targets.guidance import seen, start
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.cli.calibrating.guide_frame import GuideFrame
-from posefuse.cli.calibrating.guiding import guide
 from posefuse.core import Frame, SourceError
 from posefuse.realtime.capture import LiveInput
+from posefuse.realtime.guide import guide
+from posefuse.realtime.guide_frame import GuideFrame
 
 SIZE = (160, 120)
 
@@ -91,7 +91,7 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
 
 def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
-    from posefuse.cli.calibrating.guide_view import GuideView, next_page
+    from posefuse.realtime.guide_view import GuideView, next_page
 
     state = start(("a", "b", "c"))
     for k in range(40):
@@ -99,7 +99,7 @@ def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path:
     page = next_page(state)
     assert page.startswith("# show the target to c\n")
     assert "| a | 100% | 40 | b 40 |" in page
-    assert "| c | 0% | 0 | **nobody** |" in page
+    assert "| c | 0% | 0 | **no camera** |" in page
     frame = Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.full((120, 160, 3), 90, np.uint8))
     corners = Corners(np.repeat([3, 7], 4), np.tile(np.arange(4), 2), everywhere()[:8])
     view = GuideView(("a", "b", "c"), str(tmp_path / "guide.rrd"))

@@ -21,12 +21,11 @@ from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import Observations, joined
 from posefuse.calibration.targets.detection import TargetDetector, observations_from_frames, observe
 from posefuse.calibration.targets.kinds import Charuco, Markers
-from posefuse.cli.calibrating.person_poses import person_in_videos
-from posefuse.cli.terminal import Terminal
 from posefuse.core import Rig
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
+from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.sources import ImagesConfig, VideoConfig
 
 
@@ -118,7 +117,7 @@ def test_a_person_in_videos_gives_places_within_30_mm_and_says_where_the_referen
     folder, length = shared_data / "pose2sim_single", KnownLength(stature_m=1.75)
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
     films = {name: folder / "videos" / f"{name.replace('_', '')}.mp4" for name in rig.names}
-    views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), 100, Terminal(as_json=True))
+    views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), 100)
     found = calibrate_from_person(views, cameras, length)
     metres, degrees = after_similarity(rig, found.rig)
     print(f"\n{metres * 1e3} mm, {degrees} deg")

@@ -106,7 +106,7 @@ def test_intrinsics_alone_are_read_as_intrinsics_and_not_as_a_rig(lab: Any, tmp_
         read_placed_rig(tmp_path / "lenses.toml")
 
 
-TARGET = Charuco(4, 5, 0.12, 0.09)
+TARGET = Charuco(columns=4, rows=5, square_m=0.12, marker_m=0.09)
 
 
 @pytest.fixture(scope="module")

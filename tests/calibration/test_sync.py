@@ -1,6 +1,5 @@
 """Clocks from what moves before known cameras: seconds apart, drifting, and what cannot be told."""
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -18,9 +17,9 @@ from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplace
 from posefuse.calibration.clocks.sync import ClockEstimate, Track, estimate_clocks
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.cli.commands import calibrate
+from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
-from posefuse.core import SKELETONS, InputError, Rig
+from posefuse.core import SKELETONS, InputError, LookKind, Rig
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.settings import read_settings
 from posefuse.health.rig_monitor import Finding
@@ -124,9 +123,9 @@ def test_views_at_found_clocks_lie_where_all_cameras_saw_the_person_at_once(rig:
 
 
 def clocks(*words: str) -> dict:
-    parser = argparse.ArgumentParser()
-    calibrate.add_arguments(parser)
-    return dict(calibrate.run(parser.parse_args(["clocks", *words]), Terminal(as_json=True)))
+    found = parse(["calibrate", "clocks", *words])
+    assert found is not None
+    return dict(found.run(Terminal(as_json=True)))
 
 
 def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_path: Path) -> None:
@@ -139,13 +138,13 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
             person = np.column_stack([xy, np.full(len(xy), 0.9)]).ravel().tolist()
             people = [{"pose_keypoints_2d": person}]
             (folder / f"{number:06d}.json").write_text(json.dumps({"people": people if camera.name != "cam03" else []}))
-    with pytest.raises(InputError, match="do not say their frame rate: add --rate-hz"):
-        clocks(str(tmp_path))
     with pytest.raises(InputError, match=r"camera cam03: no person"):
         clocks(str(tmp_path), "--rate-hz", "20")
     for path in (tmp_path / "pose2d" / "cam03").iterdir():
         path.unlink()
     (tmp_path / "pose2d" / "cam03").rmdir()
+    with pytest.raises(InputError, match="do not state their frame rate"):
+        clocks(str(tmp_path))
     figures = clocks(str(tmp_path), "--rate-hz", "20", "--most-s", "2")
     assert figures["cam01_offset_ms"] == pytest.approx(370, abs=3)
     assert figures["cam01_offset_sigma_ms"] < 5
@@ -153,8 +152,8 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
     assert config.cameras["cam02"].offset_s == pytest.approx(0.15, abs=0.003)
     session = find_session(tmp_path, replace(config, rate_hz=rate_hz))
     _, instants, _ = pose2d_instants(session, replace(config, rate_hz=rate_hz))
-    at = list(instants)[100]
-    for c, seen in enumerate(at.look(None)):
+    at = list(instants.steps())[100]
+    for c, seen in enumerate(at.look(LookKind.SEARCH, None)):
         true = rig.cameras[c].project(body(np.array([seen.t_ns / 1e9])))
         np.testing.assert_allclose(seen.xy_img, true, atol=1.5)
         assert abs(seen.t_ns - at.t_ns) <= 0.5e9 / rate_hz + 1

@@ -24,7 +24,7 @@ from posefuse.core import CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import ImagesConfig
 
-BOARD = Charuco(5, 7, 0.05, 0.0375)
+BOARD = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
 
 
 def picture(target: Charuco | ArucoBoard, px_per_m: float, path: Path) -> np.ndarray:
@@ -41,7 +41,7 @@ needs_poppler = pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdf
 
 
 @needs_poppler
-@pytest.mark.parametrize("target", [BOARD, ArucoBoard(4, 5, 0.04, 0.01, first_id=3)])
+@pytest.mark.parametrize("target", [BOARD, ArucoBoard(columns=4, rows=5, side_m=0.04, gap_m=0.01, first_id=3)])
 def test_a_printed_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path, target: Charuco | ArucoBoard) -> None:
     grey = picture(target, 5000, tmp_path)
     found = TargetDetector(target).detect(grey)
@@ -107,12 +107,14 @@ def test_the_same_id_twice_in_an_image_counts_for_nothing() -> None:
 def watched(ring_rig: Callable[..., Rig]) -> tuple[Rig, Observations]:
     rig = ring_rig(1, radius_m=1.2, height_m=1.0, size_wh=(1280, 720), distortion=(-0.2, 0.06, 0.001, -0.0008, 0.0))
     motion = Waving(seconds=30, rate_hz=5, centre_m=(0, 0, 1.0), reach_m=(0.5, 0.45, 0.25), seed=3)
-    return rig, observe_prop(rig, board(), Charuco(8, 6, 0.07, 0.05), motion, Faults(noise_px=0.2, missed=0))
+    return rig, observe_prop(
+        rig, board(), Charuco(columns=8, rows=6, square_m=0.07, marker_m=0.05), motion, Faults(noise_px=0.2, missed=0)
+    )
 
 
 def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, Observations]) -> None:
     rig, seen = watched
-    found = calibrate_intrinsics(seen, Charuco(8, 6, 0.07, 0.05))
+    found = calibrate_intrinsics(seen, Charuco(columns=8, rows=6, square_m=0.07, marker_m=0.05))
     true = [*rig.cameras[0].K[[0, 1, 0, 1], [0, 1, 2, 2]], *rig.cameras[0].distortion]
     got = [*found.camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], *found.camera.distortion]
     for name, value, want, sigma in zip(PARAMETERS, got, true, found.sigma, strict=True):
@@ -124,13 +126,15 @@ def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, O
 
 def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, Observations]) -> None:
     _, seen = watched
-    target = Charuco(8, 6, 0.07, 0.05)
+    target = Charuco(columns=8, rows=6, square_m=0.07, marker_m=0.05)
     times = np.unique(seen.t_ns)
     with pytest.raises(CalibrationError, match="expected at least 4 views with 8 corners or more, got 2"):
         calibrate_intrinsics(seen.rows(np.isin(seen.t_ns, times[:2])), target)
     one = seen.rows(seen.t_ns == times[len(times) // 2])
-    alike = [replace(one, t_ns=one.t_ns + k, xy_img=one.xy_img + np.random.default_rng(k).normal(0, 0.2, one.xy_img.shape))
-             for k in range(12)]  # fmt: skip
+    alike = [
+        replace(one, t_ns=one.t_ns + k, xy_img=one.xy_img + np.random.default_rng(k).normal(0, 0.2, one.xy_img.shape))
+        for k in range(12)
+    ]
     names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
     same = replace(one, **{name: np.concatenate([getattr(part, name) for part in alike]) for name in names})
     with pytest.raises(RefusedCalibration, match="slants differ"):

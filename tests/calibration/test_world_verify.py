@@ -99,7 +99,7 @@ def test_without_a_floor_up_is_where_the_images_say(lab: Any) -> None:
 
 
 def test_verification_measures_millimetres_and_finds_a_bumped_camera_and_a_wrong_scale(lab: Any) -> None:
-    target = Charuco(5, 7, 0.1, 0.075)
+    target = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
     seen = observe_prop(lab.rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.2, seed=4))
     true = verify(lab.rig, seen, target)
     assert true.report.failed == ()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import tomllib
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from posefuse import __version__
 from posefuse.cli import main as cli
 from posefuse.cli.commands import plugins as plugins_command
+from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.stopping import stop_requests
 from posefuse.core import DependencyError
 
@@ -66,10 +68,11 @@ def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.Monkey
 
 def test_demo_takes_the_clip_of_the_package_and_says_what_is_next(monkeypatch, capsys, tmp_path, demo_session) -> None:
     taken = []
-    monkeypatch.setattr("posefuse.cli.commands.track.run", lambda args, terminal: taken.append(args) or {"people": 1})
+    monkeypatch.setattr("posefuse.cli.tracking.track_session", lambda *given: taken.append(given) or {"people": 1})
     code, out, err = run(capsys, "demo", "--out", str(tmp_path / "d"), "--json")
     assert code == 0 and json.loads(out)["people"] == 1
-    assert (taken[0].session, taken[0].out, taken[0].force) == (demo_session, tmp_path / "d", False)
+    folder, options, *_ = taken[0]
+    assert (folder, options.out, options.force) == (demo_session, tmp_path / "d", False)
     assert "next: posefuse track SESSION --out RESULT" in err
     monkeypatch.setattr("posefuse.cli.demo._PLACES", (tmp_path / "nowhere",))
     code, _, err = run(capsys, "demo")
@@ -98,8 +101,8 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("argv", "part"),
     [
-        (["frobnicate"], "invalid choice: 'frobnicate'"),
-        (["track"], "required: SESSION, --out"),
+        (["frobnicate"], "unknown command 'frobnicate'"),
+        (["track"], "missing SESSION"),
         (["track", "nowhere", "--out", "x"], "no such session folder"),
         (["track", "nowhere", "--out", "x", "--person", "here"], "expected X,Y in metres"),
         (["track", "nowhere", "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among sinks; there are: "),
@@ -121,27 +124,34 @@ def test_a_known_error_is_one_line_and_exit_1(
     assert not list(tmp_path.iterdir())
 
 
+def in_place_of_plugins(monkeypatch: pytest.MonkeyPatch, work: Callable[[], Figures]) -> None:
+    def plugins(*, terminal: Shown) -> Figures:
+        return work()
+
+    monkeypatch.setattr(plugins_command, "plugins", plugins)
+
+
 def test_a_bug_prints_a_trace_and_exits_2(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    def broken(args: object, terminal: object) -> None:
+    def broken() -> Figures:
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr(plugins_command, "run", broken)
+    in_place_of_plugins(monkeypatch, broken)
     code, _, err = run(capsys, "plugins")
     assert code == 2
     assert "Traceback" in err and "oops" in err and "bug in posefuse" in err
 
 
 def test_ctrl_c_is_said_and_exits_130(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    def stopped(args: object, terminal: object) -> None:
+    def stopped() -> Figures:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(plugins_command, "run", stopped)
+    in_place_of_plugins(monkeypatch, stopped)
     assert run(capsys, "plugins")[::2] == (130, "posefuse plugins: stopped by Ctrl-C\n")
 
 
 def test_a_request_to_terminate_is_said_and_exits_143(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(plugins_command, "run", lambda args, terminal: signal.raise_signal(signal.SIGTERM))
+    in_place_of_plugins(monkeypatch, lambda: signal.raise_signal(signal.SIGTERM) or {})
     assert run(capsys, "plugins")[::2] == (143, "posefuse plugins: stopped by SIGTERM\n")
     assert signal.getsignal(signal.SIGTERM) is before
 
@@ -150,17 +160,17 @@ def test_a_request_to_terminate_is_said_and_exits_143(monkeypatch: pytest.Monkey
 def test_a_command_that_was_interrupted_and_kept_what_it_had_says_so_by_its_code(
     number: int, expected: int, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
-    def keeps(args: object, terminal: object) -> dict[str, bool]:
+    def keeps() -> Figures:
         with suppress(KeyboardInterrupt):
             signal.raise_signal(number)
         return {"interrupted": True}
 
-    monkeypatch.setattr(plugins_command, "run", keeps)
+    in_place_of_plugins(monkeypatch, keeps)
     assert run(capsys, "plugins")[0] == expected
 
 
 def test_outside_the_main_thread_it_runs_without_a_handler(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins_command, "run", lambda args, terminal: {})
+    in_place_of_plugins(monkeypatch, dict)
     codes: list[int] = []
     thread = threading.Thread(target=lambda: codes.append(cli.main(["plugins"])))
     thread.start()
@@ -184,7 +194,7 @@ def test_a_forked_child_ends_by_the_signal_as_any_program(capfd) -> None:
 def test_ctrl_c_while_importing_is_one_line() -> None:
     script = (
         "import builtins, sys\n"
-        "from posefuse.cli import cli\n"
+        "from posefuse.cli import main as cli\n"
         "real = builtins.__import__\n"
         "def stopped(name, *args, **options):\n"
         "    if name == 'numpy':\n"

@@ -208,7 +208,17 @@ def calibrated(results: Path, out: Path, force: bool) -> int:
     paths = {"out": out / "rig.toml", "report": out / "report.html"}
     clocks = ClockEstimate.known(0.1 * np.arange(len(rig)), 0.0)
     few = np.arange(4)
-    seen = Observations(("a", "b"), ((64, 48),) * 2, (2, 2), few // 2, few, few * 0, few * 0, np.full((4, 2), 9.0), few * 1.0)
+    seen = Observations(
+        cameras=("a", "b"),
+        sizes_wh=((64, 48),) * 2,
+        frame_count=(2, 2),
+        camera=few // 2,
+        t_ns=few,
+        patch=few * 0,
+        corner=few * 0,
+        xy_img=np.full((4, 2), 9.0),
+        sharpness=few * 1.0,
+    )
     try:
         out.mkdir(parents=True, exist_ok=True)
         files.check_outputs(argparse.Namespace(step="extrinsics", force=force, inputs=(), **paths))

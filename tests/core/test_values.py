@@ -84,7 +84,7 @@ def test_a_recording_fits_its_rig(ring_rig) -> None:
     assert made.provenance == {}
     with pytest.raises(ShapeError, match="the rig has cameras cam00, cam01, cam02, cam03, the observations cam00"):
         replace(made, rig=ring_rig(4))
-    with pytest.raises(ShapeError, match="time steps to be the poses' 1, got 2"):
+    with pytest.raises(ShapeError, match=r"time steps to be the poses' 1, or none \(live\), got 2"):
         replace(made, poses=PoseSequence.from_poses([pose(5)]))
 
 

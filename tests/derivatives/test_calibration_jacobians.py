@@ -26,7 +26,7 @@ def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
     world = Waving(seconds=4).pose(seen.t_s + 2)
     cameras = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
     state = PropState(cameras, Poses.from_se3(world), stacked(poses), np.zeros((3, 2)), random.normal(0, 1e-3, (3, 6)))
-    freedom = Freedom(0, 0, offset=True, drift=True, lens_sigma=np.ones(6))
+    freedom = Freedom(reference=0, patch=0, offset=True, drift=True, lens_sigma=np.ones(6))
     model = _Model(seen, patch_corners(target, seen.patches), rig.cameras, np.zeros((3, 2)), freedom, Noise(0.5, 0.004))
     linear = model.linearise(state)
     zeros = [np.zeros((block.count, block.jacobian.shape[2])) for block in linear.blocks]

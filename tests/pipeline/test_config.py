@@ -1,7 +1,5 @@
 """Settings: every default once, every wrong key or value one line that says what is allowed."""
 
-import argparse
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -48,13 +46,3 @@ def test_a_broken_file_is_named(tmp_path: Path) -> None:
         read_config(path, [])
     with pytest.raises(ConfigError, match="cannot be read"):
         read_config(tmp_path / "none.toml", [])
-
-
-@pytest.mark.parametrize("command", ["track", "live"])
-def test_networks_is_short_for_the_setting(command: str) -> None:
-    parser = argparse.ArgumentParser()
-    import_module(f"posefuse.cli.commands.{command}").add_arguments(parser)
-    needed = {"track": ["here", "--out", "there"], "live": ["rig.toml"]}[command]
-    args = parser.parse_args([*needed, "--set", "detector.options.streams=1", "--networks", "blazepose_best"])
-    options = read_config(None, args.overrides).detector.options
-    assert options == {"streams": 1, "landmarks": "blazepose_best"}

@@ -59,6 +59,8 @@ class Still:
             kind=ones,
         )
 
+    looked_for = at
+
 
 @pytest.fixture
 def somebody() -> np.ndarray:

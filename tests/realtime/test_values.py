@@ -52,7 +52,14 @@ def pose_at(t_ns: int, people: int = 2, seed: int = 3) -> Pose3D:
 
 
 def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> Seen:
-    return Seen(Detections2D.nobody(camera, t_ns, SKELETON), None, received_ns, received_ns, received_ns, still)
+    return Seen(
+        detections=Detections2D.nobody(camera, t_ns, SKELETON),
+        state=None,
+        received_ns=received_ns,
+        started_ns=received_ns,
+        detected_ns=received_ns,
+        still=still,
+    )
 
 
 # --- what is expected next

@@ -9,7 +9,7 @@ from posefuse.simulation.shots import shots_of
 
 
 def _shots(seed=3, index=1, rate_hz=25.0, start_s=2.0, duration_s=40.0, **sensor):
-    return shots_of("left", index, SensorSettings(**sensor), rate_hz, start_s, duration_s, seed)
+    return shots_of("left", index, SensorSettings(**sensor), rate_hz=rate_hz, start_s=start_s, duration_s=duration_s, seed=seed)
 
 
 def test_a_perfect_camera_keeps_the_nominal_times():

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from posefuse import core
-from posefuse.core import CameraHealth, JointAngles, LiveHealth, LivePose, Pose3D, Progress, SourceError
+from posefuse.core import CameraHealth, JointAngles, LiveHealth, LivePose, Pose3D, PosefuseError, Progress, SourceError
 
 from .progress import shown
 
@@ -43,7 +43,8 @@ class LiveSession:
         self._changed = threading.Condition()
         self._newest: LivePose | None = None
         self._given_ns: int | None = None
-        self._ended, self._error = False, None
+        self._ended = False
+        self._error: PosefuseError | None = None
         self._control: Connection | None = None
         self._process: subprocess.Popen[bytes] | None = None
 

@@ -65,5 +65,5 @@ def rig_of(value: core.Rig) -> Rig:
     return (
         value
         if isinstance(value, Rig)
-        else Rig(cameras=value.cameras, world_set_by=value.world_set_by, residual_px=value.residual_px)
+        else Rig(cameras=value.cameras, world_set_by=value.world_set_by, residual_px=value.residual_px, refused=value.refused)
     )

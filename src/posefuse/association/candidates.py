@@ -11,7 +11,7 @@ from posefuse.core import Detections2D, Rig
 from posefuse.core.arrays import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Candidates:
     """D detections of all cameras in one list.
 
@@ -50,14 +50,25 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
     direction = ahead @ rotation
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     mirror = detections[0].skeleton.mirror
-    return Candidates(camera, place, xy_norm, score, direction, rig.centres_world()[camera], rotation, translation, mirror)
+    return Candidates(
+        camera=camera,
+        place=place,
+        xy_norm=xy_norm,
+        score=score,
+        direction=direction,
+        centre=rig.centres_world()[camera],
+        rotation=rotation,
+        translation=translation,
+        mirror=mirror,
+    )
 
 
-def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float) -> tuple[Array, Array]:
+def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Array) -> tuple[Array, Array]:
     """How well poses (H, K, 3) explain each detection: support (H, D) and share of its keypoints that agree (H, D).
 
     A keypoint supports by its score, less the square of its miss over the tolerance; the miss is measured at the depth
-    of the body. A detection with left and right exchanged still is this person: the better reading counts.
+    of the body. `tolerance_m` is one for all or (H, 1, 1). A detection with left and right exchanged still is this person:
+    the better reading counts.
     """
     as_named = _agreement(candidates, xyz_world, tolerance_m)
     exchanged = _agreement(candidates, xyz_world[:, candidates.mirror], tolerance_m)
@@ -65,7 +76,7 @@ def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float) -> t
     return np.where(better, exchanged[0], as_named[0]), np.where(better, exchanged[1], as_named[1])
 
 
-def _agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float) -> tuple[Array, Array]:
+def _agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Array) -> tuple[Array, Array]:
     xyz_cam = np.einsum("dij,hkj->hdki", candidates.rotation, xyz_world) + candidates.translation[:, None]
     with np.errstate(invalid="ignore"):
         miss = np.linalg.norm(xyz_cam[..., :2] - candidates.xy_norm * xyz_cam[..., 2:], axis=-1)

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
+from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Skeleton, Views
 from posefuse.core.arrays import Array
+from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 
 from .assignment import UNSEEN, Assignment
 from .candidates import Candidates, agreement, candidates_from_detections, joint_points, meeting_points
 from .settings import AssociateSettings
+from .traits import body_lengths_m, plausible_share
 
 # a newcomer needs this many keypoints in 3D: fewer say nothing about whose they are
 _MIN_POINTS = 3
 _ALONE_SHARE = 0.7
+# measured so shortly before the newest, a person is in sight
+_IN_SIGHT_S = 0.02
 
 
 def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, previous: Pose3D | None = None) -> Views:
@@ -26,22 +32,31 @@ def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateS
 
 
 def assign(
-    detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, t_ns: int, previous: Pose3D | None = None
+    detections: Sequence[Detections2D],
+    rig: Rig,
+    settings: AssociateSettings,
+    t_ns: int,
+    previous: Pose3D | None = None,
+    *,
+    seen_ns: Array | None = None,
+    next_id: int | None = None,
 ) -> Assignment:
     """Pick, for each person, at most one detection per camera.
 
-    Those already followed come first: their previous pose is held against every detection. Then newcomers: every pair
-    of detections of two cameras proposes a pose, the one most views agree on wins, its detections are taken, and so on
-    (pairs are O(detections^2); nothing is exponential). Each choice is settled by fusing its members and asking again
-    who agrees.
+    A body that a view reports several times counts once. The people followed come first: their previous pose is held against
+    every detection. Then newcomers: every pair of detections of two cameras proposes a pose, the one most views agree on
+    wins, its detections are taken, and so on (pairs are O(detections^2); nothing is exponential). Each choice is settled by
+    fusing its members and asking again who agrees.
 
     Args:
         detections: one per camera of the rig, in its order, of one skeleton.
         rig: the cameras.
         settings: see `AssociateSettings`.
         t_ns: the time step that the detections belong to, session clock.
-        previous: the newest pose (at best predicted to this instant) in which the people were found. A person in it is
-            followed; the id of one out of sight is kept free for `lost_after_s`.
+        previous: the newest pose (at best predicted to this time step) of the people. A person in it is followed; the place of
+            one out of sight is kept free for `lost_after_s`, and only somebody who can be that person takes it.
+        seen_ns: (N,) when each person of `previous` was last measured; None: at its time.
+        next_id: newcomers get this id, the next and so on; None: the lowest free ones.
 
     Returns:
         Assignment: a row per person found, ordered by id. A followed person seen by a single camera has a row; a newcomer
@@ -52,20 +67,66 @@ def assign(
     """
     _check(detections, rig)
     candidates = candidates_from_detections(detections, rig)
-    free = np.ones(len(candidates), bool)
-    found: dict[int, Array] = {}
-    kept: set[int] = set()
-    if previous is not None and previous.skeleton == detections[0].skeleton:
-        age_s = abs(t_ns - previous.t_ns) * 1e-9
-        present = np.isfinite(previous.xyz_world[..., 0]).any(axis=-1)
-        followed = [(int(i), xyz) for i, xyz in zip(previous.person_id[present], previous.xyz_world[present], strict=True)]
-        if age_s <= settings.lost_after_s:
-            kept = {person for person, _ in followed}
-        _follow(candidates, free, followed, age_s, settings, found)
-    open_ids = [i for i in range(settings.max_people) if i not in kept and i not in found]
-    for person, members in zip(open_ids, _newcomers(candidates, free, len(open_ids), settings), strict=False):
-        found[person] = members
+    free = ~np.concatenate([duplicates(one, settings.duplicate_share) for one in detections])
+    followed = _followed(previous, seen_ns, t_ns) if previous is not None and previous.skeleton == detections[0].skeleton else []
+    newest_s = min((one.age_s for one in followed), default=0.0)
+    in_sight = [one for one in followed if one.age_s <= newest_s + _IN_SIGHT_S]
+    # the place of one out of sight is a guess: it takes what the others leave
+    found = _follow(candidates, free, in_sight, settings)
+    found |= _follow(candidates, free, [one for one in followed if one not in in_sight], settings)
+    lost = [one for one in followed if one.person_id not in found and one.age_s <= settings.lost_after_s]
+    room = settings.max_people - len(found)
+    if room > 0:
+        taken = {one.person_id for one in lost} | set(found)
+        ids = itertools.count(next_id) if next_id is not None else (i for i in itertools.count() if i not in taken)
+        strangers = room - len(lost)
+        for members in _newcomers(candidates, free, room, detections[0].skeleton, settings):
+            again = _found_again(candidates, members, lost, settings)
+            if again is not None:
+                lost.remove(again)
+                found[again.person_id] = members
+            elif strangers > 0:
+                strangers -= 1
+                found[next(ids)] = members
     return _assignment(len(rig), candidates, found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A person followed until now: pose (K, 3) expected now, and for how long nothing has measured it."""
+
+    person_id: int
+    xyz_world: Array
+    age_s: float
+
+
+def _followed(previous: Pose3D, seen_ns: Array | None, t_ns: int) -> list[_Known]:
+    times_ns = np.full(len(previous.person_id), previous.t_ns) if seen_ns is None else seen_ns
+    return [
+        _Known(int(person), xyz, abs(t_ns - int(then)) * 1e-9)
+        for person, xyz, then in zip(previous.person_id, previous.xyz_world, times_ns, strict=True)
+        if np.isfinite(xyz[:, 0]).any()
+    ]
+
+
+def _found_again(candidates: Candidates, members: Array, lost: list[_Known], settings: AssociateSettings) -> _Known | None:
+    """Which of the people out of sight can be here, the nearest of them; None when nobody can have come this far."""
+    if not lost:
+        return None
+    pose = joint_points(candidates, members, settings.tolerance_m)
+    distances = [_middle_distance_m(pose, one.xyz_world) for one in lost]
+    nearest = int(np.argmin(distances))
+    reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
+    return lost[nearest] if distances[nearest] <= reach else None
+
+
+def _middle_distance_m(one: Array, other: Array) -> float:
+    apart = np.linalg.norm(one - other, axis=-1)
+    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else np.inf
+
+
+def _reach_m(age_s: float, settings: AssociateSettings) -> float:
+    return settings.tolerance_m + settings.speed_max_m_s * age_s
 
 
 def _check(detections: Sequence[Detections2D], rig: Rig) -> None:
@@ -78,28 +139,24 @@ def _check(detections: Sequence[Detections2D], rig: Rig) -> None:
         )
 
 
-def _follow(
-    candidates: Candidates,
-    free: Array,
-    followed: list[tuple[int, Array]],
-    age_s: float,
-    settings: AssociateSettings,
-    found: dict[int, Array],
-) -> None:
-    """Give each followed person their detections, the best supported person first; marks them taken."""
+def _follow(candidates: Candidates, free: Array, followed: list[_Known], settings: AssociateSettings) -> dict[int, Array]:
+    """The detections of each followed person, the best supported person first; marks them taken."""
+    found: dict[int, Array] = {}
     if not followed or not len(candidates):
-        return
-    reach = min(settings.tolerance_m + settings.speed_max_m_s * age_s, 4 * settings.tolerance_m)
-    support, share = agreement(candidates, np.stack([xyz for _, xyz in followed]), reach)
+        return found
+    reach = np.array([min(_reach_m(one.age_s, settings), 4 * settings.tolerance_m) for one in followed])
+    support, share = agreement(candidates, np.stack([one.xyz_world for one in followed]), reach[:, None, None])
     support = np.where(share >= settings.min_share, support, 0.0)
-    # a detection goes to whom it supports most
+    # a detection goes to the person it supports most
     mine = support >= support.max(axis=0, keepdims=True)
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
-        members = _best_per_camera(candidates, np.where(mine[row] & free, support[row], 0.0))
-        members = _settled(candidates, members, free, settings)
-        if len(members) and _is_near(candidates, members, followed[row][1], reach, settings):
-            found[followed[row][0]] = members
+        open_to = mine[row] & free
+        members = _best_per_camera(candidates, np.where(open_to, support[row], 0.0))
+        members = _settled(candidates, members, open_to, settings)
+        if len(members) and _is_near(candidates, members, followed[row].xyz_world, reach[row], settings):
+            found[followed[row].person_id] = members
             free[members] = False
+    return found
 
 
 def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: float, settings: AssociateSettings) -> bool:
@@ -108,11 +165,10 @@ def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: flo
         # one view does not tell how far away: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
-    apart = np.linalg.norm(joint_points(candidates, members, settings.tolerance_m) - before, axis=-1)
-    return bool(np.isfinite(apart).any() and np.nanmedian(apart) <= reach_m)
+    return _middle_distance_m(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
 
 
-def _newcomers(candidates: Candidates, free: Array, count: int, settings: AssociateSettings) -> list[Array]:
+def _newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings) -> list[Array]:
     """Members of up to `count` people nobody follows yet, the most convincing first."""
     people: list[Array] = []
     if count == 0:
@@ -128,10 +184,22 @@ def _newcomers(candidates: Candidates, free: Array, count: int, settings: Associ
             break
         members = _settled(candidates, _best_per_camera(candidates, support[best] * free), free, settings)
         support[best] = 0.0
-        if len(members) >= 2:
+        if len(members) >= 2 and _is_a_body(candidates, members, skeleton, settings):
             people.append(members)
             free[members] = False
     return people
+
+
+def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
+    """Whether a newcomer can be one: a third view that agrees shows it, two views must give the size of a human body.
+
+    The rays of two different people in two views meet in anything.
+    """
+    if len(members) > 2:
+        return True
+    pose = joint_points(candidates, members, settings.tolerance_m)
+    lengths = body_lengths_m(pose[None], skeleton)
+    return not np.isfinite(lengths).any() or bool(plausible_share(lengths)[0] >= settings.plausible_share)
 
 
 def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings) -> tuple[Array, Array]:
@@ -150,7 +218,8 @@ def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings)
 def _most_convincing(candidates: Candidates, support: Array, poses: Array, settings: AssociateSettings) -> int | None:
     """The proposal with the most support over two or more cameras, or the nearest to `near_xy_m`; None when there is none."""
     by_camera = np.zeros((len(support), int(candidates.camera.max()) + 1))
-    np.maximum.at(by_camera, (slice(None), candidates.camera), support)
+    for c in range(by_camera.shape[1]):
+        by_camera[:, c] = support[:, candidates.camera == c].max(axis=1, initial=0.0)
     total = np.where((by_camera > 0).sum(axis=1) >= 2, by_camera.sum(axis=1), 0.0)
     if not total.max() > 0:
         return None

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
 
+from posefuse.core.duplicates import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
 
 # metres from the origin of the world; no place of a recording is farther
@@ -24,6 +25,10 @@ class AssociateSettings:
         tolerance_m: how far a keypoint may lie from its ray, measured at the body, for a view to agree.
         min_share: share of a detection's keypoints that must agree for it to be this person.
         speed_max_m_s: how fast a followed person may move between instants.
+        plausible_share: share of a newcomer's body lengths (limbs, trunk, girdles) that a human body can have, from a child to
+            a tall adult; below it the views are of different people. One length in four may be wrong in a single frame.
+        duplicate_share: two detections of one view whose keypoints are closer than this share of their box (median) are one
+            body.
         lost_after_s: how long the place of a followed person who is out of sight is kept free.
     """
 
@@ -32,4 +37,6 @@ class AssociateSettings:
     tolerance_m: Annotated[float, Gt(0)] = 0.15
     min_share: Annotated[float, Gt(0), Le(1)] = 0.4
     speed_max_m_s: Annotated[float, Gt(0)] = 4.0
+    plausible_share: Annotated[float, Ge(0), Le(1)] = 0.7
+    duplicate_share: Annotated[float, Ge(0), Le(1)] = DUPLICATE_SHARE
     lost_after_s: Annotated[float, Ge(0)] = 1.0

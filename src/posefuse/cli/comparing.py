@@ -2,45 +2,52 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from posefuse.cli.options.compare import CompareOptions
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
-from posefuse.evaluation.tracks import read_tracks
+from posefuse.evaluation.tracks import read_tracks, tracks_of
 from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.foundation.plain_values import plain
+from posefuse.pipeline.reading import is_live, read_result
 
 from .terminal import Terminal
 
 
-def compare_files(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+def compare_files(path_a: Path, path_b: Path, options: CompareOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Compare two recordings, write the page, show the figures."""
-    if args.out:
-        check_apart(args.out, (args.a, args.b))
-        check_replaceable(args.out, command="compare", replace=True)
-    a, b = read_tracks(args.a, args.person), read_tracks(args.b, args.person)
-    found = compare(a, b, time=not args.no_time, space=not args.no_space, scale=args.scale, start_s=args.align_first)
+    if options.out:
+        check_apart(options.out, (path_a, path_b))
+        check_replaceable(options.out, command="compare", replace=True)
+    a, b = (_tracks(path, options.person, terminal) for path in (path_a, path_b))
+    found = compare(a, b, time=not options.no_time, space=not options.no_space, scale=options.scale, start_s=options.align_first)
     figures = _figures(found)
     rows = [[point.replace("_", " "), *row.values()] for point, row in figures["points"].items()]
     terminal.facts("Alignment of the second onto the first", _facts(found))
     terminal.table("Distances, mm", ["point", "mean", "sd", "median", "p95", "share compared"], rows)
-    if args.out:
+    if options.out:
         # its own, unchanged, can be made again at any time: replaced without being asked
-        with output_folder(args.out, command="compare", inputs=(args.a, args.b), replace=True, warn=terminal.warn) as out:
+        with output_folder(options.out, command="compare", inputs=(path_a, path_b), replace=True, warn=terminal.warn) as out:
             write_page(out.folder / "compare.html", comparison_page(a, b, found, rows))
             (out.folder / "compare.json").write_text(json.dumps(plain(figures), indent=2) + "\n", encoding="utf-8")
-        page = args.out / "compare.html"
+        page = options.out / "compare.html"
         terminal.note(f"written: {page}")
         terminal.next(f"open {page} in a browser", "every point over time, and the drift")
     else:
         terminal.next("the same with --out DIR", "a page with every point over time, and compare.json")
     return figures
+
+
+def _tracks(path: Path, person: int | None, terminal: Terminal) -> Tracks:
+    """Of a live session, or of any other file or result folder."""
+    return tracks_of(read_result(path, terminal.warn).poses, path, person) if is_live(path) else read_tracks(path, person)
 
 
 def _facts(found: Comparison) -> dict[str, Any]:

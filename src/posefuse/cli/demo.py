@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from posefuse.cli.options.shared import SettingsOptions
+from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError
 
-from .commands import track as track_command
 from .terminal import Terminal
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -25,14 +25,13 @@ def clip_folder() -> Path:
     raise InputError(f"the bundled clip is not in this installation (looked in {_PLACES[-1]}); reinstall posefuse")
 
 
-def demo(out: Path, force: bool, terminal: Terminal) -> Mapping[str, Any]:
+def track_demo(out: Path, force: bool, terminal: Terminal) -> Mapping[str, Any]:
     """What `posefuse track` makes of the clip; returns its figures."""
+    from .tracking import track_session
+
     clip = clip_folder()
-    parser = argparse.ArgumentParser()
-    track_command.add_arguments(parser)
-    args = parser.parse_args([str(clip), "--out", str(out), *(["--force"] if force else [])])
     terminal.note(f"the clip lies in {clip}; the same as: posefuse track {clip} --out {out}")
-    figures = track_command.run(args, terminal)
+    figures = track_session(clip, TrackOptions(out=out, force=force), SettingsOptions(), terminal)
     terminal.next(f"open {out / 'overlay.mp4'}", "all four views with the skeleton drawn in")
     terminal.next(
         "posefuse track SESSION --out RESULT", "your own recording: a folder with a calibration file and one video per camera"

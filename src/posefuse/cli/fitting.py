@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from posefuse.cli.options.fit_noise import FitOptions
 from posefuse.core import InputError
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card
@@ -35,15 +35,15 @@ EVERYDAY, MOVING = "everyday", "moving"
 _LEAST_RUNS = 2
 
 
-def fit_card(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+def fit_card(card_file: Path, options: FitOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Fit a card on simulated people; returns the figures of the tables.
 
     Raises:
         PosefuseError: a card or network that is not right, or a network that finds nobody.
     """
-    card = read_network_card(args.card)
-    detector = OnnxConfig(card=args.card, engine=args.engine).build()
-    everyday = render_everyday(args.scenes_in / EVERYDAY, args.scenes, terminal.note)
+    card = read_network_card(card_file)
+    detector = OnnxConfig(card=card_file, engine=options.engine).build()
+    everyday = render_everyday(options.scenes_in / EVERYDAY, options.scenes, terminal.note)
     with terminal.progress("noise") as advance:
         samples = []
         for i, folder in enumerate(everyday):
@@ -51,16 +51,16 @@ def fit_card(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
             advance(i + 1, len(everyday))
     seen = [one for one in samples if len(one.error)]
     if not seen:
-        raise InputError(f"{args.card}: the network finds nobody in any of {len(samples)} scenes; is its card right?")
+        raise InputError(f"{card_file}: the network finds nobody in any of {len(samples)} scenes; is its card right?")
     made_by = f"posefuse fit-noise: {len(seen)} rendered scenes, {sum(len(one.error) for one in seen)} crops"
     noise = fit_noise(seen, made_by)
-    noise_file = args.card.with_suffix(".noise.toml")
+    noise_file = card_file.with_suffix(".noise.toml")
     _write(noise_file, noise_text(noise.noise))
     _show(terminal, noise)
-    moving = render_moving(args.scenes_in / MOVING, args.moving, terminal.note)
-    centres_file = _joint_centres(args, card, [*everyday, *moving], terminal)
+    moving = render_moving(options.scenes_in / MOVING, options.moving, terminal.note)
+    centres_file = _joint_centres(card_file, options, card, [*everyday, *moving], terminal)
     add = [f'noise = "{noise_file.name}"', *([f'joint_centres = "{centres_file.name}"'] if centres_file else [])]
-    terminal.next(f"add to {args.card}: {'; '.join(add)}", "the fits are used from then on")
+    terminal.next(f"add to {card_file}: {'; '.join(add)}", "the fits are used from then on")
     return {
         "noise": noise_file,
         "joint_centres": centres_file,
@@ -70,8 +70,10 @@ def fit_card(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
     }
 
 
-def _joint_centres(args: argparse.Namespace, card: NetworkCard, folders: Sequence[Path], terminal: Terminal) -> Path | None:
-    choice = DetectorChoice(name="onnx", options={"card": str(args.card.absolute()), "engine": args.engine})
+def _joint_centres(
+    card_file: Path, options: FitOptions, card: NetworkCard, folders: Sequence[Path], terminal: Terminal
+) -> Path | None:
+    choice = DetectorChoice(name="onnx", options={"card": str(card_file.absolute()), "engine": options.engine})
     runs: list[Run] = []
     with terminal.progress("joint centres") as advance:
         for i, folder in enumerate(folders):
@@ -84,7 +86,7 @@ def _joint_centres(args: argparse.Namespace, card: NetworkCard, folders: Sequenc
         terminal.warn(f"joint centres: the person was tracked in {len(runs)} scenes; expected at least {_LEAST_RUNS}; not fitted")
         return None
     steps = sum(len(poses) for poses, _ in runs)
-    path = Path(args.card.with_suffix(".joint_centres.toml"))
+    path = Path(card_file.with_suffix(".joint_centres.toml"))
     _write(path, table_text(fitted(runs, f"posefuse fit-noise: {len(runs)} rendered scenes, {steps} time steps of {card.name}")))
     return path
 

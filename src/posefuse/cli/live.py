@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
+from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import LiveOutputConfig, Rig
 from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_file import check_output_file
@@ -27,82 +28,104 @@ from posefuse.realtime.session import run_live
 from .live_report import figures_of, show, write_report
 from .stopping import session_exit_code
 from .terminal import Terminal
+from .videos import kept_videos, video_figures
 
 
-def live(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Run a session, or replay one; returns the figures of the tables."""
-    config = settled_config(args)
-    rig = read_placed_rig(args.rig)
-    if args.replay:
-        from .replay import replay
-
-        told = args.config or args.overrides or args.tracker or args.people is not None
-        return replay(args.replay, rig, config if told else None, terminal)
-    if args.report:
-        check_replaceable(args.report, command="live", replace=False)
-    inputs = settled_inputs(args, rig)
-    plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(args, config))
+def run_session(
+    rig_file: Path,
+    sources: SourceOptions,
+    timing: TimingOptions,
+    outputs: OutputOptions,
+    ros_2: Ros2Options,
+    settings: LiveSettingsOptions,
+    terminal: Terminal,
+    *,
+    videos: Path | None = None,
+) -> Mapping[str, Any]:
+    """Run a session; returns the figures of the tables. `videos`: folder that takes the cameras' videos."""
+    config = settled_config(settings)
+    rig = read_placed_rig(rig_file)
+    if outputs.report:
+        check_replaceable(outputs.report, command="live", replace=False)
+    inputs = settled_inputs(sources, timing, ros_2, rig)
+    plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     fetch_networks(config.detector, terminal)
-    done = run_live(rig, inputs, config, plan, run_options(args).duration_s, terminal.note)
-    figures = {**figures_of(done), **how_it_ended(done.stopped_by, args, terminal, failed=done.outputs_failed)}
+    duration_s = run_options(timing).duration_s
+    if videos:
+        check_replaceable(videos, command="live", replace=False)
+    with kept_videos(videos, rig, inputs) as folder:
+        done = run_live(rig, inputs, config, plan, duration_s, terminal.note, folder)
+    figures = {**figures_of(done), **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed)}
+    if videos:
+        figures["videos"] = video_figures(videos, inputs)
     show(terminal, figures)
-    if args.report:
-        write_report(args.report, done, figures)
-    _show_next(args, terminal)
+    if outputs.report:
+        write_report(outputs.report, done, figures)
+    if videos:
+        terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
+    _show_next(rig_file, outputs, terminal)
     return figures
 
 
-def how_it_ended(stopped_by: str, args: argparse.Namespace, terminal: Terminal, *, failed: bool = False) -> dict[str, int]:
+def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False) -> dict[str, int]:
     """Say what request ended the session early; the exit code, as a figure."""
-    duration_s = run_options(args).duration_s
     code = session_exit_code(stopped_by, endless=duration_s is None, failed=failed)
     if stopped_by and code:
         terminal.note(f"stopped by {stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
     return {"exit_code": code}
 
 
-def _show_next(args: argparse.Namespace, terminal: Terminal) -> None:
-    if args.record:
+def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
+    """Feed a recording to the tracker again, with its own settings unless others are given; returns the figures."""
+    from .replay import replay
+
+    config = settled_config(settings)
+    return replay(recording, read_placed_rig(rig_file), config if settings.given else None, terminal)
+
+
+def _show_next(rig_file: Path, outputs: OutputOptions, terminal: Terminal) -> None:
+    if outputs.record:
         terminal.next(
-            f"posefuse live {args.rig} --replay {args.record}", "the recording once more, with other settings if you like"
+            f"posefuse live {rig_file} --replay {outputs.record}", "the recording once more, with other settings if you like"
         )
     else:
         terminal.next("the same with --record FILE.mcap", "keeps views and poses")
-    if args.report:
-        terminal.next(f"open {args.report / 'report.html'}", "where the time went, per camera and stage")
+    if outputs.report:
+        terminal.next(f"open {outputs.report / 'report.html'}", "the latency per camera and stage")
 
 
-def settled_inputs(args: argparse.Namespace, rig: Rig) -> tuple[LiveInput, ...]:
-    """The sources of the command line, with what is to go wrong with them and when they begin again."""
-    run, faults = run_options(args), faults_from_arguments(args.fault, rig)
+def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Options, rig: Rig) -> tuple[LiveInput, ...]:
+    """The sources of the command line, with the faults to inject and when they begin again."""
+    run, faults = run_options(timing), faults_from_arguments(sources.fault, rig)
     return tuple(
         dataclasses.replace(
             entry, faults=faults.get(entry.camera, ()), reopen=entry.reopen or entry.camera in faults, loop_s=run.loop_s
         )
-        for entry in inputs_from_arguments(args.source, rig, args.domain)
+        for entry in inputs_from_arguments(sources.source, rig, ros_2.domain)
     )
 
 
-def settled_config(args: argparse.Namespace) -> LiveConfig:
+def settled_config(settings: LiveSettingsOptions) -> LiveConfig:
     """The config file with the command line's options on top, all of it validated alike."""
-    options = {
-        "--rate": ("rate_hz", args.rate),
-        "--groups": ("groups", args.groups),
-        "--tracker": ("track.tracker", args.tracker),
-        "--people": ("track.max_people", args.people),
+    on_top = {
+        "--rate": ("rate_hz", settings.rate),
+        "--groups": ("groups", settings.groups),
+        "--tracker": ("track.tracker", settings.tracker),
+        "--people": ("track.max_people", settings.people),
     }
-    return read_overridden(args.config, args.overrides, LiveConfig, options)
+    return read_overridden(settings.config, settings.overrides, LiveConfig, on_top)
 
 
-def run_options(args: argparse.Namespace) -> RunOptions:
+def run_options(timing: TimingOptions) -> RunOptions:
     """When it begins and ends."""
-    options = {"duration_s": args.duration, "loop_s": args.loop, "zero_s": getattr(args, "zero", None)}
+    zero_s = timing.zero if isinstance(timing, NodeTimingOptions) else None
+    options = {"duration_s": timing.duration, "loop_s": timing.loop, "zero_s": zero_s}
     return settings_from_mapping(options, RunOptions, where="options")
 
 
 def output_configs(
-    args: argparse.Namespace, config: LiveConfig, also: Mapping[str, Mapping[str, Any]] | None = None
+    outputs: OutputOptions, ros_2: Ros2Options, config: LiveConfig, also: Mapping[str, Mapping[str, Any]] | None = None
 ) -> dict[str, LiveOutputConfig]:
     """Configs of the outputs of the settings and the command line by name; `also` adds outputs and options.
 
@@ -111,21 +134,30 @@ def output_configs(
         InputError: a file to record that exists already.
     """
     chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
-    shorthands = {
-        "record": args.record and {"path": args.record.absolute()},
-        "ros2": args.ros and {},
-        "osc": args.osc and {"to": args.osc},
-        "json": args.json_udp and {"to": args.json_udp},
-        "rerun": {"file": args.view_file.absolute()} if args.view_file else args.view and {},
-    }
-    named = {name: options for name, options in shorthands.items() if isinstance(options, dict)}
-    for name, options in [*((name, {}) for name in args.output), *named.items(), *(also or {}).items()]:
+    for name, options in [*_shorthands(outputs), *(also or {}).items()]:
         chosen[name] = {**chosen.get(name, {}), **options}
-    for option, path in (("--record", chosen.get("record", {}).get("path")), ("--view-file", args.view_file)):
+    for option, path in (("--record", chosen.get("record", {}).get("path")), ("--view-file", outputs.view_file)):
         if path is not None:
             check_output_file(Path(path), option=option)
     known = {
-        "domain_id": args.domain, "local_only": args.local_only, "interface": args.interface, "peers": args.peer,
-        "axes": args.axes,
+        "domain_id": ros_2.domain, "local_only": ros_2.local_only, "interface": ros_2.interface, "peers": list(ros_2.peer),
+        "axes": outputs.axes,
     }  # fmt: skip
     return {name: plugin_config("live_outputs", name, options, known) for name, options in chosen.items()}
+
+
+def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Outputs that options of their own choose, and their options."""
+    yield from ((name, {}) for name in outputs.output)
+    if outputs.record:
+        yield "record", {"path": outputs.record.absolute()}
+    if outputs.ros:
+        yield "ros2", {}
+    if outputs.osc:
+        yield "osc", {"to": list(outputs.osc)}
+    if outputs.json_udp:
+        yield "json", {"to": list(outputs.json_udp)}
+    if outputs.view_file:
+        yield "rerun", {"file": outputs.view_file.absolute()}
+    elif outputs.view:
+        yield "rerun", {}

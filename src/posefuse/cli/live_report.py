@@ -1,4 +1,4 @@
-"""Figures of a live session: tables on the terminal, latency.json, and pictures of where the time went."""
+"""Figures of a live session: tables on the terminal, latency.json, and plots of the latency of every stage."""
 
 from __future__ import annotations
 
@@ -93,13 +93,13 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         ("camera", "state", "used", *STAGES, "p95", "p99"),
         rows,
     )
-    whole, beat = latency["all_cameras_total_ms"], latency["output"]
+    whole, ticks = latency["all_cameras_total_ms"], latency["output"]
     facts = {
-        "poses": f"{figures['poses']} ({figures['poses_per_s']:.1f}/s), with somebody in {figures['poses_with_people']}",
+        "poses": f"{figures['poses']} ({figures['poses_per_s']:.1f}/s), with a person in {figures['poses_with_people']}",
         "exposure to output": f"p50 {whole['p50']:.1f}, p95 {whole['p95']:.1f}, p99 {whole['p99']:.1f} ms",
-        "output beat": (
-            f"p99 {beat['behind_due_ms']['p99']:.2f} ms behind due, {beat['period_deviation_ms']['p99']:.2f} ms off the period, "
-            f"{beat['skipped']} skipped"
+        "output rate": (
+            f"p99 {ticks['behind_due_ms']['p99']:.2f} ms behind due, "
+            f"{ticks['period_deviation_ms']['p99']:.2f} ms off the period, {ticks['skipped']} skipped"
         ),
         "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
         "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
@@ -113,6 +113,9 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
     for name, output in figures["outputs"].items():
         fault = f"; failed {output['failures']} times, the last: {output['fault']}" if output["failures"] else ""
         facts[f"output {name}"] = f"{output['taken']} taken, {output['dropped']} dropped{fault}"
+    for name, video in figures.get("videos", {}).items():
+        fault = f"; {video['fault']}" if video["fault"] else ""
+        facts[f"video {name}"] = f"{video['written']} frames {video['how']}, {video['dropped']} dropped{fault}"
     if figures["outputs_lost"]:
         facts["outputs"] = f"{figures['outputs_lost']} messages lost before they reached an output"
     if figures["rig_watch_trouble"]:

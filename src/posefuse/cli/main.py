@@ -1,50 +1,17 @@
-"""The command line: one module per command, nothing heavy imported before a command runs."""
+"""The command line: one module per command; nothing heavy is imported before a command runs."""
 
 from __future__ import annotations
 
-import argparse
-import importlib
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from collections.abc import Sequence
 
 from posefuse import __version__
 
+from .command_line import COMMANDS, Invocation, WrongCommandLineError, parse
 from .stopping import StopRequests, stop_requests
 
-if TYPE_CHECKING:
-    from .terminal import Terminal
-
-COMMANDS = (
-    "demo",
-    "track",
-    "live",
-    "node",
-    "calibrate",
-    "view",
-    "report",
-    "simulate",
-    "compare",
-    "models",
-    "fit-noise",
-    "plugins",
-    "doctor",
-)
-
-
-class Command(Protocol):
-    """What a module in `cli/commands` offers."""
-
-    SUMMARY: str
-
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declare options."""
-        ...
-
-    def run(self, args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-        """Do the work, show its tables, return the same figures as plain values."""
-        ...
+__all__ = ["COMMANDS", "main"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,20 +23,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     with stop_requests() as requests:
         try:
-            args = _parser().parse_args(argv)
+            invocation = parse(sys.argv[1:] if argv is None else argv)
+            if invocation is None:
+                return 0
+        except WrongCommandLineError as error:
+            print(error, file=sys.stderr)
+            return 1
         except KeyboardInterrupt:
             return _stopped("posefuse", requests)
-        return _run(args, requests)
+        except BrokenPipeError:
+            return 0
+        return _run(invocation, requests)
 
 
-def _run(args: argparse.Namespace, requests: StopRequests) -> int:
-    name = f"posefuse {args.command_name}"
+def _run(invocation: Invocation, requests: StopRequests) -> int:
+    name = invocation.name
     try:
         # imports numpy and more: Ctrl-C meanwhile is one line, too
         from posefuse.core import PosefuseError
 
         try:
-            interrupted, code = _command(args)
+            interrupted, code = _command(invocation)
         except PosefuseError as error:
             print(f"{name}: {error}", file=sys.stderr)
             return 1
@@ -84,40 +58,20 @@ def _run(args: argparse.Namespace, requests: StopRequests) -> int:
     return requests.exit_code if interrupted else code
 
 
-def _command(args: argparse.Namespace) -> tuple[bool, int]:
+def _command(invocation: Invocation) -> tuple[bool, int]:
     """Run the command; returns whether it was interrupted and kept what it had, and else its exit code."""
     from .terminal import Terminal
 
-    terminal = Terminal(as_json=args.json)
-    figures = args.command.run(args, terminal)
-    terminal.figures({"command": args.command_name, "version": __version__, **figures})
+    terminal = Terminal(as_json=invocation.as_json)
+    figures = invocation.run(terminal)
+    steps = {"step": invocation.words[1]} if len(invocation.words) > 1 else {}
+    terminal.figures({"command": invocation.words[0], "version": __version__, **steps, **figures})
     return bool(figures.get("interrupted")), int(figures.get("exit_code", 1 if figures.get("failed") else 0))
 
 
 def _stopped(name: str, requests: StopRequests) -> int:
     print(f"{name}: stopped by {requests.cause}", file=sys.stderr)
     return requests.exit_code
-
-
-class _Parser(argparse.ArgumentParser):
-    """A wrong command line is a known error like any other: one line, exit 1."""
-
-    def error(self, message: str) -> NoReturn:
-        """One line that names the command and where its options are listed."""
-        self.exit(1, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="posefuse", description="Several ordinary cameras + AI -> one accurate 3D human skeleton.")
-    parser.add_argument("--version", action="version", version=f"posefuse {__version__}")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for name in COMMANDS:
-        command: Command = importlib.import_module(f"posefuse.cli.commands.{name.replace('-', '_')}")  # type: ignore[assignment]
-        sub = commands.add_parser(name, help=command.SUMMARY, description=command.SUMMARY)
-        sub.add_argument("--json", action="store_true", help="figures as one JSON object on stdout, all else on stderr")
-        command.add_arguments(sub)
-        sub.set_defaults(command=command, command_name=name)
-    return parser
 
 
 if __name__ == "__main__":

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_placed_rig
@@ -50,15 +52,23 @@ _MAX_BYTES = 2**20
 _FIRST_VIEW_S = 0.5
 
 
-def network_of(args: argparse.Namespace) -> Network:
+def network_of(ros_2: Ros2Options) -> Network:
     """Where the nodes of a session meet."""
-    return Network(domain_id=args.domain, local_only=args.local_only, interface=args.interface, peers=tuple(args.peer))
+    return Network(domain_id=ros_2.domain, local_only=ros_2.local_only, interface=ros_2.interface, peers=ros_2.peer)
 
 
-def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Capture and look on this machine, send 2D poses; the fused pose tells where to look."""
-    config, rig, run = settled_config(args), read_placed_rig(args.rig), run_options(args)
-    inputs = settled_inputs(args, rig)
+def camera_node(
+    rig_file: Path,
+    name: str,
+    sources: SourceOptions,
+    timing: NodeTimingOptions,
+    ros_2: Ros2Options,
+    settings: LiveSettingsOptions,
+    terminal: Terminal,
+) -> Mapping[str, Any]:
+    """Capture and detect on this machine, send 2D poses; the fused pose tells where to look."""
+    config, rig, run = settled_config(settings), read_placed_rig(rig_file), run_options(timing)
+    inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
     clock = SessionClock.begin()
@@ -66,7 +76,7 @@ def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     board = new_board(rig)
     plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
     with (
-        RosNode(f"posefuse_cameras_{topics.ros_name(args.name)}", network_of(args)) as node,
+        RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
         Groups(group_plans(rig, inputs, config, plan), board) as groups,
     ):
         groups.wait_ready()
@@ -80,7 +90,7 @@ def camera_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
             while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
                 worker.step(groups)
     figures = {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
-    return {**figures, **how_it_ended(stopped[0] if stopped else "", args, terminal)}
+    return {**figures, **how_it_ended(stopped[0] if stopped else "", run.duration_s, terminal)}
 
 
 class CameraNode:
@@ -135,24 +145,31 @@ class CameraNode:
             self._told = pose
 
 
-def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+def fusion_node(
+    rig_file: Path,
+    timing: TimingOptions,
+    outputs: OutputOptions,
+    ros_2: Ros2Options,
+    settings: LiveSettingsOptions,
+    terminal: Terminal,
+) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig, network = settled_config(args), read_placed_rig(args.rig), network_of(args)
-    duration_s = run_options(args).duration_s
-    if args.report:
-        check_replaceable(args.report, command="live", replace=False)
+    config, rig, network = settled_config(settings), read_placed_rig(rig_file), network_of(ros_2)
+    duration_s = run_options(timing).duration_s
+    if outputs.report:
+        check_replaceable(outputs.report, command="live", replace=False)
     # views that came from ROS are not sent back there
-    configs = output_configs(args, config, {"ros2": {"detections": False}})
+    configs = output_configs(outputs, ros_2, config, {"ros2": {"detections": False}})
     clock = SessionClock.begin()
     plan = OutputPlan(rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config))
     views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, terminal.note)
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
-    terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {args.domain}")
+    terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {ros_2.domain}")
     done = run_session(whole, lambda board: views, terminal.note)
     counts = views.intake.intake.counts
     figures = {
         **figures_of(done),
-        **how_it_ended(done.stopped_by, args, terminal, failed=done.outputs_failed),
+        **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed),
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
         "strangers": views.intake.strangers,
@@ -160,8 +177,8 @@ def fusion_node(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, An
     }
     show(terminal, figures)
     terminal.facts("Clocks, ms after the mean", {name: f"{ms:+.1f}" for name, ms in figures["clock_offset_ms"].items()})
-    if args.report:
-        write_report(args.report, done, figures)
+    if outputs.report:
+        write_report(outputs.report, done, figures)
     return figures
 
 

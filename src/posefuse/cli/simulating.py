@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from posefuse.formats.truth import read_truth
@@ -15,16 +15,16 @@ from posefuse.simulation.session import simulate
 from .terminal import Terminal
 
 
-def simulate_session(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Render a scene file into a session folder; returns the figures of the table."""
-    scene = read_scene(args.scene)
-    check_apart(args.out, (args.scene, *motion_files(scene)))
+def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | None, terminal: Terminal) -> Mapping[str, Any]:
+    """Render a scene file into a session folder, anew with `force`; returns the figures of the table."""
+    scene = read_scene(scene_file)
+    check_apart(out, (scene_file, *motion_files(scene)))
     began_s = time.perf_counter()
     try:
         with terminal.progress("rendering") as advance:
-            paths = simulate(scene, args.out, advance, args.workers, replace=args.force, warn=terminal.warn)
+            paths = simulate(scene, out, advance, workers, replace=force, warn=terminal.warn)
     except KeyboardInterrupt:
-        terminal.warn(f"{args.out} is unfinished; the same command goes on where it stopped")
+        terminal.warn(f"{out} is unfinished; the same command continues where it stopped")
         raise
     seconds = time.perf_counter() - began_s
     truth = read_truth(paths.truth)

@@ -6,15 +6,15 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bars
+    from rich.text import Text
 
-from posefuse.foundation.plain_values import plain
+    from posefuse.core import Progress
 
 Advance = Callable[[int, int], None]
 """Progress callback: (done, total)."""
@@ -25,8 +25,18 @@ class Terminal:
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
-        self._notes = Console(stderr=True, highlight=False, soft_wrap=True)
-        self._tables = self._notes if as_json else Console(highlight=False)
+
+    @cached_property
+    def _notes(self) -> Console:
+        from rich.console import Console
+
+        return Console(stderr=True, highlight=False, soft_wrap=True)
+
+    @cached_property
+    def _tables(self) -> Console:
+        from rich.console import Console
+
+        return self._notes if self._as_json else Console(highlight=False)
 
     def note(self, text: str) -> None:
         """One line of news."""
@@ -42,6 +52,9 @@ class Terminal:
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         """A table; numbers are right-aligned, floats shown to a sensible digit."""
+        from rich.table import Table
+        from rich.text import Text
+
         numeric = [all(isinstance(row[i], int | float) or row[i] is None for row in rows) for i in range(len(columns))]
         shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="")
         for column, right in zip(columns, numeric, strict=True):
@@ -52,6 +65,9 @@ class Terminal:
 
     def facts(self, title: str, facts: Mapping[str, Any]) -> None:
         """A table of two columns without a header."""
+        from rich.table import Table
+        from rich.text import Text
+
         shown = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
         for name, value in facts.items():
             shown.add_row(Text(name), _cell(value))
@@ -59,12 +75,41 @@ class Terminal:
 
     def figures(self, figures: Mapping[str, Any]) -> None:
         """With --json: the one object on stdout."""
+        from posefuse.foundation.plain_values import plain
+
         if self._as_json:
             print(json.dumps(plain(figures), indent=2), flush=True)
 
     @contextmanager
     def progress(self, label: str) -> Iterator[Advance]:
         """A progress bar on stderr that the callback moves."""
+        with self._bars() as bars:
+            task = bars.add_task(label, total=None)
+            yield lambda done, total: bars.update(task, completed=done, total=total)
+            if bars.tasks[task].total is None:
+                # there was nothing to count
+                bars.update(task, visible=False)
+
+    @contextmanager
+    def stages(self) -> Iterator[Progress]:
+        """What public functions report to: a bar on stderr per stage, and a line per message."""
+        with self._bars() as bars:
+            tasks: dict[str, Any] = {}
+
+            def report(stage: str, done: int, total: int | None, message: str = "") -> None:
+                if message:
+                    self.note(message)
+                if stage not in tasks and total is not None:
+                    tasks[stage] = bars.add_task(stage, total=total)
+                if stage in tasks:
+                    bars.update(tasks[stage], completed=done, total=total)
+
+            yield report
+
+    def _bars(self) -> Bars:
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bars
+
         columns = (
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -72,27 +117,27 @@ class Terminal:
             TimeElapsedColumn(),
             TimeRemainingColumn(),
         )
-        with Progress(*columns, console=self._notes, refresh_per_second=4) as bar:
-            task = bar.add_task(label, total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
-            if bar.tasks[task].total is None:
-                # there was nothing to count
-                bar.update(task, visible=False)
+        return Bars(*columns, console=self._notes, refresh_per_second=4)
 
 
 def _cell(value: Any) -> Text:
     """A cell with its text as it is: square brackets in names of files are no markup."""
+    from rich.text import Text
+
     return Text(cell_text(value))
 
 
 def cell_text(value: Any) -> str:
     """A value as a table shows it."""
+    import numpy as np
+
     if value is None:
         return "-"
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
-        return "-" if math.isnan(value) else f"{value:.3g}" if abs(value) < 10 else f"{value:,.1f}"
+        number = float(value)
+        return "-" if math.isnan(number) else f"{number:.3g}" if abs(number) < 10 else f"{number:,.1f}"
     if isinstance(value, int | np.integer):
         return f"{int(value):,}"
     return str(value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -10,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
+from posefuse.cli.options.shared import SettingsOptions
+from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording, Sink
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.formats.detection_log import LOG_FILE
@@ -30,21 +31,21 @@ TRUTH_FILE = Path("truth") / "truth.npz"
 _START_UP = ("open", "compile")  # stages that last the same however long the recording
 
 
-def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Track a session and write its result; returns the figures of the tables.
 
     ``exit_code`` among them: 1 when an output could not be written.
     """
     clock = StageClock()
-    config = settled_config(args)
+    config = settled_config(folder, options, settings)
     sinks = build_sinks(config.outputs)
-    session = find_session(args.session, config)
-    inputs = (args.session, session.rig_path, *(entry.path for entry in session.inputs))
+    session = find_session(folder, config)
+    inputs = (folder, session.rig_path, *(entry.path for entry in session.inputs))
     # a result that Ctrl-C cut short has its detections with it
-    replace = args.force or (args.resume and (args.out / LOG_FILE).is_file())
-    check_apart(args.out, inputs)
-    check_replaceable(args.out, command="track", replace=replace)
-    unfinished = _unfinished(args, terminal)
+    replace = options.force or (options.resume and (options.out / LOG_FILE).is_file())
+    check_apart(options.out, inputs)
+    check_replaceable(options.out, command="track", replace=replace)
+    unfinished = _unfinished(options, terminal)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
@@ -54,9 +55,9 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
         opened = open_session(session, config, terminal.warn)
     with (
         closing(opened.steps),
-        _kept(terminal, args.out),
+        _kept(terminal, options.out),
         output_folder(
-            args.out,
+            options.out,
             command="track",
             inputs=inputs,
             replace=replace,
@@ -66,19 +67,19 @@ def track(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
             warn=terminal.warn,
         ) as out,
     ):
-        if args.resume and unfinished is None and replace:
-            shutil.copyfile(args.out / LOG_FILE, out.folder / LOG_FILE)
+        if options.resume and unfinished is None and replace:
+            shutil.copyfile(options.out / LOG_FILE, out.folder / LOG_FILE)
         with closing(DetectionStore(out.folder, opened)) as store:
             tracked, written, failed = _results(opened, store, sinks, out, clock, terminal)
     errors = _errors(session, tracked.recording)
-    figures = _figures(args.out, tracked, clock, written, failed, errors)
+    figures = _figures(options.out, tracked, clock, written, failed, errors)
     _show(terminal, figures, errors)
-    terminal.next(f"posefuse report {args.out}", "joint angles, gait, files for OpenSim and Blender, one page")
-    terminal.next(f"posefuse view {args.out}", "the skeleton in the 3D viewer (extra: viewer)")
-    if args.view:
+    terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")
+    terminal.next(f"posefuse view {options.out}", "the skeleton in the 3D viewer (extra: viewer)")
+    if options.view:
         from .viewing import view_result
 
-        view_result(args.out, None if "rerun" in config.outputs else args.session, terminal)
+        view_result(options.out, None if "rerun" in config.outputs else folder, terminal)
     return figures
 
 
@@ -101,20 +102,20 @@ def _results(
     return tracked, written, failed
 
 
-def _unfinished(args: argparse.Namespace, terminal: Terminal) -> Path | None:
+def _unfinished(options: TrackOptions, terminal: Terminal) -> Path | None:
     """The folder to go on in; None: begin anew.
 
     Raises:
         InputError: interrupted work is there, and neither --resume nor --force was given.
     """
-    found = unfinished_work(args.out)
-    if args.force:
-        remove_unfinished(args.out)
+    found = unfinished_work(options.out)
+    if options.force:
+        remove_unfinished(options.out)
         return None
-    if found is not None and not args.resume:
-        raise InputError(f"{args.out}: an earlier run was interrupted; --resume continues it, --force starts anew")
-    if found is None and args.resume and not (args.out / LOG_FILE).is_file():
-        terminal.note(f"{args.out}: no interrupted work is there; beginning at the start")
+    if found is not None and not options.resume:
+        raise InputError(f"{options.out}: an earlier run was interrupted; --resume continues it, --force starts anew")
+    if found is None and options.resume and not (options.out / LOG_FILE).is_file():
+        terminal.note(f"{options.out}: no interrupted work is there; beginning at the start")
     return found
 
 
@@ -129,23 +130,27 @@ def _kept(terminal: Terminal, out: Path) -> Iterator[None]:
         raise
 
 
-def settled_config(args: argparse.Namespace) -> TrackConfig:
+def settled_config(folder: Path, options: TrackOptions, settings: SettingsOptions) -> TrackConfig:
     """The config file with the command line's options on top."""
-    path = args.config or (args.session / CONFIG_FILE if (args.session / CONFIG_FILE).is_file() else None)
-    rig = str(Path(args.rig).absolute()) if args.rig is not None and Path(args.rig).exists() else args.rig
-    outputs = None if args.outputs is None else tuple(name for name in args.outputs.split(",") if name)
-    options = {
-        "--rig": ("rig", rig),
-        "--input": ("input", args.input),
-        "--start": ("start_s", args.start),
-        "--end": ("end_s", args.end),
-        "--rate": ("rate_hz", args.rate),
-        "--raw": ("raw", args.raw or None),
-        "--weights": ("fuse.weights", args.weights),
-        "--person": ("associate.near_xy_m", args.person),
+    path = settings.config or (folder / CONFIG_FILE if (folder / CONFIG_FILE).is_file() else None)
+    rig = str(Path(options.rig).absolute()) if options.rig is not None and Path(options.rig).exists() else options.rig
+    on_top = {"--rig": ("rig", rig), "--input": ("input", options.input)}
+    return read_config(path, settings.overrides, on_top | solve_options(options))
+
+
+def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
+    """Options of the command line about all that follows detection."""
+    outputs = None if options.outputs is None else tuple(name for name in options.outputs.split(",") if name)
+    return {
+        "--start": ("start_s", options.start),
+        "--end": ("end_s", options.end),
+        "--rate": ("rate_hz", options.rate),
+        "--raw": ("raw", options.raw or None),
+        "--weights": ("fuse.weights", options.weights),
+        "--people": ("associate.max_people", options.people),
+        "--person": ("associate.near_xy_m", options.person),
         "--outputs": ("outputs", outputs),
     }
-    return read_config(path, args.overrides, options)
 
 
 def _errors(session: Session, recording: Recording) -> JointErrors | None:

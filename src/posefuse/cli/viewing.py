@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from posefuse.formats.recording import read_recording
-from posefuse.outputs.rerun import FILE, check_rerun, open_in_viewer, view_recording
+from posefuse.outputs.rerun import FILE, open_in_viewer, view_recording
+from posefuse.outputs.rerun_scene import check_rerun
+from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.session_images import nearby_session, session_frames, session_of
 
 from .terminal import Terminal
@@ -18,7 +19,7 @@ def view_result(
     """Show a result until the viewer is closed; returns what was shown, see `view_recording`.
 
     Args:
-        result: folder of a result. session: it was made from; None: looked for by its name near the result.
+        result: folder, or .mcap of a live session. session: it was made from; None: looked for by its name near the result.
 
     Raises:
         DependencyError: no Rerun SDK or no display. InputError: not a result, or not its session.
@@ -26,12 +27,12 @@ def view_result(
     check_rerun()
     if session is None and (result / FILE).is_file():
         return view_recording(result, open_viewer=open_viewer)
-    recording = read_recording(result)
+    recording = read_result(result, terminal.warn)
     found = nearby_session(recording, result) if session is None else session_of(recording, session)
     if found is None:
         name = recording.provenance.get("session", "unnamed")
-        terminal.note(f"shown without images: no session {name} beside {result} or here; --session FOLDER names it")
-        return view_recording(result, open_viewer=open_viewer)
+        terminal.note(f"shown without images: no session {name} near {result} or here; --session FOLDER names it")
+        return view_recording(result, open_viewer=open_viewer, read=lambda _: recording)
     with terminal.progress(f"images of {found.folder}") as advance:
         frames = session_frames(recording, found, advance)
-        return view_recording(result, frames, open_viewer)
+        return view_recording(result, frames, open_viewer, read=lambda _: recording)

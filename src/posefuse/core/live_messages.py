@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from .joint_angles import JointAngles
 from .rig import Rig
-from .values import Detections2D, JointAngles, Pose3D
+from .values import Detections2D, Pose3D
 
 OK, FAILED = "ok", "failed"
 

@@ -23,8 +23,9 @@ class Recording:
 
     Attributes:
         rig: the cameras used.
-        poses: the 3D result.
-        observations: every detection that it was made from, raw, with the people that `poses` has.
+        poses: the 3D result; of a live session: what was published, at its output ticks.
+        observations: every detection that it was made from, raw, with the people that `poses` has. Those of a recording
+            have the poses' time steps; those of a live session have none.
         provenance: plain JSON values: version, rig id, config, inputs.
 
     Raises:
@@ -46,9 +47,10 @@ class Recording:
             raise ShapeError(
                 f"Recording: skeleton {self.poses.skeleton.name} of the poses, observations have {seen.skeleton.name}"
             )
-        if not np.array_equal(seen.step_t_ns, self.poses.t_ns):
+        if not (self.is_live or np.array_equal(seen.step_t_ns, self.poses.t_ns)):
             raise ShapeError(
-                f"Recording: expected the observations' time steps to be the poses' {len(self.poses)}, got {len(seen.step_t_ns)}"
+                f"Recording: expected the observations' time steps to be the poses' {len(self.poses)}, or none (live), "
+                f"got {len(seen.step_t_ns)}"
             )
 
     @staticmethod
@@ -79,7 +81,12 @@ class Recording:
             f"{poses.skeleton.name}, {len(self.observations)} detections)"
         )
 
+    @property
+    def is_live(self) -> bool:
+        """Whether the poses are those of a live session: its observations belong to no time step."""
+        return len(self.observations.step_t_ns) == 0
+
     @cached_property
     def views(self) -> ViewSequence:
-        """What each camera saw of the people at the poses' time steps, see `views_over_time`."""
-        return views_over_time(self.observations, self.poses.person_id.tolist())
+        """What each camera saw of the people at the times of the poses, see `views_over_time`."""
+        return views_over_time(self.observations, self.poses.person_id.tolist(), self.poses.t_ns if self.is_live else None)

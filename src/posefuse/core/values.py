@@ -12,8 +12,10 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields
+from .encoded import EncodedImage
 from .errors import ShapeError
 from .joint_angles import JointAngles
 from .rig import Rig
@@ -48,6 +50,7 @@ class Frame:
         t_ns: mid-exposure on the session clock.
         received_ns: when it reached this process, same clock.
         image: (H, W, 3) uint8 RGB; not copied, so do not write to it.
+        encoded: as the camera delivered it, where that is asked for and it encodes itself.
     """
 
     camera: str
@@ -55,6 +58,7 @@ class Frame:
     t_ns: int
     received_ns: int
     image: Array
+    encoded: EncodedImage | None = None
 
     def __post_init__(self) -> None:
         image = self.image
@@ -191,7 +195,7 @@ class Pose3D:
         _check_keypoints(self, check_fields(self, _POSE_AXES))
 
 
-_POSE_DTYPES = {
+_POSE_DTYPES: dict[str, DTypeLike] = {
     "person_id": np.int64,
     "xyz_world": np.float64,
     "cov_world": np.float64,

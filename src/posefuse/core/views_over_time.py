@@ -59,27 +59,35 @@ class ViewSequence:
         )
 
 
-def views_over_time(observations: Observations, person_id: Iterable[int]) -> ViewSequence:
-    """Every camera's keypoints of these people, brought to the common time steps.
+def views_over_time(
+    observations: Observations, person_id: Iterable[int], t_ns: Array | None = None, gap_ns: int = 0
+) -> ViewSequence:
+    """Every camera's keypoints of these people, brought to common times.
 
-    A camera whose frames lie between the time steps gets keypoints interpolated linearly between its two frames around
+    A camera whose frames lie between these times gets keypoints interpolated linearly between its two frames around
     each, so that cameras without hardware synchronisation agree on moving people.
+
+    Args:
+        observations: of a recording, or of a live session. person_id: (N,) in this order.
+        t_ns: (T,) times, for a live session, of which not every frame was used; None: the observations' own time steps.
+        gap_ns: with `t_ns`: a camera's frames this far apart are interpolated between, even if frames are missing there.
     """
     ids = np.array(list(person_id), np.int64)
-    by_id = np.argsort(ids)
-    t_ns, names = observations.step_t_ns, observations.camera_names
-    shape = (len(t_ns), len(ids), len(names), len(observations.skeleton))
+    steps = observations.step_t_ns if t_ns is None else np.asarray(t_ns, np.int64)
+    rows = _rows_of_people(observations, ids, steps_only=t_ns is None)
+    shape = (len(steps), len(ids), len(observations.camera_names), len(observations.skeleton))
     xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
-    frame = observations.detection_frame
-    rows = np.flatnonzero(np.isin(observations.person_id, ids) & (observations.frame_step[frame] != LIVE_STEP))
-    step, camera = observations.frame_step[frame[rows]], observations.frame_camera[frame[rows]]
-    at = (step, by_id[np.searchsorted(ids[by_id], observations.person_id[rows])], camera)
-    xy[at], score[at], sigma[at] = observations.xy_img[rows], observations.score[rows], observations.sigma_px[rows]
-    frame_t_ns = _frame_times(observations)
-    for c in range(len(names)):
-        _to_time_steps(t_ns, frame_t_ns[:, c], xy[:, :, c], score[:, :, c], sigma[:, :, c])
+    for c in range(shape[2]):
+        frames = _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c)
+        if len(frames.t_ns):
+            own = np.arange(len(steps)) if t_ns is None else _nearest(frames.t_ns, steps)
+            reach_ns = _REACH_PERIODS * _period_ns(steps if t_ns is None else frames.t_ns)
+            alone_ns = np.inf if t_ns is None else max(_period_ns(frames.t_ns) / 2, _SAME_TIME_NS)
+            planes = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns)
+            xy[:, :, c], score[:, :, c], sigma[:, :, c] = planes
+    names = observations.camera_names
     return ViewSequence(
-        t_ns=t_ns, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma
+        t_ns=steps, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma
     )
 
 
@@ -128,33 +136,89 @@ def people_in(observations: Observations) -> tuple[Array, Array]:
     return ids, counts
 
 
-def _frame_times(observations: Observations) -> Array:
-    """(T, C) exposure time of each camera's frame; the time step itself where it has none."""
-    times = np.repeat(observations.step_t_ns[:, None], len(observations.camera_names), axis=1)
-    recorded = observations.frame_step != LIVE_STEP
-    times[observations.frame_step[recorded], observations.frame_camera[recorded]] = observations.frame_t_ns[recorded]
-    return times
+@dataclass(frozen=True, eq=False)
+class _CameraFrames:
+    """One camera's frames in the order of their times: (F,), (F, N, K, 2), (F, N, K), (F, N, K)."""
+
+    t_ns: Array
+    xy: Array
+    score: Array
+    sigma: Array
 
 
-def _to_time_steps(t_ns: Array, frame_t_ns: Array, xy: Array, score: Array, sigma: Array) -> None:
-    """Move one camera's (T, N, K) keypoints from its frames' times to the time steps, in place."""
-    late_ns = frame_t_ns - t_ns
-    if (np.abs(late_ns) <= _SAME_TIME_NS).all() or len(t_ns) < 2:
-        return
-    xy_then, score_then, sigma_then = xy.copy(), score.copy(), sigma.copy()
-    reach_ns = _REACH_PERIODS * np.median(np.diff(t_ns))
-    for i in range(len(t_ns)):
-        if abs(late_ns[i]) <= _SAME_TIME_NS:
-            continue
-        j = i - 1 if late_ns[i] > 0 else i + 1  # the frame on the other side of the time step
-        if not 0 <= j < len(t_ns):
-            continue
-        span_ns = frame_t_ns[j] - frame_t_ns[i]
-        if span_ns == 0 or abs(span_ns) > reach_ns:
-            continue
-        share = float(np.clip(-late_ns[i] / span_ns, 0, 1))
-        both = (score_then[i] > 0) & (score_then[j] > 0)
-        xy[i][both] = (xy_then[i] * (1 - share) + xy_then[j] * share)[both]
-        score[i][both] = np.minimum(score_then[i], score_then[j])[both]
-        # a network errs alike in neighbouring frames, so blending two does not make it surer
-        sigma[i][both] = (sigma_then[i] * (1 - share) + sigma_then[j] * share)[both]
+def _rows_of_people(observations: Observations, ids: Array, steps_only: bool) -> Array:
+    """The detections of these people; `steps_only`: those in frames that belong to a time step."""
+    wanted = np.isin(observations.person_id, ids)
+    if steps_only:
+        wanted &= observations.frame_step[observations.detection_frame] != LIVE_STEP
+    return np.flatnonzero(wanted)
+
+
+def _of_steps(observations: Observations, rows: Array, ids: Array, c: int) -> _CameraFrames:
+    """One camera's frame of each time step, unseen where it has none."""
+    t_ns, mine = observations.step_t_ns.copy(), observations.frame_camera == c
+    mine &= observations.frame_step != LIVE_STEP
+    t_ns[observations.frame_step[mine]] = observations.frame_t_ns[mine]
+    frame = observations.detection_frame[rows]
+    here = mine[frame]
+    return _filled(observations, t_ns, rows[here], observations.frame_step[frame[here]], ids)
+
+
+def _of_times(observations: Observations, rows: Array, ids: Array, c: int) -> _CameraFrames:
+    """One camera's frames, whether they belong to a time step or not."""
+    mine = np.flatnonzero(observations.frame_camera == c)
+    t_ns, place = np.unique(observations.frame_t_ns[mine], return_inverse=True)
+    place_of = np.full(len(observations.frame_t_ns), -1)
+    place_of[mine] = place
+    at = place_of[observations.detection_frame[rows]]
+    return _filled(observations, t_ns, rows[at >= 0], at[at >= 0], ids)
+
+
+def _nearest(frame_t_ns: Array, t_ns: Array) -> Array:
+    """(T,) the frame that is nearest to each time."""
+    after = np.searchsorted(frame_t_ns, t_ns).clip(max=len(frame_t_ns) - 1)
+    before = (after - 1).clip(min=0)
+    return np.where(t_ns - frame_t_ns[before] <= frame_t_ns[after] - t_ns, before, after)
+
+
+def _period_ns(t_ns: Array) -> float:
+    return float(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0.0
+
+
+def _filled(observations: Observations, t_ns: Array, rows: Array, places: Array, ids: Array) -> _CameraFrames:
+    """Detections `rows` of people `ids`, each in the frame at its place."""
+    by_id = np.argsort(ids)
+    shape = (len(t_ns), len(ids), len(observations.skeleton))
+    xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+    at = (places, by_id[np.searchsorted(ids[by_id], observations.person_id[rows])]) if len(ids) else (places, places)
+    xy[at], score[at], sigma[at] = observations.xy_img[rows], observations.score[rows], observations.sigma_px[rows]
+    return _CameraFrames(t_ns, xy, score, sigma)
+
+
+def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float, alone_ns: float) -> tuple[Array, Array, Array]:
+    """Keypoints (T, N, K, 2), scores and sigmas (T, N, K) at times (T,), each from its own frame and the one on its other side.
+
+    Args:
+        own: (T,) the frame of each time. reach_ns: frames farther apart than this are not interpolated between.
+        alone_ns: a frame farther from its time than this counts only where it is interpolated.
+    """
+    xy, score, sigma = frames.xy[own], frames.score[own], frames.sigma[own]
+    late_ns = frames.t_ns[own] - t_ns
+    other = own + np.where(late_ns > 0, -1, 1)
+    i = np.flatnonzero((np.abs(late_ns) > _SAME_TIME_NS) & (other >= 0) & (other < len(frames.t_ns)))
+    span_ns = frames.t_ns[other[i]] - frames.t_ns[own[i]]
+    near = (span_ns != 0) & (np.abs(span_ns) <= reach_ns)
+    i, span_ns = i[near], span_ns[near]
+    j = other[i]
+    share = np.clip(-late_ns[i] / span_ns, 0, 1)[:, None, None]
+    both = np.zeros(score.shape, np.bool_)
+    both[i] = (score[i] > 0) & (frames.score[j] > 0)
+    blended = xy[i] * (1 - share[..., None]) + frames.xy[j] * share[..., None]
+    # a detector errs alike in neighbouring frames, so blending two does not make it surer
+    blended_sigma = sigma[i] * (1 - share) + frames.sigma[j] * share
+    xy[i] = np.where(both[i, ..., None], blended, xy[i])
+    sigma[i] = np.where(both[i], blended_sigma, sigma[i])
+    score[i] = np.where(both[i], np.minimum(score[i], frames.score[j]), score[i])
+    unseen = ~both & (np.abs(late_ns) > alone_ns)[:, None, None]
+    xy[unseen], score[unseen], sigma[unseen] = np.nan, 0.0, np.nan
+    return xy, score, sigma

@@ -165,8 +165,8 @@ def _erring_view(truth: Truth, c: int, frames: slice, noise: OracleNoise, seed: 
     outlier = _each(drawn, lambda rng: rng.random((people, keypoints)), (people, keypoints)) < noise.outlier_share
     far = _each(drawn, lambda rng: rng.uniform(-1, 1, (people, keypoints, 2)), (people, keypoints, 2)) * noise.outlier_px
     lucky = _each(drawn, lambda rng: rng.uniform(*_OUTLIER_SCORES, (people, keypoints)), (people, keypoints))
-    swapped = _each(drawn, lambda rng: rng.random(people), (people,)) < noise.swap_share
-    missed = _each(drawn, lambda rng: rng.random(people), (people,)) < noise.miss_share
+    swapped = _each(drawn, lambda rng: rng.random((people,)), (people,)) < noise.swap_share
+    missed = _each(drawn, lambda rng: rng.random((people,)), (people,)) < noise.miss_share
     visible, exact = view.visible[frames], view.xy_img[frames]
     sigma = np.where(visible, noise.sigma_px, noise.sigma_px * noise.hidden_factor)
     xy = exact + bias + np.where(outlier[..., None], far, normal * sigma[..., None])
@@ -179,7 +179,9 @@ def _erring_view(truth: Truth, c: int, frames: slice, noise: OracleNoise, seed: 
     return np.where(gone[..., None], np.nan, xy), np.where(gone, 0.0, score), np.where(gone, np.nan, sigma)
 
 
-def _each(drawn: Sequence[np.random.Generator], draw: Callable[[np.random.Generator], Array], shape: tuple[int, ...]) -> Array:
+def _each(
+    drawn: Sequence[np.random.Generator], draw: Callable[[np.random.Generator], Array | float], shape: tuple[int, ...]
+) -> Array:
     return np.stack([draw(rng) for rng in drawn]) if drawn else np.zeros((0, *shape))
 
 
@@ -198,8 +200,8 @@ def _in_regions(xy: Array, score: Array, sigma: Array, regions: Sequence[Region]
 
 
 def _boxes(xy: Array) -> Array:
-    known = np.isfinite(xy).all(-1)
+    known = np.asarray(np.isfinite(xy).all(-1))
     low = np.where(known[..., None], xy, np.inf).min(1)
     high = np.where(known[..., None], xy, -np.inf).max(1)
     box = np.concatenate([low, high], axis=-1)
-    return np.where(known.any(-1)[:, None], box, np.nan)
+    return np.where(np.asarray(known.any(-1))[:, None], box, np.nan)

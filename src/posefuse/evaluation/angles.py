@@ -12,7 +12,7 @@ from posefuse.core.arrays import Array
 _NEAREST_NS = 2_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AngleError:
     """One angle of one joint over a recording, all people together, degrees.
 
@@ -72,9 +72,17 @@ def _error(joint: str, angle: str, got: Array, wanted: Array, sigma: Array) -> A
     error = np.degrees(np.angle(np.exp(1j * (got - wanted))))
     known = np.isfinite(error)
     if not known.any():
-        return AngleError(joint, angle, *(float("nan"),) * 4, 0.0)
+        nothing = float("nan")
+        return AngleError(
+            joint=joint, angle=angle, bias_deg=nothing, sd_deg=nothing, rmse_deg=nothing, stated_deg=nothing, defined=0.0
+        )
     error, stated = error[known], np.degrees(sigma[known])
     return AngleError(
-        joint, angle, float(error.mean()), float(error.std()), float(np.sqrt((error**2).mean())), float(np.median(stated)),
-        float(known.mean()),
-    )  # fmt: skip
+        joint=joint,
+        angle=angle,
+        bias_deg=float(error.mean()),
+        sd_deg=float(error.std()),
+        rmse_deg=float(np.sqrt((error**2).mean())),
+        stated_deg=float(np.median(stated)),
+        defined=float(known.mean()),
+    )

@@ -52,7 +52,7 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     """Keypoints and joints of a recording, by the chosen fit.
 
     Raises:
-        InputError: left and right are swapped, or nobody was seen well enough to have a skeleton.
+        InputError: left and right are swapped, or no person was seen well enough to have a skeleton.
     """
     if chosen.fit == "none":
         return recording.poses, joints_from_poses(recording.poses, chosen.joints)
@@ -66,10 +66,10 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
 
 def rays_at_joint_centres(recording: Recording) -> ViewSequence:
     """The recording's views so that they lead where its 3D lies, by its provenance's offsets; unchanged where it has none."""
-    told = recording.provenance.get("joint_centres")
-    if not isinstance(told, Mapping):
+    stored = recording.provenance.get("joint_centres")
+    if not isinstance(stored, Mapping):
         return recording.views
-    return views_at_joint_centres(recording, settings_from_mapping(told, JointCentres, where="provenance: joint_centres"))
+    return views_at_joint_centres(recording, settings_from_mapping(stored, JointCentres, where="provenance: joint_centres"))
 
 
 def write_biomechanics(
@@ -153,8 +153,8 @@ def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
     An angle that joint centres never determine is zero by construction (see `undefined_angles`) and written so.
     """
     angle = joints.angle_rad[:, n]
-    ever = np.isfinite(angle).any(axis=0)
-    kept = np.flatnonzero(ever.any(axis=1))
+    ever = np.asarray(np.isfinite(angle).any(axis=0))
+    kept = np.asarray(np.flatnonzero(ever.any(axis=1)))
     return tuple(f"{joints.joints[q]}_angles" for q in kept), np.where(ever, angle, 0.0)[:, kept]
 
 

@@ -70,7 +70,7 @@ class Alignment:
     residual_m: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Comparison:
     """What two recordings differ by.
 
@@ -122,7 +122,18 @@ def compare(
     onto = factor * moved @ rotation.T + shift
     distance = np.linalg.norm(onto - a.xyz_m, axis=-1)
     alignment = Alignment(offset, rotation, shift, factor, float(np.sqrt(np.nanmean(distance[both] ** 2))))
-    return Comparison(alignment, tuple(points), a.t_s, a.xyz_m, onto, summary(points, 1000 * distance), *_drift(a.xyz_m, onto))
+    walked_m, apart_m, drift = _drift(a.xyz_m, onto)
+    return Comparison(
+        alignment=alignment,
+        points=tuple(points),
+        t_s=a.t_s,
+        a_m=a.xyz_m,
+        b_m=onto,
+        errors=summary(points, 1000 * distance),
+        walked_m=walked_m,
+        apart_m=apart_m,
+        drift_mm_per_m=drift,
+    )
 
 
 def similarity(moving: Array, fixed: Array, scale: bool) -> tuple[Array, Array, float]:
@@ -138,7 +149,7 @@ def similarity(moving: Array, fixed: Array, scale: bool) -> tuple[Array, Array, 
 
 def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Array, Array, float], float]:
     """The similarity of b (T, K, 3) onto a where both are, and the rms distance it leaves; inf where too little is."""
-    both = np.isfinite(a_m).all(axis=-1) & np.isfinite(b_m).all(axis=-1)
+    both = np.asarray(np.isfinite(a_m).all(axis=-1) & np.isfinite(b_m).all(axis=-1))
     onto = (np.eye(3), np.zeros(3), 1.0)
     if both.any(axis=1).sum() < _LEAST_INSTANTS:
         return onto, np.inf

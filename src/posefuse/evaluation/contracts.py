@@ -110,8 +110,7 @@ def check_live_output(config: LiveOutputConfig, folder: Path) -> None:
     `folder` is where `config` makes it write its files, if any; a first part is never changed by a later one.
     """
     _require(isinstance(config, LiveOutputConfig), f"{type(config).__name__} lacks a member of core.LiveOutputConfig")
-    frozen = dataclasses.is_dataclass(config) and config.__dataclass_params__.frozen  # type: ignore[attr-defined]
-    _require(bool(frozen), "a config is a frozen dataclass")
+    _require(_is_frozen(config), "a config is a frozen dataclass")
     _require(_sent(config) == config, "a config comes out of pickle as it went in")
     known = LiveMessage.__args__
     _require(len(config.takes) > 0 and set(config.takes) <= {*known} - {LiveStart}, "takes names classes of core.live_messages")
@@ -159,6 +158,10 @@ def _of_session(config: LiveOutputConfig, part: int) -> Iterator[LiveMessage]:
 
 def _contents(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def _is_frozen(config: object) -> bool:
+    return dataclasses.is_dataclass(config) and bool(getattr(config, "__dataclass_params__").frozen)  # noqa: B009
 
 
 def _require(holds: bool, rule: str) -> None:

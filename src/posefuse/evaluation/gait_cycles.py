@@ -93,7 +93,7 @@ def write_gait_cycles(path: Path, cycles: dict[int, list[CycleAngles]]) -> Path:
     Raises:
         InputError: it cannot be written there.
     """
-    with atomic_file(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
+    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["person", "joint", "angle", "side", "cycle", "begin_s", "end_s", *(f"deg_at_{p:.0f}" for p in PERCENT)])
         for person, angles in cycles.items():

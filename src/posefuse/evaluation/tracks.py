@@ -17,7 +17,7 @@ from posefuse.formats.trc import read_trc
 
 from .compare import Tracks
 
-KINDS = "a posefuse result folder, .trc, .c3d, .csv or .mvnx"
+KINDS = "a posefuse result folder, .mcap of posefuse live, .trc, .c3d, .csv or .mvnx"
 _SYNONYMS = {"hip": "mid_hip", "hips": "mid_hip", "left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
 # nothing that is compared is farther from its origin or lasts longer; damaged numbers are
 _FARTHEST_M = 10_000.0

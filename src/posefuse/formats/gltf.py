@@ -33,7 +33,10 @@ def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0) ->
     buffer = _Buffer()
     time = buffer.add((np.arange(len(data)) * data.frame_s)[:, None], "SCALAR")
     offset, position = data.offset * metres_per_unit, data.position * metres_per_unit
-    nodes, meshes, samplers, channels = [], [], [], []
+    nodes: list[dict[str, Any]] = []
+    meshes: list[dict[str, Any]] = []
+    samplers: list[dict[str, Any]] = []
+    channels: list[dict[str, Any]] = []
     for j, name in enumerate(data.names):
         children = [int(c) for c in np.flatnonzero(np.asarray(data.parent) == j)]
         node: dict[str, Any] = {"name": name, "translation": [float(v) for v in offset[j]]}

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, Camera, InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
+from posefuse.core import InputError, Observations, PosefuseError, PoseSequence, Recording, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.parsing import one_line, parse_json, read_text
 
 from .npz import DAMAGED, read_arrays
 from .rig import read_rig, write_rig
+from .rig.values import rig_from_values, rig_values
 
 ARRAYS_FILE = "recording.npz"
 OBSERVATIONS_FILE = "observations.npz"
@@ -47,7 +47,7 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
         "format": "posefuse recording",
         "format_version": FORMAT_VERSION,
         "rig_id": recording.rig.id,
-        "rig": _rig_values(recording.rig),
+        "rig": rig_values(recording.rig),
         "skeleton": dataclasses.asdict(recording.poses.skeleton),
         "provenance": dict(recording.provenance),
     }
@@ -77,7 +77,7 @@ def read_recording(folder: Path | str) -> Recording:
     if found != about["rig_id"]:
         raise InputError(f"{folder}: {RIG_FILE} is rig {found}, the result was made with rig {about['rig_id']}")
     try:
-        rig = _rig(about["rig"])
+        rig = rig_from_values(about["rig"])
         skeleton = _skeleton(about["skeleton"])
         poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
         parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
@@ -109,38 +109,3 @@ def _about(folder: Path) -> dict[str, Any]:
 
 def _skeleton(content: dict[str, Any]) -> Skeleton:
     return Skeleton(content["name"], tuple(content["keypoints"]), tuple((a, b) for a, b in content["bones"]))
-
-
-def _rig_values(rig: Rig) -> dict[str, Any]:
-    """The rig to the last bit, which files for other programs do not keep: solving again must see the same cameras."""
-    cameras = [
-        {
-            "name": camera.name,
-            "size_wh": list(camera.size_wh),
-            "K": camera.K.tolist(),
-            "wxyz": camera.cam_from_world.wxyz.tolist(),
-            "xyz": camera.cam_from_world.xyz.tolist(),
-            "distortion": camera.distortion.tolist(),
-            "model": camera.model,
-            "readout_s": camera.readout_s,
-        }
-        for camera in rig
-    ]
-    residual_px = None if math.isnan(rig.residual_px) else rig.residual_px
-    return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px}
-
-
-def _rig(content: dict[str, Any]) -> Rig:
-    cameras = tuple(
-        Camera(
-            name=one["name"],
-            size_wh=tuple(one["size_wh"]),
-            K=one["K"],
-            cam_from_world=SE3(one["wxyz"], one["xyz"]),
-            distortion=one["distortion"],
-            model=one["model"],
-            readout_s=one["readout_s"],
-        )
-        for one in content["cameras"]
-    )
-    return Rig(cameras, content["world_set_by"], math.nan if content["residual_px"] is None else content["residual_px"])

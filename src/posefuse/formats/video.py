@@ -9,6 +9,7 @@ from types import TracebackType
 
 import av
 import numpy as np
+from av.container import OutputContainer
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
@@ -41,7 +42,7 @@ class VideoWriter:
         if not path.parent.is_dir():
             raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
         try:
-            self._container = av.open(str(path), "w", format="mp4", options=_CONTAINER)
+            self._container: OutputContainer | None = av.open(str(path), "w", format="mp4", options=_CONTAINER)
         except (av.error.FFmpegError, OSError) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
         # one thread: several writers share the machine, and the bytes do not depend on the number of cores
@@ -81,9 +82,12 @@ class VideoWriter:
             self._container = None
 
     def _mux(self, frame: av.VideoFrame | None) -> None:
+        container = self._container
+        if container is None:
+            raise InputError(f"{self._path}: cannot be written, the file is closed")
         try:
             for packet in self._stream.encode(frame):
-                self._container.mux(packet)
+                container.mux(packet)
         except (av.error.FFmpegError, OSError) as error:
             raise InputError(f"{self._path}: cannot be written ({error})") from None
 

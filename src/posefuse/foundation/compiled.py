@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from llvmlite import binding  # type: ignore[import-untyped]
+from llvmlite import binding
 from numba import config, njit
 
 from .user_cache import default_cache_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _KEPT = 4  # folders: of this version, and of those lately used beside it
+_settings: Any = config  # its names come from the environment while numba is imported
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -33,11 +34,11 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     folder = _folder()
 
     def compiled(function: Callable[..., Any]) -> Any:
-        before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")
+        before, _settings.CACHE_DIR = _settings.CACHE_DIR, str(folder or "")
         try:
             return njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(function)
         finally:
-            config.CACHE_DIR = before
+            _settings.CACHE_DIR = before
 
     return compiled
 

@@ -35,7 +35,7 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
     score = np.nan_to_num(views.score)
     sigma = stated_sigma(xy, score, views.sigma_px, settings)
     before = _matched(views, previous)
-    solved = _solve(views, rig, xy, score, sigma, before, settings)
+    solved = _solve(views, rig, xy, score=score, sigma=sigma, before=before, settings=settings)
     kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))
     return Pose3D(
         t_ns=views.t_ns,
@@ -53,11 +53,11 @@ def _solve(
     views: Views, rig: Rig, xy: Array, score: Array, sigma: Array, before: Array | None, settings: FuseSettings
 ) -> Triangulated:
     if settings.weights == "all":
-        return solve_all(rig, xy, score, sigma, views.skeleton, before, settings)
+        return solve_all(rig, xy, score, sigma=sigma, skeleton=views.skeleton, previous_world=before, settings=settings)
     if settings.weights != "robust":
         return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
     if settings.untangle_sides:
-        return solve_untangled(rig, xy, score, sigma, views.skeleton, before, settings)
+        return solve_untangled(rig, xy, score, sigma=sigma, skeleton=views.skeleton, before=before, settings=settings)
     return settled(solve_robust(rig, xy, score, sigma, settings), rig, xy, score, sigma, settings)
 
 

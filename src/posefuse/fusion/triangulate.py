@@ -74,15 +74,15 @@ def triangulate(
     xy, score, sigma = _checked(rig, xy_img, score, sigma_px, settings)
     lead = xy.shape[:-3]
     groups = math.prod(lead)
-    grouped = tuple(part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
+    xy, score, sigma = (part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
     if weights == "robust":
-        solved = settled(solve_robust(rig, *grouped, settings), rig, *grouped, settings)
+        solved = settled(solve_robust(rig, xy, score, sigma, settings), rig, xy, score, sigma, settings)
     elif weights == "all":
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
-        solved = solve_all(rig, *grouped, skeleton, None, settings)
+        solved = solve_all(rig, xy, score, sigma=sigma, skeleton=skeleton, previous_world=None, settings=settings)
     else:
-        solved = solve_weighted(rig, *grouped, plain_weight(weights, grouped[0], grouped[1], settings))
+        solved = solve_weighted(rig, xy, score, sigma, plain_weight(weights, xy, score, settings))
     return Triangulated(*(part.reshape(*lead, *part.shape[1:]) for part in vars(solved).values()))
 
 

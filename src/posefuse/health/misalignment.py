@@ -139,10 +139,10 @@ def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
     across = np.where(seen[..., None, None], across, 0.0)
     own = np.einsum("p,pciu,pciv->cuv", weight, across, across)
     # (P, C, 2, C, 4) of which each camera's rows know its own unknowns only
-    design = np.zeros((len(rows), cameras, 2, cameras, UNKNOWNS))
+    wide = np.zeros((len(rows), cameras, 2, cameras, UNKNOWNS))
     each = np.arange(cameras)
-    design[:, each, :, each] = np.moveaxis(across, 1, 0)
-    design = design.reshape(len(rows), 2 * cameras, UNKNOWNS * cameras)
+    wide[:, each, :, each] = np.moveaxis(across, 1, 0)
+    design = wide.reshape(len(rows), 2 * cameras, UNKNOWNS * cameras)
     rows = rows.reshape(len(rows), 2 * cameras, 3)
     normal = np.swapaxes(rows, 1, 2) @ rows + 1e-9 * np.eye(3)
     # what the points can take up is taken out

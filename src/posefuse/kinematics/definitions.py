@@ -275,7 +275,8 @@ JOINT_DETERMINED = np.array([j.determined for j in JOINTS])
 
 def _sources(point: str, skeleton: Skeleton) -> tuple[str, ...]:
     """The one or two keypoints a landmark is the mean of; () when the skeleton cannot give it."""
-    for names in (*_STAND_INS.get(point, ()), (point,)):
+    choices: tuple[tuple[str, ...], ...] = (*_STAND_INS.get(point, ()), (point,))
+    for names in choices:
         if all(name in skeleton.keypoints for name in names):
             return names
     return ()

@@ -117,7 +117,7 @@ def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:
         return np.zeros(0, np.intp)
     smooth = _smooth(signal, rate_hz)
     found, _ = find_peaks(smooth, distance=max(1, int(_STEP_APART_S * rate_hz)), prominence=_SWING_M)
-    return found[moving[found]]
+    return np.asarray(found[moving[found]])
 
 
 def _smooth(signal: Array, rate_hz: float) -> Array:

@@ -198,7 +198,7 @@ class Workspace:
 
     def origins(self) -> Array:
         """(S, 3) origins of the frames."""
-        return 0.5 * (self.points[_ORIGINS[:, 0]] + self.points[_ORIGINS[:, 1]])
+        return np.asarray(0.5 * (self.points[_ORIGINS[:, 0]] + self.points[_ORIGINS[:, 1]]))
 
 
 def _smoothed_planes(sequence: PoseSequence, person: int, work: Workspace) -> Array:
@@ -231,7 +231,8 @@ def _merged_planes(past: Array, future: Array) -> Array:
     total = weights[0] + weights[1]
     merged = past.copy()
     seen = total > 0
-    normal = sum(np.nan_to_num(p[..., :3]) * w[..., None] for p, w in zip((past, future), weights, strict=True))[seen]
+    summed = np.nan_to_num(past[..., :3]) * weights[0][..., None] + np.nan_to_num(future[..., :3]) * weights[1][..., None]
+    normal = summed[seen]
     merged[seen, :3] = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
     merged[seen, 3] = 1.0 / total[seen]
     alone = ~seen & np.isnan(past[..., 3])

@@ -151,7 +151,7 @@ def read_mcap(path: Path, names: Collection[str] | None = None, warn: Warn | Non
             if channel is None:
                 raise SourceError(f"{path}: damaged: a message belongs to channel {record.channel_id}, which is not in the file")
             schema = schemas.get(channel.schema_id)
-            if (names is not None and channel.topic not in names) or not _known(schema, channel):
+            if schema is None or (names is not None and channel.topic not in names) or not _known(schema, channel):
                 continue
             if schema.id not in checked:
                 _check_definition(path, schema)

@@ -72,9 +72,8 @@ def bodies_from_pose(pose: Pose3D) -> Bodies:
     xyz = np.concatenate(
         [np.stack([middle["hip"], middle["shoulder"], middle["ear"]], axis=1)] + [at[part] for part in _PARTS[:-1]], axis=1
     )
-    seen = (
-        np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(xyz).all(axis=-1) & np.isfinite(body).all(axis=(-1, -2))[:, None]
-    )
+    whole = np.asarray(np.isfinite(body).all(axis=(-1, -2)))
+    seen = np.asarray(np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(xyz).all(axis=-1) & whole[:, None])
     links = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], xyz, np.nan))
     angles = [np.where(np.isfinite(spine[:, :1]), 0.0, np.nan), np.where(seen[:, 2:3], _head_angles(body, head), np.nan)]
     angles += [*_shoulder_angles(upper_arm), elbow, *_hip_angles(thigh), knee]

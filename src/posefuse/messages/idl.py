@@ -32,9 +32,10 @@ def idl_class(type_name: str) -> Any:
 
 
 def _idl_type(desc: Any) -> Any:
-    from cyclonedds.idl import types
+    import cyclonedds.idl.types
     from rosbags.interfaces import Nodetype
 
+    types: Any = cyclonedds.idl.types  # made while they are subscripted
     kind, detail = desc
     if kind == Nodetype.NAME:
         return idl_class(detail)

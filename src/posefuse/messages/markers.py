@@ -31,8 +31,23 @@ def person_markers(pose: Pose3D, world_frame: str) -> Any:
         rgba = np.column_stack([colours, np.where(pose.kind[n] == Kind.PREDICTED, _PREDICTED_ALPHA, 1.0)])
         bones = pose.skeleton.bone_indices
         ends = bones[seen[bones].all(axis=-1)].ravel()
-        markers.append(_marker(pose.t_ns, world_frame, "bones", person, _LINE_LIST, _BONE_M, xyz[ends], rgba[ends]))
-        markers.append(_marker(pose.t_ns, world_frame, "keypoints", person, _SPHERE_LIST, _KEYPOINT_M, xyz[seen], rgba[seen]))
+        markers.append(
+            _marker(
+                pose.t_ns, world_frame, "bones", number=person, kind=_LINE_LIST, size_m=_BONE_M, xyz=xyz[ends], rgba=rgba[ends]
+            )
+        )
+        markers.append(
+            _marker(
+                pose.t_ns,
+                world_frame,
+                "keypoints",
+                number=person,
+                kind=_SPHERE_LIST,
+                size_m=_KEYPOINT_M,
+                xyz=xyz[seen],
+                rgba=rgba[seen],
+            )
+        )
         if seen.any():
             top = np.append(xyz[seen, :2].mean(axis=0), xyz[seen, 2].max() + 2 * _TEXT_M)
             markers.append(_text(pose.t_ns, world_frame, "id", person, top, str(person)))
@@ -50,7 +65,9 @@ def camera_markers(rig: Rig, t_ns: int, world_frame: str) -> Any:
         tip, rim = camera.centre_world, camera.cam_from_world.inverse() @ rays
         lines = np.concatenate([[tip, rim[i], rim[i], rim[(i + 1) % 4]] for i in range(4)])
         grey = np.tile([*_MIDDLE, 1.0], (len(lines), 1))
-        markers.append(_marker(t_ns, world_frame, "cameras", c, _LINE_LIST, _LINE_M, lines, grey, forget=False))
+        markers.append(
+            _marker(t_ns, world_frame, "cameras", number=c, kind=_LINE_LIST, size_m=_LINE_M, xyz=lines, rgba=grey, forget=False)
+        )
         label = tip + [0, 0, 1.5 * _TEXT_M]
         markers.append(_text(t_ns, world_frame, "camera_names", c, label, camera.name, forget=False))
     return message("visualization_msgs/msg/MarkerArray", markers=markers)
@@ -61,11 +78,35 @@ def _marker(
 ) -> Any:
     points = [message("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in xyz.tolist()]
     colours = [_colour(*row) for row in rgba.tolist()]
-    return _plain(t_ns, frame, ns, number, kind, (size_m,) * 3, np.zeros(3), points, colours, "", forget)
+    return _plain(
+        t_ns,
+        frame,
+        ns,
+        number=number,
+        kind=kind,
+        scale=(size_m,) * 3,
+        xyz=np.zeros(3),
+        points=points,
+        colours=colours,
+        text="",
+        forget=forget,
+    )
 
 
 def _text(t_ns: int, frame: str, ns: str, number: int, xyz: Array, text: str, forget: bool = True) -> Any:
-    return _plain(t_ns, frame, ns, number, _TEXT, (0.0, 0.0, _TEXT_M), xyz, [], [], text, forget)
+    return _plain(
+        t_ns,
+        frame,
+        ns,
+        number=number,
+        kind=_TEXT,
+        scale=(0.0, 0.0, _TEXT_M),
+        xyz=xyz,
+        points=[],
+        colours=[],
+        text=text,
+        forget=forget,
+    )
 
 
 def _plain(

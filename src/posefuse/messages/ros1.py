@@ -135,7 +135,8 @@ def _fields(type_name: str) -> tuple[tuple[str, str, str | None], ...]:
     from rosbags.interfaces import Nodetype
 
     found = []
-    for name, (kind, detail) in ros1_types().fielddefs[type_name][1]:
+    fields: Any = ros1_types().fielddefs[type_name][1]  # nested pairs, whose second part depends on the first
+    for name, (kind, detail) in fields:
         while kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
             kind, detail = detail[0]
         # CameraInfo: D, K, R, P in ROS 1, d, k, r, p in ROS 2

@@ -193,9 +193,8 @@ class RosOutput:
         xy = camera.project(xyz)
         size = np.array(camera.size_wh)
         # a lens model bends points far outside the image back into it
-        inside = ((xy >= 0) & (xy <= size - 1)).all(axis=-1) & (np.abs(_straight_px(camera, xyz) - size / 2) < 1.5 * size).all(
-            axis=-1
-        )
+        near = np.abs(_straight_px(camera, xyz) - size / 2) < 1.5 * size
+        inside = np.asarray(((xy >= 0) & (xy <= size - 1) & near).all(axis=-1))
         self.outlet.publish(topics.body(one, "skeleton2d"), _skeleton2d(xy / (size - 1), inside, camera, pose.t_ns), pose.t_ns)
         self.outlet.publish(topics.body(one, "roi"), _roi(xy[inside], camera), pose.t_ns)
 
@@ -228,7 +227,7 @@ def _transform(t_ns: int, parent: str, child: str, wxyz: list[float], xyz: list[
 
 def _children(t_ns: int, parent: str, names: Sequence[str], parent_from_child: SE3) -> list[Any]:
     """One transform per name that is not NaN; `parent_from_child` has one batch axis."""
-    seen = np.isfinite(parent_from_child.wxyz).all(axis=-1) & np.isfinite(parent_from_child.xyz).all(axis=-1)
+    seen = np.asarray(np.isfinite(parent_from_child.wxyz).all(axis=-1) & np.isfinite(parent_from_child.xyz).all(axis=-1))
     poses = zip(names, parent_from_child.wxyz.tolist(), parent_from_child.xyz.tolist(), seen, strict=True)
     return [_transform(t_ns, parent, name, wxyz, xyz) for name, wxyz, xyz, known in poses if known]
 

@@ -29,7 +29,7 @@ def rate_hz(poses: PoseSequence) -> float:
 
 def sigma_m(poses: PoseSequence) -> Array:
     """(T, N, K) standard deviation of a point along one axis: root of the mean variance; NaN where missing."""
-    return np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3)
+    return np.asarray(np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3))
 
 
 def person_file(recording: Recording, n: int, ending: str) -> str:

@@ -96,12 +96,16 @@ def show_recording(recording: Recording, open_viewer: Callable[[Path], None] = o
 
 
 def view_recording(
-    folder: Path | str, frame_sets: FrameSets | None = None, open_viewer: Callable[[Path], None] = open_in_viewer
+    folder: Path | str,
+    frame_sets: FrameSets | None = None,
+    open_viewer: Callable[[Path], None] = open_in_viewer,
+    *,
+    read: Callable[[Path], Recording] = read_recording,
 ) -> Path:
-    """Show a result folder in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
+    """Show a result in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
 
     Args:
-        folder: a result, see `formats.recording`.
+        folder: a result that `read` reads: a folder, see `formats.recording`, or a file.
         frame_sets: images to show with it, in a temporary ``recording.rrd``.
         open_viewer: shows an .rrd file.
 
@@ -114,12 +118,12 @@ def view_recording(
     """
     check_rerun()
     folder = Path(folder)
-    recording = read_recording(folder)
+    recording = read(folder)
     if frame_sets is None and (folder / FILE).is_file():
         open_viewer(folder / FILE)
         return folder / FILE
-    with tempfile.TemporaryDirectory(prefix="posefuse-") as beside:
-        [path] = write_outputs([RerunSink()], recording, Path(beside), frame_sets)
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as temporary:
+        [path] = write_outputs([RerunSink()], recording, Path(temporary), frame_sets)
         open_viewer(path)
     return folder
 
@@ -137,8 +141,8 @@ class _RerunWriter:
         self._stream = rr.RecordingStream("posefuse", recording_id=identity)
 
     def __enter__(self) -> _RerunWriter:
-        beside = self._whole.enter_context(atomic_file(self._path))
-        self._stream.save(beside, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
+        temporary = self._whole.enter_context(atomic_file(self._path))
+        self._stream.save(temporary, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
         log_cameras(self._stream, self._cameras)
         self._log_about()
         self._log_plots()

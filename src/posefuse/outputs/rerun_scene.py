@@ -102,7 +102,7 @@ def log_person(
 
     bones = skeleton.bone_indices
     rgb, bone_rgb = np.array(keypoint_colours(skeleton), np.uint8), _bone_rgb(skeleton)
-    here: Array = np.isfinite(xyz_world).all(axis=-1)
+    here = np.asarray(np.isfinite(xyz_world).all(axis=-1))
     whole = here[bones].all(axis=1)
     names = [name for name, known in zip(skeleton.keypoints, here, strict=True) if known]
     points = rr.Points3D(xyz_world[here], colors=rgb[here], radii=_POINT_M, labels=names, show_labels=False)
@@ -143,7 +143,7 @@ def camera_views(names: Sequence[str], root: str = CAMERAS) -> Any:
 
 
 def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprint.Blueprint:
-    """3D on the left, all cameras beside it, plots and texts below."""
+    """3D on the left, all cameras on the right, plots and texts below."""
     import rerun.blueprint as rrb
 
     above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), camera_views(names), column_shares=[3, 4])

@@ -87,7 +87,7 @@ def _trails(picture: Array, view: Camera, recording: Recording) -> None:
     step = max(1, len(xyz) // _TRAIL_POINTS)
     colour = tuple(int(channel * _TRAIL_SHADE) + 40 for channel in _CAMERA_RGB)
     for n in range(xyz.shape[1]):
-        seen = np.isfinite(xyz[::step, n]).all(axis=-1)
+        seen = np.asarray(np.isfinite(xyz[::step, n]).all(axis=-1))
         path = np.array([points[ok].mean(axis=0) for points, ok in zip(xyz[::step, n], seen, strict=True) if ok.any()])
         if len(path) > 1:
             _lines(picture, view, path * [1, 1, 0], colour, 2)

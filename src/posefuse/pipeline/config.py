@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, field
 from pathlib import Path
@@ -24,6 +25,8 @@ CONFIG_FILE = "posefuse.toml"
 FARTHEST_S = 3.2e9
 # a clock 10 % off is no camera's
 MOST_DRIFT_PPM = 100_000.0
+# people move too much in between for a straight line to say where they were
+MOST_GAP_S = 1.0
 # a frame per quarter of an hour, and ten times the fastest camera of a laboratory
 LEAST_HZ, MOST_HZ = 0.001, 10_000.0
 DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "parquet", "json", "overlay", "overview")
@@ -67,6 +70,8 @@ class TrackConfig:
         max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
         joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
+        live_gap_s: for the second solve of a live session, of which not every frame was used: two frames of a camera this far
+            apart are interpolated between. Chosen with `bench/live_second_solve.py --gaps`.
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
         outputs: names of sinks, see `posefuse plugins`.
     """
@@ -83,27 +88,40 @@ class TrackConfig:
     fuse: FuseSettings = field(default_factory=FuseSettings)
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
     joint_centres: bool = True
+    live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS
 
 
-def read_config(path: Path | None, overrides: Sequence[str], options: Options = MappingProxyType({})) -> TrackConfig:
+def read_config(
+    path: Path | None,
+    overrides: Sequence[str],
+    options: Options = MappingProxyType({}),
+    base: Mapping[str, Any] = MappingProxyType({}),
+) -> TrackConfig:
     """The settings of `posefuse track`, see `read_overridden`."""
-    return read_overridden(path, overrides, TrackConfig, options)
+    return read_overridden(path, overrides, TrackConfig, options, base)
 
 
-def read_overridden(path: Path | None, overrides: Sequence[str], cls: type[T], options: Options = MappingProxyType({})) -> T:
+def read_overridden(
+    path: Path | None,
+    overrides: Sequence[str],
+    cls: type[T],
+    options: Options = MappingProxyType({}),
+    base: Mapping[str, Any] = MappingProxyType({}),
+) -> T:
     """The config file (if any) as settings of class `cls`, with what the command line says put on top.
 
     Args:
         path: TOML or YAML. overrides: ``key.sub=value`` texts of ``--set``.
         cls: the settings class all of it is validated as.
         options: option of the command line -> (``key.sub``, value); None as a value is an option not given.
+        base: plain values that everything else is put on top of; a group of the file replaces the group here.
 
     Raises:
         ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
     """
-    content: dict[str, Any] = read_mapping(path) if path else {}
+    content: dict[str, Any] = copy.deepcopy(dict(base)) | (read_mapping(path) if path else {})
     for override in overrides:
         key, equals, text = override.partition("=")
         if not equals or not key:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.association import AssociateSettings, assign
-from posefuse.core import DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
+from posefuse.association import AssociateSettings, Identity, Memory, assign, persons_at, with_persons
+from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT
 from posefuse.fusion import FuseSettings, fuse
@@ -22,16 +22,18 @@ Keep = Callable[[DetectionBatch], None]
 _SEARCH_EVERY = 5
 # a pose that gives the views their regions has this share of its keypoints
 _GOOD_SHARE = 0.5
+# a newcomer of two views is nobody when more than so many others, in whose image this share of the body lies, see nobody there
+_MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
-    """The result of one time step.
+    """The result of one time step. Ids are tracks, until `Follower.identified` tells who they are.
 
     Attributes:
         batches: every look that the detector took, in order. chosen: index of the one that the people are taken from.
         person_ids: per entry of the chosen batch, the person of each detection.
-        views: the people in every camera, each at its own exposure time. pose: the fused pose.
+        views: the tracks in every camera, each at its own exposure time. pose: the fused pose.
     """
 
     batches: tuple[DetectionBatch, ...]
@@ -77,8 +79,9 @@ class Follower:
     ) -> None:
         self._skeleton, self._rig, self._associating, self._fusing = skeleton, rig, associating, fusing
         self._clock, self._keep = clock or StageClock(), keep
-        self._last_good: Pose3D | None = None
-        self._newest: tuple[Pose3D, ...] = ()  # up to two good poses in a row
+        self._memory = Memory(skeleton=skeleton)
+        self._identity = Identity(people_max=associating.max_people, lost_after_s=associating.lost_after_s)
+        self._next_id = 0
         self._search_due = 0
         self._batches: list[DetectionBatch] = []
 
@@ -92,30 +95,53 @@ class Follower:
                 return
             yield self._step(i, step)
 
+    def identified(self, followed: Sequence[Followed]) -> list[Followed]:
+        """The same time steps with people instead of tracks, by all that is known at the end."""
+        return [self._with_people(one) for one in followed]
+
+    def _with_people(self, one: Followed) -> Followed:
+        persons = {NOT_KEPT: NOT_KEPT}
+        for track in one.views.person_id.tolist():
+            persons[track] = persons_at(self._identity.names, track, one.pose.t_ns)
+        ids = tuple(np.array([persons[track] for track in tracks.tolist()], np.int64) for tracks in one.person_ids)
+        pose = with_persons(one.pose, [persons[track] for track in one.pose.person_id.tolist()])
+        return replace(one, person_ids=ids, pose=pose)
+
     def _step(self, i: int, step: TimeStep) -> Followed:
         self._batches = []
-        expected = _expected(self._newest, step.t_ns) if self._newest else _no_person(self._skeleton, step.t_ns)
-        seen = self._see(i, step, LookKind.EXPECTED, expected, self._last_good)
+        seen = self._see(i, step, LookKind.EXPECTED, self._memory.looked_for(step.t_ns), self._memory)
         if _people(seen.pose) < self._associating.max_people and i >= self._search_due:
             found = self._search(i, step)
             if _people(found.pose) > _people(seen.pose):
                 seen = found
             else:
                 self._search_due = i + _SEARCH_EVERY
-        self._newest = (*self._newest[-1:], seen.pose) if _people(seen.pose) else ()
-        self._last_good = seen.pose if self._newest else self._last_good
+        self._memory = self._memory.after(seen.pose, self._associating.lost_after_s)
+        self._identity = self._identity.after(seen.pose)
+        self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
         chosen = self._batches.index(seen.batch)
         return Followed(batches=tuple(self._batches), chosen=chosen, person_ids=seen.person_ids, views=seen.views, pose=seen.pose)
 
     def _search(self, i: int, step: TimeStep) -> _Seen:
         """Look for people in whole images, then where a view missed one that others saw."""
-        seen = self._see(i, step, LookKind.SEARCH, None, self._last_good)
+        seen = self._see(i, step, LookKind.SEARCH, None, self._memory)
         if not _people(seen.pose) or not _some_view_lacks_a_person(seen.views):
             return seen
-        second = self._see(i, step, LookKind.SECOND, seen.pose, seen.pose)
-        return second if _people(second.pose) >= _people(seen.pose) else seen
+        memory = self._memory.after(seen.pose, self._associating.lost_after_s)
+        second = self._see(i, step, LookKind.SECOND, memory.expected(step.t_ns), memory)
+        ghosts = {int(person) for person in second.pose.person_id if person >= self._next_id and self._is_ghost(second, person)}
+        better = second if ghosts or _people(second.pose) >= _people(seen.pose) else seen
+        return _without(better, ghosts) if ghosts else better
 
-    def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, previous: Pose3D | None) -> _Seen:
+    def _is_ghost(self, seen: _Seen, person: int) -> bool:
+        """Whether most views that were told where a newcomer is see nobody there, so that two views alone make them up."""
+        row = int(np.flatnonzero(seen.pose.person_id == person)[0])
+        in_view = (np.nan_to_num(seen.views.score[row]) > 0).any(axis=1)
+        xyz = seen.pose.xyz_world[row]
+        should = [_in_image(camera, xyz) for camera in self._rig]
+        return int(in_view.sum()) <= 2 and int((np.array(should) & ~in_view).sum()) > _MOST_BLIND
+
+    def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, memory: Memory) -> _Seen:
         with self._clock.stage("detect"):
             batch = DetectionBatch(step=i, t_ns=step.t_ns, kind=kind, detections=step.look(kind, expected))
         self._batches.append(batch)
@@ -126,9 +152,17 @@ class Follower:
             by_camera = {one.camera: one for one in batch.detections}
             absent = Detections2D.nobody("", step.t_ns, self._skeleton)
             detections = [by_camera.get(name) or replace(absent, camera=name) for name in self._rig.names]
-            assignment = assign(detections, self._rig, self._associating, step.t_ns, previous)
+            assignment = assign(
+                detections,
+                self._rig,
+                self._associating,
+                step.t_ns,
+                memory.expected(step.t_ns),
+                seen_ns=memory.seen_ns,
+                next_id=self._next_id,
+            )
             views = assignment.views(detections, step.t_ns)
-            pose = fuse(views, self._rig, self._fusing, previous)
+            pose = fuse(views, self._rig, self._fusing, memory.last(step.t_ns))
         place = {name: c for c, name in enumerate(self._rig.names)}
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
         return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose)
@@ -150,30 +184,28 @@ def _people(pose: Pose3D) -> int:
     return int(((pose.kind != Kind.MISSING).mean(axis=1) >= _GOOD_SHARE).sum()) if len(pose.person_id) else 0
 
 
+def _in_image(camera: Camera, xyz_world: Array) -> bool:
+    """Whether most of a body (K, 3) lies in the picture."""
+    known = xyz_world[np.isfinite(xyz_world[:, 0])]
+    xy = camera.project(known)
+    inside = (xy >= 0).all(axis=-1) & (xy < np.array(camera.size_wh)).all(axis=-1)
+    return bool(len(known)) and bool(inside.mean() > _IN_IMAGE)
+
+
+def _without(seen: _Seen, people: set[int]) -> _Seen:
+    """The same look; detections of these people belong to no person."""
+    keep = ~np.isin(seen.views.person_id, list(people))
+    views = replace(
+        seen.views,
+        person_id=seen.views.person_id[keep],
+        xy_img=seen.views.xy_img[keep],
+        score=seen.views.score[keep],
+        sigma_px=seen.views.sigma_px[keep],
+    )
+    ids = tuple(np.where(np.isin(one, list(people)), NOT_KEPT, one) for one in seen.person_ids)
+    pose = with_persons(seen.pose, [NOT_KEPT if person in people else person for person in seen.pose.person_id.tolist()])
+    return _Seen(batch=seen.batch, person_ids=ids, views=views, pose=pose)
+
+
 def _some_view_lacks_a_person(views: Views) -> bool:
     return bool((np.nan_to_num(views.score).max(axis=2) == 0).any())
-
-
-def _no_person(skeleton: Skeleton, t_ns: int) -> Pose3D:
-    k = len(skeleton)
-    none = np.zeros((0, k))
-    return Pose3D(
-        t_ns=t_ns,
-        skeleton=skeleton,
-        person_id=np.zeros(0),
-        xyz_world=np.zeros((0, k, 3)),
-        cov_world=np.zeros((0, k, 3, 3)),
-        reproj_px=none,
-        n_views=none,
-        kind=none,
-    )
-
-
-def _expected(newest: tuple[Pose3D, ...], t_ns: int) -> Pose3D:
-    """The newest pose carried on to t_ns at the velocity between the last two."""
-    if len(newest) < 2 or not np.array_equal(newest[0].person_id, newest[1].person_id):
-        return newest[-1]
-    before, last = newest
-    share = (t_ns - last.t_ns) / max(last.t_ns - before.t_ns, 1)
-    step = (last.xyz_world - before.xyz_world) * share
-    return replace(last, xyz_world=last.xyz_world + np.nan_to_num(step))

@@ -24,6 +24,7 @@ from .clock import StageClock
 from .config import TrackConfig
 from .following import Followed, Follower, observations_of
 from .opening import Opened, open_session
+from .others import others_line, others_seen
 from .session import LEAST_CAMERAS, Session
 from .solve import SolveSettings, finish
 from .time_steps import stored_steps
@@ -101,6 +102,9 @@ def track_opened(
         if store is not None:
             store.discard()
         raise
+    others = others_line(others_seen(recording.observations, config.associate), len(recording.poses.person_id))
+    if others:
+        note(others)
     with clock.stage("watch"):
         for finding in rig_findings(recording.views, rig):
             warn(finding_line(finding, session.folder))
@@ -134,7 +138,7 @@ def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store |
         if len(followed) < 2:
             raise
         interrupted = True
-    return observations_of(followed, skeleton, rig), interrupted
+    return observations_of(follower.identified(followed), skeleton, rig), interrupted
 
 
 def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[str]) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def session_of(recording: Recording, folder: Path) -> Session:
 
 
 def nearby_session(recording: Recording, result: Path) -> Session | None:
-    """The session of a recording, by its name in and beside the folders above the result and in the working folder."""
+    """The session of a recording, by its name in or next to the folders above the result and in the working folder."""
     name = str(recording.provenance.get("session") or "")
     above = [Path.cwd(), *result.resolve().parents[:_FOLDERS_UP]]
     for folder in (place for one in above for place in (one, one / name) if name and place.name == name and place.is_dir()):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from posefuse.association import AssociateSettings
 from posefuse.core import InputError, Observations, Recording, Rig, views_over_time
+from posefuse.core.live_observations import on_time_steps
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
@@ -19,6 +21,7 @@ from posefuse.tracking import JointCentres, SmoothSettings
 from .clock import StageClock
 from .config import TrackConfig
 from .following import Follower
+from .live_steps import live_timeline
 from .second_pass import long_enough, poses_over_time
 from .time_steps import stored_steps
 
@@ -31,21 +34,25 @@ class SolveSettings:
         associate, fuse: see the packages.
         smooth: None: every time step as it was fused, no smoothing, no bridged gaps.
         centres: moves keypoints to joint centres; None: they stay where the detector marks them.
+        gap_s: None: each camera gives one frame to each time step, interpolated between neighbouring time steps. Otherwise all
+            of a camera's frames count at their own times, and two that are no farther apart are interpolated between.
     """
 
     associate: AssociateSettings
     fuse: FuseSettings
     smooth: SmoothSettings | None
     centres: JointCentres | None
+    gap_s: float | None = None
 
     @staticmethod
-    def of(config: TrackConfig, centres: JointCentres | None) -> SolveSettings:
-        """The part of a configuration that matters after detection."""
+    def of(config: TrackConfig, centres: JointCentres | None, *, live: bool = False) -> SolveSettings:
+        """The part of a configuration that matters after detection; `live`: for the observations of a live session."""
         return SolveSettings(
             associate=config.associate,
             fuse=config.fuse,
             smooth=None if config.raw else config.smooth,
             centres=centres if config.joint_centres else None,
+            gap_s=config.live_gap_s if live else None,
         )
 
 
@@ -64,7 +71,7 @@ def solve(
         skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
     )
     steps, person_id = list(stored_steps(observations)), np.full(len(observations), NOT_KEPT)
-    for step, one in zip(steps, follower.follow(steps), strict=True):
+    for step, one in zip(steps, follower.identified(list(follower.follow(steps))), strict=True):
         for (_, rows), people in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
             person_id[rows] = people
     return finish(observations.with_person_ids(person_id), rig, settings, provenance, clock)
@@ -80,30 +87,54 @@ def finish(
     """
     with (clock or StageClock()).stage("smooth"):
         kept = observations.keeping(long_enough(observations))
-        views = views_over_time(kept, long_enough(kept))
+        people, gap_s = long_enough(kept), settings.gap_s
+        views = views_over_time(kept, people, *(() if gap_s is None else (kept.step_t_ns, round(gap_s * 1e9))))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
     return Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
 
 
-def solve_again(recording: Recording, config: TrackConfig | None = None) -> Recording:
-    """Solve a recording again from its observations, with its own settings or others.
+def solve_live(
+    recording: Recording, settings: SolveSettings, config: TrackConfig | None = None, clock: StageClock | None = None
+) -> Recording:
+    """The second solve of a live session: all that its cameras observed, associated, fused and smoothed over all of time.
+
+    The observations are brought to even time steps, at the fastest camera's own rate where `config` does not say another;
+    the result has these time steps, so it can be solved again like any recording.
+
+    Args:
+        config: its `rate_hz`, `start_s`, `end_s` and `max_time_steps` are used.
 
     Raises:
-        InputError: the provenance does not have the settings (the recording was not made by `posefuse track`).
+        InputError: no frame, or no person could be followed.
+        SourceError: more time steps than `config` allows.
+    """
+    line = live_timeline(recording.observations, config or TrackConfig())
+    steps = on_time_steps(recording.observations, line.start_ns + line.period_ns * np.arange(line.count))
+    return solve(steps, recording.rig, settings, {**recording.provenance, "second_solve": True}, clock)
+
+
+def solve_again(recording: Recording, config: TrackConfig | None = None, clock: StageClock | None = None) -> Recording:
+    """Solve a recording again from its observations, with its own settings or others; a live session by `solve_live`.
+
+    Raises:
+        InputError: the provenance does not have the settings (the recording was not made by posefuse).
     """
     about = recording.provenance
     table = about.get("joint_centres")
     centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
     chosen = config or config_of(recording)
-    settings = SolveSettings.of(chosen, centres)
-    return solve(recording.observations, recording.rig, settings, {**about, "config": plain(asdict(chosen))})
+    settings = SolveSettings.of(chosen, centres, live=recording.is_live or bool(about.get("second_solve")))
+    about = {**about, "config": plain(dataclasses.asdict(chosen))}
+    if recording.is_live:
+        return solve_live(dataclasses.replace(recording, provenance=about), settings, chosen, clock)
+    return solve(recording.observations, recording.rig, settings, about, clock)
 
 
 def config_of(recording: Recording) -> TrackConfig:
     """The settings that a recording was made with.
 
     Raises:
-        InputError: the provenance does not have them (the recording was not made by `track`).
+        InputError: the provenance does not have them (the recording was not made by posefuse).
     """
     config = recording.provenance.get("config")
     if not isinstance(config, Mapping):

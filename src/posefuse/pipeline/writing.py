@@ -10,7 +10,7 @@ from posefuse.core import Progress as StageProgress
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import write_each, write_outputs
+from posefuse.outputs.frames import FrameSets, write_each, write_outputs
 
 from .config import TrackConfig
 from .opening import Opened
@@ -34,11 +34,22 @@ def write_result(
     Raises:
         InputError: the recording itself cannot be written.
     """
+    return write_with_frames(recording, session_frames(recording, session, progress, config), sinks, out)
+
+
+def write_with_frames(
+    recording: Recording, frame_sets: FrameSets, sinks: Sequence[Sink], out: OutputFolder
+) -> tuple[list[Path], dict[str, str]]:
+    """`write_result` with frames from elsewhere, or none.
+
+    Raises:
+        InputError: the recording itself cannot be written.
+    """
     try:
         written = write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-    outcome = write_each(sinks, recording, out.folder, session_frames(recording, session, progress, config))
+    outcome = write_each(sinks, recording, out.folder, frame_sets)
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
 

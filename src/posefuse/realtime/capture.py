@@ -1,4 +1,4 @@
-"""One thread per camera that takes frames as they come and keeps the newest only."""
+"""One thread per camera that takes frames as they come and keeps the newest only; all of them go to its video, if wanted."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
 from posefuse.health.cameras import CameraState
 
 from .faults import Fault, Wrong, disturbed
+from .video_keeping import VideoKeeper
 
 _RETRY_S = 1.0
 # every so many pixels in both directions are compared to tell a frozen camera
@@ -78,8 +79,9 @@ class Caught:
 class Capture:
     """Frames of one camera from a thread of its own. `news` is notified of each new frame."""
 
-    def __init__(self, entry: LiveInput, camera: Camera, news: threading.Condition) -> None:
-        self.entry, self.camera = entry, camera
+    def __init__(self, entry: LiveInput, camera: Camera, news: threading.Condition, keeper: VideoKeeper | None = None) -> None:
+        self.entry, self.camera, self._keeper = entry, camera, keeper
+        self._zero_ns = 0
         self._news = news
         self._newest: Caught | None = None
         self._source: Source | None = None
@@ -93,8 +95,9 @@ class Capture:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
         self._source = self.entry.open(self.camera)
 
-    def begin(self, zero_ns: int) -> None:
-        """Let frames come."""
+    def begin(self, zero_ns: int, session_zero_ns: int = 0) -> None:
+        """Let frames come; `session_zero_ns`: `zero_ns` on the clock of sources that do not count from it, for videos."""
+        self._zero_ns = 0 if self.entry.from_zero else session_zero_ns
         self._thread = threading.Thread(target=self._run, args=(zero_ns,), name=f"capture {self.entry.camera}", daemon=True)
         self._thread.start()
 
@@ -125,6 +128,8 @@ class Capture:
         self._stop.set()
         if self._source is not None:
             self._source.close()
+        if self._keeper is not None:
+            self._keeper.close()
 
     def _run(self, zero_ns: int) -> None:
         turn = -1
@@ -166,6 +171,8 @@ class Capture:
                 self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
                 seq = frame.seq
                 self._state, self._text = "running", ""
+                if self._keeper is not None:
+                    self._keeper.offer(frame, frame.t_ns + later_ns - self._zero_ns)
                 self.put(Caught(frame, still, later_ns, wrong))
         finally:
             self._source.close()
@@ -178,6 +185,13 @@ class Capture:
             self._replaced += self._newest is not None
             self._newest = caught
             self._news.notify()
+
+
+def keeping_packets(entry: LiveInput) -> LiveInput:
+    """The input with its frames as the camera encoded them, where it can give them."""
+    if not any(field.name == "keep_encoded" for field in dataclasses.fields(entry.config)):
+        return entry
+    return dataclasses.replace(entry, config=dataclasses.replace(entry.config, keep_encoded=True))
 
 
 def pick(captures: list[Capture], worth: Callable[[Capture], float]) -> tuple[Capture, Caught] | None:

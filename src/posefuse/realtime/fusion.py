@@ -133,7 +133,7 @@ class Fusion:
         self.poses += 1
         self._followed = len(pose.person_id)
         self.poses_with_people += self._followed > 0
-        self._tell(pose)
+        self._tell(due_ns)
 
     def _see(self, seen: Seen) -> None:
         now_ns = self.clock.now_ns()
@@ -171,11 +171,12 @@ class Fusion:
         for message in intake.messages():
             self.take(message)
 
-    def _tell(self, pose: Pose3D) -> None:
+    def _tell(self, t_ns: int) -> None:
         """Put the prediction where camera groups look for it."""
         before = self._last_told
-        if before is not None and 0 <= pose.t_ns - before.t_ns < _BOARD_NS:
+        if before is not None and 0 <= t_ns - before.t_ns < _BOARD_NS:
             return
+        pose = self.tracker.looked_for(t_ns)
         known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
         shown = pose if known.all() else _only(pose, known)
         self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))

@@ -9,11 +9,12 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Detector, Frame, LivePreview, PosefuseError, Region, Rig
+from posefuse.core import Camera, Detections2D, Detector, Frame, InputError, LivePreview, PosefuseError, Region, Rig
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.platform import lower_priority
 
@@ -24,6 +25,7 @@ from .clock import SessionClock
 from .faults import before_bump, seen_by_bumped
 from .messages import Failed, Go, Ready, Seen, Status, Stop
 from .scheduling import LEAST_EVERY_S
+from .video_keeping import VideoKeeper
 
 _STATUS_S = 0.25
 _IDLE_S = 0.05
@@ -36,7 +38,7 @@ _PREVIEW_QUALITY = 70
 _NICENESS = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GroupPlan:
     """All a group needs to know.
 
@@ -44,7 +46,8 @@ class GroupPlan:
         group: its number. rig: all cameras of the session. inputs: the group's own.
         detector: the 2D estimator. clock: the session's.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
-        preview_hz: small pictures per second and camera; 0 for none.
+        preview_hz: small images per second and camera; 0 for none.
+        videos: an existing folder for the cameras' videos; None: none are kept.
     """
 
     group: int
@@ -55,6 +58,7 @@ class GroupPlan:
     most_people: int
     search_every_s: float
     preview_hz: float
+    videos: Path | None = None
 
 
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
@@ -90,7 +94,7 @@ class Group:
 
         self._plan, self._channel, self._board = plan, channel, board
         self._news = threading.Condition()
-        self._captures = [Capture(entry, plan.rig[entry.camera], self._news) for entry in plan.inputs]
+        self._captures = [Capture(entry, plan.rig[entry.camera], self._news, _keeper(plan, entry)) for entry in plan.inputs]
         for capture in self._captures:
             capture.open()
         self.detector: Detector = build_detector(plan.detector, plan.rig)
@@ -108,7 +112,7 @@ class Group:
         for capture in self._captures:
             zero = go.zero_ns + self._plan.clock.offset_ns if capture.entry.from_zero else 0
             self._shift_ns[capture.entry.camera] = zero
-            capture.begin(go.zero_ns)
+            capture.begin(go.zero_ns, go.zero_ns + self._plan.clock.offset_ns)
         while not isinstance(self._channel.receive(), Stop):
             self._tell_status()
             self._look_at_best(self._board.read())
@@ -149,8 +153,14 @@ class Group:
         found = self._detected(capture.camera, caught, regions)
         shown = _in_session(found, shift_ns + caught.wrong.off_ns)
         seen = Seen(
-            shown, capture.state(), frame.received_ns + shift_ns, started_ns, clock.now_ns(), caught.still, regions is None
-        )  # fmt: skip
+            detections=shown,
+            state=capture.state(),
+            received_ns=frame.received_ns + shift_ns,
+            started_ns=started_ns,
+            detected_ns=clock.now_ns(),
+            still=caught.still,
+            searched=regions is None,
+        )
         self._channel.send(seen, _SEND_S)
         self._preview(frame, shown.t_ns)
 
@@ -189,6 +199,15 @@ class Group:
             self._status_s = now
             states = tuple(capture.state() for capture in self._captures)
             self._channel.send(Status(self._plan.group, self._plan.clock.now_ns(), states), _SEND_S)
+
+
+def _keeper(plan: GroupPlan, entry: LiveInput) -> VideoKeeper | None:
+    """None also in a process that was started again: its video goes no further, and none is written over."""
+    if plan.videos is None:
+        return None
+    with contextlib.suppress(InputError):
+        return VideoKeeper(plan.videos, entry.camera)
+    return None
 
 
 def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:

@@ -46,7 +46,7 @@ class Stop:
     """Finish and leave."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Seen:
     """One frame looked at.
 

@@ -111,4 +111,10 @@ class NetworkIntake:
 def _seen(view: Any, stages: Mapping[str, int], sent_ns: int, now_ns: int) -> Seen:
     received_ns = stages.get("received", min(sent_ns, now_ns))
     started_ns = stages.get("started", received_ns)
-    return Seen(view, None, received_ns, started_ns, stages.get("detected", started_ns))
+    return Seen(
+        detections=view,
+        state=None,
+        received_ns=received_ns,
+        started_ns=started_ns,
+        detected_ns=stages.get("detected", started_ns),
+    )

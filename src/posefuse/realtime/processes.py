@@ -19,6 +19,7 @@ from .board import Board
 from .channel import Channel, ChannelClosed
 from .group import GroupPlan, run_group
 from .messages import Centres, Failed, Go, Ready, Status, Stop
+from .video_keeping import FINISH_S
 
 START_S = 120.0
 # no word for so long: something is wrong; then: it hangs and is ended
@@ -168,7 +169,8 @@ class Groups:
         for member in self._members:
             with contextlib.suppress(ChannelClosed):
                 member.channel.send(Stop(), 0.1)
-        end_s = time.monotonic() + _LEAVE_S
+        videos = any(member.plan.videos is not None for member in self._members)
+        end_s = time.monotonic() + _LEAVE_S + videos * FINISH_S
         for member in self._members:
             ended(member.process, max(0.0, end_s - time.monotonic()))
             member.channel.close()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from posefuse import __version__
 from posefuse.core import InputError, Rig
+from posefuse.formats.rig.values import rig_values
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.messages.bags import read_notes
 from posefuse.outputs.live.record import NOTES
@@ -31,6 +32,7 @@ def notes_of(rig: Rig, config: LiveConfig) -> dict[str, str]:
         "posefuse": __version__,
         "cameras": json.dumps(rig.names),
         "rig_id": rig.id,
+        "rig": json.dumps(rig_values(rig)),
         "settings": json.dumps(asdict(config), default=str),
     }
 

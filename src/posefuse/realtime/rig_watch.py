@@ -180,7 +180,7 @@ class Watcher:
         if len(self._rig) >= monitor.LEAST_CAMERAS:
             for t_ns, xy_img in self._instants.ready():
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
-        found = self._state.findings
-        ill = {name: Verdict(one.kind, one.detail) for one in found for name in one.cameras}
-        astray = frozenset(name for one in found if one.displaced_m > _ASTRAY_M for name in one.cameras)
+        findings = self._state.findings
+        ill = {name: Verdict(one.kind, one.detail) for one in findings for name in one.cameras}
+        astray = frozenset(name for one in findings if one.displaced_m > _ASTRAY_M for name in one.cameras)
         return Watched(self._offset_s, ill, astray)

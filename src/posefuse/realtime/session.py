@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,12 @@ from posefuse.tracking.stand_in import made_up_detections
 
 from .assignment import dealt
 from .board import Board
-from .capture import LiveInput
+from .capture import LiveInput, keeping_packets
 from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
 from .group import GroupPlan
+from .identity import NamedTracker
 from .joint_centres import Centring
 from .news import News, Say
 from .output_plan import NoOutputs, OutputPlan
@@ -41,9 +43,17 @@ _WARM_UP_INSTANTS = 15
 
 
 def run_live(
-    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, duration_s: float | None, say: Say
+    rig: Rig,
+    inputs: Sequence[LiveInput],
+    config: LiveConfig,
+    plan: OutputPlan,
+    duration_s: float | None,
+    say: Say,
+    videos: Path | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
+
+    `videos`: an existing folder that takes every camera's video; None: none are kept.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
@@ -54,7 +64,7 @@ def run_live(
     rig = rig.only(entry.camera for entry in inputs)
     plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan), board), say)
+    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan, videos), board), say)
 
 
 def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextManager[SessionViews]], say: Say) -> Finished:
@@ -76,7 +86,7 @@ def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextMa
                 joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
                 tracker = ready_tracker(rig, skeleton, config)
             centring = Centring(rig.names, config.joint_centres)
-            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch, joints)
+            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints)
             for told in views.centres():
                 fusion.take(told)
             zero_ns = views.start(clock)
@@ -127,7 +137,9 @@ class GroupViews(Groups):
         return zero_ns + clock.offset_ns
 
 
-def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan) -> list[GroupPlan]:
+def group_plans(
+    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, videos: Path | None = None
+) -> list[GroupPlan]:
     """Cameras dealt out to groups, see `dealing`."""
     cores = usable_cores()
     count = config.groups or max(1, min(cores, len(inputs) // 2))
@@ -136,21 +148,28 @@ def group_plans(rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan:
     if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
-    by_name = {entry.camera: entry for entry in inputs}
+    by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
-            group, rig, tuple(by_name[name] for name in cameras), detector, plan.clock, config.track.max_people,
-            config.search_every_s, config.preview_hz if plan.wants(LivePreview) else 0.0,
+            group=group,
+            rig=rig,
+            inputs=tuple(by_name[name] for name in cameras),
+            detector=detector,
+            clock=plan.clock,
+            most_people=config.track.max_people,
+            search_every_s=config.search_every_s,
+            preview_hz=config.preview_hz if plan.wants(LivePreview) else 0.0,
+            videos=videos,
         )
         for group, cameras in enumerate(dealt(rig, list(by_name), count))
-    ]  # fmt: skip
+    ]
 
 
 def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
     """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
     warm_tracker(build_tracker(rig, skeleton, config.track, solve), rig, skeleton)
-    return build_tracker(rig, skeleton, config.track, solve)
+    return NamedTracker(build_tracker(rig, skeleton, config.track, solve), config.track)
 
 
 def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:

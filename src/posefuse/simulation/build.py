@@ -88,7 +88,15 @@ def live_scene(scene: Scene) -> LiveScene:
     placed = placed_cameras(scene.cameras)
     rig = rig_from_cameras(placed)
     shots = tuple(
-        shots_of(camera.name, i, camera.sensor, scene.rate_hz, scene.start_s, scene.duration_s, scene.seed)
+        shots_of(
+            camera.name,
+            i,
+            camera.sensor,
+            rate_hz=scene.rate_hz,
+            start_s=scene.start_s,
+            duration_s=scene.duration_s,
+            seed=scene.seed,
+        )
         for i, camera in enumerate(placed)
     )
     bodies = tuple(_body(person.body) for person in scene.people)

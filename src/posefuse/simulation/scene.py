@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, cast
 
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
@@ -98,7 +98,7 @@ def with_motion_files(scene: Scene, moved: Callable[[int, str], str]) -> Scene:
     people = []
     for i, person in enumerate(scene.people):
         file = getattr(person.motion, "file", None)
-        motion = person.motion if file is None else replace(person.motion, file=moved(i, file))
+        motion = person.motion if file is None else replace(cast(Any, person.motion), file=moved(i, file))
         people.append(replace(person, motion=motion))
     return replace(scene, people=tuple(people))
 

@@ -177,7 +177,15 @@ def _existing(folder: Path) -> Path:
 
 def model_of(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
     """The scene as the renderer wants it; `largest_wh` is the largest ideal picture any camera needs."""
-    return render_model(live.bodies, live.boxes, live.props, live.scene.room, live.room_size_m, largest_wh, live.scene.seed)
+    return render_model(
+        live.bodies,
+        live.boxes,
+        live.props,
+        room=live.scene.room,
+        room_size_m=live.room_size_m,
+        largest_wh=largest_wh,
+        seed=live.scene.seed,
+    )
 
 
 def body_poses(live: LiveScene, t_s: Array) -> Array:

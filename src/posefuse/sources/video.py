@@ -15,6 +15,9 @@ from av.video.stream import VideoStream
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
+from posefuse.core.encoded import EncodedImage
+
+from .packets import PendingPackets
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
 
@@ -34,12 +37,14 @@ class VideoConfig:
         camera: name of the camera in the rig.
         offset_s: added to the file's times; positive when this file began later than the session clock.
         drift_ppm: added per million of the file's times: positive when its clock runs slow.
+        keep_encoded: give every frame in the file's own encoding too; none of a file whose packets are not in the order of time.
     """
 
     path: Path
     camera: str
     offset_s: float = 0.0
     drift_ppm: float = 0.0
+    keep_encoded: bool = False
 
     def build(self) -> VideoSource:
         """Open the file and look at its first frame; raises SourceError when that cannot be done."""
@@ -112,7 +117,7 @@ class VideoSource:
             stream.thread_type = "AUTO"
             start_s = Fraction(0)
             seq = 0
-            for decoded in self._decoded_frames(container, stream):
+            for decoded, encoded in self._decoded_frames(container, stream):
                 if decoded.pts is None:
                     self.broken_frames += 1
                     continue
@@ -120,16 +125,21 @@ class VideoSource:
                 if seq == 0 and container.format.name in _ARBITRARY_START:
                     start_s = time_s
                 t_ns = self._session_ns(time_s - start_s)
-                yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=_upright(decoded))
+                yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=_upright(decoded), encoded=encoded)
                 seq += 1
 
-    def _decoded_frames(self, container: av.container.InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
+    def _decoded_frames(
+        self, container: av.container.InputContainer, stream: VideoStream
+    ) -> Iterator[tuple[VideoFrame, EncodedImage | None]]:
         """Decode packet by packet, so that a broken one costs only itself."""
         in_a_row = 0
+        pending = PendingPackets(stream) if self._config.keep_encoded else None
         packets = container.demux(stream)
         while True:
             try:
                 packet = next(packets)
+                if pending is not None:
+                    pending.add(packet)
                 decoded = packet.decode()
             except StopIteration:
                 return
@@ -145,7 +155,7 @@ class VideoSource:
                 if frame.is_corrupt:
                     self.broken_frames += 1
                 else:
-                    yield frame
+                    yield frame, pending.of(frame) if pending is not None else None
 
 
 def _opened(config: VideoConfig) -> av.container.InputContainer:
@@ -160,7 +170,8 @@ def _opened(config: VideoConfig) -> av.container.InputContainer:
     if not container.streams.video:
         container.close()
         raise SourceError(f"{where}: the file holds no video stream")
-    if container.streams.video[0].codec_context is None:
+    context: object = container.streams.video[0].codec_context  # None where it cannot be decoded, which the stubs leave out
+    if context is None:
         # PyAV crashes when it decodes such a stream
         container.close()
         raise SourceError(f"{where}: its video is in a format that cannot be decoded; is the file damaged?")

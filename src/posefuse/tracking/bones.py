@@ -65,7 +65,7 @@ def hold_bones(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_mi
 
 
 def _hold(xyz: Array, cov: Array, ends: Array, length: Array, spread: Array) -> tuple[Array, Array]:
-    there = np.isfinite(xyz).all(axis=-1) & np.isfinite(cov).all(axis=(-1, -2))
+    there = np.asarray(np.isfinite(xyz).all(axis=-1) & np.isfinite(cov).all(axis=(-1, -2)))
     prior = np.where(there[..., None], xyz, 0.0)
     prior_cov = np.where(there[..., None, None], cov, 0.0)
     held = prior

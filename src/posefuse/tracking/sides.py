@@ -7,6 +7,7 @@ foot is fast and the standing one is not, so the labelling under which all limbs
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,8 @@ def steady_sides(sequence: PoseSequence) -> PoseSequence:
             wrong = np.isin(np.arange(len(sequence)), swapped)
             for array in arrays.values():
                 _exchange(array[:, n], wrong, left, right)
-    return replace(sequence, **arrays)
+    changed: dict[str, Any] = dict(arrays)
+    return replace(sequence, **changed)
 
 
 def sides_like(reference: PoseSequence, rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array, Array]:
@@ -123,7 +125,7 @@ def _labels(t_ns: Array, left: Array, right: Array, twist: Array) -> Array:
     prior = np.stack([keep, swap], axis=1)
     cost = prior[0][:, None] + prior[1][None]  # (label before, label now)
     came_from = np.zeros((count, 2, 2), np.int8)
-    surprise = np.stack(
+    surprise: Array = np.stack(
         [[[_surprise(both[a, :-2], both[b, 1:-1], both[c, 2:], stretch) for c in (0, 1)] for b in (0, 1)] for a in (0, 1)]
     )  # (a, b, c, T - 2)
     for t in range(2, count):

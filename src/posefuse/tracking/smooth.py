@@ -97,7 +97,7 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
     """Posterior mean (T, 3), covariance (T, 3, 3), which measurements (T,) went into it, what lasting errors add (T, 3, 3)."""
     from . import smooth_kernels
 
-    measured = np.isfinite(z).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2))
+    measured = np.asarray(np.isfinite(z).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2)))
     mean, cov, lasting = np.full(z.shape, np.nan), np.full(noise.shape, np.nan), np.zeros(noise.shape)
     if not measured.any():
         return mean, cov, measured, lasting

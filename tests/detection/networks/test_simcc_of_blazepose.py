@@ -1,12 +1,14 @@
 """A network that really sees people, in the SimCC layout: BlazePose's heatmaps as distributions along x and y."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Recording
+from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection import BlazePoseConfig
 from posefuse.detection.blazepose.network import Network
 from posefuse.detection.blazepose.persons import PersonNetwork
@@ -14,7 +16,8 @@ from posefuse.detection.models import read_card
 from posefuse.detection.networks.card import NetworkCard, NetworkInput
 from posefuse.detection.networks.detector import TopDownDetector
 from posefuse.detection.networks.people import SquareFinder
-from posefuse.evaluation.metrics import joint_errors
+from posefuse.evaluation.fitting import collect, fit_noise, noise_text, render_everyday
+from posefuse.evaluation.metrics import joint_errors, true_xyz_at
 from posefuse.formats.truth import read_truth
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
@@ -47,34 +50,54 @@ class BlazePoseAsSimcc:
         return [[simcc[0][i : i + 1], simcc[1][i : i + 1]] for i in range(len(crops))]
 
 
-@pytest.fixture(scope="module")
-def recordings(models: None, demo_session: Path) -> tuple[Recording, Recording]:
-    """The clip by the SimCC layout, and by BlazePose's own decoding; as marked, without joint centres."""
+def silent(*_: object) -> None: ...
 
-    def silent(*_: object) -> None: ...
 
-    def run(config: TrackConfig) -> Recording:
-        return track_session(find_session(demo_session, config), config, StageClock(), silent, silent, silent).recording
+def tracked(session: Path, config: TrackConfig) -> Recording:
+    return track_session(find_session(session, config), config, StageClock(), silent, silent, silent).recording
 
-    config = TrackConfig(joint_centres=False, raw=True, end_s=0.8)
-    own = run(config)
-    patch = pytest.MonkeyPatch()
-    persons = PersonNetwork.compiled(read_card("blazepose_persons"), BlazePoseConfig().fetch()[0], "f32", 1)
+
+def simcc_detector(**changes: object) -> TopDownDetector:
     network = BlazePoseAsSimcc()
-    patch.setattr(
-        "posefuse.detection.build.build_detector",
-        lambda choice, rig: TopDownDetector(network, SquareFinder(persons, 0.5), 4, {}),  # type: ignore[arg-type]
-    )
-    try:
-        return run(config), own
-    finally:
-        patch.undo()
+    network.card = replace(network.card, **changes)
+    persons = PersonNetwork.compiled(read_card("blazepose_persons"), BlazePoseConfig().fetch()[0], "f32", 1)
+    return TopDownDetector(network, SquareFinder(persons, 0.5), 4, {})  # type: ignore[arg-type]
 
 
-def test_it_follows_the_person_as_well_as_the_network_does(recordings, demo_session):
-    simcc, own = recordings
+def test_it_follows_the_person_as_well_as_the_network_does(
+    models: None, demo_session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As marked, without joint centres, on the bundled clip."""
+    config = TrackConfig(joint_centres=False, raw=True, end_s=0.8)
+    own = tracked(demo_session, config)
+    monkeypatch.setattr("posefuse.detection.build.build_detector", lambda choice, rig: simcc_detector())
+    simcc = tracked(demo_session, config)
     truth = read_truth(demo_session / "truth" / "truth.npz")
     assert simcc.poses.skeleton == SKELETONS["blazepose33"]
     ours, theirs = (joint_errors(one.poses, truth) for one in (simcc, own))
     assert ours.found.min() > 0.97
     assert ours.mpjpe_mm < 1.25 * theirs.mpjpe_mm
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+def test_fitted_noise_is_right_in_2d_and_3d(
+    models: None, demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fitted to rendered people, judged by people left out, and by the pose of another one."""
+    detector = simcc_detector()
+    scenes = [collect(folder, detector, seed=i) for i, folder in enumerate(render_everyday(tmp_path / "scenes", 4, silent))]
+    fit = fit_noise(scenes, "a test")
+    assert fit.ratio == pytest.approx(1.0, abs=0.3)
+    (tmp_path / "noise.toml").write_text(noise_text(fit.noise))
+    centres = str(read_card("blazepose_full").joint_centres_file)
+    fitted = {"folder": tmp_path, "noise": "noise.toml", "joint_centres": centres}
+    monkeypatch.setattr("posefuse.detection.build.build_detector", lambda choice, rig: simcc_detector(**fitted))
+    poses = tracked(demo_session, TrackConfig(raw=True, end_s=2.5)).poses
+    truth = read_truth(demo_session / "truth" / "truth.npz")
+    joints = [f"{s}_{joint}" for s in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")]
+    exact = pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, joints)
+    off = pick_keypoints(poses.xyz_world[:, 0], poses.skeleton, joints) - exact
+    precision = np.linalg.inv(poses.cov_world[:, 0, poses.skeleton.indices(joints)])
+    nees = np.nanmean(np.einsum("tki,tkij,tkj->tk", off, precision, off))
+    assert 1.5 < nees < 4.0

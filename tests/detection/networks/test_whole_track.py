@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 
 from posefuse.cli.main import main
 from posefuse.core import Rig
+from posefuse.detection.networks import OnnxConfig
+from posefuse.evaluation.contracts import check_detector
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
+from posefuse.sources import ImagesConfig
 
 discs = pytest.importorskip("discs", reason="the package onnx is not installed")
 
@@ -37,3 +41,10 @@ def test_the_person_is_where_the_discs_are(kind: str, session: Path, tmp_path: P
     off_mm = 1000 * np.linalg.norm(recording.poses.xyz_world[:, 0] - discs.true_xyz(), axis=-1)
     assert np.nanmedian(off_mm) < 2.0 and np.nanpercentile(off_mm, 95) < 8.0
     assert np.isfinite(off_mm).mean() > 0.97
+
+
+@pytest.mark.parametrize("kind", ["simcc", "heatmap", "rtmo", "yolo_pose"])
+def test_the_plug_in_keeps_the_contract(kind: str, session: Path, tmp_path: Path) -> None:
+    frames = [next(ImagesConfig(session / "images" / name, name).build().frames()) for name in ("cam00", "cam02")]
+    nobody = replace(frames[0], image=np.zeros_like(frames[0].image))
+    check_detector(OnnxConfig(card=discs.card_of(kind, tmp_path), streams=1).build(), [*frames, nobody])

@@ -43,7 +43,7 @@ class VerifyLimits:
     views: int = 10
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CameraError:
     """One camera against the others, with standard errors; NaN where it shares too few views.
 
@@ -128,9 +128,13 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
     seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.instant, shared))
     count = len(np.unique(seen.instant[seen.camera == c]))
     if count < limits.views or not trusted:
-        return CameraError(rig.names[c], count)
+        return CameraError(name=rig.names[c], views=count)
     freed = _freed(rig, seen, target, c)
-    return CameraError(rig.names[c], count) if freed is None else _error(rig, freed[0], freed[1], target, c, count, len(trusted))
+    return (
+        CameraError(name=rig.names[c], views=count)
+        if freed is None
+        else _error(rig, freed[0], freed[1], target=target, c=c, count=count, others=len(trusted))
+    )
 
 
 def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
@@ -142,7 +146,7 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolut
     shape = PropShape({0: Poses(np.eye(3), np.zeros(3))}, {}, 0)
     in_images = prop_views(trusted, planar_views(trusted, corners, lenses), shape, corners, lenses)
     track = prop_track(trusted, in_images, shape, corners, lenses, pose)
-    known = np.isfinite(track.t).all(axis=1)
+    known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         return None
     seen = seen.rows(known[seen.instant])
@@ -150,7 +154,13 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolut
     state = PropState(pose, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)), nothing)
     focal_px = _FREE_FOCAL * cameras[c].K[0, 0]
     sigma = np.array([focal_px, focal_px, _HELD_PX, _HELD_PX, _HELD_BEND, _HELD_BEND])
-    return solve_prop(seen, corners, cameras, state, Freedom(None, None, True, False, sigma, (c,), (c,))), seen
+    return solve_prop(
+        seen,
+        corners,
+        cameras,
+        state,
+        Freedom(reference=None, patch=None, offset=True, drift=False, lens_sigma=sigma, lens_of=(c,), moving=(c,)),
+    ), seen
 
 
 def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int) -> float:
@@ -161,9 +171,10 @@ def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c
     before, after = rig.cameras[c].cam_from_world @ xyz, solution.state.cam_from_world[mine.camera].move(xyz)
     late_s = solution.state.delay_s[c, 0]
     apart = (
-        Lenses(tuple(rig), solution.state.lens_delta).px(mine.camera, after) - mine.velocity_px_s * late_s
+        Lenses(tuple(rig), solution.state.lens_delta).px(mine.camera, after)
+        - mine.velocity_px_s * late_s
         - Lenses(tuple(rig)).px(mine.camera, before)
-    )  # fmt: skip
+    )
     return float(np.sqrt(np.nanmean((apart**2).sum(axis=1)))) * 1000 / max(rig.cameras[c].size_wh)
 
 
@@ -177,8 +188,16 @@ def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c:
     slope = -after.R[c].T @ np.hstack([cross, np.eye(3)])
     mean = np.array([0.5, 0.5, 0, 0, 0, 0]) / rig.cameras[c].K[0, 0]
     return CameraError(
-        rig.names[c], count, others, turn, float(np.sqrt(np.trace(covariance[:3, :3]))),
-        shift, float(np.sqrt(np.trace(slope @ covariance @ slope.T))),
-        float(mean @ solution.state.lens_delta[c]), float(np.sqrt(mean @ solution.lens_covariance[c] @ mean)),
-        float(solution.state.delay_s[c, 0]), float(solution.delay_sigma_s[c, 0]), _effect(rig, solution, seen, target, c),
-    )  # fmt: skip
+        name=rig.names[c],
+        views=count,
+        others=others,
+        turn_rad=turn,
+        turn_sigma=float(np.sqrt(np.trace(covariance[:3, :3]))),
+        shift_m=shift,
+        shift_sigma=float(np.sqrt(np.trace(slope @ covariance @ slope.T))),
+        focal=float(mean @ solution.state.lens_delta[c]),
+        focal_sigma=float(np.sqrt(mean @ solution.lens_covariance[c] @ mean)),
+        late_s=float(solution.state.delay_s[c, 0]),
+        late_sigma=float(solution.delay_sigma_s[c, 0]),
+        effect=_effect(rig, solution, seen, target, c),
+    )

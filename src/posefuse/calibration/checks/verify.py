@@ -25,7 +25,7 @@ _LEAST_LENGTHS = 20
 VERIFY_LIMITS = VerifyLimits()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Verification:
     """What was measured.
 
@@ -93,18 +93,18 @@ def verify(
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
     found = camera_errors(rig, seen, target, limits)
-    report = _report(rig, error, true, scale, reprojection_px, found, limits)
+    report = _report(rig, error, true, scale=scale, reprojection_px=reprojection_px, found=found, limits=limits)
     return Verification(
-        xyz[good],
-        times[key[good, 0]],
-        error,
-        at,
-        true,
-        scale,
-        reprojection_px,
-        _cells(rig, xy, square),
-        found,
-        report,
+        xyz_world=xyz[good],
+        t_ns=times[key[good, 0]],
+        length_error_m=error,
+        length_at_world=at,
+        length_true_m=true,
+        scale=scale,
+        reprojection_px=reprojection_px,
+        cell_px=_cells(rig, xy, square),
+        cameras=found,
+        report=report,
     )
 
 

@@ -86,7 +86,7 @@ def _require(done: Sequence[Check]) -> None:
 
 def check_seen(names: Sequence[str], moving: Sequence[Track]) -> Check:
     """Every camera saw a person."""
-    seen = [int(np.isfinite(track.xy_img).all(axis=-1).any(axis=1).sum()) for track in moving]
+    seen = [int(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1).sum()) for track in moving]
     blind = [f"{name} ({n} of {len(track.t_s)} frames)" for name, n, track in zip(names, seen, moving, strict=True)
              if n < _LEAST_FRAMES]  # fmt: skip
     return Check("person seen", not blind, f"nobody found by {', '.join(blind)}" if blind else "every camera saw the person",

@@ -69,7 +69,7 @@ def _track(camera: str, detections: Sequence[Detections2D]) -> PersonTrack:
 
 def prominent(frame: Detections2D, last: Array | None = None) -> int | None:
     """Number of the person who is large and well scored, and near the place `last` (2,) px; None when nobody is there."""
-    known = np.isfinite(frame.xy_img).all(axis=-1).any(axis=-1)
+    known = np.asarray(np.isfinite(frame.xy_img).all(axis=-1).any(axis=-1))
     if not known.any():
         return None
     xy = np.where(known[:, None, None], frame.xy_img, 0.0)

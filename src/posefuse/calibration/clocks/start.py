@@ -106,7 +106,7 @@ def _agreed(grids: Sequence[_Grid], cost: Callable[[int, int], Cost], most_s: fl
     best, most_worth = np.full(count, np.nan), 0.0
     for _, pair, late in starts[:_STARTS]:
         steps = _settled(_placed(pair, late, pairs, count, most), pairs, most)
-        worth = sum(_worth_at(one, steps[one.b] - steps[one.a], most) for one in pairs)
+        worth = float(sum(_worth_at(one, steps[one.b] - steps[one.a], most) for one in pairs))
         if worth > most_worth:
             best, most_worth = steps, worth
     rivals = [_rival(c, best, pairs, most) for c in range(count)]
@@ -151,7 +151,7 @@ def _placed(first: _Pair, late: int, pairs: Sequence[_Pair], count: int, most: i
     steps = np.full(count, np.nan)
     steps[first.a], steps[first.b] = 0.0, late
     while True:
-        open_ = [_best_of(c, steps, pairs, most) for c in np.flatnonzero(np.isnan(steps))]
+        open_ = [_best_of(int(c), steps, pairs, most) for c in np.flatnonzero(np.isnan(steps))]
         if not open_ or max(open_)[0] <= 0:
             return steps
         _, at, c = max(open_)
@@ -212,7 +212,7 @@ def _homography_misfit(p: Array, q: Array) -> float:
 
     The half of the points that fits best is asked: hands and feet leave their planes.
     """
-    both = np.isfinite(p).all(axis=-1) & np.isfinite(q).all(axis=-1)
+    both = np.asarray(np.isfinite(p).all(axis=-1) & np.isfinite(q).all(axis=-1))
     long = both.sum(axis=1) >= _LEAST_MOMENTS
     if not long.any():
         return float("nan")

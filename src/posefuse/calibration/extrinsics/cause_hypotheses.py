@@ -129,7 +129,7 @@ def clocks_near(trouble: Trouble) -> Iterator[Trial]:
     solved = trouble.solved
     if solved is None:
         return
-    freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+    freedom = Freedom(reference=solved.links.reference, patch=solved.links.shape.root, offset=True)
     free = near_solve(solved, trouble.cameras, solved.solution.state, freedom)
     words = _clock_story(trouble.cameras, replace(solved, solution=free))
     if words:

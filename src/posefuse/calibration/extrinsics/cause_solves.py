@@ -18,7 +18,7 @@ from .prop_solve import Freedom, PropSolution, PropState, solve_prop
 
 def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, freedom: Freedom | None = None) -> PropSolution:
     """The same corners with other cameras or another start."""
-    free = freedom or Freedom(solved.links.reference, solved.links.shape.root)
+    free = freedom or Freedom(reference=solved.links.reference, patch=solved.links.shape.root)
     return solve_prop(solved.seen, solved.corners, cameras, state, free)
 
 
@@ -40,7 +40,9 @@ def solve_anew(
     links, in_images = link(observations, cameras, target, seen)
     if len(links.placed) < len(cameras):
         return None, len(seen.camera)
-    solved = solve_linked(observations, cameras, target, options, seen, links, in_images, delay)
+    solved = solve_linked(
+        observations, cameras, target, options=options, seen=seen, links=links, in_images=in_images, delay_s=delay
+    )
     return solved, max(len(seen.camera) - len(solved.seen.camera), 0)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.calibration.solving.rotations import Poses, angle_between
+from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .cause_solves import near_solve
@@ -121,10 +122,10 @@ def _rough_jump_s(trouble: Trouble, c: int, t_s: float) -> float:
 def _solve_split(
     trouble: Trouble,
     solved: Solved,
-    cameras: tuple,
+    cameras: tuple[Camera, ...],
     c: int,
     t_s: float,
-    jump_s: float,  # type: ignore[type-arg]
+    jump_s: float,
 ) -> tuple[Solved, PropSolution]:
     seen, state, count = solved.seen, solved.solution.state, len(trouble.cameras)
     delay = np.concatenate([state.delay_s, state.delay_s[c : c + 1] + [[jump_s, 0.0]]])
@@ -139,7 +140,7 @@ def _solve_split(
         delay_s=delay, lens_delta=np.concatenate([state.lens_delta, state.lens_delta[c : c + 1]]),
     )  # fmt: skip
     apart = replace(solved, seen=seen)
-    freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+    freedom = Freedom(reference=solved.links.reference, patch=solved.links.shape.root, offset=True)
     return apart, near_solve(apart, cameras, start, freedom)
 
 

@@ -131,4 +131,4 @@ def _solve_half(
     if len(links.placed) < len(cameras):
         lost = [camera.name for i, camera in enumerate(cameras) if i not in links.placed]
         return None, f"{', '.join(lost)} not linked"
-    return solve_linked(part, cameras, target, together, seen, links, in_images, delay_s), ""
+    return solve_linked(part, cameras, target, options=together, seen=seen, links=links, in_images=in_images, delay_s=delay_s), ""

@@ -21,7 +21,7 @@ _RIM_QUANTILE = 0.95
 _EACH_PART_SIGMA = 3.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LensChange:
     """Change of each camera's intrinsics (C,) when they are let free, with standard errors.
 
@@ -74,10 +74,14 @@ def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolutio
     bend[:, 4], bend[:, 5] = focal_px * rim**3, focal_px * rim**5
     centre_px, centre_sigma = delta[:, 2:4], np.sqrt(np.diagonal(covariance[:, 2:4, 2:4], axis1=1, axis2=2))
     return LensChange(
-        delta @ mean / focal_px, np.sqrt(np.einsum("i,cij,j->c", mean, covariance, mean)) / focal_px,
-        np.linalg.norm(centre_px, axis=1) / focal_px, np.linalg.norm(centre_sigma, axis=1) / focal_px,
-        (bend * delta).sum(axis=1), np.sqrt(np.einsum("ci,cij,cj->c", bend, covariance, bend)), np.ones((len(cameras), 3), bool),
-    )  # fmt: skip
+        focal=delta @ mean / focal_px,
+        focal_sigma=np.sqrt(np.einsum("i,cij,j->c", mean, covariance, mean)) / focal_px,
+        centre_rad=np.linalg.norm(centre_px, axis=1) / focal_px,
+        centre_sigma=np.linalg.norm(centre_sigma, axis=1) / focal_px,
+        bend_px=(bend * delta).sum(axis=1),
+        bend_sigma=np.sqrt(np.einsum("ci,cij,cj->c", bend, covariance, bend)),
+        confirmed=np.ones((len(cameras), 3), bool),
+    )
 
 
 def _rim(camera: Camera, xy_img: Array) -> float:

@@ -118,7 +118,7 @@ def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
     in_images = prop_views(seen, views, shape, corners, lenses)
     cameras = Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]), np.stack([c.cam_from_world.xyz for c in rig])))
     track = prop_track(seen, in_images, shape, corners, lenses, cameras)
-    known = np.isfinite(track.t).all(axis=1)
+    known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         raise CalibrationError(f"target {int(seen.patches[0])}: no camera sees 4 of its corners")
     seen = seen.rows(known[seen.instant])
@@ -126,6 +126,6 @@ def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
         cameras, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)),
         np.zeros((len(rig), len(LENS_PARAMETERS))),
     )  # fmt: skip
-    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(None, None))
+    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(reference=None, patch=None))
     poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
     return Located(times, poses.se3(), seen, solution.residual_px)

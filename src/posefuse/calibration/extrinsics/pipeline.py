@@ -137,7 +137,7 @@ def solve_linked(
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     cam_from_world = stacked([links.placed[i] for i in range(len(cameras))]).inverse()
     track = prop_track(seen, in_images, links.shape, corners, lenses, cam_from_world)
-    known = np.isfinite(track.t).all(axis=1)
+    known = np.asarray(np.isfinite(track.t).all(axis=1))
     placed = links.shape.prop_from_patch
     dropped = {
         int(seen.patches[i]): "never seen together with the rest of the prop, or moving independently of it"
@@ -149,7 +149,13 @@ def solve_linked(
         cam_from_world, Poses(track.R, np.nan_to_num(track.t)), patch, delay_s, np.zeros((len(cameras), len(LENS_PARAMETERS)))
     )
     lens_sigma = None if options.lens_sigma is None else np.array(options.lens_sigma)
-    freedom = Freedom(links.reference, links.shape.root, options.clocks != "together", options.clocks == "drift", lens_sigma)
+    freedom = Freedom(
+        reference=links.reference,
+        patch=links.shape.root,
+        offset=options.clocks != "together",
+        drift=options.clocks == "drift",
+        lens_sigma=lens_sigma,
+    )
     use = known[seen.instant] & np.isin(seen.patch, list(placed))
     seen = seen.rows(use)
     solution = solve_prop(seen, corners, cameras, state, freedom)

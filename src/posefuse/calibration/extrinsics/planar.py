@@ -48,7 +48,7 @@ def planar_views(seen: Snapshots, corners: Array, lenses: Lenses) -> PlanarViews
     norm = lenses.norm_from_px(seen.camera, seen.xy_img)
     R, t = np.full((len(starts), 2, 3, 3), np.nan), np.full((len(starts), 2, 3), np.nan)
     error, middle = np.full((len(starts), 2), np.inf), np.zeros((len(starts), 3))
-    finite, shapes = np.isfinite(norm).all(axis=1), _Shapes(corners)
+    finite, shapes = np.asarray(np.isfinite(norm).all(axis=1)), _Shapes(corners)
     for d, (first, end) in enumerate(zip(starts, ends, strict=True)):
         flat, middle[d] = shapes.of(int(seen.patch[first]), seen.corner[first:end])
         if flat is not None and finite[first:end].all():

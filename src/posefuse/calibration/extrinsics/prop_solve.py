@@ -46,7 +46,7 @@ class PropState:
     lens_delta: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Freedom:
     """What may move besides the poses.
 
@@ -67,7 +67,7 @@ class Freedom:
     moving: tuple[int, ...] | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PropSolution:
     """Where the solve stopped.
 
@@ -95,7 +95,7 @@ class PropSolution:
     @property
     def lens_sigma(self) -> Array:
         """(C, 6) standard errors of `LENS_PARAMETERS`; 0 where held."""
-        return np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2))
+        return np.asarray(np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2)))
 
 
 def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
@@ -108,9 +108,9 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     with; the clock columns move them along their image velocity from there.
     """
     wide = Noise(_ROUGH_SIGMA_PX, 0.0)
-    first = solve(_problem(seen, corners, cameras, start, freedom, wide, 1.0), start)
+    first = solve(_problem(seen, corners, cameras, start=start, freedom=freedom, noise=wide, cauchy=1.0), start)
     noise = _noise(seen, first.residual * _ROUGH_SIGMA_PX, first.weight)
-    second = solve(_problem(seen, corners, cameras, start, freedom, noise, _CAUCHY), first.state)
+    second = solve(_problem(seen, corners, cameras, start=start, freedom=freedom, noise=noise, cauchy=_CAUCHY), first.state)
     residual = _unwhitened(second.residual, seen.velocity_px_s, noise)
     found = _noise(seen, residual, second.weight)
     return _summary(second, residual, found, (found.sigma_px / noise.sigma_px) ** 2, freedom, seen.t_s)
@@ -181,9 +181,16 @@ def _summary(
     lenses = np.stack([full[first + size * i : first + size * (i + 1), first + size * i : first + size * (i + 1)]
                        for i in range(count)])  # fmt: skip
     return PropSolution(
-        solution.state, noise.sigma_px, noise.jitter_s, residual_px, solution.weight, cameras,
-        np.sqrt(variance) * _DELAY_SCALE_S, lenses, solution.iterations,
-    )  # fmt: skip
+        state=solution.state,
+        sigma_px=noise.sigma_px,
+        jitter_s=noise.jitter_s,
+        residual_px=residual_px,
+        weight=solution.weight,
+        camera_covariance=cameras,
+        delay_sigma_s=np.sqrt(variance) * _DELAY_SCALE_S,
+        lens_covariance=lenses,
+        iterations=solution.iterations,
+    )
 
 
 def _time_block(t_s: Array) -> Array:
@@ -219,9 +226,16 @@ def _problem(
 ) -> Problem[PropState]:
     model = _Model(seen, corners, cameras, start.delay_s, freedom, noise)
     return Problem(
-        model.residual, model.linearise, model.step, _free(start, freedom), len(start.world_from_prop), seen.group,
-        seen.group_count, cauchy, model.prior_cost,
-    )  # fmt: skip
+        residual=model.residual,
+        linearise=model.linearise,
+        step=model.step,
+        free=_free(start, freedom),
+        local_count=len(start.world_from_prop),
+        group=seen.group,
+        group_count=seen.group_count,
+        cauchy=cauchy,
+        prior_cost=model.prior_cost,
+    )
 
 
 class _Model:
@@ -291,7 +305,7 @@ class _Model:
     def _clock_jacobian(self) -> Array:
         per_offset = self._white(-self._seen.velocity_px_s)
         per_drift = per_offset * self._seen.t_s[self._seen.instant][:, None]
-        return np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S
+        return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
 
     def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> Block:
         count = len(state.cam_from_world)

@@ -242,7 +242,7 @@ def check_apart(cameras: Sequence[Camera], cam_from_world: Poses, limits: Limits
     """No two cameras share a body."""
     centre = cam_from_world.inverse().t
     distance = np.linalg.norm(centre[:, None] - centre[None], axis=-1) + np.eye(len(centre)) * 1e9
-    a, b = np.unravel_index(np.argmin(distance), distance.shape)
+    a, b = (int(i) for i in np.unravel_index(np.argmin(distance), distance.shape))
     return Check(
         "cameras are apart", bool(distance[a, b] >= limits.apart_m),
         f"{cameras[a].name} and {cameras[b].name} are nearest, {distance[a, b] * 1e3:.0f} mm (needed {limits.apart_m * 1e3:.0f})",

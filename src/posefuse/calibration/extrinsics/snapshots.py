@@ -19,7 +19,7 @@ _LONGEST_GAP_PERIODS, _LONGEST_GAP_S = 2.2, 0.4
 _SLOW_PX_S = 150.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Snapshots:
     """Corners at common instants; rows sorted by instant, camera, patch, corner.
 
@@ -49,9 +49,15 @@ class Snapshots:
     def rows(self, keep: Array) -> Snapshots:
         """Only the rows of a mask; instants and patches stay as they are."""
         return _grouped(
-            self.t_s, self.camera[keep], self.instant[keep], self.patch[keep], self.corner[keep], self.xy_img[keep],
-            self.velocity_px_s[keep], self.patches,
-        )  # fmt: skip
+            self.t_s,
+            self.camera[keep],
+            self.instant[keep],
+            patch=self.patch[keep],
+            corner=self.corner[keep],
+            xy=self.xy_img[keep],
+            velocity=self.velocity_px_s[keep],
+            patches=self.patches,
+        )
 
 
 def _grouped(
@@ -62,9 +68,17 @@ def _grouped(
     new = np.concatenate([[0], (np.diff(keys, axis=1) != 0).any(axis=0)]) if len(order) else np.zeros(0)
     group = np.cumsum(new).astype(np.int64)
     return Snapshots(
-        t_s, camera[order], instant[order], patch[order], corner[order], xy[order], velocity[order], patches, group,
-        int(group[-1]) + 1 if len(group) else 0,
-    )  # fmt: skip
+        t_s=t_s,
+        camera=camera[order],
+        instant=instant[order],
+        patch=patch[order],
+        corner=corner[order],
+        xy_img=xy[order],
+        velocity_px_s=velocity[order],
+        patches=patches,
+        group=group,
+        group_count=int(group[-1]) + 1 if len(group) else 0,
+    )
 
 
 def middle_ns(observations: Observations) -> int:
@@ -95,9 +109,11 @@ def snapshots(observations: Observations, instants_ns: Array, delay_s: Array) ->
         parts.append((np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]), xy, velocity))
     if not parts:
         empty = np.zeros(0, np.int64)
-        return _grouped(t_s, empty, empty, empty, empty, np.zeros((0, 2)), np.zeros((0, 2)), patches)
+        return _grouped(
+            t_s, empty, empty, patch=empty, corner=empty, xy=np.zeros((0, 2)), velocity=np.zeros((0, 2)), patches=patches
+        )
     camera, instant, patch_of, corner, xy, velocity = (np.concatenate([part[i] for part in parts]) for i in range(6))
-    return _grouped(t_s, camera, instant, patch_of, corner, xy, velocity, patches)
+    return _grouped(t_s, camera, instant, patch=patch_of, corner=corner, xy=xy, velocity=velocity, patches=patches)
 
 
 def _longest_gap_s(stamps_s: Array) -> float:
@@ -163,8 +179,8 @@ def _greedy(observations: Observations, candidates: Array, most: int, delay_s: A
     pair = seen.instant * cameras + seen.camera
     corners = np.bincount(pair, minlength=instants * cameras).reshape(instants, cameras)
     present = corners > 0
-    centre = np.stack([np.bincount(pair, seen.xy_img[:, k], instants * cameras) for k in (0, 1)], axis=-1)
-    centre = centre.reshape(instants, cameras, 2) / np.maximum(corners, 1)[..., None]
+    total = np.stack([np.bincount(pair, seen.xy_img[:, k], instants * cameras) for k in (0, 1)], axis=-1)
+    centre = total.reshape(instants, cameras, 2) / np.maximum(corners, 1)[..., None]
     share = centre / np.array(observations.sizes_wh, np.float64)
     cell = np.clip((share * 4).astype(np.int64), 0, 3) @ np.array([4, 1])
     speed = np.bincount(seen.instant, np.linalg.norm(seen.velocity_px_s, axis=1), instants) / np.maximum(corners.sum(axis=1), 1)

@@ -45,7 +45,7 @@ def solution_checks(
     if isinstance(target, Charuco | ArucoBoard):
         done.append(check_board_shape(thinned(solved), cameras, limits))
     if options.clocks == "together":
-        freedom = Freedom(solved.links.reference, solved.links.shape.root, offset=True)
+        freedom = Freedom(reference=solved.links.reference, patch=solved.links.shape.root, offset=True)
         free = solve_prop(solved.seen, solved.corners, cameras, state, freedom)
         done.append(checks.check_clocks(cameras, free.state.delay_s[:, 0], free.delay_sigma_s[:, 0], limits))
     return done
@@ -64,7 +64,9 @@ def let_lenses_free(cameras: tuple[Camera, ...], solved: Solved, offset: bool, o
     """The solve once more, with intrinsics that are hardly held: of all cameras, or of some."""
     focal_px = _FREE_FOCAL * float(focal_lengths_px(cameras).mean())
     sigma = np.array([focal_px, focal_px, *_FREE_LENS])
-    freedom = Freedom(solved.links.reference, solved.links.shape.root, offset, False, sigma, of)
+    freedom = Freedom(
+        reference=solved.links.reference, patch=solved.links.shape.root, offset=offset, drift=False, lens_sigma=sigma, lens_of=of
+    )
     return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
 
 

@@ -39,7 +39,7 @@ SAID_BY_ITSELF = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Calibration:
     """A rig that passed its checks, and what it came from.
 
@@ -217,7 +217,9 @@ def _solve(
     linked = checks.check_links(observations.cameras, links, present.T @ present)
     done.append(linked)
     _stop_if_failed(done)
-    solved = solve_linked(observations, cameras, target, options, seen, links, in_images, delay_s)
+    solved = solve_linked(
+        observations, cameras, target, options=options, seen=seen, links=links, in_images=in_images, delay_s=delay_s
+    )
     enough = checks.check_amount(solved)
     done.append(enough)
     _stop_if_failed(done)
@@ -287,8 +289,19 @@ def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tu
     prop = Poses(moved.R[None], moved.t[None]) @ state.world_from_prop[used]
     patches = np.unique(seen.patch)
     return Calibration(
-        rig, report, coverage(task.observations), checks.position_sigma_m(solved), state.delay_s, solved.solution.delay_sigma_s,
-        middle, np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle, prop.se3(),
-        {int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches},
-        seen.camera, seen.xy_img, solved.solution.residual_px,
-    )  # fmt: skip
+        rig=rig,
+        report=report,
+        coverage=coverage(task.observations),
+        position_sigma_m=checks.position_sigma_m(solved),
+        delay_s=state.delay_s,
+        delay_sigma_s=solved.solution.delay_sigma_s,
+        middle_ns=middle,
+        t_ns=np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle,
+        world_from_prop=prop.se3(),
+        prop_from_patch={
+            int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches
+        },
+        camera=seen.camera,
+        xy_img=seen.xy_img,
+        residual_px=solved.solution.residual_px,
+    )

@@ -159,7 +159,7 @@ def frame_from_points(points: Array) -> SE3:
     """new_from_old with points[0] at the origin, points[1] on +X and points[2] in the plane z = 0 with y > 0."""
     along, aside = points[1] - points[0], points[2] - points[0]
     up = np.cross(along, aside)
-    sine = np.linalg.norm(up) / max(np.linalg.norm(along) * np.linalg.norm(aside), 1e-12)
+    sine = float(np.linalg.norm(up)) / max(float(np.linalg.norm(along) * np.linalg.norm(aside)), 1e-12)
     if sine < np.sin(_LEAST_TRIANGLE_RAD):
         raise CalibrationError("three points: they lie on a line; mark one well to the side of the other two")
     return _frame(points[0], along, up)
@@ -222,7 +222,7 @@ def meeting_points(rig: Rig, norm: Array) -> Array:
     """(P, 3) where the rays of ideal image points (C, P, 2), NaN where unseen, meet: least squares (DLT); NaN below 2 views."""
     count = norm.shape[1]
     rows = np.zeros((count, 2 * len(rig), 4))
-    good = np.isfinite(norm).all(axis=2)
+    good = np.asarray(np.isfinite(norm).all(axis=2))
     for c, camera in enumerate(rig):
         matrix = camera.cam_from_world.matrix4()[:3]
         rows[good[c], 2 * c : 2 * c + 2] = (norm[c, :, :, None] * matrix[2] - matrix[:2])[good[c]]

@@ -7,6 +7,7 @@ views can carry, and a result whose standard errors or coverage are poor is refu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -42,7 +43,7 @@ _MODELS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Intrinsics:
     """What came out for one camera.
 
@@ -174,7 +175,8 @@ def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
 
 
 def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _Solved:
-    rms, K, distortion, rotvec, _, sigma, _, per_view = cv2.calibrateCameraExtended(
+    calibrate: Any = cv2.calibrateCameraExtended  # whose stubs forbid None where the documentation asks for it
+    rms, K, distortion, rotvec, _, sigma, _, per_view = calibrate(
         [view.xyz.astype(np.float32) for view in views],
         [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
         size_wh, None, None, flags=flags,
@@ -202,7 +204,15 @@ def _result(
     )
     report.require()
     camera = Camera(name=name, size_wh=size_wh, K=solved.K, cam_from_world=SE3.identity(), distortion=solved.distortion)
-    return Intrinsics(camera, solved.sigma, solved.rms_px, times, solved.view_rms_px, cells, report)
+    return Intrinsics(
+        camera=camera,
+        sigma=solved.sigma,
+        rms_px=solved.rms_px,
+        view_t_ns=times,
+        view_rms_px=solved.view_rms_px,
+        cells=cells,
+        report=report,
+    )
 
 
 def _checks(size_wh: tuple[int, int], solved: _Solved, cells: Array, count: int) -> tuple[Check, ...]:
@@ -214,20 +224,38 @@ def _checks(size_wh: tuple[int, int], solved: _Solved, cells: Array, count: int)
     aspect = float(focal[0] / focal[1])
     share = float((cells > 0).mean())
     return (
-        Check("slants differ", slant >= _LEAST_SLANT_RAD,
-              f"the board was turned by up to {np.rad2deg(slant):.0f} deg between {count} views"
-              f" (needed {np.rad2deg(_LEAST_SLANT_RAD):.0f})", "tilt the board this way and that"),
-        Check("focal length is determined", sigma <= _MOST_SIGMA_FOCAL,
-              f"standard error {sigma:.2%} of {focal.mean():.1f} px (limit {_MOST_SIGMA_FOCAL:.0%})",
-              "the views are too few or too alike: add slanted ones, near and far"),
-        Check("corners fit", solved.rms_px <= limit_px, f"rms {solved.rms_px:.2f} px (limit {limit_px:.2f})",
-              "compare the board with its description; is it flat, and are the images sharp?"),
-        Check("image is covered", share >= _LEAST_COVERAGE, f"{share:.0%} of the image (needed {_LEAST_COVERAGE:.0%})",
-              "bring the board to the corners of the image"),
-        Check("lens is plausible", centre_off < _MOST_CENTRE_SHARE and 1 / _MOST_ASPECT < aspect < _MOST_ASPECT,
-              f"principal point {centre_off:.0%} off the middle (limit {_MOST_CENTRE_SHARE:.0%}), fx/fy {aspect:.3f}",
-              "is the image cropped or squeezed? otherwise the views are too alike"),
-    )  # fmt: skip
+        Check(
+            "slants differ",
+            slant >= _LEAST_SLANT_RAD,
+            f"the board was turned by up to {np.rad2deg(slant):.0f} deg between {count} views"
+            f" (needed {np.rad2deg(_LEAST_SLANT_RAD):.0f})",
+            "tilt the board this way and that",
+        ),
+        Check(
+            "focal length is determined",
+            sigma <= _MOST_SIGMA_FOCAL,
+            f"standard error {sigma:.2%} of {focal.mean():.1f} px (limit {_MOST_SIGMA_FOCAL:.0%})",
+            "the views are too few or too alike: add slanted ones, near and far",
+        ),
+        Check(
+            "corners fit",
+            solved.rms_px <= limit_px,
+            f"rms {solved.rms_px:.2f} px (limit {limit_px:.2f})",
+            "compare the board with its description; is it flat, and are the images sharp?",
+        ),
+        Check(
+            "image is covered",
+            share >= _LEAST_COVERAGE,
+            f"{share:.0%} of the image (needed {_LEAST_COVERAGE:.0%})",
+            "bring the board to the corners of the image",
+        ),
+        Check(
+            "lens is plausible",
+            centre_off < _MOST_CENTRE_SHARE and 1 / _MOST_ASPECT < aspect < _MOST_ASPECT,
+            f"principal point {centre_off:.0%} off the middle (limit {_MOST_CENTRE_SHARE:.0%}), fx/fy {aspect:.3f}",
+            "is the image cropped or squeezed? otherwise the views are too alike",
+        ),
+    )
 
 
 def _largest_slant(rotvec: Array) -> float:

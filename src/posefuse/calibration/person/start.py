@@ -25,8 +25,8 @@ def first_poses(names: tuple[str, ...], norm: Array, usable: Array, cameras: tup
     count = len(names)
     flat, seen = norm.reshape(count, -1, 2), usable.reshape(count, -1)
     focal = np.array([camera.K[0, 0] for camera in cameras])
-    pairs = [_pair(flat, seen, focal, a, b) for a in range(count) for b in range(a + 1, count)]
-    pairs = [pair for pair in pairs if pair is not None]
+    tried = [_pair(flat, seen, focal, a, b) for a in range(count) for b in range(a + 1, count)]
+    pairs = [pair for pair in tried if pair is not None]
     if not pairs:
         raise CalibrationError("person: no two cameras see enough of the person at the same time, from different sides")
     _, a, b, b_from_a = max(pairs, key=lambda pair: (pair[0], -pair[1], -pair[2]))

@@ -24,7 +24,7 @@ def walker(t_s: Array, middle_m: tuple[float, float] = (0.0, 0.0), lap_rad_s: fl
         return place + forward * ahead + left * aside + height * up
 
     def limb(share: float, swing: Array) -> Array:
-        return share * STATURE_M * (np.sin(swing)[:, None] * ahead - np.cos(swing)[:, None] * up)
+        return np.asarray(share * STATURE_M * (np.sin(swing)[:, None] * ahead - np.cos(swing)[:, None] * up))
 
     points = {"nose": at(0.1, 0, 1.62)}
     for side, sign in (("left", 1.0), ("right", -1.0)):

@@ -55,7 +55,7 @@ class Linearised:
     local_index: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Problem(Generic[State]):
     """What the solver needs to know.
 
@@ -78,7 +78,7 @@ class Problem(Generic[State]):
     prior_cost: Callable[[State], float] = field(default=lambda state: 0.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Solution(Generic[State]):
     """Where the solver stopped.
 
@@ -130,7 +130,15 @@ def solve(problem: Problem[State], start: State, most_iterations: int = _MOST_IT
     weight = _weights(problem, residual)
     linear = problem.linearise(state)
     system = _System(problem, linear, weight)
-    return Solution(state, residual, weight, system.covariance(), system.scores(linear, weight), iteration, converged)
+    return Solution(
+        state=state,
+        residual=residual,
+        weight=weight,
+        covariance=system.covariance(),
+        scores=system.scores(linear, weight),
+        iterations=iteration,
+        converged=converged,
+    )
 
 
 def clustered_covariance(covariance: Array, scores: Array, block: Array) -> Array:

@@ -103,6 +103,6 @@ def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreed
         return PointState(state.cam_from_world.stepped(blocks[0]), state.xyz + local)
 
     return Problem(
-        residual, linearise, step, (free,), views.point_count,
-        np.arange(len(views.camera)), len(views.camera), _CAUCHY,
+        residual=residual, linearise=linearise, step=step, free=(free,), local_count=views.point_count,
+        group=np.arange(len(views.camera)), group_count=len(views.camera), cauchy=_CAUCHY,
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,8 +35,8 @@ class Poses:
     def __matmul__(self, other: Poses) -> Poses:
         return Poses(self.R @ other.R, (self.R @ other.t[..., None])[..., 0] + self.t)
 
-    def __getitem__(self, index: object) -> Poses:
-        return Poses(self.R[index], self.t[index])  # type: ignore[index]
+    def __getitem__(self, index: Any) -> Poses:
+        return Poses(self.R[index], self.t[index])
 
     def __len__(self) -> int:
         return len(self.t)

@@ -17,7 +17,7 @@ _DTYPES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Observations:
     """Corners of a target in the images of several cameras; one row per corner, sorted by camera, time, patch, corner.
 
@@ -104,9 +104,9 @@ def joined(parts: Sequence[Observations]) -> Observations:
         for name in _DTYPES
     }
     return Observations(
-        names,
-        tuple(size for part in parts for size in part.sizes_wh),
-        tuple(count for part in parts for count in part.frame_count),
+        cameras=names,
+        sizes_wh=tuple(size for part in parts for size in part.sizes_wh),
+        frame_count=tuple(count for part in parts for count in part.frame_count),
         doubled=tuple(entry for part in parts for entry in part.doubled),
         **arrays,
     )

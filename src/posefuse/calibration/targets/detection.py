@@ -81,9 +81,9 @@ def observations_from_frames(
         if len(found.xy_img):
             rows.append((np.full(len(found.xy_img), frame.t_ns), found, sharpness(grey, found.xy_img)))
     return Observations(
-        (camera,),
-        (size_wh,),
-        (count,),
+        cameras=(camera,),
+        sizes_wh=(size_wh,),
+        frame_count=(count,),
         camera=np.zeros(sum(len(t) for t, _, _ in rows), np.int64),
         t_ns=_concatenated([t for t, _, _ in rows]),
         patch=_concatenated([found.patch for _, found, _ in rows]),
@@ -285,7 +285,8 @@ def _flat_grid(answer: tuple[bool, Array], target: Chessboard) -> Array | None:
     if not found:
         return None
     points = np.asarray(xy, np.float64).reshape(-1, 2)
-    homography, _ = cv2.findHomography(target.corners(BOARD_PATCH)[:, :2], points)
+    # None for degenerate corners, which the stubs of OpenCV leave out
+    homography: Array | None = cv2.findHomography(target.corners(BOARD_PATCH)[:, :2], points)[0]
     if homography is None:
         return None
     flat = cv2.perspectiveTransform(target.corners(BOARD_PATCH)[None, :, :2], homography)[0]

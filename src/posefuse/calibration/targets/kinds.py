@@ -61,7 +61,7 @@ class Markers:
         return _MARKER * self.side_m
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Charuco:
     """Chessboard with ArUco markers in its white squares.
 
@@ -87,7 +87,7 @@ class Charuco:
 
     def corners(self, patch: int) -> Array:
         """((columns-1)*(rows-1), 3) inner corners, row by row from the top left; the origin is the bottom left of the board."""
-        return _grid(self.columns - 1, self.rows - 1, self.square_m) + np.array([self.square_m, self.square_m, 0])
+        return np.asarray(_grid(self.columns - 1, self.rows - 1, self.square_m) + np.array([self.square_m, self.square_m, 0]))
 
     def board(self) -> Any:
         """OpenCV's description of the same board."""
@@ -115,7 +115,7 @@ class Chessboard:
         return _grid(self.columns, self.rows, self.square_m)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArucoBoard:
     """Grid of ArUco markers with ids counting up row by row.
 

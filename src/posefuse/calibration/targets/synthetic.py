@@ -111,6 +111,13 @@ def observe_prop(rig: Rig, prop: Mapping[int, SE3], target: Target, motion: Wavi
             )  # fmt: skip
     camera_no, t_ns, patch_no, corner_no, xy_img = (np.concatenate([row[i] for row in rows]) for i in range(5))
     return Observations(
-        rig.names, tuple(camera.size_wh for camera in rig), (len(stamps_s),) * len(rig), camera_no, t_ns, patch_no, corner_no,
-        xy_img, np.full(len(xy_img), np.nan),
-    )  # fmt: skip
+        cameras=rig.names,
+        sizes_wh=tuple(camera.size_wh for camera in rig),
+        frame_count=(len(stamps_s),) * len(rig),
+        camera=camera_no,
+        t_ns=t_ns,
+        patch=patch_no,
+        corner=corner_no,
+        xy_img=xy_img,
+        sharpness=np.full(len(xy_img), np.nan),
+    )

@@ -1,85 +1,87 @@
-"""What the user wrote on the command line of `posefuse calibrate`, as targets, sources and clocks."""
+"""What the user wrote on the command line of `posefuse calibrate`, as recordings, targets and clock offsets."""
 
 from __future__ import annotations
 
-import argparse
-import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
-from posefuse.calibration.targets.corners import Observations
-from posefuse.calibration.targets.detection import why_nothing
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
-from posefuse.core import CalibrationError, InputError, Rig, Source
-from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
-from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, VideoConfig
+from posefuse.cli.options.calibration import TargetOptions
+from posefuse.core import InputError, Rig
+from posefuse.foundation.output_file import check_output_file
 
 
-def target_from_arguments(args: argparse.Namespace) -> Target:
+def target_of(options: TargetOptions) -> Target:
     """The target described; raises InputError naming the sizes that are missing."""
 
     def need(*names: str) -> list[Any]:
-        missing = [f"--{name.replace('_', '-')}" for name in names if getattr(args, name) is None]
+        missing = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name) is None]
         if missing:
-            raise InputError(f"--target {args.target}: missing {', '.join(missing)}")
-        return [getattr(args, name) / 1e3 if name.endswith("_mm") else getattr(args, name) for name in names]
+            raise InputError(f"--target {options.target}: missing {', '.join(missing)}")
+        return [getattr(options, name) / 1e3 if name.endswith("_mm") else getattr(options, name) for name in names]
 
-    if args.target == "markers":
+    if options.target == "markers":
         (side,) = need("marker_mm")
-        return Markers(side, args.dictionary, tuple(args.ids), args.inverted)
-    if args.target == "charuco":
+        return Markers(side, options.dictionary, options.ids, options.inverted)
+    if options.target == "charuco":
         columns, rows, square, marker = need("columns", "rows", "square_mm", "marker_mm")
-        return Charuco(columns, rows, square, marker, args.dictionary, args.inverted, args.legacy)
-    if args.target == "chessboard":
+        return Charuco(
+            columns=columns,
+            rows=rows,
+            square_m=square,
+            marker_m=marker,
+            dictionary=options.dictionary,
+            inverted=options.inverted,
+            legacy=options.legacy,
+        )
+    if options.target == "chessboard":
         columns, rows, square = need("columns", "rows", "square_mm")
         return Chessboard(columns, rows, square)
     columns, rows, side, gap = need("columns", "rows", "marker_mm", "gap_mm")
-    return ArucoBoard(columns, rows, side, gap, args.dictionary, args.ids[0] if args.ids else 0, args.inverted)
+    return ArucoBoard(
+        columns=columns,
+        rows=rows,
+        side_m=side,
+        gap_m=gap,
+        dictionary=options.dictionary,
+        first_id=options.ids[0] if options.ids else 0,
+        inverted=options.inverted,
+    )
 
 
-def sources_from_arguments(inputs: list[str]) -> list[Source]:
-    """Videos and folders of images, open; raises InputError for what is not there or is neither."""
-    sources: list[Source] = []
+def recordings_of(inputs: Sequence[str]) -> dict[str, Path]:
+    """``NAME=PATH`` texts as recordings by camera name, which defaults to the file's; raises InputError for one name twice."""
+    named: dict[str, Path] = {}
     for text in inputs:
-        name, path = name_and_path(text)
-        if not path.exists():
-            raise InputError(f"{path}: no such video or folder of images")
-        if path.is_dir():
-            sources.append(ImagesConfig(path, name).build())
-        elif path.suffix.lower() in VIDEO_SUFFIXES:
-            sources.append(VideoConfig(path, name).build())
-        else:
-            raise InputError(f"{path}: expected a folder of images or a video ({choices(VIDEO_SUFFIXES)})")
-    return sources
+        name, equals, path = text.partition("=")
+        camera, file = (name, Path(path)) if equals else (Path(text).stem, Path(text))
+        if camera in named:
+            raise InputError(f"{text}: camera {camera} has a recording already ({named[camera]}); name them as NAME=PATH")
+        named[camera] = file
+    return named
 
 
-def name_and_path(text: str) -> tuple[str, Path]:
-    """``NAME=PATH``; the name defaults to the file's."""
-    name, equals, path = text.partition("=")
-    return (name, Path(path)) if equals else (Path(text).stem, Path(text))
-
-
-def late_s(offsets: list[str], rig: Rig) -> Array:
-    """(C,) clocks in s from texts ``CAMERA=MS``; 0 for cameras not named."""
-    late_s = np.zeros(len(rig))
+def clock_offsets_s(offsets: Sequence[str], rig: Rig) -> dict[str, float]:
+    """Clock offsets in s by camera name, from texts ``CAMERA=MS``."""
+    found: dict[str, float] = {}
     for text in offsets:
         name, _, value = text.partition("=")
         try:
-            late_s[rig.names.index(rig[name].name)] = float(value) / 1e3
+            found[rig[name].name] = float(value) / 1e3
         except ValueError:
             raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
-    return late_s
+    return found
 
 
-def seen_or_why_not(observations: Observations, source: Source, target: Target) -> Observations:
-    """The observations, unless there are none: then say why."""
-    if len(observations):
-        return observations
-    frames = [cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY) for frame in itertools.islice(source.frames(), 12)]
-    raise CalibrationError(
-        f"camera {source.camera}: the target is in none of {observations.frame_count[0]} frames: {why_nothing(frames, target)}"
-    )
+def check_files(inputs: Sequence[str | Path | None], outputs: Sequence[tuple[str, Path | None]], *, force: bool) -> None:
+    """Raise InputError before any work where a file that the step will write cannot be, or exists without --force.
+
+    Args:
+        inputs: what is read: ``NAME=PATH`` texts and paths. outputs: option and file.
+    """
+    texts = [text for text in inputs if isinstance(text, str)]
+    read = [*recordings_of(texts).values(), *(path for path in inputs if isinstance(path, Path))]
+    for option, path in outputs:
+        if path is not None:
+            check_output_file(path, option=option, inputs=read, replace=force)

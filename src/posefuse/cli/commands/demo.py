@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from posefuse.cli.terminal import Terminal
+from cyclopts import Parameter
 
-SUMMARY = "track the bundled clip of four cameras: see in a minute that everything works"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where to."""
-    parser.add_argument("--out", type=Path, default=Path("posefuse-demo"), metavar="DIR", help="default ./posefuse-demo")
-    parser.add_argument("--force", action="store_true", help="replace DIR if it is there")
+from posefuse.cli.options.shared import Figures, Shown
 
 
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Track the clip; what to do next is said at the end."""
-    from posefuse.cli.demo import demo
+def demo(
+    *, out: Annotated[Path, Parameter(metavar="DIR")] = Path("posefuse-demo"), force: bool = False, terminal: Shown
+) -> Figures:
+    """Track the bundled clip of four cameras: shows within a minute whether everything works.
 
-    return demo(args.out, args.force, terminal)
+    Args:
+        out: Folder for the result.
+        force: Replace DIR if it exists.
+    """
+    from posefuse.cli.demo import track_demo
+
+    return track_demo(out, force, terminal)

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
-from typing import Any
-
-from posefuse.cli.terminal import Terminal
-
-SUMMARY = "say what works on this machine and what to install for the rest"
+from posefuse.cli.options.shared import Figures, Shown
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """No options."""
+def doctor(*, terminal: Shown) -> Figures:
+    """Check what works on this machine, and list what to install for the rest.
 
-
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Run all checks. Needed things that fail are marked so; the command itself succeeds."""
+    Needed things that fail are marked MISSING; the command itself succeeds.
+    """
     from posefuse.cli.machine import machine_checks
 
     checks = machine_checks()

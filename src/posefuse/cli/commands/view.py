@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from posefuse.cli.terminal import Terminal
+from cyclopts import Parameter
 
-SUMMARY = "look at a result in the Rerun viewer"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The result folder and the session it was made from."""
-    parser.add_argument("result", type=Path, metavar="DIR", help="folder written by `posefuse track`")
-    parser.add_argument(
-        "--session", type=Path, metavar="FOLDER",
-        help="session the result was made from, for its images (default: a folder of its name near the result or here)",
-    )  # fmt: skip
+from posefuse.cli.options.shared import Figures, Shown
 
 
-def run(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
-    """Show the result until the viewer is closed."""
+def view(
+    result: Annotated[Path, Parameter(metavar="DIR")],
+    /,
+    *,
+    session: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
+    terminal: Shown,
+) -> Figures:
+    """Show a result in the Rerun viewer (extra: viewer), until the viewer is closed.
+
+    Args:
+        result: Folder written by `posefuse track`.
+        session: Session the result was made from, for its images (default: a folder of its name near the result or here).
+    """
     from posefuse.cli.viewing import view_result
 
-    return {"viewed": view_result(args.result, args.session, terminal)}
+    return {"viewed": view_result(result, session, terminal)}

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -20,9 +20,11 @@ from posefuse.foundation.user_cache import default_cache_dir
 from .looks import LandmarkNetwork, Look, averaged
 from .network import Precision
 from .persons import PersonNetwork, regions_from_outputs
-from .search import stages
+from .search import Stage, stages
 
-_SAME_PERSON = 0.15  # distance of centres over region side
+# two looks whose keypoints are closer than this share of the longer side of the person (median) show one person. A body that
+# is cut off at the edge of one square and whole in another differs by up to a tenth.
+_SAME_PERSON = 0.12
 
 
 @settings
@@ -47,7 +49,7 @@ class BlazePoseConfig:
     cache: Path | None = None
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
-    most_people: Annotated[int, Ge(1)] = 4
+    most_people: Annotated[int, Ge(1)] = 16
     least_person: Annotated[float, Ge(0), Le(1)] = 0.5
     least_presence: Annotated[float, Ge(0), Le(1)] = 0.5
     up_rad: dict[str, float] = field(default_factory=dict)
@@ -124,24 +126,33 @@ class BlazePoseDetector:
         return [self._result(frame, people[i], keep_all=regions[i] is not None) for i, frame in enumerate(frames)]
 
     def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
-        """People in whole images, stage by stage; what the landmark network does not confirm was nobody."""
-        found: list[list[Region]] = [[] for _ in frames]
+        """Everybody in whole images, stage by stage; what the landmark network does not confirm was no person.
+
+        Whoever is found first is not all: closer stages follow until one of them finds nobody new.
+        """
+        found: list[list[Look]] = [[] for _ in frames]
         plans = [stages(frame.size_wh, self._config.up_rad.get(frame.camera, 0.0)) for frame in frames]
         open_frames = list(range(len(frames)))
         while open_frames:
-            squares = {i: next(plans[i], None) for i in open_frames}
-            open_frames = [i for i in open_frames if squares[i] is not None]
-            looks = [(i, square) for i in open_frames for square in cast(list[Region], squares[i])]
-            candidates = self._candidates(frames, looks)
-            confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
-            for (i, _), look in zip(candidates, confirmed, strict=True):
-                if look.presence < self._config.least_presence or len(found[i]) >= self._config.most_people:
-                    continue
-                again = region_from_keypoints(look.xy, self._skeleton)
-                if again is not None and not _known(again, found[i]):
-                    found[i].append(again)
-            open_frames = [i for i in open_frames if not found[i]]
-        return found
+            before = [len(people) for people in found]
+            now = {i: self._next_stage(plans[i], bool(found[i])) for i in open_frames}
+            self._look_at_squares(frames, [(i, square) for i, stage in now.items() if stage for square in stage.squares], found)
+            open_frames = [i for i in open_frames if now[i] is not None and (not before[i] or len(found[i]) > before[i])]
+        regions = [[region_from_keypoints(look.xy, self._skeleton) for look in people] for people in found]
+        return [[region for region in some if region is not None] for some in regions]
+
+    def _next_stage(self, plan: Iterator[Stage], found: bool) -> Stage | None:
+        return next((stage for stage in plan if not (found and stage.for_first)), None)
+
+    def _look_at_squares(self, frames: Sequence[Frame], squares: Sequence[tuple[int, Region]], found: list[list[Look]]) -> None:
+        """Add the people of squares of frames to those found."""
+        candidates = self._candidates(frames, squares) if squares else []
+        confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
+        for (i, _), look in zip(candidates, confirmed, strict=True):
+            if look.presence < self._config.least_presence or len(found[i]) >= self._config.most_people:
+                continue
+            if region_from_keypoints(look.xy, self._skeleton) is not None and not _known(look, found[i]):
+                found[i].append(look)
 
     def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
         side = self._persons.network.side_px
@@ -187,7 +198,10 @@ def _in_image(look: Look, region: Region, side_px: int) -> Look:
     return replace(look, xy=img_from_crop(region, side_px, look.xy), sigma_px=look.sigma_px * region.side_px / side_px)
 
 
-def _known(region: Region, others: Sequence[Region]) -> bool:
-    """Whether a region is about a person that another region already holds."""
-    apart = [np.linalg.norm(region.centre_img - other.centre_img) / max(region.side_px, other.side_px) for other in others]
-    return min(apart, default=np.inf) < _SAME_PERSON
+def _known(look: Look, others: Sequence[Look]) -> bool:
+    """Whether a look shows a person whom another one shows already: the keypoints coincide."""
+    for other in others:
+        side = max(np.ptp(look.xy, axis=0).max(), np.ptp(other.xy, axis=0).max())
+        if np.median(np.linalg.norm(look.xy - other.xy, axis=-1)) < _SAME_PERSON * side:
+            return True
+    return False

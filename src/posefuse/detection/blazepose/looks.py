@@ -57,7 +57,8 @@ class LandmarkNetwork:
 
     def look(self, crops: Sequence[Array]) -> list[Look]:
         """One look at each crop (side, side, 3) uint8."""
-        seen = landmarks_from_outputs(*self.network(crops), len(self.skeleton), self.network.side_px)
+        landmarks, presence, heatmaps = self.network(crops)
+        seen = landmarks_from_outputs(landmarks, presence, heatmaps, len(self.skeleton), self.network.side_px)
         sigma = self.noise.sigma_px(seen, self.skeleton.keypoints)
         return [
             Look(float(presence), seen.xy_crop[b], seen.visibility[b] * presence, sigma[b])

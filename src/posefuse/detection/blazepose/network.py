@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -65,13 +65,13 @@ class Network:
 
 
 @cache
-def _runtime():
+def _runtime() -> Any:
     import openvino as ov
 
     return ov.Core()
 
 
-def _pruned(core, path: Path, outputs: Sequence[str], takes: ModelInput):
+def _pruned(core: Any, path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:
     import openvino as ov
     from openvino.preprocess import PrePostProcessor
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,8 +15,20 @@ _ZOOMS = (1.6, 2.5)
 _OVERLAP = 0.4
 
 
-def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
-    """Squares to look at, stage by stage until somebody is found.
+@dataclass(frozen=True)
+class Stage:
+    """Squares to look at together.
+
+    Attributes:
+        squares: of the image. for_first: only worth it while nobody was found; people of one picture all stand the same way up.
+    """
+
+    squares: list[Region]
+    for_first: bool = False
+
+
+def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[Stage]:
+    """Where to look, stage by stage until a stage finds nobody new.
 
     Args:
         size_wh: of the image.
@@ -25,15 +38,15 @@ def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
         The whole image as it is; turned upright by gravity; turned by quarters; and tiles of it, ever smaller.
     """
     tilted = abs(up_rad) > _UPRIGHT_RAD
-    yield [_whole(size_wh, 0.0)]
+    yield Stage([_whole(size_wh, 0.0)])
     if tilted:
-        yield [_whole(size_wh, up_rad)]
-    yield [_whole(size_wh, up_rad + quarter * np.pi / 2) for quarter in (1, 3, 2)]
+        yield Stage([_whole(size_wh, up_rad)])
+    yield Stage([_whole(size_wh, up_rad + quarter * np.pi / 2) for quarter in (1, 3, 2)], for_first=True)
     for zoom in _ZOOMS:
-        yield _tiles(size_wh, max(size_wh) / zoom, up_rad)
+        yield Stage(_tiles(size_wh, max(size_wh) / zoom, up_rad))
     if tilted:
         for zoom in _ZOOMS:
-            yield _tiles(size_wh, max(size_wh) / zoom, 0.0)
+            yield Stage(_tiles(size_wh, max(size_wh) / zoom, 0.0), for_first=True)
 
 
 def _whole(size_wh: tuple[int, int], angle_rad: float) -> Region:

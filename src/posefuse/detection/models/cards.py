@@ -169,6 +169,6 @@ def _card_files() -> list[Path]:
 
 def _read(path: Path) -> ModelCard | EnsembleCard:
     content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
-    cls = EnsembleCard if content.get("kind") == "landmark_ensemble" else ModelCard
-    card: ModelCard | EnsembleCard = settings_from_mapping(content, cls, where=str(path))
-    return card
+    if content.get("kind") == "landmark_ensemble":
+        return settings_from_mapping(content, EnsembleCard, where=str(path))
+    return settings_from_mapping(content, ModelCard, where=str(path))

@@ -63,13 +63,17 @@ class SquareFinder:
     def stages(self, frame: Frame, up_rad: float) -> Iterator[list[Region]]:
         """See `PersonFinder`."""
         side = self._persons.network.side_px
-        for squares in stages(frame.size_wh, up_rad):
-            boxes, logits = self._persons.network([cut_square(frame.image, square, side) for square in squares])
+        seen = False
+        for stage in stages(frame.size_wh, up_rad):
+            if stage.for_first and seen:
+                continue
+            boxes, logits = self._persons.network([cut_square(frame.image, square, side) for square in stage.squares])
             found = [
                 scored
-                for square, box, logit in zip(squares, boxes, logits, strict=True)
+                for square, box, logit in zip(stage.squares, boxes, logits, strict=True)
                 for scored in regions_from_outputs(box, logit, self._persons.decoding, square, side, self._least)
             ]
+            seen = seen or bool(found)
             yield [region for _, region in sorted(found, key=lambda entry: -entry[0])]
 
 

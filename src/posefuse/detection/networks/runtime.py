@@ -65,7 +65,7 @@ class OpenVinoRunner:
     """Runs on the CPU, as many images at once as there are threads."""
 
     def __init__(self, card: NetworkCard, path: Path, precision: Precision, threads: int) -> None:
-        import openvino as ov  # type: ignore[import-untyped]
+        import openvino as ov
 
         core = _openvino()
         try:
@@ -105,7 +105,7 @@ class OnnxRuntimeRunner:
 
     def __init__(self, card: NetworkCard, path: Path, providers: Sequence[str], threads: int) -> None:
         try:
-            import onnxruntime as ort  # type: ignore[import-untyped]
+            import onnxruntime as ort
         except ImportError:
             raise DependencyError("ONNX Runtime is not installed: pip install 'posefuse[onnx]', or engine=openvino") from None
         absent = [name for name in providers if name not in ort.get_available_providers()]

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
 from posefuse.formats.trc import TrcData, write_trc

@@ -21,7 +21,7 @@ _COLUMNS = ("parameter", "side", "value", "normal for adults", "source")
 
 
 def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block]:
-    """The table with its notes; a note alone where nobody walks."""
+    """The table with its notes; a note only where the person does not walk."""
     if gait is None:
         return [Note("No walking found: gait parameters need two foot strikes of each foot.")]
     rows = [

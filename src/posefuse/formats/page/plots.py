@@ -72,7 +72,7 @@ class Band(_Series):
 
 @dataclass(frozen=True, eq=False)
 class Dots(_Series):
-    """Points at x and y (n,), with texts beside them if there are `labels`."""
+    """Points at x and y (n,), with texts next to them if there are `labels`."""
 
     name: str
     x: Array

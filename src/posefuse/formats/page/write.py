@@ -29,8 +29,8 @@ def write_page(path: Path, page: Page) -> Path:
         InputError: no such folder, or it cannot be written to; an image that cannot be shown.
     """
     html = page_html(page)
-    with atomic_file(path) as beside:
-        beside.write_text(html, encoding="utf-8")
+    with atomic_file(path) as temporary:
+        temporary.write_text(html, encoding="utf-8")
     return path
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -13,8 +14,8 @@ from . import alphapose, coco, deeplabcut, mediapipe, mmpose, openpose, sleap
 from .frames import UNTRACKED, People2D, Pose2DFrames
 from .openpose import read_openpose_folder
 
-# what reading values of the wrong type or shape may raise
-_MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+# what reading values of the wrong type or shape may raise, tables and HDF5 files that break off included
+_MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, OSError, RuntimeError, csv.Error)
 POSE2D_SUFFIXES = (".json", ".csv", ".h5", ".hdf5")
 
 

@@ -56,7 +56,7 @@ def _read_csv(path: Path, camera: str, skeleton: Skeleton | None) -> Pose2DFrame
         values = np.array([[float(cell) if cell.strip() else np.nan for cell in row[1:]] for row in body])
     except ValueError as error:
         raise InputError(f"{path}: expected a frame number and numbers in every row ({error})") from None
-    return frames_of_table(numbers, columns, values, camera, NAME, str(path), skeleton)
+    return frames_of_table(numbers, columns, values, camera=camera, tool=NAME, where=str(path), skeleton=skeleton)
 
 
 def _read_h5(path: Path, camera: str, skeleton: Skeleton | None) -> Pose2DFrames:
@@ -69,7 +69,9 @@ def _read_h5(path: Path, camera: str, skeleton: Skeleton | None) -> Pose2DFrames
         content = table[()]
     columns = [column_of(line, str(path)) for line in header]
     numbers = [int(number) for number in content["index"]]
-    return frames_of_table(numbers, columns, np.asarray(content[names[0]], np.float64), camera, NAME, str(path), skeleton)
+    return frames_of_table(
+        numbers, columns, np.asarray(content[names[0]], np.float64), camera=camera, tool=NAME, where=str(path), skeleton=skeleton
+    )
 
 
 class _PlainUnpickler(pickle.Unpickler):

@@ -63,7 +63,9 @@ def table_from_camera(camera: Camera) -> dict[str, Any]:
 
 def text_from(rig: Rig) -> str:
     """The file of a rig."""
-    tables = {(key,): table_from_camera(camera) for key, camera in zip(parts.plain_keys(rig), rig, strict=True)}
+    tables: dict[tuple[str, ...], Any] = {
+        (key,): table_from_camera(camera) for key, camera in zip(parts.plain_keys(rig), rig, strict=True)
+    }
     about = parts.about_rig(rig)
     tables[("metadata",)] = {"adjusted": False, "error": about.get("residual_px", 0.0), **about}
     return toml_text(tables)

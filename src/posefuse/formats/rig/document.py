@@ -19,7 +19,11 @@ class _Loader(yaml.SafeLoader):
     """YAML 1.1 plus OpenCV's matrix tag, and numbers like 1e-5 or 1.e-05, which YAML 1.1 takes for text."""
 
 
-_Loader.add_constructor(_MATRIX_TAG, lambda loader, node: loader.construct_mapping(node, deep=True))
+def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor(_MATRIX_TAG, _matrix)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+\Z"),

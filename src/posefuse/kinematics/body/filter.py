@@ -91,7 +91,7 @@ class BodyFilter:
         first = np.eye(size) / _FIRST_SD**2
         slack = self.packed.slack_var > 0
         first[slack, slack] = 1 / self.packed.slack_var[slack]
-        hessian = self._fit(q, rot, first, seen, information, 1.0, 1.0, _FIRST_ITERATIONS)
+        hessian = self._fit(q, rot, first, seen, information, repeats=1.0, habit=1.0, steps=_FIRST_ITERATIONS)
         cov = np.zeros((2 * size, 2 * size))
         cov[:size, :size] = kernels.inverse(hessian)
         cov[size:, size:] = np.diag(np.where(slack, 1e-12, _SPEED_SD**2))
@@ -107,21 +107,49 @@ class BodyFilter:
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
         prior = kernels.inverse(np.ascontiguousarray(cov[: p.size, : p.size]))
         repeats = max(1.0, s.noise_memory_s / elapsed_s)
-        hessian = self._fit(q, rot, prior, seen, information, repeats, HABIT_S / elapsed_s, s.iterations)
+        hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
         step = kernels.difference(p.kind, p.dof, q, rot, expected.q, expected.rot)
         kernels.absorb(cov, prior, kernels.inverse(hessian), step, velocity)
         return Moment(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
 
     def _fit(
-        self, q: Array, rot: Array, prior: Array, seen: Measurement, information: Array, repeats: float, habit: float, steps: int
+        self,
+        q: Array,
+        rot: Array,
+        prior: Array,
+        seen: Measurement,
+        information: Array,
+        *,
+        repeats: float,
+        habit: float,
+        steps: int,
     ) -> Array:
         p = self.packed
         hessian, _ = kernels.gauss_newton(
-            p.parent, p.kind, p.axis, p.offset, p.dof, p.limits, p.mirrored, p.node, p.local, q.copy(), rot.copy(), prior,
-            p.preferred_sd * np.sqrt(max(1.0, habit)), seen.xyz, information / repeats, seen.projections, seen.xy,
-            seen.inverse_var / repeats, self.settings.robust_dof, steps, q, rot,
-        )  # fmt: skip
-        return hessian
+            p.parent,
+            p.kind,
+            p.axis,
+            p.offset,
+            p.dof,
+            p.limits,
+            p.mirrored,
+            p.node,
+            p.local,
+            q.copy(),
+            rot.copy(),
+            prior,
+            p.preferred_sd * np.sqrt(max(1.0, habit)),
+            seen.xyz,
+            information / repeats,
+            seen.projections,
+            seen.xy,
+            seen.inverse_var / repeats,
+            self.settings.robust_dof,
+            steps,
+            q,
+            rot,
+        )
+        return np.asarray(hessian)
 
     def _guess(self, seen: Measurement) -> tuple[Array, Array] | None:
         """Angles straight from the segment frames of the points; None without a pelvis."""
@@ -176,6 +204,6 @@ def smoothed(filter_: BodyFilter, moments: list[Moment | None]) -> list[State | 
 
 def _information(cov: Array) -> Array:
     """Inverse (A, 3, 3) of covariances; 0 where a point is missing."""
-    known = np.isfinite(cov).all(axis=(-1, -2))
+    known = np.asarray(np.isfinite(cov).all(axis=(-1, -2)))
     safe = np.where(known[:, None, None], cov, np.eye(3)) + 1e-12 * np.eye(3)
     return np.where(known[:, None, None], np.linalg.inv(safe), 0.0)

@@ -61,7 +61,7 @@ class Body:
 
     def rest_rotation(self, proximal: str, distal: str) -> Array:
         """(3, 3) proximal_from_distal of two segments at rest."""
-        return self.segment_axes[SEGMENTS.index(proximal)].T @ self.segment_axes[SEGMENTS.index(distal)]
+        return np.asarray(self.segment_axes[SEGMENTS.index(proximal)].T @ self.segment_axes[SEGMENTS.index(distal)])
 
     def pose(self, turn_world: Mapping[str, Array], centre_world: Array) -> Array:
         """World poses of all bones.
@@ -95,7 +95,7 @@ class Body:
         moved = self.moved_from_rest(world_from_bone)
         placed = np.einsum("tvwij,vj->tvwi", moved[:, self.bone_index, :3, :3], self.vertices_rest)
         placed += moved[..., :3, 3][:, self.bone_index]
-        return np.einsum("tvwi,vw->tvi", placed, self.bone_weight)
+        return np.asarray(np.einsum("tvwi,vw->tvi", placed, self.bone_weight))
 
     def keypoints(self, world_from_bone: Array) -> Array:
         """(T, 23, 3) `ANATOMICAL23` points in world metres; see `anatomy` for each one's definition."""
@@ -103,7 +103,7 @@ class Body:
         moved = self.moved_from_rest(world_from_bone)[:, used]
         rotation, translation = moved[..., :3, :3], moved[..., :3, 3]
         turned = np.einsum("tbij,kbj->tki", rotation, self.keypoint_moment[:, used], optimize=True)
-        return turned + np.einsum("kb,tbi->tki", self.keypoint_share[:, used], translation)
+        return np.asarray(turned + np.einsum("kb,tbi->tki", self.keypoint_share[:, used], translation))
 
     def segments(self, world_from_bone: Array) -> SE3:
         """world_from_segment of `SEGMENTS`, batch (T, S)."""

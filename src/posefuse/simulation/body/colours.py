@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -37,11 +38,11 @@ def completed(settings: BodySettings) -> BodySettings:
     return replace(settings, **decided)
 
 
-def _average() -> dict:
+def _average() -> dict[str, Any]:
     return {"sex": "male", "age_years": 30.0, "height_m": None, "muscle": 0.5, "stature_sigmas": 0.0} | _DEFAULT
 
 
-def _drawn(seed: int) -> dict:
+def _drawn(seed: int) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
     shape = {
         "sex": ("female", "male")[rng.integers(2)],
@@ -54,7 +55,7 @@ def _drawn(seed: int) -> dict:
 
 
 def _stature(sex: str | float, age_years: float, sigmas: float) -> float:
-    masculine = {"female": 0.0, "male": 1.0}.get(sex, sex)
+    masculine = {"female": 0.0, "male": 1.0}[sex] if isinstance(sex, str) else sex
     mean, sd = (np.interp(masculine, (0, 1), ends) for ends in zip(*_STATURE_M.values(), strict=True))
     grown = np.interp(age_years, (5, 18), (0.63, 1.0))
     return float((mean + sigmas * sd) * grown)

@@ -94,7 +94,8 @@ def _anny_rest(sliders: dict[str, float]) -> dict[str, Any]:
     model, _ = _model()
     still = torch.eye(4, dtype=model.dtype).expand(1, model.bone_count, 4, 4)
     with torch.no_grad():
-        return model(pose_parameters=still, phenotype_kwargs=sliders)
+        rest: dict[str, Any] = model(pose_parameters=still, phenotype_kwargs=sliders)
+    return rest
 
 
 def stature_and_mass(sliders: dict[str, float]) -> tuple[float, float]:
@@ -108,21 +109,23 @@ def stature_and_mass(sliders: dict[str, float]) -> tuple[float, float]:
 
 def _solved_sliders(settings: BodySettings) -> dict[str, float]:
     """Sliders of the body model for the asked stature and mass, one after the other until both hold."""
+    age_years, muscle, height_m = settings.age_years, settings.muscle, settings.height_m
+    assert age_years is not None and muscle is not None and height_m is not None, "`decided` leaves the weight open only"
     masculine = {"female": 0.0, "male": 1.0}.get(str(settings.sex), settings.sex)
     sliders = {
         "gender": 1.0 - float(1.0 if masculine is None else masculine),
-        "age": float(np.interp(settings.age_years, _AGE_YEARS, _AGE_SLIDER)),
-        "muscle": float(settings.muscle),
+        "age": float(np.interp(age_years, _AGE_YEARS, _AGE_SLIDER)),
+        "muscle": float(muscle),
         "weight": 0.5,
         "height": 0.5,
         "proportions": 0.5,
     }
     for _ in range(_ROUNDS):
-        _solve(sliders, "height", settings.height_m, 0, "height_m", "m", _HEIGHT_TOLERANCE_M)
+        _solve(sliders, "height", height_m, place=0, key="height_m", unit="m", tolerance=_HEIGHT_TOLERANCE_M)
         if settings.weight_kg is None:
             break
-        _solve(sliders, "weight", settings.weight_kg, 1, "weight_kg", "kg", _WEIGHT_TOLERANCE_KG)
-        if abs(stature_and_mass(sliders)[0] - settings.height_m) < _HEIGHT_TOLERANCE_M:
+        _solve(sliders, "weight", settings.weight_kg, place=1, key="weight_kg", unit="kg", tolerance=_WEIGHT_TOLERANCE_KG)
+        if abs(stature_and_mass(sliders)[0] - height_m) < _HEIGHT_TOLERANCE_M:
             break
     return sliders
 

@@ -64,7 +64,7 @@ def stance_pitch(part: Array, duty: float, size: Array) -> Array:
     """Foot pitch (T,) in radians, toes up positive; `size` scales it with speed."""
     landing = np.clip(1 - part / _FLAT, 0.0, 1.0) ** _LAND_POWER
     pushing = np.clip((part - _HEEL_OFF) / (duty - _HEEL_OFF), 0.0, 1.1) ** _PUSH_POWER
-    return size * (_STRIKE_RAD * landing + _PUSH_RAD * pushing)
+    return np.asarray(size * (_STRIKE_RAD * landing + _PUSH_RAD * pushing))
 
 
 def swing_pitch(swung: Array, duty: float, size: Array) -> Array:
@@ -74,7 +74,7 @@ def swing_pitch(swung: Array, duty: float, size: Array) -> Array:
     knots = np.array([0.0, 0.12, 0.47, 0.68, 0.86, 1.0])
     values = np.array([_PUSH_RAD, *np.deg2rad([-70.0, -29.0, -5.0, 13.0]), _STRIKE_RAD])
     slopes = np.array([leave, *np.deg2rad([0.0, 135.0, 135.0, 90.0]), 0.3 * land])
-    return size * CubicHermiteSpline(knots, values, slopes)(swung)
+    return np.asarray(size * CubicHermiteSpline(knots, values, slopes)(swung))
 
 
 def toes_up(pitch: Array, planted: Array, swung: Array) -> Array:
@@ -97,7 +97,7 @@ def hermite(swung: Array, start: Array, end: Array, start_rate: Array, end_rate:
     """Quintic (T, n) from start to end (T, n) with these rates per whole swing and no acceleration at either end."""
     s = swung[:, None]
     s3, s4, s5 = s**3, s**4, s**5
-    return (
+    return np.asarray(
         (1 - 10 * s3 + 15 * s4 - 6 * s5) * start
         + (s - 6 * s3 + 8 * s4 - 3 * s5) * start_rate
         + (10 * s3 - 15 * s4 + 6 * s5) * end
@@ -107,7 +107,7 @@ def hermite(swung: Array, start: Array, end: Array, start_rate: Array, end_rate:
 
 def lift(swung: Array) -> Array:
     """The rise of the swinging ankle (T,) above the plain curve, 1 at its top, early in the swing."""
-    return swung**2 * (1 - swung) ** 4 * 729 / 16
+    return np.asarray(swung**2 * (1 - swung) ** 4 * 729 / 16)
 
 
 def foot_axes(yaw: Array, pitch: Array) -> Array:

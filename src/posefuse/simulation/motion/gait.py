@@ -102,7 +102,7 @@ class Gait:
         """Speed (T,) over the floor."""
         step = 1e-3
         ends = [self.route.place(self.pace.distance_m(t_s + s)) for s in (-step, step)]
-        return np.linalg.norm(ends[1] - ends[0], axis=-1) / (2 * step)
+        return np.asarray(np.linalg.norm(ends[1] - ends[0], axis=-1) / (2 * step))
 
     def _size(self, t_s: Array) -> Array:
         """How large the movements are (T,): 0 standing, 1 at 1.35 m/s."""
@@ -147,12 +147,12 @@ class Gait:
     def _dip_m(self, distance_m: Array) -> Array:
         part = np.mod(distance_m, self.pace.lap_m) if self.route.loops else distance_m
         dip = np.append(self.tuning.dip_m, self.tuning.dip_m[:1])
-        return np.interp(part, np.linspace(0.0, self.pace.lap_m, len(dip)), dip)
+        return np.asarray(np.interp(part, np.linspace(0.0, self.pace.lap_m, len(dip)), dip))
 
     def bob(self, phase: Array, size: Array) -> Array:
         """Rise and fall (T,) of the pelvis, lowest just after each heel strike, growing as the square of the step."""
         reach = self.body.points_rest["left_hip"][2] / 0.92
-        return -_BOB_M * reach * (0.3 + 0.7 * self._ahead) * size**2 * np.cos(4 * np.pi * (phase - 0.025))
+        return np.asarray(-_BOB_M * reach * (0.3 + 0.7 * self._ahead) * size**2 * np.cos(4 * np.pi * (phase - 0.025)))
 
     def _highest(self, centre: Array, pelvis: Array, ankles: list[Array]) -> Array:
         """Greatest height (T,) of the pelvis centre at which both legs reach their ankles."""
@@ -163,7 +163,7 @@ class Gait:
             offset = pelvis @ hip_offset(self.body, side)
             flat = np.sum((centre + offset - ankle)[:, :2] ** 2, axis=-1)
             limits.append(ankle[:, 2] + np.sqrt(np.maximum(longest**2 - flat, 0.01)) - offset[:, 2])
-        return np.minimum(*limits)
+        return np.asarray(np.minimum(*limits))
 
     def _foothold(self, side: str, count: Array) -> tuple[Array, Array]:
         """Floor place (T, 2) and yaw (T,) of a side's stance number `count` (T,)."""
@@ -182,7 +182,7 @@ class Gait:
         hips = abs(self.body.points_rest["left_hip"][1])
         narrow = hips * (1.0 - (1 - _STEP_WIDTH_HIPS) * np.minimum(self.speed_mps(t_s) / 0.8, 1.0))
         if self._ahead:
-            return narrow
+            return np.asarray(narrow)
         stride = self.pace.lap_m / self.pace.lap_cycles
         return np.full_like(t_s, _FEET_APART_M / 2 + stride / 4)
 
@@ -275,7 +275,7 @@ def _dips_m(gait: Gait) -> Array:
     reach = min(round(_DIP_REACH_M / _DIP_STEP_M), count // 2)
     mode = "wrap" if gait.route.loops else "nearest"
     window = np.hanning(2 * reach + 3)[1:-1]
-    return convolve1d(maximum_filter1d(worst, 4 * reach + 1, mode=mode), window / window.sum(), mode=mode)
+    return np.asarray(convolve1d(maximum_filter1d(worst, 4 * reach + 1, mode=mode), window / window.sum(), mode=mode))
 
 
 def _standing_hips_m(gait: Gait) -> float:

@@ -13,7 +13,7 @@ _STRAIGHTEST = 1 - 1e-6
 
 def unit(vector: Array) -> Array:
     """Vectors (..., 3) scaled to length 1."""
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
 def lengths_m(body: Body, side: str, limb: str) -> tuple[float, float]:
@@ -63,7 +63,7 @@ def elevated_arm(thorax: Array, side: str, flexion: Array, adduction: Array, rot
     return thorax @ rotation_of(f"{side}_hip", angles)
 
 
-def forearm_and_hand(body: Body, side: str, upper_arm: Array, flexion: Array, pronation: Array) -> tuple[Array, Array]:
+def forearm_and_hand(body: Body, side: str, upper_arm: Array, flexion: Array | float, pronation: Array) -> tuple[Array, Array]:
     """Forearm and hand axes (T, 3, 3): an elbow angle, a pronation, and the wrist as at rest."""
     flexion = np.broadcast_to(flexion, upper_arm.shape[:-2])
     angles = np.stack(np.broadcast_arrays(flexion, 0.0, pronation), axis=-1)

@@ -30,4 +30,4 @@ class Wander:
 
     def at(self, t_s: Array) -> Array:
         """Value (T,) at each time."""
-        return np.sin(2 * np.pi * t_s[:, None] * self.rate_hz + self.phase_rad).sum(axis=1) / np.sqrt(_PARTIALS / 2)
+        return np.asarray(np.sin(2 * np.pi * t_s[:, None] * self.rate_hz + self.phase_rad).sum(axis=1) / np.sqrt(_PARTIALS / 2))

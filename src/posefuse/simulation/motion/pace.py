@@ -30,7 +30,7 @@ def cycles_hz(speed_mps: Array, leg_m: float) -> Array:
     """Gait cycles (two steps) per second at a walking speed; scaled to the leg as a pendulum (walk ratio ~ leg^1.5)."""
     ratio = _WALK_RATIO_M_MIN * (leg_m / _WALK_RATIO_LEG_M) ** 1.5
     brisk = np.asarray(speed_mps, np.float64) / (2 * np.sqrt(ratio * 60.0 * np.maximum(speed_mps, 1e-6)))
-    return (brisk**_FLOOR_POWER + _SLOWEST_CYCLES_HZ**_FLOOR_POWER) ** (1 / _FLOOR_POWER)
+    return np.asarray((brisk**_FLOOR_POWER + _SLOWEST_CYCLES_HZ**_FLOOR_POWER) ** (1 / _FLOOR_POWER))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,23 +56,23 @@ class Pace:
     def distance_m(self, t_s: Array) -> Array:
         """Distance walked (T,)."""
         laps, t_s = self._lap(t_s, self.lap_s)
-        return laps * self.lap_m + self._distance(t_s)
+        return np.asarray(laps * self.lap_m + self._distance(t_s))
 
     def speed_mps(self, t_s: Array) -> Array:
         """Rate of `distance_m` (T,); 0 before the start and after the end."""
         _, within = self._lap(t_s, self.lap_s)
         moving = np.ones_like(within) if self.loops else (t_s > 0) & (t_s < self.lap_s)
-        return self._distance(within, 1) * moving
+        return np.asarray(self._distance(within, 1) * moving)
 
     def phase(self, t_s: Array) -> Array:
         """Gait cycles (T,) since the left heel strike before time 0."""
         laps, t_s = self._lap(t_s, self.lap_s)
-        return self._first_phase + laps * self.lap_cycles + self._phase(t_s)
+        return np.asarray(self._first_phase + laps * self.lap_cycles + self._phase(t_s))
 
     def time_s(self, phase: Array) -> Array:
         """Inverse of `phase`."""
         laps, cycles = self._lap(phase - self._first_phase, self.lap_cycles)
-        return laps * self.lap_s + self._time(cycles)
+        return np.asarray(laps * self.lap_s + self._time(cycles))
 
     def _lap(self, value: Array, lap: float) -> tuple[Array, Array]:
         if not self.loops:
@@ -132,6 +132,6 @@ def _within_acceleration(squared: Array, rise: float, loops: bool) -> Array:
     ahead = np.minimum.accumulate(line - ramp) + ramp
     both = np.minimum.accumulate((ahead + ramp)[::-1])[::-1] - ramp
     if not loops:
-        return both
+        return np.asarray(both)
     count = len(squared) - 1
     return np.append(both[count : 2 * count], both[2 * count])

@@ -118,7 +118,7 @@ def _closed(track: Array) -> Array | None:
 
 
 def _middle(points: Points, *names: str) -> Array:
-    return np.mean([points[name] for name in names], axis=0)
+    return np.asarray(np.mean([points[name] for name in names], axis=0))
 
 
 def _frame(y: Array, towards_z: Array) -> Array:
@@ -141,7 +141,7 @@ def _axes(body: Body, points: Points) -> Points:
 
 def _turned(body: Body, segment: str, now: Array, at_rest: Array) -> Array:
     """Segment axes when frames of its points went from `at_rest` (1, 3, 3) to `now` (T, 3, 3)."""
-    return now @ np.swapaxes(at_rest, -1, -2) @ body.segment_axes[SEGMENTS.index(segment)]
+    return np.asarray(now @ np.swapaxes(at_rest, -1, -2) @ body.segment_axes[SEGMENTS.index(segment)])
 
 
 def _trunk(points: Points, across: str) -> Array:
@@ -168,7 +168,7 @@ def _blended(along: Array, above: Array, plane: Array, bend_sine: Array) -> Arra
     weight = (part**2 * (3 - 2 * part))[:, None]
     reference = unit(above - np.sum(above * along, axis=-1, keepdims=True) * along)
     normal = plane / np.maximum(np.linalg.norm(plane, axis=-1, keepdims=True), 1e-12)
-    return (1 - weight) * reference + weight * normal
+    return np.asarray((1 - weight) * reference + weight * normal)
 
 
 def _leg(body: Body, points: Points, rest: Points, side: str, pelvis: Array) -> Points:

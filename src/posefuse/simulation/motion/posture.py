@@ -60,18 +60,18 @@ def bones_of(body: Body, posture: Posture) -> Array:
 def between(first: Array, second: Array, part: float) -> Array:
     """Rotations (T, 3, 3) that have made `part` of the way from `first` to `second`, along the shortest turn."""
     step = Rotation.from_matrix(np.swapaxes(first, -1, -2) @ second).as_rotvec() * part
-    return first @ Rotation.from_rotvec(step).as_matrix()
+    return np.asarray(first @ Rotation.from_rotvec(step).as_matrix())
 
 
 def _rest_axes(body: Body, segment: str) -> Array:
-    return body.segment_axes[SEGMENTS.index(segment)]
+    return np.asarray(body.segment_axes[SEGMENTS.index(segment)])
 
 
 def _girdle(posture: Posture, thorax_turn: Array, side: str) -> Array:
     thorax = posture.axes_world["thorax"]
     outward = thorax[..., :, 2] * (1.0 if side == "right" else -1.0)
     raised = thorax[..., :, 1] - posture.axes_world[f"{side}_upper_arm"][..., :, 1]
-    return Rotation.from_rotvec(_GIRDLE_GAIN * np.cross(outward, raised)).as_matrix() @ thorax_turn
+    return np.asarray(Rotation.from_rotvec(_GIRDLE_GAIN * np.cross(outward, raised)).as_matrix() @ thorax_turn)
 
 
 def _half_twisted(body: Body, side: str, upper: Array, lower: Array) -> Array:
@@ -80,4 +80,4 @@ def _half_twisted(body: Body, side: str, upper: Array, lower: Array) -> Array:
     relative = Rotation.from_matrix(np.swapaxes(upper, -1, -2) @ lower)
     quaternion = relative.as_quat(canonical=True)
     twist = 2 * np.arctan2(quaternion[..., :3] @ line_rest, quaternion[..., 3])
-    return lower @ Rotation.from_rotvec(-0.5 * twist[..., None] * line_rest).as_matrix()
+    return np.asarray(lower @ Rotation.from_rotvec(-0.5 * twist[..., None] * line_rest).as_matrix())

@@ -48,9 +48,10 @@ def retargeted(body: Body, settings: BvhSettings) -> Sampled:
     joints = _joints(data, settings.file)
     rest = data.rest_positions()
     file_axes = _rest_axes(rest, joints, settings.file)
-    world_from_file = _world_axes(file_axes[:, 1]) if settings.heading_deg is None else None
     rotation, position = data.world()
-    if world_from_file is None:
+    if settings.heading_deg is None:
+        world_from_file = _world_axes(file_axes[:, 1])
+    else:
         world_from_file = _faced(rotation[0, joints["hips"]] @ file_axes, file_axes[:, 1], settings.heading_deg)
     frames = _segment_frames(rest, joints, file_axes, data)
     axes = {name: world_from_file @ rotation[:, joint] @ frame for name, (joint, frame) in frames.items()}

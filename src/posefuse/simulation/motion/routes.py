@@ -102,7 +102,7 @@ def _line(path: LinePath) -> Route:
     angle = float(np.arctan2(ahead[1], ahead[0]))
 
     def place(u: Array) -> Array:
-        return start + _line_progress(np.clip(u, 0.0, far), far, length)[:, None] * ahead
+        return np.asarray(start + _line_progress(np.clip(u, 0.0, far), far, length)[:, None] * ahead)
 
     return Route(
         place=place,
@@ -132,7 +132,7 @@ def _sideways(path: BackForthPath) -> Route:
     def place(u: Array) -> Array:
         lap = np.mod(u, 2 * half)
         there = np.minimum(lap, 2 * half - lap)
-        return start + _line_progress(there, half, length)[:, None] * ahead
+        return np.asarray(start + _line_progress(there, half, length)[:, None] * ahead)
 
     def heading(u: Array) -> Array:
         return np.full_like(u, angle)
@@ -171,7 +171,7 @@ def _turning(path: BackForthPath) -> Route:
 
     def place(u: Array) -> Array:
         u = np.mod(u, lap)
-        return start + curve(u) - drift * u[:, None]
+        return np.asarray(start + curve(u) - drift * u[:, None])
 
     return Route(place=place, heading=turned, curvature=curvature, length_m=lap)
 
@@ -216,7 +216,7 @@ def _closed_curve(rng: np.random.Generator, low: Array, high: Array) -> Route:
 
     def curvature(u: Array) -> Array:
         d, dd = first(np.mod(u, length)), second(np.mod(u, length))
-        return (d[:, 0] * dd[:, 1] - d[:, 1] * dd[:, 0]) / np.linalg.norm(d, axis=1) ** 3
+        return np.asarray((d[:, 0] * dd[:, 1] - d[:, 1] * dd[:, 0]) / np.linalg.norm(d, axis=1) ** 3)
 
     return Route(
         place=lambda u: curve(np.mod(u, length)),

@@ -93,4 +93,4 @@ def _sole_points(body: Body, letter: str) -> Array:
     share = np.where(body.bone_index == body.bone(f"foot.{letter}"), body.bone_weight, 0.0).sum(axis=1)
     points = body.vertices_rest[share > 0.5]
     points = points[points[:, 2] < points[:, 2].min() + _SOLE_M]
-    return points[ConvexHull(points).vertices]
+    return np.asarray(points[ConvexHull(points).vertices])

@@ -29,10 +29,10 @@ _EASY_PRONATION_RAD = np.deg2rad(85.0)
 
 def level_axes(heading_rad: Array) -> Array:
     """Axes (T, 3, 3) of an upright segment that faces a heading: X ahead, Y up, Z right."""
-    return turn("z", heading_rad) @ AXES_LEVEL
+    return np.asarray(turn("z", heading_rad) @ AXES_LEVEL)
 
 
-def leaned(axes: Array, forward_rad: Array, right_rad: Array = 0.0, left_turn_rad: Array = 0.0) -> Array:
+def leaned(axes: Array, forward_rad: Array, right_rad: Array | float = 0.0, left_turn_rad: Array | float = 0.0) -> Array:
     """Axes (T, 3, 3) bent forward, to the right, and turned to the left in their own frame (the trunk's ZXY)."""
     angles = np.stack(np.broadcast_arrays(forward_rad, right_rad, left_turn_rad), axis=-1)
     return axes @ rotation_of("trunk", angles)
@@ -76,7 +76,7 @@ class Footing:
 
     def legs(self, centre: Array, pelvis: Array) -> dict[str, Array]:
         """Axes of thighs, shanks and feet, each (T, 3, 3), for a pelvis at centre (T, 3) with axes (T, 3, 3)."""
-        axes = {}
+        axes: dict[str, Array] = {}
         for side in SIDES:
             hip = centre + pelvis @ self.hip_offset(side)
             foot = np.broadcast_to(self.feet()[side], pelvis.shape)
@@ -94,10 +94,12 @@ def hip_offset(body: Body, side: str) -> Array:
     """(3,) hip centre in pelvis axes, from the middle of both hip centres."""
     pelvis = body.segment_axes[SEGMENTS.index("pelvis")]
     middle = (body.points_rest["left_hip"] + body.points_rest["right_hip"]) / 2
-    return pelvis.T @ (body.points_rest[f"{side}_hip"] - middle)
+    return np.asarray(pelvis.T @ (body.points_rest[f"{side}_hip"] - middle))
 
 
-def easy_arm(body: Body, side: str, thorax: Array, flexion: Array = 0.0, elbow: Array = _EASY_ELBOW_RAD) -> dict[str, Array]:
+def easy_arm(
+    body: Body, side: str, thorax: Array, flexion: Array | float = 0.0, elbow: Array | float = _EASY_ELBOW_RAD
+) -> dict[str, Array]:
     """Axes of an arm that hangs at ease."""
     count = thorax.shape[:-2]
     flexion = np.broadcast_to(np.asarray(flexion, np.float64), count)
@@ -278,4 +280,4 @@ def _there_and_back(part: Array) -> Array:
 
 def _minimum_jerk(x: Array) -> Array:
     x = np.clip(x, 0.0, 1.0)
-    return x**3 * (10 - 15 * x + 6 * x**2)
+    return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))

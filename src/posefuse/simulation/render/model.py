@@ -26,9 +26,20 @@ _LAMP_PER_DIAGONAL = 0.42
 class ColouredBody(SkinnedBody, Protocol):
     """A skinned body whose vertices belong to groups of one colour."""
 
-    colour_group: Array
-    colour_names: tuple[str, ...]
-    colours: Array
+    @property
+    def colour_group(self) -> Array:
+        """(V,) place in `colour_names`."""
+        ...
+
+    @property
+    def colour_names(self) -> tuple[str, ...]:
+        """G names of groups of vertices."""
+        ...
+
+    @property
+    def colours(self) -> Array:
+        """(G, 3) RGB of each group."""
+        ...
 
 
 @dataclass(frozen=True)

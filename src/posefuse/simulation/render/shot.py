@@ -104,7 +104,7 @@ class CameraShooter:
         surface = depth[np.clip(row, 0, view.height - 1), np.clip(column, 0, view.width - 1)]
         # from depth along the axis to distance along the ray
         before_m = (ahead - surface) * np.sqrt(1 + (norm**2).sum(axis=-1))
-        return before_m <= flesh_m
+        return np.asarray(before_m <= flesh_m)
 
     def _with_noise(self, image: Array, seed: list[int]) -> Array:
         if self._sensor.noise_dn:

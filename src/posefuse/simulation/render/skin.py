@@ -19,12 +19,35 @@ _CLOTH_PER_M = 2.5
 class SkinnedBody(Protocol):
     """What rendering needs of a body: a mesh at rest and the bones it hangs on."""
 
-    bone_names: tuple[str, ...]
-    vertices_rest: Array
-    faces: Array
-    bone_index: Array
-    bone_weight: Array
-    world_from_bone_rest: Array
+    @property
+    def bone_names(self) -> tuple[str, ...]:
+        """B names."""
+        ...
+
+    @property
+    def vertices_rest(self) -> Array:
+        """(V, 3) metres."""
+        ...
+
+    @property
+    def faces(self) -> Array:
+        """(F, 3) vertices."""
+        ...
+
+    @property
+    def bone_index(self) -> Array:
+        """(V, W) bones that a vertex hangs on."""
+        ...
+
+    @property
+    def bone_weight(self) -> Array:
+        """(V, W) how much, by bone."""
+        ...
+
+    @property
+    def world_from_bone_rest(self) -> Array:
+        """(B, 4, 4) at rest."""
+        ...
 
 
 def skin_file(body: SkinnedBody, faces: Array, bone_prefix: str) -> bytes:

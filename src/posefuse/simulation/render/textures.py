@@ -105,7 +105,7 @@ def _wood(rng: np.random.Generator) -> Array:
     floor = np.empty((_FLOOR_PX, _FLOOR_PX, 3))
     for i in range(planks):
         grain = cv2.GaussianBlur(rng.standard_normal((_FLOOR_PX, width)), (0, 0), sigmaX=0.8, sigmaY=24)
-        plank = np.array([163, 125, 86]) + 55 * grain[..., None]
+        plank: Array = np.array([163.0, 125.0, 86.0]) + 55 * grain[..., None]
         ends = np.sort(rng.integers(0, _FLOOR_PX, 3))
         plank *= np.repeat(rng.uniform(0.84, 1.1, 4), np.diff([0, *ends, _FLOOR_PX]))[:, None, None]
         plank[ends] *= 0.6

@@ -40,6 +40,7 @@ class DepthCamera(ABC):
     maker: ClassVar[str]
     library: ClassVar[str]
     extra: ClassVar[str]
+    _pipeline: Any  # of the vendor's library; `_start` sets it
 
     def __init__(self, config: DepthCameraConfig) -> None:
         self._config = config

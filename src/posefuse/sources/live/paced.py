@@ -7,11 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from posefuse.core import Frame
+from posefuse.sources.packets import with_earlier
 from posefuse.sources.video import VideoConfig, VideoSource
 
 # decoding takes time of its own; and so much is forgiven the first frame, whose successor is not known yet
 _SLACK_NS, _FIRST_NS = 15_000_000, 100_000_000
+
+
+_NO_IMAGE = np.zeros((0, 0, 3), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -23,12 +29,14 @@ class PacedVideoConfig:
         offset_s: added to the file's times; positive when this file began later than the others.
         zero_ns: monotonic time at which the file shows its time 0, so that several cameras agree; None is when the first
             frame is asked for.
+        keep_encoded: give every frame in the file's own encoding too.
     """
 
     path: Path
     camera: str
     offset_s: float = 0.0
     zero_ns: int | None = None
+    keep_encoded: bool = False
 
     def build(self) -> PacedVideoSource:
         """Open the file and look at its first frame; raises SourceError when that cannot be done."""
@@ -41,21 +49,27 @@ class PacedVideoSource:
     def __init__(self, config: PacedVideoConfig) -> None:
         self._config = config
         self.camera = config.camera
-        self._video: VideoSource = VideoConfig(config.path, config.camera, config.offset_s).build()
+        self._video: VideoSource = VideoConfig(
+            config.path, config.camera, config.offset_s, keep_encoded=config.keep_encoded
+        ).build()
         self.size_wh = self._video.size_wh
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; `received_ns` is when a frame was handed on, on the file's own clock."""
         zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
         period_ns, before_ns = _FIRST_NS, None
+        left_out: list[Frame] = []
         for frame in self._video.frames():
             period_ns = frame.t_ns - before_ns if before_ns is not None else period_ns
             before_ns = frame.t_ns
             now_ns = time.monotonic_ns() - zero_ns
             if now_ns > frame.t_ns + period_ns + _SLACK_NS:
+                left_out.append(replace(frame, image=_NO_IMAGE))
                 continue
             time.sleep(max(0, frame.t_ns - now_ns) / 1e9)
-            yield replace(frame, received_ns=time.monotonic_ns() - zero_ns)
+            encoded = with_earlier(frame, left_out)
+            left_out = []
+            yield replace(frame, received_ns=time.monotonic_ns() - zero_ns, encoded=encoded)
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""

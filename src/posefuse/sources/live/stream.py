@@ -21,6 +21,7 @@ import numpy as np
 from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
 from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
+from posefuse.sources.packets import decoded_with_packets
 
 _FOLLOW_NS = 10_000_000_000
 _OPEN_S, _READ_S = 8.0, 5.0
@@ -41,6 +42,7 @@ class StreamConfig:
         camera: name of the camera in the rig.
         size: ``WIDTHxHEIGHT`` or ``WIDTHxHEIGHT@RATE`` to ask a USB camera for; empty takes its own choice.
         delay_s: how old an image is when it arrives, at best: half the exposure plus reading out, coding and transport.
+        keep_encoded: give every frame in the camera's own encoding too.
         open_s: how long connecting may take. read_s: a stream that says nothing for so long is lost.
     """
 
@@ -48,6 +50,7 @@ class StreamConfig:
     camera: str
     size: str = ""
     delay_s: float = 0.0
+    keep_encoded: bool = False
     open_s: float = _OPEN_S
     read_s: float = _READ_S
 
@@ -63,7 +66,7 @@ class StreamSource:
         self._config = config
         self.camera = config.camera
         self._container: Any = _connected(config)
-        self._decoded = self._container.decode(video=0)
+        self._decoded = decoded_with_packets(self._container, self._container.streams.video[0], config.keep_encoded)
         self._times = StampClock(round(config.delay_s * 1e9))
         self._seq = 0
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
@@ -93,7 +96,7 @@ class StreamSource:
 
     def _next(self) -> Frame:
         try:
-            decoded = next(self._decoded)
+            decoded, encoded = next(self._decoded)
         except StopIteration:
             raise SourceError(f"{self._where}: the stream has ended") from None
         except av.error.ExitError:
@@ -110,6 +113,7 @@ class StreamSource:
             t_ns=t_ns,
             received_ns=now_ns,
             image=np.ascontiguousarray(decoded.to_ndarray(format="rgb24")),
+            encoded=encoded,
         )
 
 

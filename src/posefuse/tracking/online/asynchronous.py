@@ -9,6 +9,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.duplicates import duplicates
 
 from .admission import Admission
 from .contract import CameraHealth, Solve
@@ -67,6 +68,7 @@ class AsynchronousTracker:
         self._unclaimed: dict[str, Detections2D] = {}
         self._tried_ns: int | None = None
         self._restarts = 0
+        self._next_id = 0
 
     def add(self, detections: Detections2D) -> None:
         """See `Tracker.add`."""
@@ -78,7 +80,8 @@ class AsynchronousTracker:
             self._unclaimed.clear()
             for own in self._figures.values():
                 own.newest_ns = None
-        detections = _surest(detections, self._model.settings.detections_max)
+        settings = self._model.settings
+        detections = _surest(_each_once(detections, settings.duplicate_share), settings.detections_max)
         figures, c = self._figures[detections.camera], self._place[detections.camera]
         figures.newest_ns = max(detections.t_ns, figures.newest_ns or detections.t_ns)
         rays = self._optics[c].rays(detections)
@@ -103,6 +106,10 @@ class AsynchronousTracker:
             if person.pose_into(t_ns, out, len(ids)):
                 ids.append(person.id)
         return out.pose(t_ns, self._model.skeleton, ids)
+
+    def looked_for(self, t_ns: int) -> Pose3D:
+        """See `Tracker.looked_for`."""
+        return self.at(t_ns)
 
     @property
     def health(self) -> Mapping[str, CameraHealth]:
@@ -142,8 +149,8 @@ class AsynchronousTracker:
         support = np.where(share >= settings.min_share, support, 0.0)
         claims = []
         while support.max() > 0:
-            n, p = np.unravel_index(int(support.argmax()), support.shape)
-            claims.append((self._people[n], int(p)))
+            n, p = (int(i) for i in np.unravel_index(int(support.argmax()), support.shape))
+            claims.append((self._people[n], p))
             support[n], support[:, p] = 0.0, 0.0
         return claims
 
@@ -203,11 +210,11 @@ class AsynchronousTracker:
             self._people.remove(stale[near_m])
             number = stale[near_m].id
         else:
-            taken = {person.id for person in self._people}
-            free = [i for i in range(self._model.settings.max_people) if i not in taken]
-            if not free:
+            if len(self._people) >= self._model.settings.max_people:
                 return
-            number = free[0]
+            number = self._next_id
+            # one person is always the same one; of several, a later track may be anybody
+            self._next_id += self._model.settings.max_people > 1
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
@@ -223,6 +230,10 @@ def _surest(detections: Detections2D, most: int) -> Detections2D:
         return detections
     order = np.argsort(-np.nan_to_num(detections.score).sum(axis=1), kind="stable")[:most]
     return _only(detections, [int(p) for p in np.sort(order)])
+
+
+def _each_once(detections: Detections2D, share: float) -> Detections2D:
+    return _only(detections, np.flatnonzero(~duplicates(detections, share)).tolist())
 
 
 def _only(detections: Detections2D, people: list[int]) -> Detections2D:

@@ -53,8 +53,14 @@ class Tracker(Protocol):
     def at(self, t_ns: int) -> Pose3D:
         """Everybody who is tracked, at t_ns; NaN where lost. See `LiveSettings.measured_s` for kind FUSED and PREDICTED.
 
+        With several people, person_id numbers tracks: one who was lost for long comes back under another number.
+
         n_views counts the cameras, and reproj_px is over the views, of the last `LiveSettings.measured_s`.
         """
+        ...
+
+    def looked_for(self, t_ns: int) -> Pose3D:
+        """Everybody whom the views should look for at t_ns, those included of whom it is not known yet who they are."""
         ...
 
     @property

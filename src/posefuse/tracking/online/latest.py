@@ -53,6 +53,10 @@ class LatestTracker:
             pose = replace(pose, kind=np.where(pose.kind == Kind.MISSING, Kind.MISSING, Kind.PREDICTED))
         return pose
 
+    def looked_for(self, t_ns: int) -> Pose3D:
+        """See `Tracker.looked_for`."""
+        return self.at(t_ns)
+
     @property
     def health(self) -> Mapping[str, CameraHealth]:
         """Ages and refusals; this tracker expects nothing, so it cannot judge what a view says."""

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
+from posefuse.core.duplicates import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
 from posefuse.tracking.lasting import LASTING_SHARE
 
@@ -28,7 +29,7 @@ class LiveSettings:
     Attributes:
         tracker: ``asynchronous`` (every view counts at its own time, the pose is predicted to the output time), or the
             paper's ``latest`` (the newest view of each camera, fused as if they were of one moment).
-        max_people: how many people to follow; their ids are 0 .. max_people - 1.
+        max_people: how many people to follow at a time.
         lost_after_s: a keypoint is missing, and a person gone, when no view measured it for so long.
         alone_s: a person is gone, too, when one camera alone measured them for so long: its rays fit any depth.
         measured_s: a keypoint counts as measured (FUSED) when a view not older than this saw it, else PREDICTED. It spans
@@ -47,6 +48,8 @@ class LiveSettings:
             how long such an error lasts. Less than what lasts, as slow motion must not be taken for it. Models, switch_s,
             averaging and these two are fitted together by `bench/fit_tracker.py`.
         outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
+        duplicate_share: two detections of one view whose keypoints are closer than this share of their box (median) are one
+            body.
         tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
         min_share: share of a detection's keypoints that must do so.
         score_min: keypoints below it are not used.
@@ -82,6 +85,7 @@ class LiveSettings:
     learnt_s: Annotated[float, Gt(0)] = 1.8
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
+    duplicate_share: Annotated[float, Ge(0), Le(1)] = DUPLICATE_SHARE
     tolerance_m: Annotated[float, Gt(0)] = 0.2
     min_share: Annotated[float, Gt(0), Le(1)] = 0.4
     score_min: Annotated[float, Ge(0), Le(1)] = 0.1

@@ -1,4 +1,4 @@
-"""Guidance in Rerun: every camera's image with what was found and covered in it, who hangs together, and what to do next."""
+"""Guidance in Rerun: every camera's image, what was found and covered in it, which cameras are linked, and what to do next."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def next_page(state: Guidance) -> str:
 
 def _partners(names: Sequence[str], together: Array, own: int) -> str:
     counts = [(int(n), name) for i, (n, name) in enumerate(zip(together, names, strict=True)) if n and i != own]
-    return ", ".join(f"{name} {n}" for n, name in sorted(counts, reverse=True)) or "**nobody**"
+    return ", ".join(f"{name} {n}" for n, name in sorted(counts, reverse=True)) or "**no camera**"
 
 
 def _quads(patch: Array, xy: Array) -> list[Array]:
@@ -132,9 +132,9 @@ def _colours(level: Array) -> Array:
 def _blueprint(cameras: Sequence[str]) -> Any:
     import rerun.blueprint as rrb
 
-    beside = rrb.Vertical(
+    right = rrb.Vertical(
         rrb.TextDocumentView(origin="next", name="what to do next"),
         rrb.Spatial2DView(origin="together", contents=["$origin/**"], name="moments two cameras saw it together"),
         row_shares=[1, 1],
     )
-    return rrb.Blueprint(rrb.Horizontal(camera_views(cameras, _CAMERAS), beside, column_shares=[3, 2]), collapse_panels=True)
+    return rrb.Blueprint(rrb.Horizontal(camera_views(cameras, _CAMERAS), right, column_shares=[3, 2]), collapse_panels=True)

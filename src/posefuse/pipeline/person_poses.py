@@ -1,12 +1,12 @@
-"""2D poses of one person in videos of cameras whose places nobody knows yet.
+"""2D poses of one person in videos of cameras whose poses are not known yet.
 
-Each camera's person is followed in its own images first. A rough rig made from that lets all views tell each other where
-to look, as `posefuse track` does, so that the second look misses nobody and takes nobody else for the person.
+Each camera's person is followed in its own images first. A rough rig made from that predicts in every camera where to look,
+as `posefuse track` does, so that the second pass misses no frame and takes no other person.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -18,12 +18,23 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.settle import unplaced_clocks
 from posefuse.calibration.person.solve import KnownLength, rough_rig
 from posefuse.calibration.person.views import PersonViews, person_views
-from posefuse.cli.networks import fetch_networks
-from posefuse.cli.terminal import Terminal
-from posefuse.core import Camera, Detections2D, Detector, Frame, Region, Rig, Source, SourceError, views_over_time
+from posefuse.core import (
+    Camera,
+    Detections2D,
+    Detector,
+    Frame,
+    Progress,
+    Region,
+    Rig,
+    Source,
+    SourceError,
+    silent,
+    views_over_time,
+)
 from posefuse.core.arrays import Array
 from posefuse.detection import region_from_keypoints
 from posefuse.detection.build import DetectorChoice, build_detector
+from posefuse.detection.downloading import fetch_networks
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import CameraInput
 from posefuse.pipeline.following import Follower, observations_of
@@ -33,9 +44,9 @@ from posefuse.pipeline.session import Input, fitted_camera
 from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, VideoSource, frame_sets
 from posefuse.tracking import SmoothSettings, sides_like
 
-# frames between two searches of whole images for somebody who is lost
+# frames between two searches of whole images for a lost person
 _SEARCH_EVERY = 5
-Progress = Callable[[int, int], None]
+_APART, _TOGETHER = "finding the person", "finding the person again, with all cameras"
 
 
 def person_in_videos(
@@ -43,16 +54,16 @@ def person_in_videos(
     lenses: Rig,
     length: KnownLength,
     choice: DetectorChoice,
-    instants: int,
-    terminal: Terminal,
+    time_steps: int,
+    progress: Progress = silent,
     clocks: str = "together",
     most_s: float = 10.0,
 ) -> tuple[PersonViews, tuple[Camera, ...], ClockEstimate | None]:
     """The person in every video, the cameras as they apply to the videos' images, and the clocks that the views were read by.
 
     Args:
-        paths: video of each camera. lenses: a camera for each of them; where it stands does not count.
-        length: sets the scale. choice: the 2D estimator. instants: looked at, at most.
+        paths: video of each camera. lenses: a camera for each of them; its pose is not used.
+        length: sets the scale. choice: the detector. time_steps: used at most.
         clocks, most_s: as `unplaced_clocks` has them.
 
     Raises:
@@ -63,33 +74,31 @@ def person_in_videos(
         fitted_camera(lenses[source.camera], Input(source.camera, "videos", path, CameraInput()), source)
         for source, path in zip(sources, paths.values(), strict=True)
     )
-    timeline = timeline_of(sources, instants)
-    fetch_networks(choice, terminal)
+    timeline = timeline_of(sources, time_steps)
+    fetch_networks(choice, progress)
     detector = build_detector(choice, Rig(cameras))
-    with terminal.progress("finding the person") as advance:
-        apart = person_tracks(poses_apart(sources, detector, timeline, advance))
+    apart = person_tracks(poses_apart(sources, detector, timeline, progress))
     found = unplaced_clocks(apart, cameras, length, clocks, most_s)
     if found is not None:
-        terminal.note("going on with the clocks of the cameras as this first look tells them")
+        progress(_APART, timeline.count, timeline.count, "the cameras are not synchronised; going on with the offsets found")
         sources = [VideoConfig(path, name, *found.correction(c)).build() for c, (name, path) in enumerate(paths.items())]
-        timeline = timeline_of(sources, instants)
+        timeline = timeline_of(sources, time_steps)
     rig = rough_rig(person_views(apart, found), cameras, length)
-    with terminal.progress("looking again, together") as advance:
-        return poses_together(sources, detector, timeline, rig, advance), cameras, found
+    return poses_together(sources, detector, timeline, rig, progress), cameras, found
 
 
-def timeline_of(sources: Sequence[VideoSource], instants: int) -> Timeline:
-    """Instants at the cameras' own rate, or as many as were asked for."""
+def timeline_of(sources: Sequence[VideoSource], time_steps: int) -> Timeline:
+    """Time steps at the cameras' own rate, or as many as were asked for."""
     times_ns = {source.camera: np.asarray(source.times_ns()) for source in sources}
     seconds = (max(t[-1] for t in times_ns.values()) - min(t[0] for t in times_ns.values())) / 1e9
     fastest_hz = max(1e9 / float(np.median(np.diff(t))) for t in times_ns.values())
-    return common_timeline(times_ns, min(fastest_hz, instants / max(seconds, 1e-3)), None, None)
+    return common_timeline(times_ns, min(fastest_hz, time_steps / max(seconds, 1e-3)), None, None)
 
 
 def poses_apart(
-    sources: Sequence[Source], detector: Detector, timeline: Timeline, progress: Progress
+    sources: Sequence[Source], detector: Detector, timeline: Timeline, progress: Progress = silent
 ) -> dict[str, list[Detections2D]]:
-    """The most prominent person of each camera at the instants of the timeline, followed from frame to frame."""
+    """The most prominent person of each camera at the time steps of the timeline, followed from frame to frame."""
     streams = {source.camera: FramesAhead(source) for source in sources}
     followed = {source.camera: _Followed() for source in sources}
     end_ns = timeline.start_ns + (timeline.count - 1) * timeline.period_ns
@@ -99,7 +108,7 @@ def poses_apart(
             regions = [followed[frame.camera].regions() for frame in frames]
             for frame, found in zip(frames, detector.detect(frames, regions), strict=True):
                 followed[frame.camera].take(frame, found)
-            progress(done, timeline.count)
+            progress(_APART, done, timeline.count)
     finally:
         for stream in streams.values():
             stream.close()
@@ -116,7 +125,7 @@ class _Followed:
         self._rest = 0
 
     def wants(self) -> bool:
-        """Whether the next frame is worth a look: a search that found nobody rests for a while."""
+        """Whether the next frame is worth a look: a search without success pauses for a while."""
         self._rest -= 1
         return self._region is not None or self._rest < 0
 
@@ -137,20 +146,20 @@ class _Followed:
 def poses_together(
     sources: Sequence[RecordedSource], detector: Detector, timeline: Timeline, rig: Rig, progress: Progress
 ) -> PersonViews:
-    """The same person in every camera, each view told by the others where to look; `rig` is in metres, and may be rough.
+    """The same person in every camera, each view predicted by the others; `rig` is in metres, and may be rough.
 
     Raises:
-        InputError: nobody could be followed. SourceError: a video breaks off.
+        InputError: no person could be followed. SourceError: a video breaks off.
     """
     instants, followed = ImageInstants(rig, sources, detector, timeline, _raise), []
     follower = Follower(skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(), fusing=FuseSettings())
     try:
         for one in follower.follow(instants.steps()):
             followed.append(one)
-            progress(len(followed), timeline.count)
+            progress(_TOGETHER, len(followed), timeline.count)
     finally:
         instants.close()
-    observations = observations_of(followed, detector.skeleton, rig)
+    observations = observations_of(follower.identified(followed), detector.skeleton, rig)
     views = views_over_time(observations, long_enough(observations))
     # a view that takes left for right for a while is wrong in all its limbs at once
     steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())

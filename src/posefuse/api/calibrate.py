@@ -1,0 +1,285 @@
+"""Calibration: intrinsics, extrinsics, clock offsets, and how good they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from posefuse import core
+from posefuse.calibration.checks import verify as verification
+from posefuse.calibration.clocks.person import clocks_from_person
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.extrinsics import target as moving_target
+from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, lens_sigma, world_rule
+from posefuse.calibration.extrinsics.limits import LIMITS
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.world import ThreePoints
+from posefuse.calibration.intrinsics import board
+from posefuse.calibration.person.solve import KnownLength
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.detection import observe
+from posefuse.calibration.targets.kinds import Target
+from posefuse.calibration.targets.recordings import (
+    Inputs,
+    check_seen,
+    observe_sources,
+    open_sources,
+    paths_by_camera,
+    seen_or_why_not,
+)
+from posefuse.core import SE3, InputError, Progress
+from posefuse.core.arrays import Array
+from posefuse.pipeline.clock_calibration import person_in_session
+from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
+from posefuse.pipeline.person_calibration import PersonSearch, check_recordings, find_person, frame_periods_s, solve_person
+
+from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
+from .progress import shown
+from .rig import read_rig, rig_of
+
+ClockMode = Literal["auto", "together", "offset", "drift"]
+RigLike = core.Rig | str | Path
+Settings = Mapping[str, Any]
+
+
+def observe_target(inputs: Inputs, *, target: Target, every: int = 1, progress: Progress | bool | None = None) -> Observations:
+    """Find a target in the recordings of several cameras, for `calibrate_extrinsics` and `verify`.
+
+    Args:
+        inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names.
+        target: what the cameras see. every: look at every `every`-th frame only.
+        progress: True for bars on stderr, or a function (see `Progress`).
+
+    Raises:
+        InputError: a path that does not exist, or is neither a video nor a folder of images.
+    """
+    with shown(progress) as report:
+        return observe_sources(open_sources(inputs), target, every, report)
+
+
+def calibrate_intrinsics(
+    inputs: Inputs, *, target: Target, every: int = 1, progress: Progress | bool | None = None
+) -> IntrinsicsCalibration:
+    """Find focal lengths, principal point and distortion of each camera from images of a board.
+
+    Args:
+        inputs, target, every, progress: as in `observe_target`.
+
+    Returns:
+        The cameras (all at the origin), and a report per camera.
+
+    Raises:
+        RefusedCalibration: a check of a camera fails; `report` says which, and what to do.
+        CalibrationError: a camera in which the target was not found. InputError: unusable recordings.
+
+    Examples:
+        >>> from posefuse.api.calibrate import calibrate_intrinsics
+        >>> from posefuse.calibration.targets.kinds import Charuco
+        >>> board = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
+        >>> found = calibrate_intrinsics(["cam00.mp4", "cam01.mp4"], target=board)  # doctest: +SKIP
+        >>> found.save("lenses.toml", report="lenses.html")  # doctest: +SKIP
+    """
+    found = []
+    with shown(progress) as report:
+        sources = open_sources(inputs)
+        for done, source in enumerate(sources):
+            report("intrinsics", done, len(sources))
+            observations = seen_or_why_not(observe(source, target, every), source, target)
+            found.append(board.calibrate_intrinsics(observations, target))
+        report("intrinsics", len(sources), len(sources))
+    return IntrinsicsCalibration(
+        rig=rig_of(core.Rig(tuple(one.camera for one in found), world_set_by="lenses only")),
+        reports={one.camera.name: one.report for one in found},
+        cells={one.camera.name: one.cells for one in found},
+    )
+
+
+def calibrate_extrinsics(
+    inputs: Inputs | Observations,
+    *,
+    intrinsics: RigLike,
+    target: Target,
+    every: int = 1,
+    clocks: ClockMode = "auto",
+    floor: FloorMarker | ThreePoints | None = None,
+    focal_known_to_percent: float | None = None,
+    upside_down: Sequence[str] = (),
+    any_size: bool = False,
+    keep_refused: bool = False,
+    progress: Progress | bool | None = None,
+) -> RigCalibration:
+    """Find the poses of the cameras from a target that is moved in front of them.
+
+    Args:
+        inputs: as in `observe_target`, or what that returned.
+        intrinsics: a rig whose cameras have these names; its poses are not used.
+        target, every, progress: as in `observe_target`.
+        clocks: ``together``: the cameras are synchronised; ``offset`` or ``drift``: estimate each camera's clock; ``auto``: when
+            they turn out not to be synchronised.
+        floor: what sets the world coordinates; None: up is estimated from the cameras.
+        focal_known_to_percent: refine the intrinsics too, whose focal lengths are known to so much; None keeps them.
+        upside_down: cameras that are mounted upside down.
+        any_size: accept a rig far smaller or larger than a room.
+        keep_refused: return a refused calibration too, whose rig is marked as refused and whose `report.failed` says why.
+
+    Raises:
+        RefusedCalibration: a check fails; `report` says which, and what to do.
+        CalibrationError: input that cannot be used. InputError: unusable recordings.
+    """
+    lenses = _rig(intrinsics)
+    check_floor(floor, target)
+    if isinstance(inputs, Observations):
+        seen = inputs
+    else:
+        sources = open_sources(inputs)
+        for source in sources:
+            lenses[source.camera]
+        with shown(progress) as report:
+            seen = observe_sources(sources, target, every, report)
+        check_seen(seen, sources, target)
+    cameras = tuple(lenses[name] for name in seen.cameras)
+    observations, world = world_rule(floor, seen, target)
+    limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
+    options = Options(clocks=clocks, lens_sigma=lens_sigma(focal_known_to_percent, cameras), limits=limits)
+    try:
+        found = moving_target.calibrate_extrinsics(observations, cameras, target, options, world, tuple(upside_down))
+    except RefusedCalibration as refused:
+        if not keep_refused or refused.kept is None:
+            raise
+        found = refused.kept
+    (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
+    estimate = ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
+    return RigCalibration(
+        rig=rig_of(found.rig),
+        report=found.report,
+        clocks=estimate if estimate.offset_s.any() or estimate.drift.any() else None,
+        cells={camera.name: found.coverage.cells[i] for i, camera in enumerate(found.rig)},
+    )
+
+
+def calibrate_person(
+    inputs: Inputs,
+    *,
+    intrinsics: RigLike,
+    height_m: float | None = None,
+    camera_distance: tuple[str, str, float] | None = None,
+    rate_hz: float | None = None,
+    time_steps: int = 600,
+    clocks: ClockMode = "auto",
+    max_offset_s: float = 10.0,
+    upside_down: Sequence[str] = (),
+    settings: Settings | None = None,
+    progress: Progress | bool | None = None,
+) -> RigCalibration:
+    """Find the poses of the cameras from a person who walks in front of them.
+
+    Args:
+        inputs: per camera a video, or 2D poses of another tool; a mapping by camera name, or paths.
+        intrinsics: a rig whose cameras have these names; its poses are not used.
+        height_m: height of the person in metres, which sets the scale within a few per cent.
+        camera_distance: or two cameras and their measured distance in metres.
+        rate_hz: frame rate of 2D poses. time_steps: of videos, used at most.
+        clocks: as in `calibrate_extrinsics`. max_offset_s: largest clock offset between two cameras to search for.
+        upside_down: cameras that are mounted upside down.
+        settings: other settings of `track` by dotted key, e.g. ``{"detector.options.landmarks": "blazepose_best"}``.
+        progress: True for bars on stderr, or a function (see `Progress`).
+
+    Raises:
+        RefusedCalibration: a check fails; `report` says which, and what to do.
+        CalibrationError: cameras that cannot be linked by what they see. InputError: unusable recordings, or not one length.
+    """
+    paths, lenses = paths_by_camera(inputs), _rig(intrinsics)
+    check_recordings(paths)
+    chosen = core.Rig(tuple(lenses[name] for name in paths))
+    length = _known_length(height_m, camera_distance, chosen)
+    cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
+    config = changed_config(read_config(None, ()), dict(settings or {}))
+    search = PersonSearch(detector=config.detector, time_steps=time_steps, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s)
+    with shown(progress) as report:
+        seen = find_person(paths, cameras, length, search, report)
+        found, estimate = solve_person(seen, length, with_drift=clocks == "drift", upside_down=upside_down)
+    # the intrinsics as they were given: videos of another size are fitted anew wherever they are read
+    poses = {camera.name: camera.cam_from_world for camera in found.rig}
+    placed = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=poses[camera.name]) for camera in cameras))
+    periods_s = () if estimate is None else frame_periods_s(paths, rate_hz)
+    return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate, frame_period_s=periods_s)
+
+
+def calibrate_clocks(
+    session: str | Path,
+    *,
+    rig: str | Path | None = None,
+    drift: bool = False,
+    rate_hz: float | None = None,
+    seconds: float = 60.0,
+    max_offset_s: float = 10.0,
+    settings: Settings | None = None,
+    progress: Progress | bool | None = None,
+) -> ClockCalibration:
+    """Find the clock offsets of calibrated cameras that are not synchronised, from a person who moves.
+
+    Args:
+        session: as in `track`. rig: another calibration file.
+        drift: estimate different clock rates, too. rate_hz: of 2D poses in files, and of images without times.
+        seconds: so much from the middle of the recording is used. max_offset_s: largest offset between two cameras.
+        settings: other settings of `track` by dotted key. progress: True for bars on stderr, or a function (see `Progress`).
+
+    Raises:
+        RefusedCalibration: a check fails; `report` says which, and what to do. InputError: no session, or no frame rate.
+    """
+    folder = Path(session)
+    path = folder / CONFIG_FILE
+    given = {"rig": None if rig is None else str(Path(rig).absolute()), "rate_hz": rate_hz}
+    changes = {key: value for key, value in given.items() if value is not None} | dict(settings or {})
+    config = changed_config(read_config(path if path.is_file() else None, ()), changes)
+    with shown(progress) as report:
+        seen = person_in_session(folder, config, seconds, report)
+        found = clocks_from_person(seen.rig, seen.tracks, max_offset_s, drift)
+    return ClockCalibration(rig=rig_of(seen.rig), clocks=found.clocks, report=found.report, frame_period_s=seen.frame_period_s)
+
+
+def verify(
+    rig: RigLike,
+    inputs: Inputs | Observations,
+    *,
+    target: Target,
+    every: int = 1,
+    clock_offset_s: Mapping[str, float] | None = None,
+    progress: Progress | bool | None = None,
+) -> RigVerification:
+    """Measure the errors of a rig with a target it was not made from, held anywhere.
+
+    Args:
+        rig: to be verified. inputs, target, every, progress: as in `observe_target`.
+        clock_offset_s: clock offsets found by the calibration, by camera name; others are 0.
+
+    Returns:
+        The errors and the checks, also where a check fails: see `RigVerification.passed`.
+
+    Raises:
+        CalibrationError: a camera the rig does not have, or no length that two cameras see. InputError: unusable recordings.
+    """
+    cameras = rig_of(_rig(rig))
+    offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}
+    late_s: Array = np.array([offsets.get(name, 0.0) for name in cameras.names])
+    seen = inputs if isinstance(inputs, Observations) else observe_target(inputs, target=target, every=every, progress=progress)
+    measured = verification.verify(cameras, seen, target, late_s)
+    return RigVerification(rig=cameras, report=measured.report, measured=measured)
+
+
+def _rig(rig: RigLike) -> core.Rig:
+    return rig if isinstance(rig, core.Rig) else read_rig(rig)
+
+
+def _known_length(height_m: float | None, camera_distance: tuple[str, str, float] | None, rig: core.Rig) -> KnownLength:
+    if (height_m is None) == (camera_distance is None):
+        raise InputError("person: the scale needs one known length: --height-m METRES, or --apart CAMERA CAMERA METRES")
+    if camera_distance is None:
+        return KnownLength(stature_m=height_m)
+    first, second, metres = camera_distance
+    return KnownLength(cameras=(rig[first].name, rig[second].name), distance_m=metres)

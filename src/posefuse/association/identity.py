@@ -1,0 +1,232 @@
+"""Identity that lasts: which person a followed track is, decided from what does not change about a body.
+
+Association follows tracks from frame to frame. A track ends when the person is out of sight for too long, and two tracks can be
+exchanged while two people touch. This module names tracks: a pure function from one frame to the next with an explicit state,
+the same for recordings and live.
+
+- A track that begins may be somebody who left. While more than one person is possible, it stays unnamed for a few frames, and
+  all unnamed tracks are named together.
+- Two tracks that touch keep both readings, as they were and exchanged. What is measured after they part decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from posefuse.core import Pose3D
+from posefuse.core.arrays import Array
+
+from .traits import Traits, body_lengths_m, plausible_share, sameness
+
+UNNAMED = -1
+# so many frames of a track decide who it is, where several people are possible
+_NAMING_FRAMES = 8
+# tracks closer than this touch, and have parted beyond that: middles of bodies
+_TOUCH_M, _PARTED_M = 0.6, 0.75
+# frames after parting from which an exchange can be seen, and the log-likelihood ratio it takes
+_EXCHANGE_FRAMES, _EXCHANGE_EVIDENCE = 10, 6.0
+# traits learnt in fewer frames name nobody
+_KNOWN_FRAMES = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Track:
+    """A track in progress.
+
+    Attributes:
+        person: who it is; `UNNAMED`: not decided yet. begin_ns, seen_ns: first and newest measurement.
+        traits: learnt since it began, or since it last touched another track. middle: (3,) of the body, newest.
+        touched: the tracks it touched since then, each with the time at which they were closest.
+    """
+
+    person: int
+    begin_ns: int
+    seen_ns: int
+    traits: Traits
+    middle: Array
+    touched: Mapping[int, tuple[int, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """A decision: from `since_ns` on this track is this person."""
+
+    track: int
+    person: int
+    since_ns: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Identity:
+    """Who the tracks are. A value: `after` gives the next one.
+
+    Attributes:
+        people_max: how many people there can be. lost_after_s: a track not seen for so long has ended.
+        tracks: by number. people: traits of everybody ever named, by person id. left_ns: when the tracks of those who are
+            away were last measured.
+        names: every decision so far, in order.
+    """
+
+    people_max: int
+    lost_after_s: float
+    tracks: Mapping[int, Track] = field(default_factory=dict)
+    people: Mapping[int, Traits] = field(default_factory=dict)
+    left_ns: Mapping[int, int] = field(default_factory=dict)
+    names: tuple[Named, ...] = ()
+
+    def person_of(self, track: int) -> int:
+        """Who the track is as far as is known now; `UNNAMED` before that is decided."""
+        return self.tracks[track].person if track in self.tracks else UNNAMED
+
+    def after(self, pose: Pose3D, more_traits: Array | None = None) -> Identity:
+        """The state after a frame in which `pose` (person_id holds tracks) was measured.
+
+        Args:
+            pose: of this frame. more_traits: (N, D) further traits of its people, NaN where unknown; see `traits`.
+        """
+        found = np.isfinite(pose.xyz_world[..., 0]).any(axis=1)
+        lengths = body_lengths_m(pose.xyz_world, pose.skeleton)
+        measured = lengths if more_traits is None else np.concatenate([lengths, more_traits], axis=1)
+        middles = _middles(pose.xyz_world)
+        state = self._without_ended(pose.t_ns)
+        tracks = dict(state.tracks)
+        for row in np.flatnonzero(found):
+            number = int(pose.person_id[row])
+            usable = plausible_share(lengths[row : row + 1])[0] > 0.5
+            tracks[number] = _seen(tracks.get(number), pose.t_ns, measured[row], middles[row], usable)
+        state = replace(state, tracks=tracks)._touching(pose.t_ns, [int(pose.person_id[row]) for row in np.flatnonzero(found)])
+        return state._exchanged()._named()
+
+    def _without_ended(self, t_ns: int) -> Identity:
+        """What ended tracks taught stays with their people."""
+        ended = {n: one for n, one in self.tracks.items() if (t_ns - one.seen_ns) * 1e-9 > self.lost_after_s}
+        if not ended:
+            return self
+        people, left_ns = dict(self.people), dict(self.left_ns)
+        for one in ended.values():
+            left_ns[one.person] = one.seen_ns
+            if one.person != UNNAMED and not one.touched:
+                people[one.person] = people[one.person].pooled(one.traits)
+        kept = {n: one for n, one in self.tracks.items() if n not in ended}
+        return replace(self, people=people, left_ns=left_ns, tracks=kept)
+
+    def _touching(self, t_ns: int, now: list[int]) -> Identity:
+        """Note which tracks touch: what they had learnt goes to their people, and learning begins anew."""
+        tracks, people = dict(self.tracks), dict(self.people)
+        for place, a in enumerate(now):
+            for b in now[place + 1 :]:
+                apart_m = float(np.linalg.norm(tracks[a].middle - tracks[b].middle))
+                if apart_m > _PARTED_M or (apart_m > _TOUCH_M and b not in tracks[a].touched):
+                    continue
+                for one, other in ((a, b), (b, a)):
+                    track = tracks[one]
+                    if track.person != UNNAMED and not track.touched:
+                        people[track.person] = people[track.person].pooled(track.traits)
+                    nearest = min(track.touched.get(other, (t_ns, np.inf)), (t_ns, apart_m), key=lambda pair: pair[1])
+                    tracks[one] = replace(
+                        track, traits=Traits.unknown(len(track.traits.mean)), touched={**track.touched, other: nearest}
+                    )
+        return replace(self, tracks=tracks, people=people)
+
+    def _exchanged(self) -> Identity:
+        """Take the exchanged reading of two tracks that touched where what was measured since says so."""
+        state = self
+        for a in sorted(self.tracks):
+            for b in sorted(self.tracks[a].touched):
+                if a < b and b in state.tracks and b in state.tracks[a].touched:
+                    state = state._decided(a, b)
+        return state
+
+    def _decided(self, a: int, b: int) -> Identity:
+        one, two = self.tracks[a], self.tracks[b]
+        ready = min(one.traits.frames.max(initial=0), two.traits.frames.max(initial=0)) >= _EXCHANGE_FRAMES
+        if not ready or UNNAMED in (one.person, two.person):
+            return self
+        mine, theirs = self.people[one.person], self.people[two.person]
+        straight = sameness(one.traits, mine) + sameness(two.traits, theirs)
+        crossed = sameness(one.traits, theirs) + sameness(two.traits, mine)
+        if abs(crossed - straight) < _EXCHANGE_EVIDENCE:
+            return self
+        since_ns = one.touched[b][0]
+        tracks = dict(self.tracks)
+        tracks[a] = replace(one, touched={n: at for n, at in one.touched.items() if n != b})
+        tracks[b] = replace(two, touched={n: at for n, at in two.touched.items() if n != a})
+        if crossed < straight:
+            return replace(self, tracks=tracks)
+        tracks[a], tracks[b] = replace(tracks[a], person=two.person), replace(tracks[b], person=one.person)
+        told = (Named(track=a, person=two.person, since_ns=since_ns), Named(track=b, person=one.person, since_ns=since_ns))
+        return replace(self, tracks=tracks, names=(*self.names, *told))
+
+    def _named(self) -> Identity:
+        """Name the tracks that can be named: at once where only one person is possible, else together by their traits."""
+        unnamed = sorted(n for n, one in self.tracks.items() if one.person == UNNAMED)
+        if not unnamed:
+            return self
+        held = {one.person for one in self.tracks.values()}
+        absent = [person for person in sorted(self.people) if person not in held]
+        strangers = [person for person in _unused(self.people) if person < self.people_max][: len(unnamed)]
+        options = absent + strangers
+        sure = not absent or (len(options) == 1 and len(unnamed) == 1)
+        ready = unnamed if sure else [n for n in unnamed if self.tracks[n].traits.frames.max(initial=0) >= _NAMING_FRAMES]
+        if not ready or not options:
+            return self
+        return self._with_names(ready, options, len(absent))
+
+    def _with_names(self, ready: list[int], options: list[int], known: int) -> Identity:
+        likely = np.zeros((len(ready), len(options)))
+        for row, number in enumerate(ready):
+            for column, person in enumerate(options[:known]):
+                likely[row, column] = sameness(self.tracks[number].traits, self.people[person])
+        # of equally likely strangers the lowest id
+        rows, columns = linear_sum_assignment(-(likely - 1e-9 * np.arange(len(options))))
+        tracks, people, told = dict(self.tracks), dict(self.people), []
+        for row, column in zip(rows, columns, strict=True):
+            number, person = ready[row], options[column]
+            people.setdefault(person, Traits.unknown(len(tracks[number].traits.mean)))
+            tracks[number] = replace(tracks[number], person=person)
+            # nobody is in two places: before the person's last track ended, this one was somebody else
+            since_ns = max(tracks[number].begin_ns, self.left_ns.get(person, tracks[number].begin_ns - 1) + 1)
+            told.append(Named(track=number, person=person, since_ns=since_ns))
+        return replace(self, tracks=tracks, people=people, names=(*self.names, *told))
+
+
+def persons_at(names: tuple[Named, ...], track: int, t_ns: int) -> int:
+    """Who the track was at this time, as the newest decision has it; `UNNAMED` if that was never decided."""
+    told = [one for one in names if one.track == track and one.since_ns <= t_ns]
+    return told[-1].person if told else UNNAMED
+
+
+def with_persons(pose: Pose3D, persons: Sequence[int]) -> Pose3D:
+    """The same pose with other ids (N,), in their order; people that are `UNNAMED` are left out."""
+    rows = sorted((row for row, person in enumerate(persons) if person != UNNAMED), key=lambda row: persons[row])
+    return replace(
+        pose,
+        person_id=np.array([persons[row] for row in rows], np.int64),
+        xyz_world=pose.xyz_world[rows],
+        cov_world=pose.cov_world[rows],
+        reproj_px=pose.reproj_px[rows],
+        n_views=pose.n_views[rows],
+        kind=pose.kind[rows],
+    )
+
+
+def _unused(people: Mapping[int, Traits]) -> range:
+    first = max(people, default=-1) + 1
+    return range(first, first + 64)
+
+
+def _seen(track: Track | None, t_ns: int, traits: Array, middle: Array, usable: bool) -> Track:
+    if track is None:
+        track = Track(person=UNNAMED, begin_ns=t_ns, seen_ns=t_ns, traits=Traits.unknown(len(traits)), middle=middle)
+    learnt = track.traits.with_frame(traits) if usable else track.traits
+    return replace(track, seen_ns=t_ns, traits=learnt, middle=np.where(np.isfinite(middle), middle, track.middle))
+
+
+def _middles(xyz_world: Array) -> Array:
+    """(N, 3) median of the keypoints that are known."""
+    with np.errstate(all="ignore"):
+        return np.array([np.nanmedian(xyz, axis=0) if np.isfinite(xyz).any() else np.full(3, np.nan) for xyz in xyz_world])

@@ -1,0 +1,115 @@
+"""What tells people apart without their faces: numbers that stay the same while a body moves, learnt frame by frame.
+
+The first ones are lengths of the body (left and right averaged), in metres, from the 3D pose. Whatever else a source of
+detections measures may follow them; a value that is unknown is NaN.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import Skeleton
+from posefuse.core.arrays import Array
+
+_LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"), ("shoulder", "hip"))
+_GIRDLES = ("shoulder", "hip")
+# adults of one population: standard deviation of a length as a share of it
+_POPULATION_SHARE = 0.08
+# what other cameras and other poses change about a measured length: the bundled network's errors that do not average away
+_LASTING_M = 0.010
+# errors of a network last for about so many frames: this many count as one
+_LASTING_FRAMES = 8
+# lengths of people, from a small child's to a tall adult's; farther off is no body
+_LEAST_M, _MOST_M = np.array([0.13, 0.11, 0.20, 0.20, 0.25, 0.14, 0.08]), np.array([0.50, 0.45, 0.65, 0.65, 0.80, 0.60, 0.50])
+# traits known in so few frames say nothing
+_LEAST_FRAMES = 4
+
+
+def body_lengths_m(xyz_world: Array, skeleton: Skeleton) -> Array:
+    """(N, 7) upper arm, forearm, thigh, shank, side of the trunk, shoulder width, hip width of poses (N, K, 3); NaN unknown."""
+    place = {name: i for i, name in enumerate(skeleton.keypoints)}
+    columns = []
+    pairs = [[(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right")] for a, b in _LIMBS]
+    pairs += [[(f"left_{name}", f"right_{name}")] for name in _GIRDLES]
+    for ends in pairs:
+        lengths = np.stack([_length(xyz_world, place, *pair) for pair in ends])
+        known = np.isfinite(lengths)
+        total = np.where(known, lengths, 0.0).sum(axis=0)
+        columns.append(np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan))
+    return np.stack(columns, axis=-1)
+
+
+def plausible_share(lengths_m: Array) -> Array:
+    """(N,) share of the known lengths (N, 7) that a human body can have; 0 where none is known."""
+    known = np.isfinite(lengths_m)
+    fits = known & (lengths_m >= _LEAST_M) & (lengths_m <= _MOST_M)
+    return np.asarray(fits.sum(axis=-1) / np.maximum(known.sum(axis=-1), 1))
+
+
+def _length(xyz: Array, place: dict[str, int], a: str, b: str) -> Array:
+    if a not in place or b not in place:
+        return np.full(len(xyz), np.nan)
+    return np.asarray(np.linalg.norm(xyz[:, place[a]] - xyz[:, place[b]], axis=-1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Traits:
+    """Running mean and covariance of D traits.
+
+    Attributes:
+        frames: (D,) in how many frames each was known. mean: (D,). scatter: (D, D) sum of products of deviations.
+    """
+
+    frames: Array
+    mean: Array
+    scatter: Array
+
+    @staticmethod
+    def unknown(size: int) -> Traits:
+        """Nothing known yet."""
+        return Traits(frames=np.zeros(size), mean=np.zeros(size), scatter=np.zeros((size, size)))
+
+    def with_frame(self, values: Array) -> Traits:
+        """After one more measurement (D,)."""
+        known = np.isfinite(values)
+        frames = self.frames + known
+        before = np.where(known, values - self.mean, 0.0)
+        mean = self.mean + before / np.maximum(frames, 1)
+        after = np.where(known, values - mean, 0.0)
+        return Traits(frames=frames, mean=mean, scatter=self.scatter + np.outer(before, after))
+
+    def pooled(self, other: Traits) -> Traits:
+        """Of both together."""
+        frames = self.frames + other.frames
+        apart = np.where((self.frames > 0) & (other.frames > 0), other.mean - self.mean, 0.0)
+        mean = (self.frames * self.mean + other.frames * other.mean) / np.maximum(frames, 1)
+        shared = self.frames * other.frames / np.maximum(frames, 1)
+        weight = np.sqrt(np.outer(shared, shared))
+        return Traits(frames=frames, mean=mean, scatter=self.scatter + other.scatter + weight * np.outer(apart, apart))
+
+    def of_mean(self) -> Array:
+        """(D, D) covariance of the mean, with errors that last."""
+        frames = np.maximum(self.frames, 1)
+        each = self.scatter / np.sqrt(np.outer(frames, frames))
+        independent = np.maximum(np.sqrt(np.outer(frames, frames)) / _LASTING_FRAMES, 1.0)
+        return np.asarray((each + each.T) / 2 / independent)
+
+
+def sameness(one: Traits, other: Traits) -> float:
+    """Log-likelihood ratio: one person measured twice, against two people drawn from the population. 0 says nothing."""
+    known = np.flatnonzero((one.frames >= _LEAST_FRAMES) & (other.frames >= _LEAST_FRAMES))
+    if not len(known):
+        return 0.0
+    apart = (one.mean - other.mean)[known]
+    among = np.ix_(known, known)
+    typical = np.maximum(np.abs(one.mean + other.mean)[known] / 2, 1e-3)
+    same = (one.of_mean() + other.of_mean())[among] + 2 * _LASTING_M**2 * np.eye(len(known))
+    two = same + 2 * np.diag((_POPULATION_SHARE * typical) ** 2)
+    return _log_density(apart, same) - _log_density(apart, two)
+
+
+def _log_density(apart: Array, cov: Array) -> float:
+    _, log_det = np.linalg.slogdet(cov)
+    return float(-0.5 * (apart @ np.linalg.solve(cov, apart) + log_det))

@@ -1,0 +1,60 @@
+"""What sets the world coordinates of a target calibration, and what the target itself may be used for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.kinds import Markers, Target
+from posefuse.core import Camera, InputError
+
+from .world import FloorTile, ThreePoints, WorldRule
+
+# a board that gives the focal length to a per cent gives k1 and k2 to about this
+_LENS_PER_PERCENT = 0.02
+
+
+@dataclass(frozen=True)
+class FloorMarker:
+    """A marker that lies on the floor, face up, in the same recordings.
+
+    Attributes:
+        id: its number in the dictionary of the target. side_m: edge of its black square; None: as the target's markers.
+    """
+
+    id: int
+    side_m: float | None = None
+
+
+def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None:
+    """Raise InputError where the floor needs another target."""
+    if isinstance(floor, FloorMarker) and not isinstance(target, Markers):
+        raise InputError("a marker on the floor (--floor-marker): needs a target of markers, of the same dictionary")
+
+
+def world_rule(
+    floor: FloorMarker | ThreePoints | None, observations: Observations, target: Target
+) -> tuple[Observations, WorldRule | None]:
+    """The observations of the moving target alone, and what sets the world; None estimates up from the cameras."""
+    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
+        return observations, floor if isinstance(floor, ThreePoints) else None
+    tile = replace(target, side_m=floor.side_m or target.side_m, ids=(floor.id,))
+    world = FloorTile(observations.of_patches([floor.id]), tile, floor.id)
+    return observations.rows(observations.patch != floor.id), world
+
+
+def lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float, ...] | None:
+    """Standard errors of fx, fy, cx, cy (px), k1, k2 for intrinsics whose focal length is known to `percent`; None keeps them.
+
+    Raises:
+        InputError: a percentage that is not above 0.
+    """
+    if percent is None:
+        return None
+    if not percent > 0:
+        raise InputError(f"--refine-lenses: expected > 0 percent, got {percent:g}")
+    focal_px = percent / 100 * float(np.mean([camera.K[0, 0] for camera in cameras]))
+    return (focal_px,) * 4 + (_LENS_PER_PERCENT * percent,) * 2

@@ -1,0 +1,76 @@
+"""Recordings of a target by several cameras: files that are opened, and the corners seen in them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import cv2
+
+from posefuse.core import CalibrationError, InputError, Progress, Source, silent
+from posefuse.core.errors import choices
+from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, VideoConfig
+
+from .corners import Observations, joined
+from .detection import observe, why_nothing
+from .kinds import Target
+
+Inputs = Mapping[str, str | Path] | Sequence[str | Path]
+"""Recordings by camera name, or paths, whose file names without suffix are then the cameras' names."""
+STAGE = "looking for the target"
+
+
+def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
+    """The recording of each camera.
+
+    Raises:
+        InputError: two recordings of one name.
+    """
+    pairs = list(inputs.items()) if isinstance(inputs, Mapping) else [(Path(path).stem, path) for path in inputs]
+    names = [name for name, _ in pairs]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"two recordings are named {choices(twice)}; give each camera its own name, as NAME=PATH")
+    return {name: Path(path) for name, path in pairs}
+
+
+def open_sources(inputs: Inputs) -> list[Source]:
+    """Videos and folders of images, open; raises InputError for a path that does not exist or is neither."""
+    sources: list[Source] = []
+    for name, path in paths_by_camera(inputs).items():
+        if not path.exists():
+            raise InputError(f"{path}: no such video or folder of images")
+        if path.is_dir():
+            sources.append(ImagesConfig(path, name).build())
+        elif path.suffix.lower() in VIDEO_SUFFIXES:
+            sources.append(VideoConfig(path, name).build())
+        else:
+            raise InputError(f"{path}: expected a folder of images or a video ({choices(VIDEO_SUFFIXES)})")
+    return sources
+
+
+def observe_sources(sources: Sequence[Source], target: Target, every: int = 1, progress: Progress = silent) -> Observations:
+    """Corners of the target in every `every`-th frame of each source."""
+    seen = []
+    progress(STAGE, 0, len(sources))
+    for done, source in enumerate(sources, start=1):
+        seen.append(observe(source, target, every))
+        progress(STAGE, done, len(sources))
+    return joined(seen)
+
+
+def check_seen(observations: Observations, sources: Sequence[Source], target: Target) -> None:
+    """Raise CalibrationError with the likely reason for a camera in which the target was not found."""
+    for source in sources:
+        seen_or_why_not(observations.of_camera(source.camera), source, target)
+
+
+def seen_or_why_not(observations: Observations, source: Source, target: Target) -> Observations:
+    """The observations of one camera; raises CalibrationError with the likely reason where there are none."""
+    if len(observations):
+        return observations
+    frames = [cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY) for frame in itertools.islice(source.frames(), 12)]
+    raise CalibrationError(
+        f"camera {source.camera}: the target is in none of {observations.frame_count[0]} frames: {why_nothing(frames, target)}"
+    )

@@ -1,0 +1,79 @@
+"""The steps without a target: camera poses from a walking person, and clock offsets of calibrated cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from posefuse.api.calibrate import calibrate_clocks, calibrate_person
+from posefuse.cli.options.calibration import ClockOptions, PersonOptions, ReportOptions, RigOptions
+from posefuse.cli.options.shared import NetworkOptions
+from posefuse.cli.terminal import Terminal
+from posefuse.pipeline.config import CONFIG_FILE
+
+from .inputs import check_files, recordings_of
+from .showing import reported, show, show_clocks, write_clocks
+
+
+def person(
+    inputs: Sequence[str], options: PersonOptions, files: RigOptions, networks: NetworkOptions, terminal: Terminal
+) -> Mapping[str, Any]:
+    """Rig file and report from videos, or from 2D poses that another tool has written."""
+    outputs = (("--out", files.out), ("--report", files.report))
+    check_files((*inputs, options.intrinsics), outputs, force=files.force)
+    with reported(files.report), terminal.stages() as progress:
+        found = calibrate_person(
+            recordings_of(inputs),
+            intrinsics=options.intrinsics,
+            height_m=options.height_m,
+            camera_distance=options.apart,
+            rate_hz=options.rate_hz,
+            time_steps=options.time_steps,
+            clocks=options.clocks,
+            max_offset_s=options.most_s,
+            upside_down=options.upside_down,
+            settings=settings_of(networks),
+            progress=progress,
+        )
+    show(found.report, terminal)
+    found.save(files.out, report=files.report, replace=files.force)
+    terminal.next(f"put {files.out} into the folder of your videos: posefuse track SESSION --out RESULT", "the 3D skeleton")
+    if found.clocks is not None:
+        show_clocks(found.rig.names, found.clocks, found.frame_period_s, terminal)
+    settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
+    return {"rig": str(files.out), "settings": settings and str(settings), **found.numbers}
+
+
+def clocks(
+    session: Path, options: ClockOptions, files: ReportOptions, networks: NetworkOptions, terminal: Terminal
+) -> Mapping[str, Any]:
+    """Clock offset of every camera of a session, written as settings that `posefuse track` of it reads."""
+    check_files((options.rig,), (("--report", files.report),), force=files.force)
+    chosen = {} if options.input is None else {"input": options.input}
+    with reported(files.report), terminal.stages() as progress:
+        found = calibrate_clocks(
+            session,
+            rig=options.rig,
+            drift=options.clocks == "drift",
+            rate_hz=options.rate_hz,
+            seconds=options.seconds,
+            max_offset_s=options.most_s,
+            settings={**chosen, **settings_of(networks)},
+            progress=progress,
+        )
+    show(found.report, terminal)
+    show_clocks(found.rig.names, found.clocks, found.frame_period_s, terminal)
+    if files.report is not None:
+        found.save_report(files.report, replace=files.force)
+    settings = write_clocks(session / CONFIG_FILE, found.rig.names, found.clocks, terminal)
+    terminal.next(
+        f"posefuse track {session} --out RESULT", "uses the clocks found" if settings else "the clocks need no correction"
+    )
+    return {"settings": settings and str(settings), **found.report.numbers}
+
+
+def settings_of(networks: NetworkOptions) -> dict[str, str]:
+    """Settings by dotted key."""
+    pairs = (setting.partition("=") for setting in networks.overrides)
+    return {key: value for key, _, value in pairs}

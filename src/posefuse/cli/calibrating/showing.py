@@ -1,0 +1,79 @@
+"""What `posefuse calibrate` shows of a result, and the files it leaves in any case."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.report import CalibrationReport, RefusedCalibration
+from posefuse.calibration.result_files import clock_settings, write_clock_settings, write_report
+from posefuse.cli.terminal import Terminal
+from posefuse.pipeline.config import read_config
+
+
+@contextmanager
+def reported(path: Path | None) -> Iterator[None]:
+    """Write the report of a refused calibration before the error goes on."""
+    try:
+        yield
+    except RefusedCalibration as refused:
+        if path is not None:
+            write_report(path, refused.report, {})
+        raise
+
+
+def show(report: CalibrationReport, terminal: Terminal) -> None:
+    """The checks as a table, and the notes."""
+    rows = [("pass" if check.passed else "FAIL", check.name, check.line) for check in report.checks]
+    terminal.table(report.subject, ("", "check", "found"), rows)
+    for note in report.notes:
+        terminal.note(f"note: {note}")
+
+
+def show_clocks(names: Sequence[str], clocks: ClockEstimate, period_s: Sequence[float], terminal: Terminal) -> None:
+    """A table of all cameras, in ms and in frames, which come every period_s (C,) s."""
+    rows: list[list[Any]] = []
+    for c, name in enumerate(names):
+        offset, sigma = clocks.offset_s[c], clocks.offset_sigma_s[c]
+        rows.append([name, _both(offset * 1e3, sigma * 1e3, 1), _both(offset / period_s[c], sigma / period_s[c], 2)])
+        if clocks.drift_sigma.any():
+            rows[-1].append(_both(clocks.drift[c] * 1e6, clocks.drift_sigma[c] * 1e6, 0))
+    columns = ("camera", "stamps late by, ms", "in frames", "running fast by, ppm")
+    terminal.table(f"clocks, against {names[0]}", columns[: len(rows[0])], rows)
+
+
+def _both(value: float, sigma: float, digits: int) -> str:
+    return f"{value:+.{digits}f} ± {sigma:.{digits}f}"
+
+
+def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate | None, terminal: Terminal) -> Path | None:
+    """The clock offsets that were found, as settings that `posefuse track` reads; a rig file cannot carry them.
+
+    Returns None when the cameras were synchronised, or there are settings already.
+    """
+    text = "" if clocks is None else clock_settings(names, clocks)
+    if not text:
+        _warn_of_old_clocks(path, names, terminal)
+        return None
+    if path.exists():
+        terminal.warn(f"{path} exists and is left as it is; add the clock offsets found to it:\n{text}")
+        return None
+    write_clock_settings(path, text)
+    terminal.note(f"{path}: clock offsets of the cameras, for `posefuse track` of recordings made together with these")
+    return path
+
+
+def _warn_of_old_clocks(path: Path, names: Sequence[str], terminal: Terminal) -> None:
+    """Warn where clock offsets of another recording would be applied to cameras that are synchronised."""
+    if not path.exists():
+        return
+    old = read_config(path, ()).cameras
+    stale = [name for name in names if name in old and (old[name].offset_s or old[name].drift_ppm)]
+    if stale:
+        terminal.warn(
+            f"{path} holds clock offsets of {', '.join(stale)}, but these cameras are synchronised: `posefuse track` would"
+            " shift them; remove offset_s and drift_ppm there, or the file"
+        )

@@ -1,0 +1,150 @@
+"""The steps with a board or markers: intrinsics, extrinsics, verification, and sheets to print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, observe_target, verify
+from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor
+from posefuse.calibration.extrinsics.floor_points import read_floor_points
+from posefuse.calibration.extrinsics.world import ThreePoints
+from posefuse.calibration.result_files import coverage_path, write_coverage
+from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
+from posefuse.calibration.targets.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
+from posefuse.calibration.targets.recordings import check_seen, open_sources
+from posefuse.cli.options.calibration import (
+    ExtrinsicsOptions,
+    FloorOptions,
+    PrintOptions,
+    ReportOptions,
+    RigOptions,
+    TargetOptions,
+    VerifyOptions,
+)
+from posefuse.cli.terminal import Terminal
+from posefuse.core import InputError
+from posefuse.formats.rig import read_placed_rig, read_rig
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import keep_copy
+from posefuse.pipeline.config import CONFIG_FILE
+
+from .inputs import check_files, clock_offsets_s, recordings_of, target_of
+from .showing import reported, show, write_clocks
+
+
+def intrinsics(
+    inputs: Sequence[str], target: TargetOptions, every: int, files: RigOptions, terminal: Terminal
+) -> Mapping[str, Any]:
+    """Intrinsics of each camera from its views of a board: rig file without poses, and reports."""
+    check_files(inputs, (("--out", files.out), ("--report", files.report)), force=files.force)
+    with reported(files.report), terminal.stages() as progress:
+        found = calibrate_intrinsics(recordings_of(inputs), target=target_of(target), every=every, progress=progress)
+    for report in found.reports.values():
+        show(report, terminal)
+    found.save(files.out, report=files.report, replace=files.force)
+    terminal.next(f"posefuse calibrate extrinsics --help (with --intrinsics {files.out})", "the poses of the cameras")
+    return {"rig": str(files.out), "cameras": {name: dict(report.numbers) for name, report in found.reports.items()}}
+
+
+def extrinsics(
+    inputs: Sequence[str],
+    target: TargetOptions,
+    floor: FloorOptions,
+    options: ExtrinsicsOptions,
+    files: RigOptions,
+    terminal: Terminal,
+) -> Mapping[str, Any]:
+    """Poses of the cameras from a moving target: rig file, coverage picture, report, and clocks where they count."""
+    picture = coverage_path(files.out)
+    outputs = (("--out", files.out), ("--report", files.report), ("--out", picture))
+    check_files((*inputs, options.intrinsics, floor.floor_points), outputs, force=files.force)
+    # everything that may be wrong with the command line, before minutes of work
+    kind, lenses = target_of(target), read_rig(options.intrinsics)
+    world = _floor(floor, kind)
+    recordings = recordings_of(inputs)
+    for name in recordings:
+        lenses[name]
+    with terminal.stages() as progress:
+        seen = observe_target(recordings, target=kind, every=options.every, progress=progress)
+    # before the solve: it is needed most when that refuses
+    terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
+    check_seen(seen, open_sources(recordings), kind)
+    with reported(files.report):
+        found = calibrate_extrinsics(
+            seen,
+            intrinsics=lenses,
+            target=kind,
+            clocks=options.clocks,
+            floor=world,
+            focal_known_to_percent=options.refine_lenses,
+            upside_down=options.upside_down,
+            any_size=options.any_size,
+            keep_refused=options.keep_refused,
+        )
+    if found.report.failed:
+        failed = ", ".join(check.name for check in found.report.failed)
+        terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")
+    show(found.report, terminal)
+    found.save(files.out, report=files.report, replace=files.force)
+    settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
+    terminal.next("posefuse calibrate verify --help", f"check {files.out} with a target it was not made from")
+    return {
+        "rig": str(files.out),
+        "coverage": str(picture),
+        "settings": settings and str(settings),
+        **found.report.numbers,
+        "notes": list(found.report.notes),
+    }
+
+
+def _floor(options: FloorOptions, target: Target) -> FloorMarker | ThreePoints | None:
+    """What sets the world coordinates; None estimates up from the cameras."""
+    if options.floor_marker is not None and options.floor_points is not None:
+        raise InputError("--floor-points, --floor-marker: one of the two sets the world")
+    if options.floor_points is not None:
+        return read_floor_points(options.floor_points)
+    if options.floor_marker is None:
+        return None
+    side_m = None if options.floor_side_mm is None else options.floor_side_mm / 1e3
+    marker = FloorMarker(options.floor_marker, side_m)
+    check_floor(marker, target)
+    return marker
+
+
+def verify_rig(
+    inputs: Sequence[str], target: TargetOptions, options: VerifyOptions, files: ReportOptions, terminal: Terminal
+) -> Mapping[str, Any]:
+    """Millimetres and pixels of a rig, from a target that it was not made from."""
+    check_files((*inputs, options.rig), (("--report", files.report),), force=files.force)
+    kind, rig = target_of(target), read_placed_rig(options.rig)
+    offsets_s = clock_offsets_s(options.offset_ms, rig)
+    with terminal.stages() as progress:
+        found = verify(rig, recordings_of(inputs), target=kind, every=options.every, clock_offset_s=offsets_s, progress=progress)
+    show(found.report, terminal)
+    if files.report is not None:
+        found.save(files.report, replace=files.force)
+    found.report.require()
+    terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
+    return dict(found.report.numbers)
+
+
+def print_target(target: TargetOptions, options: PrintOptions, terminal: Terminal) -> Mapping[str, Any]:
+    """A target at its true size as a PDF."""
+    check_files((), (("--out", options.out),), force=options.force)
+    kind = target_of(replace(target, target="markers") if options.cube else target)
+    if isinstance(kind, Chessboard):
+        raise InputError("print: a plain chessboard is not offered; a ChArUco board does all it does, and more")
+    if options.cube and isinstance(kind, Markers):
+        sheets = cube_sheets(kind, page=options.page)
+    elif isinstance(kind, Markers):
+        sheets = marker_sheets(kind, kind.ids or (0,), options.page)
+    else:
+        sheets = [board_sheet(kind, options.page)]
+    keep_copy(options.out)
+    with atomic_file(options.out) as temporary:
+        write_pdf(temporary, sheets)
+    terminal.note(f"{options.out}: {len(sheets)} pages; print at 100 % and measure the ruler")
+    terminal.next("posefuse calibrate intrinsics --help", "record the target with every camera, and find their intrinsics")
+    return {"pdf": str(options.out), "pages": len(sheets)}

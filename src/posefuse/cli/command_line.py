@@ -1,0 +1,186 @@
+"""What the user typed, as a function to call: commands are found by name and imported when they are needed."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import (
+    App,
+    CycloptsError,
+    MissingArgumentError,
+    Parameter,
+    UnknownCommandError,
+    UnusedCliTokensError,
+    ValidationError,
+)
+
+from posefuse import __version__
+
+if TYPE_CHECKING:
+    from .terminal import Terminal
+
+COMMANDS = (
+    "demo",
+    "track",
+    "live",
+    "node",
+    "calibrate",
+    "view",
+    "report",
+    "simulate",
+    "compare",
+    "models",
+    "fit-noise",
+    "plugins",
+    "doctor",
+)
+STEPS = {
+    "node": ("camera", "fusion"),
+    "calibrate": ("intrinsics", "extrinsics", "guide", "person", "clocks", "verify", "print"),
+}
+_MODULES = "posefuse.cli.commands"
+_HELP_FLAGS = {"--help", "-h"}
+
+
+class WrongCommandLineError(Exception):
+    """A command line that cannot be understood: one line that names the command, the problem and where to look."""
+
+
+@dataclass(frozen=True)
+class Invocation:
+    """One command with its arguments.
+
+    Attributes:
+        words: the command, and its step if it has steps. as_json: figures go to stdout as one JSON object.
+    """
+
+    words: tuple[str, ...]
+    as_json: bool
+    command: Callable[..., Mapping[str, Any]]
+    bound: inspect.BoundArguments
+
+    @property
+    def name(self) -> str:
+        """The command as it is typed."""
+        return " ".join(("posefuse", *self.words))
+
+    def run(self, terminal: Terminal) -> Mapping[str, Any]:
+        """Do the work; returns the figures of the tables."""
+        return self.command(*self.bound.args, **self.bound.kwargs, terminal=terminal)
+
+
+def parse(tokens: Sequence[str]) -> Invocation | None:
+    """The command to run; None where help or the version was asked for, and shown.
+
+    Raises:
+        WrongCommandLineError: an unknown command or option, a value that is missing or wrong.
+    """
+    app = _app()
+    if _HELP_FLAGS & set(tokens):
+        _import_listed(app, tokens)
+    words: tuple[str, ...] = ()
+    try:
+        outer, bound, _ = app.meta.parse_args(list(tokens), exit_on_error=False, print_error=False)
+        if outer is not _common:
+            outer(*bound.args, **bound.kwargs)
+            return None
+        rest, as_json = list(bound.args), bool(bound.arguments.get("json", False))
+        words = tuple(app.parse_commands(rest)[0])
+        command, inner, _ = app.parse_args(rest, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        words = words or tuple(word for word in error.command_chain or () if not word.startswith("-"))
+        raise WrongCommandLineError(_line(words, _problem(error))) from None
+    if getattr(command, "__func__", None) is App.help_print:
+        raise WrongCommandLineError(_line(words, f"expected a command: {', '.join(STEPS[words[0]] if words else COMMANDS)}"))
+    return Invocation(words, as_json, command, inner)
+
+
+def _common(
+    *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+    json: Annotated[bool, Parameter(help="Print the figures as one JSON object on stdout, all else on stderr.")] = False,
+) -> None:
+    """What every command takes, in any place."""
+
+
+def _app() -> App:
+    app = App(
+        name="posefuse",
+        help="Several ordinary cameras + AI -> one accurate 3D human skeleton.",
+        version=f"posefuse {__version__}",
+        version_format="plaintext",
+        help_format="plaintext",
+        default_parameter=Parameter(negative=(), show_default=_default_text),
+    )
+    app.meta.default(_common)
+    for position, name in enumerate(COMMANDS):
+        if name in STEPS:
+            app.command(_with_steps(name, position))
+        else:
+            module = name.replace("-", "_")
+            app.command(f"{_MODULES}.{module}:{module}", name=name, sort_key=position)
+    return app
+
+
+def _with_steps(name: str, position: int) -> App:
+    helps = {
+        "node": "Run a live session on several machines: `node camera` beside the cameras, `node fusion` anywhere.",
+        "calibrate": "Calibrate cameras from a board, a marker object or a person; find clock offsets; verify; print targets.",
+    }
+    group = App(name=name, help=helps[name], sort_key=position)
+    for order, step in enumerate(STEPS[name]):
+        group.command(f"{_MODULES}.{name}_{step}:{name}_{step}", name=step, sort_key=order)
+    return group
+
+
+def _import_listed(app: App, tokens: Sequence[str]) -> None:
+    """Import the commands that the help lists, because it shows the first line of their docstrings."""
+    words, apps, _ = app.parse_commands([token for token in tokens if token not in _HELP_FLAGS and token != "--json"])
+    listed = apps[-1] if words else app
+    for name in listed:
+        listed[name]
+
+
+def _default_text(value: Any) -> str | None:
+    """A default as the help shows it; None where there is nothing to tell."""
+    return None if value is None or value is False or value in ((), "") else str(value)
+
+
+def _line(words: Sequence[str], problem: str) -> str:
+    command = " ".join(("posefuse", *words))
+    return f"{command}: {problem}; see {command} --help"
+
+
+def _problem(error: CycloptsError) -> str:
+    """The problem in one line, with the closest option or choice where there is one."""
+    if isinstance(error, ValidationError) and error.argument is not None:
+        name = next((token.keyword for token in error.argument.tokens if token.keyword), error.argument.name)
+        return f"{name}: {error.exception_message}"
+    if isinstance(error, ValidationError):
+        return error.exception_message
+    if isinstance(error, UnknownCommandError) and error.unused_tokens:
+        return _unknown(error.unused_tokens[0], error.command_chain or ())
+    if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
+        return f"unexpected {error.unused_tokens[0]!r}"
+    if type(error) is MissingArgumentError and error.argument is not None:
+        return _missing(error)
+    return " ".join(str(error).split()).rstrip(".")
+
+
+def _unknown(word: str, words: Sequence[str]) -> str:
+    from difflib import get_close_matches
+
+    names = STEPS[words[0]] if words else COMMANDS
+    closest = get_close_matches(word, names, n=1)
+    return f"unknown command {word!r}; " + (f"did you mean {closest[0]}?" if closest else f"there are: {', '.join(names)}")
+
+
+def _missing(error: MissingArgumentError) -> str:
+    assert error.argument is not None
+    if error.keyword or error.tokens_so_far:
+        count = error.argument.token_count()[0]
+        return f"{error.keyword or error.argument.name}: expected {'a value' if count == 1 else f'{count} values'}"
+    _, _, hint = str(error).partition("Did you mean ")
+    return f"missing {error.argument.name}" + (f"; did you mean {hint.rstrip('.')}" if hint else "")

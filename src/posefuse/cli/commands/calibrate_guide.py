@@ -1,0 +1,13 @@
+"""`posefuse calibrate guide`."""
+
+from __future__ import annotations
+
+from posefuse.cli.options.calibration import GuideOptions, MarkerTargetOptions
+from posefuse.cli.options.shared import Figures, Shown
+
+
+def calibrate_guide(*, target: MarkerTargetOptions = MarkerTargetOptions(), options: GuideOptions, terminal: Shown) -> Figures:
+    """Show live, while you move the target, how much of each image is covered and what is still missing."""
+    from posefuse.cli.calibrating.guiding import guide_at_cameras
+
+    return guide_at_cameras(target, options, terminal)

@@ -1,0 +1,95 @@
+"""Options of `posefuse live` and `posefuse node`, in the groups that the functions below take."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from .shared import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions, people_from_text
+
+SOURCE_HELP = (
+    "One per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
+    "http://..., ros:/TOPIC, realsense:SERIAL, oak:SERIAL; or sim:SCENE|SESSION for all cameras."
+)
+
+
+@Parameter(name="*", group=CAMERAS)
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """Where the images come from."""
+
+    source: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=KIND:WHERE", help=SOURCE_HELP)] = ()
+    fault: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=KIND@START[-END]")] = ()
+    """Inject a fault START seconds after the beginning, for testing: freeze, jump, skew, bump, flood, hang or unplug."""
+
+
+@Parameter(name="*", group=TIMING)
+@dataclass(frozen=True, kw_only=True)
+class TimingOptions:
+    """When a session begins and ends."""
+
+    duration: Annotated[float | None, Parameter(metavar="S")] = None
+    """Stop after so many seconds."""
+    loop: Annotated[float | None, Parameter(metavar="S")] = None
+    """Videos and simulated sessions begin again every S seconds."""
+
+
+@Parameter(name="*", group=TIMING)
+@dataclass(frozen=True, kw_only=True)
+class NodeTimingOptions(TimingOptions):
+    """The same on several machines."""
+
+    zero: Annotated[float | None, Parameter(metavar="UNIX_S")] = None
+    """Unix time in seconds at which recorded and simulated sources begin, the same on every machine."""
+
+
+@Parameter(name="*", group=OUTPUTS)
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """Where the poses go."""
+
+    record: Annotated[Path | None, Parameter(metavar="FILE.mcap")] = None
+    """Record views and poses."""
+    ros: bool = False
+    """Publish in ROS 2."""
+    osc: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
+    """Send poses as OSC. May be given several times."""
+    json_udp: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
+    """Send poses as JSON datagrams. May be given several times."""
+    output: Annotated[
+        tuple[str, ...],
+        Parameter(
+            metavar="NAME",
+            help="Any other live output, e.g. lsl (`posefuse plugins` lists them); options: --set outputs.NAME.KEY=VALUE.",
+        ),
+    ] = ()
+    axes: Annotated[Literal["z_up", "y_up", "y_up_left_handed"], Parameter(help="Axes of OSC and JSON.", name_transform=str)] = (
+        "z_up"
+    )
+    view: bool = False
+    """Open the Rerun viewer (extra: viewer)."""
+    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
+    """Write what the viewer would show to a file."""
+    report: Annotated[Path | None, Parameter(metavar="DIR")] = None
+    """Write the latency of every camera and stage."""
+
+
+@Parameter(name="*", group=SETTINGS)
+@dataclass(frozen=True, kw_only=True)
+class LiveSettingsOptions(SettingsOptions):
+    """How the session works."""
+
+    tracker: Literal["asynchronous", "latest"] | None = None
+    """How views become poses (default asynchronous)."""
+    people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
+    """How many people to follow, the best seen ones: a number, or all (default 1)."""
+    rate: Annotated[float | None, Parameter(metavar="HZ")] = None
+    """Output rate in poses per second (default 100)."""
+    groups: Annotated[int | None, Parameter(metavar="N")] = None
+    """Camera processes (default: one per two cameras and core)."""
+
+    @property
+    def given(self) -> bool:
+        """Whether anything was given that changes how views become poses."""
+        return bool(self.config or self.overrides or self.tracker or self.people is not None)

@@ -1,0 +1,56 @@
+"""Options of `posefuse track`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import ArgumentCollection, Group, Parameter
+
+from .shared import InputKind, people_from_text, xy_from_text
+
+
+def _one_of_two(arguments: ArgumentCollection) -> None:
+    given = [argument.name for argument in arguments if argument.has_tokens]
+    if len(given) > 1:
+        raise ValueError(f"expected one of {', '.join(given)}, got both")
+
+
+_AGAIN = Group("Earlier work in DIR", validator=_one_of_two, sort_key=-1)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions:
+    """What `posefuse track` reads and makes."""
+
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """Folder for the result; must not exist, unless with --force or --resume."""
+    rig: Annotated[str | None, Parameter(metavar="FILE")] = None
+    """Calibration file, relative to SESSION."""
+    input: InputKind | None = None
+    """Which data of the session to use."""
+    weights: Literal["none", "score", "all", "robust"] | None = None
+    """How the views are weighted (default robust)."""
+    raw: bool = False
+    """Write every time step as it was fused: no smoothing, no filled gaps."""
+    people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
+    """How many people to follow, the best seen ones: a number, or all (default 1)."""
+    person: Annotated[
+        tuple[float, float] | None,
+        Parameter(metavar="X,Y", n_tokens=1, converter=xy_from_text, accepts_keys=False, allow_leading_hyphen=True),
+    ] = None
+    """Follow the person nearest to this place, in metres in world coordinates."""
+    start: Annotated[float | None, Parameter(metavar="S")] = None
+    """Begin at this time of the session, in seconds."""
+    end: Annotated[float | None, Parameter(metavar="S")] = None
+    """End at this time of the session, in seconds."""
+    rate: Annotated[float | None, Parameter(metavar="HZ")] = None
+    """Output rate; also the frame rate of images and 2D poses that state none."""
+    outputs: Annotated[str | None, Parameter(metavar="A,B,...")] = None
+    """Which files to write; `posefuse plugins` lists them."""
+    view: bool = False
+    """Open the result in the Rerun viewer (extra: viewer)."""
+    force: Annotated[bool, Parameter(group=_AGAIN)] = False
+    """Replace the results in DIR, and start interrupted work anew."""
+    resume: Annotated[bool, Parameter(group=_AGAIN)] = False
+    """Continue where the same command was interrupted."""

@@ -1,0 +1,55 @@
+"""One body that a detector reports several times in one view."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .arrays import Array
+from .values import Detections2D
+
+# A landmark network that looks twice at one body differs by 1 to 3 % of the box; two people one behind the other who coincide to
+# 8 % cannot be told apart in that view anyway.
+DUPLICATE_SHARE = 0.08
+# keypoints that two detections must share before their distance says anything
+_LEAST_SHARED = 3
+
+
+def duplicates(detections: Detections2D, share: float) -> Array:
+    """(P,) bool: the detection marks the same body as a surer one of the same view.
+
+    Two detections are one body when the median distance of their keypoints is below `share` of the longer side of the larger
+    box. Left and right exchanged are the same body, too. Of several equally sure ones the first stays.
+    """
+    count = len(detections)
+    repeated = np.zeros(count, bool)
+    if count < 2:
+        return repeated
+    seen = (detections.score > 0) & np.isfinite(detections.xy_img).all(axis=-1)
+    xy = np.where(seen[..., None], detections.xy_img, np.nan).astype(np.float64)
+    side = _longest_side(xy)
+    mirrored = xy[:, detections.skeleton.mirror]
+    sure = np.where(seen, detections.score, 0.0).sum(axis=1)
+    kept: list[int] = []
+    for p in np.argsort(-sure, kind="stable"):
+        limit = share * np.maximum(side[kept], side[p])
+        nearest = np.minimum(_median_distance(xy[p], xy[kept]), _median_distance(xy[p], mirrored[kept]))
+        if (nearest < limit).any():
+            repeated[p] = True
+        else:
+            kept.append(int(p))
+    return repeated
+
+
+def _longest_side(xy: Array) -> Array:
+    known = np.isfinite(xy)
+    low, high = np.where(known, xy, np.inf).min(axis=1), np.where(known, xy, -np.inf).max(axis=1)
+    return np.asarray(np.clip(high - low, 0.0, None).max(axis=-1))
+
+
+def _median_distance(one: Array, others: Array) -> Array:
+    """(Q,) over the keypoints both have; inf where they share too few."""
+    apart = np.linalg.norm(others - one, axis=-1)
+    shared = np.isfinite(apart).sum(axis=1)
+    ordered = np.sort(np.where(np.isfinite(apart), apart, np.inf), axis=1)
+    middle = np.take_along_axis(ordered, np.maximum(shared - 1, 0)[:, None] // 2, axis=1)[:, 0]
+    return np.where(shared >= _LEAST_SHARED, middle, np.inf)

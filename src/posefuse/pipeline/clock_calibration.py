@@ -1,0 +1,85 @@
+"""Where the person is in the recordings of a session, at the times the cameras themselves state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
+from posefuse.core import InputError, Progress, Rig, silent
+from posefuse.detection.build import build_detector
+from posefuse.detection.downloading import fetch_networks
+from posefuse.formats.pose2d import read_pose2d
+
+from .config import TrackConfig
+from .images import common_timeline
+from .opening import build_source
+from .person_calibration import frame_period_s
+from .person_poses import poses_apart
+from .pose2d import stated_camera
+from .pose2d_rate import pose2d_rate_hz
+from .session import Session, find_session, fitted_camera
+
+# errors of neighbouring frames are correlated: more frames add little
+_MOST_HZ = 15.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionSeen:
+    """The person as every camera of a session saw them.
+
+    Attributes:
+        rig: as it applies to the images. tracks: per camera. frame_period_s: per camera.
+    """
+
+    rig: Rig
+    tracks: tuple[PersonTrack, ...]
+    frame_period_s: tuple[float, ...]
+
+
+def person_in_session(folder: Path, config: TrackConfig, seconds: float, progress: Progress = silent) -> SessionSeen:
+    """The person in `seconds` from the middle of the recordings of a session.
+
+    Raises:
+        InputError: no session, several kinds of data, or 2D poses without a frame rate.
+    """
+    session = find_session(folder, config)
+    kinds = {entry.kind for entry in session.inputs}
+    if len(kinds) > 1:
+        raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {', '.join(sorted(kinds))}")
+    if kinds == {"pose2d"}:
+        return _from_files(session, config, seconds)
+    return _from_images(session, config, seconds, progress)
+
+
+def _from_images(session: Session, config: TrackConfig, seconds: float, progress: Progress) -> SessionSeen:
+    """From videos or image folders, at their own times, without the corrections of the settings."""
+    as_recorded = [replace(entry, settings=replace(entry.settings, offset_s=0.0, drift_ppm=0.0)) for entry in session.inputs]
+    sources = [build_source(entry, config) for entry in as_recorded]
+    cameras = [fitted_camera(session.rig[one.camera], entry, one) for entry, one in zip(as_recorded, sources, strict=True)]
+    rig = replace(session.rig, cameras=tuple(cameras))
+    times_ns = {source.camera: np.asarray(source.times_ns()) for source in sources}
+    period_s = tuple(frame_period_s(t) for t in times_ns.values())
+    first_s, last_s = (float(np.median([t[i] for t in times_ns.values()])) / 1e9 for i in (0, -1))
+    spare_s = max(0.0, (last_s - first_s - seconds) / 2)
+    cut = (first_s + spare_s, last_s - spare_s) if spare_s else (None, None)
+    timeline = common_timeline(times_ns, min(1 / min(period_s), _MOST_HZ), *cut)
+    fetch_networks(config.detector, progress)
+    detector = build_detector(config.detector, rig)
+    tracks = person_tracks(poses_apart(sources, detector, timeline, progress))
+    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=period_s)
+
+
+def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:
+    poses = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
+    rate_hz = pose2d_rate_hz(session, poses, config)
+    found = {}
+    for entry, one in zip(session.inputs, poses, strict=True):
+        frames = list(one.frames(rate_hz))
+        spare = max(0, len(frames) - round(seconds * rate_hz)) // 2
+        found[entry.camera] = frames[spare : len(frames) - spare]
+    cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
+    rig = replace(session.rig, cameras=cameras)
+    return SessionSeen(rig=rig, tracks=person_tracks(found), frame_period_s=(1 / rate_hz,) * len(cameras))

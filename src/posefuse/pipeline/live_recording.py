@@ -1,0 +1,160 @@
+"""A live session's MCAP file as a `Recording`: what was detected, what was published, and how the session was made."""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import ConfigError, Detections2D, InputError, MessageError, Pose3D, PosefuseError, Recording, Rig, SourceError
+from posefuse.core.live_observations import observations_from_frames
+from posefuse.core.pose_sequences import sequence_of_all
+from posefuse.formats.rig.values import rig_from_values
+from posefuse.foundation.parsing import one_line
+from posefuse.foundation.plain_values import plain
+from posefuse.messages import topics
+from posefuse.messages.bags import read_mcap, read_notes, read_rig
+from posefuse.messages.joint_centre_messages import joint_centres_from_message
+from posefuse.messages.messages import detections_from_message, pose_from_message
+from posefuse.outputs.live.record import NOTES
+from posefuse.tracking import JointCentres
+from posefuse.tracking.joint_centres import check_joint_centres
+
+from .live_people import people_of_detections
+from .live_settings import track_config_of_live
+
+Warn = Callable[[str], None]
+_TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT_CENTRES)}
+
+
+@dataclass
+class _Content:
+    """What the files hold, in their order; times are those of the messages."""
+
+    frames: list[Detections2D] = field(default_factory=list)
+    poses: list[Pose3D] = field(default_factory=list)
+    tables: dict[str, JointCentres | None] = field(default_factory=dict)
+
+
+def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
+    """Read a recording of ``posefuse live --record``, its later parts (``NAME.2.mcap``, ...) included.
+
+    The poses are those that were published, at the output ticks, at joint centres where the session moved them there. The
+    observations are all detections that the tracker was given, each at its own exposure time with the clock offset taken
+    away that was known then. The person of a detection is found again from the poses, see `people_of_detections`. Times
+    count from the first output tick, whose time on the session's clock (ns since 1970) is ``start_ns`` in the provenance;
+    the first frames were exposed a little before it.
+
+    Args:
+        path: the first part. warn: is given one line for each part that was cut off, or cannot be used; `warnings.warn`
+            where none is given.
+
+    Raises:
+        SourceError: no such file, no MCAP file, or a damaged one.
+        InputError: it holds no pose, or parts of different sessions.
+        MessageError: a message that is malformed.
+    """
+    say = warn or (lambda line: warnings.warn(line, stacklevel=3))
+    parts = parts_of(path)
+    notes = read_notes(path, NOTES) or {}
+    content = _Content()
+    for part in parts:
+        _check_same_session(path, part, notes)
+        try:
+            _read_part(part, content, say)
+        except SourceError as error:
+            if part == path:
+                raise
+            # what the other parts hold is still good
+            say(f"{error}; what follows in this part is missing")
+    if not content.poses:
+        raise InputError(f"{path}: holds no pose; expected a recording of `posefuse live --record`")
+    start_ns = content.poses[0].t_ns
+    rig = _rig_of(path, notes)
+    poses = sequence_of_all([replace(pose, t_ns=pose.t_ns - start_ns) for pose in content.poses])
+    frames = [replace(one, t_ns=one.t_ns - start_ns) for one in content.frames]
+    observations = observations_from_frames(poses.skeleton, rig.names, frames)
+    observations = observations.with_person_ids(people_of_detections(observations, rig, poses))
+    table = next((content.tables[name] for name in rig.names if content.tables.get(name) is not None), None)
+    about = _provenance(parts, notes, rig, table, say) | {"start_ns": start_ns}
+    return Recording(rig=rig, poses=poses, observations=observations, provenance=plain(about))
+
+
+def parts_of(path: Path) -> list[Path]:
+    """The file and the parts in which its session went on, in order."""
+    pattern = re.compile(re.escape(path.stem) + r"\.(\d+)" + re.escape(path.suffix))
+    numbered = ((pattern.fullmatch(file.name), file) for file in path.parent.glob(f"*{path.suffix}"))
+    later = sorted((int(found[1]), file) for found, file in numbered if found)
+    return [path, *(file for _, file in later)]
+
+
+def _check_same_session(path: Path, part: Path, notes: Mapping[str, str]) -> None:
+    if part == path:
+        return
+    try:
+        other = read_notes(part, NOTES) or {}
+    except SourceError:
+        return
+    if {**other, "part": ""} != {**notes, "part": ""}:
+        raise InputError(f"{part}: is a part of another session than {path}; move it to another folder")
+
+
+def _read_part(part: Path, content: _Content, say: Warn) -> None:
+    """Add what is in one part and was in none before it."""
+    newest_ns = max((pose.t_ns for pose in content.poses), default=None)
+    before = {(one.camera, one.t_ns) for one in content.frames} if newest_ns is not None else set()
+    for topic, msg, _ in read_mcap(part, _TOPICS, say):
+        if topic == topics.DETECTIONS.name:
+            view, _ = detections_from_message(msg)
+            if (view.camera, view.t_ns) not in before:
+                content.frames.append(view)
+        elif topic == topics.POSE.name:
+            pose, _ = pose_from_message(msg)
+            if newest_ns is None or pose.t_ns > newest_ns:
+                content.poses.append(pose)
+        else:
+            content.tables.update(_tables_of(part, msg))
+
+
+def _tables_of(part: Path, msg: Any) -> Iterator[tuple[str, JointCentres | None]]:
+    cameras, fields = joint_centres_from_message(msg)
+    table = JointCentres(**fields)
+    try:
+        checked = check_joint_centres(table, table.made_by) if table.offsets else None
+    except ConfigError as error:
+        raise MessageError(f"{part}: joint centres: {error}") from None
+    return ((camera, checked) for camera in cameras)
+
+
+def _rig_of(path: Path, notes: Mapping[str, str]) -> Rig:
+    """To the last bit where the recording has it so; otherwise as ROS messages keep it."""
+    if "rig" not in notes:
+        return read_rig(path, lambda line: None)
+    try:
+        return rig_from_values(json.loads(notes["rig"]))
+    except (PosefuseError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{path}: the rig in its notes cannot be read ({one_line(error)})") from None
+
+
+def _provenance(
+    parts: Sequence[Path], notes: Mapping[str, str], rig: Rig, table: JointCentres | None, say: Warn
+) -> dict[str, Any]:
+    try:
+        settings = json.loads(notes.get("settings", "{}"))
+        config = asdict(track_config_of_live(settings, where=str(parts[0])))
+    except (ConfigError, ValueError) as error:
+        say(f"{parts[0]}: its settings cannot be used with this version ({one_line(error)}); give settings to solve it again")
+        settings, config = {}, None
+    return {
+        "posefuse": notes.get("posefuse", ""),
+        "rig_id": rig.id,
+        "session": parts[0].name,
+        "parts": [part.name for part in parts],
+        "live": settings,
+        "config": config,
+        "joint_centres": asdict(table) if table is not None else None,
+    }

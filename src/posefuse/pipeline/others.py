@@ -1,0 +1,64 @@
+"""People who were seen but not asked for: how many, and in which cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.association import AssociateSettings
+from posefuse.core import Detections2D, LookKind, Observations
+from posefuse.core.duplicates import duplicates
+from posefuse.core.observations import NOT_KEPT
+
+# a person seen by one camera alone may be a picture on the wall
+_LEAST_CAMERAS = 2
+
+
+def others_seen(observations: Observations, settings: AssociateSettings) -> dict[str, int]:
+    """By camera, the most people that one search of a whole image found besides those of the result; none: left out."""
+    most: dict[str, int] = {}
+    looks: dict[tuple[int, int], list[int]] = {}
+    for frame, key in enumerate(zip(observations.frame_step.tolist(), observations.frame_camera.tolist(), strict=True)):
+        looks.setdefault(key, []).append(frame)
+    for frame in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
+        found = observations.detections(frame)
+        same = looks[int(observations.frame_step[frame]), int(observations.frame_camera[frame])]
+        kept = _kept(observations, same)
+        together = _joined(kept, found)
+        alone = ~duplicates(together, settings.duplicate_share)[len(kept) :] & (found.score > 0).any(axis=1)
+        most[found.camera] = max(most.get(found.camera, 0), int(alone.sum()))
+    return {camera: count for camera, count in most.items() if count}
+
+
+def others_line(seen: dict[str, int], followed: int) -> str | None:
+    """What to tell about them; None where there is nothing to tell."""
+    if len(seen) < _LEAST_CAMERAS:
+        return None
+    where = ", ".join(f"{camera} ({count})" for camera, count in seen.items())
+    return f"up to {max(seen.values())} people were seen besides the {followed} followed: {where}; --people all follows all"
+
+
+def _kept(observations: Observations, frames: Sequence[int]) -> Detections2D:
+    """The detections of the result in these looks at one frame; surer than any other, so that they count first."""
+    rows = np.concatenate([np.arange(observations.frame_begin[i], observations.frame_begin[i + 1]) for i in frames])
+    rows = rows[observations.person_id[rows] != NOT_KEPT]
+    one = observations.detections(frames[0])
+    return replace(
+        one,
+        xy_img=observations.xy_img[rows],
+        score=np.where(observations.score[rows] > 0, 1.0, 0.0),
+        sigma_px=observations.sigma_px[rows],
+        box_img=observations.box_img[rows],
+    )
+
+
+def _joined(one: Detections2D, other: Detections2D) -> Detections2D:
+    return replace(
+        other,
+        xy_img=np.concatenate([one.xy_img, other.xy_img]),
+        score=np.concatenate([one.score, other.score]),
+        sigma_px=np.concatenate([one.sigma_px, other.sigma_px]),
+        box_img=np.concatenate([one.box_img, other.box_img]),
+    )

@@ -1,0 +1,131 @@
+"""Camera poses, and clock offsets where they are needed, from what the cameras recorded of one walking person."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
+from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person
+from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.core import Camera, InputError, Progress, Rig, silent
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.detection.build import DetectorChoice
+from posefuse.formats.pose2d import read_pose2d
+from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
+
+from .person_poses import person_in_videos
+from .session import LEAST_CAMERAS
+
+
+@dataclass(frozen=True, kw_only=True)
+class PersonSearch:
+    """How the person is found in the recordings.
+
+    Attributes:
+        detector: for videos. time_steps: of the videos, used at most. rate_hz: of 2D poses in files.
+        clocks: one of `CLOCK_MODES`. most_s: largest clock offset between two cameras.
+    """
+
+    detector: DetectorChoice
+    time_steps: int = 600
+    rate_hz: float | None = None
+    clocks: str = "auto"
+    most_s: float = 10.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PersonSeen:
+    """What the cameras saw of the person.
+
+    Attributes:
+        tracks: at each camera's own frame times. views: at common time steps. cameras: as their images were.
+        clocks: found first; None where the cameras are synchronised. corrected: the tracks' times are corrected by them already.
+    """
+
+    tracks: tuple[PersonTrack, ...]
+    views: PersonViews
+    cameras: tuple[Camera, ...]
+    clocks: ClockEstimate | None
+    corrected: bool
+
+
+def check_recordings(paths: Mapping[str, Path]) -> None:
+    """Raise InputError where there are too few recordings, or one does not exist."""
+    if len(paths) < LEAST_CAMERAS:
+        raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
+    absent = [str(path) for path in paths.values() if not path.exists()]
+    if absent:
+        raise InputError(f"person: no such file or folder: {choices(absent)}")
+
+
+def find_person(
+    paths: Mapping[str, Path],
+    cameras: tuple[Camera, ...],
+    length: KnownLength,
+    search: PersonSearch,
+    progress: Progress = silent,
+) -> PersonSeen:
+    """The person in every recording: videos, or 2D poses of another tool.
+
+    Args:
+        cameras: intrinsics in the order of `paths`; their poses are not used.
+
+    Raises:
+        InputError: both kinds of recordings, or no frame rate. CalibrationError: cameras that cannot be linked.
+    """
+    videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
+    if len(videos) == len(paths):
+        views, seen_by, clocks = person_in_videos(
+            paths, Rig(cameras), length, search.detector, search.time_steps, progress, clocks=search.clocks, most_s=search.most_s
+        )
+        return PersonSeen(tracks=views.tracks(), views=views, cameras=seen_by, clocks=clocks, corrected=True)
+    if videos:
+        raise InputError(f"person: expected videos or 2D poses for all cameras, got both: {choices(map(str, paths.values()))}")
+    tracks = _tracks_from_files(paths, cameras, search.rate_hz)
+    clocks = unplaced_clocks(tracks, cameras, length, search.clocks, search.most_s)
+    return PersonSeen(tracks=tracks, views=person_views(tracks), cameras=cameras, clocks=clocks, corrected=False)
+
+
+def solve_person(
+    seen: PersonSeen, length: KnownLength, *, with_drift: bool, upside_down: Sequence[str] = ()
+) -> tuple[PersonCalibration, ClockEstimate | None]:
+    """The rig, and the clocks where the cameras are not synchronised.
+
+    Raises:
+        RefusedCalibration: a check fails; it carries the report.
+    """
+    hung, clocks = tuple(upside_down), seen.clocks
+    if clocks is None:
+        return calibrate_from_person(seen.views, seen.cameras, length, hung), None
+    start = ClockEstimate.known(np.zeros(len(seen.tracks)), clocks.middle_s) if seen.corrected else clocks
+    found, left = calibrate_out_of_step(seen.tracks, seen.cameras, length, start, with_drift, hung)
+    return found, clocks.then(left) if seen.corrected else left
+
+
+def frame_periods_s(paths: Mapping[str, Path], rate_hz: float | None) -> tuple[float, ...]:
+    """Seconds between two frames of each camera; NaN where that is not known."""
+    return tuple(
+        frame_period_s(VideoConfig(path, name).build().times_ns())
+        if path.suffix.lower() in VIDEO_SUFFIXES
+        else (1 / rate_hz if rate_hz else float("nan"))
+        for name, path in paths.items()
+    )
+
+
+def frame_period_s(times_ns: Array) -> float:
+    """Usual time between two frames."""
+    return float(np.median(np.diff(times_ns))) / 1e9 if len(times_ns) > 1 else float("nan")
+
+
+def _tracks_from_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> tuple[PersonTrack, ...]:
+    if rate_hz is None:
+        raise InputError("person: 2D poses do not state their frame rate: add --rate-hz")
+    poses = {camera.name: read_pose2d(paths[camera.name], camera.name, size_wh=camera.size_wh) for camera in cameras}
+    return person_tracks({name: list(frames.frames(rate_hz)) for name, frames in poses.items()})

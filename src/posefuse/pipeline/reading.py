@@ -1,0 +1,50 @@
+"""One way to read a finished result, whatever made it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+from posefuse.core import InputError, Recording
+from posefuse.formats.recording import RECORDING_FILES, read_recording
+
+LIVE_SUFFIX = ".mcap"
+
+
+def is_live(path: Path) -> bool:
+    """Whether `path` names a recording of a live session (or of any other MCAP file) rather than a result folder."""
+    return path.suffix.lower() == LIVE_SUFFIX and not path.is_dir()
+
+
+def read_result(path: Path | str, warn: Callable[[str], None] | None = None) -> Recording:
+    """Read a result folder of `posefuse track`, or the .mcap file of a live session with its later parts.
+
+    Args:
+        warn: is given one line about what is missing of a recording that was cut off; `warnings.warn` where none is given.
+
+    Raises:
+        InputError: neither of the two, or one that is incomplete or of another format version.
+        SourceError: a damaged MCAP file.
+    """
+    path = Path(path)
+    if is_live(path):
+        from .live_recording import read_live_recording
+
+        return read_live_recording(path, warn or _warn)
+    if path.is_file():
+        raise InputError(f"{path}: expected a result folder of `posefuse track` or a {LIVE_SUFFIX} file of `posefuse live`")
+    return read_recording(path)
+
+
+def files_of_result(path: Path) -> list[Path]:
+    """The files that `read_result` reads: what an output must not be written over."""
+    if is_live(path):
+        from .live_recording import parts_of
+
+        return parts_of(path)
+    return [path / name for name in RECORDING_FILES]
+
+
+def _warn(line: str) -> None:
+    warnings.warn(line, stacklevel=4)

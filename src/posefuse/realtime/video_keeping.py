@@ -1,0 +1,117 @@
+"""Videos of a live session's cameras: a thread and a bounded queue per camera, so that tracking never waits for the disk."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import sys
+import threading
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+from posefuse.core import Frame, InputError, PosefuseError
+from posefuse.formats.kept_video import KeptVideo
+
+VIDEOS_FOLDER = "videos"
+# about a third of a second of a fast camera; images of 640 x 480 px take 30 MB
+_QUEUE = 32
+# threads that encode give way to those that track
+_NICENESS = 10
+# what is queued at the end is written within this time
+FINISH_S = 5.0
+
+
+@dataclass(frozen=True)
+class KeptCounts:
+    """What came of one camera's video.
+
+    Attributes:
+        written, dropped: frames. how: ``copied`` (the camera's own packets) or ``encoded``. fault: why it ended early.
+        finished: the file was closed.
+    """
+
+    written: int = 0
+    dropped: int = 0
+    how: str = ""
+    fault: str = ""
+    finished: bool = False
+
+
+class VideoKeeper:
+    """Writes one camera's frames in a thread of its own; `offer` never waits.
+
+    Args:
+        folder: for ``CAMERA.mp4`` and, at the end, ``CAMERA.json`` with the counts. camera: its name.
+
+    Raises:
+        InputError: the video cannot be made, or is there already.
+    """
+
+    def __init__(self, folder: Path, camera: str) -> None:
+        self._video = KeptVideo(folder / f"{camera}.mp4")
+        self._about = folder / f"{camera}.json"
+        self._queue: queue.Queue[tuple[Frame, int] | None] = queue.Queue(_QUEUE)
+        self._dropped, self._counts = 0, KeptCounts()
+        self._thread = threading.Thread(target=self._run, name=f"video {camera}", daemon=True)
+        self._thread.start()
+
+    def offer(self, frame: Frame, t_ns: int) -> None:
+        """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room."""
+        if t_ns < 0:
+            return
+        try:
+            self._queue.put_nowait((frame, t_ns))
+        except queue.Full:
+            self._dropped += 1
+
+    def counts(self) -> KeptCounts:
+        """As of now."""
+        return replace(self._counts, dropped=self._counts.dropped + self._dropped, how=self._video.how)
+
+    def close(self, wait_s: float = FINISH_S) -> None:
+        """Write what is queued and finish the file, within `wait_s`."""
+        with contextlib.suppress(queue.Full):
+            self._queue.put(None, timeout=wait_s)
+            self._thread.join(wait_s)
+
+    def _run(self) -> None:
+        if sys.platform == "linux":
+            with contextlib.suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+        while (item := self._queue.get()) is not None:
+            self._write(*item)
+        try:
+            self._video.close()
+            self._counts = replace(self._counts, finished=not self._counts.fault)
+        except InputError as error:
+            self._counts = replace(self._counts, fault=self._counts.fault or str(error))
+        with contextlib.suppress(OSError):
+            self._about.write_text(json.dumps(asdict(self.counts())) + "\n", encoding="utf-8")
+
+    def _write(self, frame: Frame, t_ns: int) -> None:
+        counts = self._counts
+        if counts.fault:
+            self._counts = replace(counts, dropped=counts.dropped + 1)
+            return
+        try:
+            good = self._video.write(frame, t_ns)
+        except (PosefuseError, ValueError) as error:
+            self._counts = replace(counts, fault=str(error), dropped=counts.dropped + 1)
+            return
+        self._counts = replace(counts, written=counts.written + good, dropped=counts.dropped + (not good))
+
+
+def read_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
+    """What the keepers of these cameras counted, by name; of one that was killed, that it did not finish."""
+    found = {}
+    known = {field.name for field in fields(KeptCounts)}
+    for camera in cameras:
+        try:
+            content = json.loads((folder / f"{camera}.json").read_text(encoding="utf-8"))
+            found[camera] = KeptCounts(**{name: value for name, value in content.items() if name in known})
+        except (OSError, ValueError):
+            found[camera] = KeptCounts(fault="its process ended before the video was finished")
+    return found

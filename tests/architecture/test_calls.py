@@ -1,0 +1,45 @@
+"""Values and long calls are written by keyword: two arrays of one shape in the wrong order would pass every check."""
+
+import ast
+from dataclasses import MISSING, fields
+from pathlib import Path
+
+import pytest
+
+import posefuse.core as core
+
+SRC = Path(__file__).resolve().parents[2] / "src" / "posefuse"
+MOST = 6
+# compiled kernels take positions only, and so do these libraries
+POSITIONS_ONLY = ("kernels", "smooth_kernels", "robust", "linear", "cv2", "osim", "_mujoco")
+FILES = sorted(path for path in SRC.rglob("*.py") if "kernels" not in path.stem and "kernels" not in path.parts)
+VALUES = (
+    core.Camera, core.CameraTruth, core.Detections2D, core.Frame, core.JointAngles, core.Observations, core.Pose3D,
+    core.PoseSequence, core.Recording, core.Region, core.Truth, core.ViewSequence, core.Views,
+)  # fmt: skip
+
+
+def too_long(text: str) -> list[str]:
+    """Calls with more than `MOST` positional arguments, kernels and libraries that know no names excepted."""
+    calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call) and len(node.args) > MOST)
+    names = [(node.lineno, ast.unparse(node.func)) for node in calls]
+    return [f"line {line}: {name}" for line, name in names if not set(name.split(".")[:-1]) & set(POSITIONS_ONLY)]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(SRC)))
+def test_no_call_has_more_than_six_positions(path: Path) -> None:
+    assert not too_long(path.read_text(encoding="utf-8"))
+
+
+def test_the_guard_of_positions_can_fail() -> None:
+    assert too_long("f(1, 2, 3, 4, 5, 6, 7)") == ["line 1: f"]
+    assert not too_long("f(1, 2, 3, 4, 5, 6, g=7)\nkernels.step(1, 2, 3, 4, 5, 6, 7)\n")
+
+
+@pytest.mark.parametrize("value", VALUES, ids=lambda v: v.__name__)
+def test_core_values_are_built_by_keyword_only(value: type) -> None:
+    wanted = [one for one in fields(value) if one.init]
+    assert wanted and all(one.kw_only for one in wanted), [one.name for one in wanted if not one.kw_only]
+    required = [one for one in wanted if one.default is MISSING and one.default_factory is MISSING]
+    with pytest.raises(TypeError, match="positional"):
+        value(*(None for _ in required))

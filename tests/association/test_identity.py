@@ -1,0 +1,185 @@
+"""Who a track is: by what does not change about a body, together, and only once there is evidence."""
+
+import numpy as np
+import pytest
+
+from posefuse.association import UNNAMED, Identity, persons_at, with_persons
+from posefuse.association.traits import Traits, body_lengths_m, plausible_share, sameness
+from posefuse.core import Kind, Pose3D
+from posefuse.core.skeleton import COCO17
+
+PERIOD_NS = 33_333_333
+NOISE_M = 0.012
+
+
+def body(scale: float) -> np.ndarray:
+    """(17, 3) a standing person of 1.75 m times `scale`."""
+    heights = {
+        "nose": 1.6,
+        "eye": 1.63,
+        "ear": 1.6,
+        "shoulder": 1.43,
+        "elbow": 1.13,
+        "wrist": 0.88,
+        "hip": 0.95,
+        "knee": 0.52,
+        "ankle": 0.09,
+    }
+    half = {
+        "nose": 0.0,
+        "eye": 0.03,
+        "ear": 0.07,
+        "shoulder": 0.18,
+        "elbow": 0.22,
+        "wrist": 0.25,
+        "hip": 0.09,
+        "knee": 0.1,
+        "ankle": 0.1,
+    }
+    rows = []
+    for name in COCO17.keypoints:
+        part, side = name.split("_")[-1], -1 if name.startswith("left") else 1
+        rows.append([side * half[part], 0.0, heights[part]])
+    return scale * np.array(rows)
+
+
+class Room:
+    """People of given sizes at given places, measured with noise; keeps the identity state."""
+
+    def __init__(self, scales: list[float], people_max: int, seed: int = 0) -> None:
+        self.bodies = [body(scale) for scale in scales]
+        self.rng = np.random.default_rng(seed)
+        self.state = Identity(people_max=people_max, lost_after_s=0.5)
+        self.i = 0
+
+    def frames(self, count: int, who: dict[int, tuple[int, float]]) -> None:
+        """`who`: track -> (person, place along x)."""
+        for _ in range(count):
+            xyz = np.array([self.bodies[p] + [x, 0, 0] for p, x in who.values()]).reshape(-1, len(COCO17), 3)
+            xyz = xyz + self.rng.normal(0, NOISE_M, xyz.shape)
+            self.state = self.state.after(pose(xyz, list(who), self.i * PERIOD_NS))
+            self.i += 1
+
+
+def pose(xyz: np.ndarray, ids: list[int], t_ns: int = 0) -> Pose3D:
+    shape = xyz.shape[:2]
+    return Pose3D(
+        t_ns=t_ns,
+        skeleton=COCO17,
+        person_id=ids,
+        xyz_world=xyz,
+        cov_world=np.zeros((*shape, 3, 3)),
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, 4),
+        kind=np.full(shape, Kind.FUSED),
+    )
+
+
+def test_the_only_person_has_a_name_at_once_and_gets_it_back() -> None:
+    room = Room([1.0], people_max=1)
+    room.frames(1, {0: (0, 0.0)})
+    assert room.state.person_of(0) == 0
+    room.frames(20, {0: (0, 0.0)})
+    room.frames(30, {})
+    room.frames(1, {1: (0, 2.0)})
+    assert room.state.person_of(1) == 0
+
+
+@pytest.mark.parametrize("back", [(1, 2), (2, 1)])
+def test_two_who_left_are_told_apart_when_they_return_elsewhere(back: tuple[int, int]) -> None:
+    room = Room([1.0, 0.93, 1.06], people_max=3)
+    room.frames(40, {0: (0, 0.0), 1: (1, 1.5), 2: (2, 3.0)})
+    room.frames(30, {0: (0, 0.0)})
+    room.frames(3, {0: (0, 0.0), 3: (back[0], 3.0), 4: (back[1], 1.5)})
+    assert [room.state.person_of(track) for track in (3, 4)] == [UNNAMED, UNNAMED], "not decided before there is evidence"
+    room.frames(20, {0: (0, 0.0), 3: (back[0], 3.0), 4: (back[1], 1.5)})
+    assert [room.state.person_of(track) for track in (3, 4)] == list(back)
+    begin_ns = 70 * PERIOD_NS
+    assert persons_at(room.state.names, 3, begin_ns) == back[0], "known from its first frame on, once it is known"
+
+
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_two_who_touched_are_told_apart_after_they_part(exchanged: bool) -> None:
+    room = Room([0.95, 1.05], people_max=2)
+    room.frames(40, {0: (0, 0.0), 1: (1, 2.0)})
+    room.frames(15, {0: (0, 0.9), 1: (1, 1.1)})
+    parted_ns = room.i * PERIOD_NS
+    after = {0: (1, 2.0), 1: (0, 0.0)} if exchanged else {0: (0, 0.0), 1: (1, 2.0)}
+    room.frames(40, after)
+    expected = [1, 0] if exchanged else [0, 1]
+    assert [room.state.person_of(track) for track in (0, 1)] == expected
+    assert [persons_at(room.state.names, track, parted_ns) for track in (0, 1)] == expected
+    assert [persons_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)] == [0, 1], (
+        "before they touched nothing changes"
+    )
+
+
+def test_two_of_one_size_keep_their_names_as_nothing_speaks_against_it() -> None:
+    room = Room([1.0, 1.0], people_max=2)
+    room.frames(40, {0: (0, 0.0), 1: (1, 2.0)})
+    room.frames(15, {0: (0, 0.9), 1: (1, 1.1)})
+    room.frames(90, {0: (0, 0.0), 1: (1, 2.0)})
+    assert [room.state.person_of(track) for track in (0, 1)] == [0, 1]
+    assert len(room.state.names) == 2
+
+
+def test_nobody_is_ever_two_tracks_of_one_frame() -> None:
+    room = Room([1.0, 0.95, 1.05], people_max=2)
+    room.frames(20, {0: (0, 0.0)})
+    room.frames(20, {0: (0, 0.0), 1: (1, 2.0), 2: (2, 4.0)})
+    room.frames(40, {1: (1, 2.0), 2: (2, 4.0)})
+    for i in range(room.i):
+        told = [persons_at(room.state.names, track, i * PERIOD_NS) for track in (1, 2)]
+        told += [persons_at(room.state.names, 0, i * PERIOD_NS)] if i < 40 else []
+        known = [person for person in told if person != UNNAMED]
+        assert len(set(known)) == len(known)
+
+
+def test_a_frame_earlier_states_stay_as_they_were() -> None:
+    room = Room([1.0, 0.9], people_max=2)
+    room.frames(3, {0: (0, 0.0)})
+    before = room.state
+    room.frames(5, {0: (0, 0.0), 1: (1, 2.0)})
+    assert list(before.tracks) == [0] and before.tracks[0].traits.frames.max() == 3
+
+
+def test_running_covariance_is_that_of_all_frames_and_pooling_changes_nothing() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.normal(0.4, 0.02, (50, 7))
+    one, two = Traits.unknown(7), Traits.unknown(7)
+    for row in values[:20]:
+        one = one.with_frame(row)
+    for row in values[20:]:
+        two = two.with_frame(row)
+    both = one.pooled(two)
+    np.testing.assert_allclose(both.mean, values.mean(axis=0))
+    np.testing.assert_allclose(both.scatter, 50 * np.cov(values.T, bias=True), atol=1e-12)
+
+
+def test_sameness_grows_with_evidence_and_is_symmetric() -> None:
+    rng = np.random.default_rng(2)
+
+    def learnt(scale: float, frames: int) -> Traits:
+        traits = Traits.unknown(7)
+        for _ in range(frames):
+            traits = traits.with_frame(body_lengths_m(body(scale)[None] + rng.normal(0, NOISE_M, (1, 17, 3)), COCO17)[0])
+        return traits
+
+    known, same, other = learnt(1.0, 60), learnt(1.0, 60), learnt(0.9, 60)
+    assert sameness(known, same) > 0 > sameness(known, other)
+    assert sameness(known, other) == pytest.approx(sameness(other, known))
+    assert sameness(known, learnt(1.0, 2)) == 0, "two frames say nothing"
+
+
+def test_a_body_that_nobody_can_have_is_not_plausible() -> None:
+    lengths = body_lengths_m(np.stack([body(1.0), body(2.2), body(0.3), body(0.65)]), COCO17)
+    assert plausible_share(lengths).round(2).tolist()[0] == 1
+    assert (plausible_share(lengths)[1:3] < 0.5).all()
+    assert plausible_share(lengths)[3] > 0.9, "a child"
+    assert plausible_share(np.full((1, 7), np.nan)).tolist() == [0]
+
+
+def test_poses_under_other_ids_stand_in_their_order() -> None:
+    renamed = with_persons(pose(np.arange(3.0)[:, None, None] + np.zeros((3, 17, 3)), [4, 5, 6]), [2, UNNAMED, 0])
+    assert renamed.person_id.tolist() == [0, 2]
+    assert renamed.xyz_world[:, 0, 0].tolist() == [2, 0]

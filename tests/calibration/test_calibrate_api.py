@@ -1,0 +1,76 @@
+"""Calibration from Python: the same figures as from the command line, typed results, files, refusals with their report."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
+from posefuse.api.calibration_results import ClockCalibration, RigCalibration
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.extrinsics.floor import FloorMarker
+from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.recordings import paths_by_camera
+from posefuse.core import InputError
+from posefuse.formats.rig import read_rig
+
+BOARD = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
+REPORT = CalibrationReport("extrinsics", (Check("halves agree", True, "fine"),), numbers={"rms_px": 0.3})
+
+
+def test_recordings_are_named_by_mapping_or_by_file(tmp_path: Path) -> None:
+    assert paths_by_camera(["a/left.mp4", "b/right.mp4"]) == {"left": Path("a/left.mp4"), "right": Path("b/right.mp4")}
+    assert paths_by_camera({"cam": "a.mp4"}) == {"cam": Path("a.mp4")}
+    with pytest.raises(InputError, match="two recordings are named cam"):
+        paths_by_camera(["one/cam.mp4", "two/cam.mp4"])
+
+
+def test_what_is_wrong_is_said_before_any_work(lab: Any, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="needs a target of markers"):
+        calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=BOARD, floor=FloorMarker(7))
+    with pytest.raises(InputError, match=r"none\.mp4: no such video"):
+        calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=Markers(0.1))
+    with pytest.raises(InputError, match="expected at least 2 cameras, got 1"):
+        calibrate_person(["none.mp4"], intrinsics=lab.rig, height_m=1.8)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    films = {lab.rig.names[0]: tmp_path / "a", lab.rig.names[1]: tmp_path / "b"}
+    with pytest.raises(InputError, match="one known length"):
+        calibrate_person(films, intrinsics=lab.rig)
+    with pytest.raises(InputError, match="do not state their frame rate"):
+        calibrate_person(films, intrinsics=lab.rig, height_m=1.8)
+
+
+def test_the_prop_of_the_laboratory_is_calibrated_saved_and_verified(lab: Any, tmp_path: Path) -> None:
+    seen, stages = lab.watch(), []
+    found = calibrate_extrinsics(
+        seen, intrinsics=lab.rig, target=lab.target, progress=lambda stage, done, total, message="": stages.append(stage)
+    )
+    assert found.rig.names == lab.rig.names and not found.report.failed
+    assert found.clocks is None and found.clock_settings == ""
+    path = found.save(tmp_path / "rig.toml", report=tmp_path / "rig.html")
+    assert read_rig(path).names == lab.rig.names
+    assert (tmp_path / "rig.html").read_text(encoding="utf-8").count("data:image/png") == len(lab.rig)
+    with pytest.raises(InputError, match=r"rig\.toml"):
+        found.save(path)
+    found.save(path, replace=True)
+    assert list(tmp_path.glob("rig.toml.replaced-*"))
+    checked = verify(found.rig, seen, target=lab.target)
+    assert checked.passed == (not checked.report.failed)
+
+
+def test_clock_offsets_become_settings_and_never_overwrite_them(lab: Any, tmp_path: Path) -> None:
+    late_s = np.array([0.0, 0.12, -0.05, 0.031])[: len(lab.rig)]
+    clocks = ClockEstimate.known(late_s, 0.0)
+    found = ClockCalibration(rig=lab.rig, clocks=clocks, report=REPORT, frame_period_s=(0.02,) * len(lab.rig))
+    path = found.save(tmp_path / "posefuse.toml")
+    assert path is not None and "offset_s = -0.120000" in path.read_text()
+    with pytest.raises(InputError, match=r"posefuse\.toml"):
+        found.save(path)
+    nothing = ClockEstimate.known(0 * late_s, 0.0)
+    same = ClockCalibration(rig=lab.rig, clocks=nothing, report=REPORT, frame_period_s=found.frame_period_s)
+    assert same.save(tmp_path / "other.toml") is None and not (tmp_path / "other.toml").exists()
+    rig = RigCalibration(rig=lab.rig, report=REPORT, clocks=clocks)
+    assert rig.numbers["rms_px"] == 0.3 and rig.numbers[f"{lab.rig.names[1]}_offset_ms"] == pytest.approx(120)

@@ -1,0 +1,235 @@
+"""The command line as values: every option that posefuse ever had is understood, and what is wrong is one line with the remedy.
+
+The table was made from the help of the commands before they were derived from typed functions.
+"""
+
+import re
+import subprocess
+import sys
+from functools import cache
+
+import pytest
+
+from posefuse.cli.command_line import COMMANDS, STEPS, Invocation, WrongCommandLineError, parse
+from posefuse.cli.main import main
+
+TARGET = (
+    "--target aruco-board, --columns 5, --rows 7, --square-mm 50, --marker-mm 40, --gap-mm 5, --dictionary text, "
+    "--ids 1 2 3, --inverted, --legacy"
+)
+SETTINGS = "--config text, --set one --set two, --networks one --networks two"
+LIVE = "--tracker latest, --people 2, --rate 50, --groups 2"
+ROS_2 = "--domain 3, --peer one --peer two, --interface text, --local-only"
+OUTPUTS = (
+    "--record text, --ros, --osc one --osc two, --json-udp one --json-udp two, --output one --output two, --axes "
+    "y_up_left_handed, --view, --view-file text, --report text"
+)
+# command with its arguments: the options it needs, and all others, each with a value that is not the default
+ACCEPTED = {
+    "demo": (
+        "",
+        "--json, --out text, --force",
+    ),
+    "track SESSION": (
+        "--out text",
+        "--json, --force, --resume, --rig text, --input pose2d, --weights robust, --raw, --person -1.1,0, "
+        "--start 1, --end 2, --outputs text, --view, --rate 50, "
+        f"{SETTINGS}",
+    ),
+    "live rig.toml": (
+        "",
+        "--json, --source one --source two, --duration 5, --loop 5, --fault one --fault two, --replay text, "
+        f"{SETTINGS}, {LIVE}, {ROS_2}, {OUTPUTS}",
+    ),
+    "calibrate intrinsics a=a.mp4 b=b.mp4": (
+        "--out text",
+        f"--every 2, --json, --force, --report text, {TARGET}",
+    ),
+    "calibrate extrinsics a=a.mp4 b=b.mp4": (
+        "--intrinsics text --out text",
+        "--every 2, --clocks drift, --floor-marker 7, --floor-side-mm 80, --floor-points text, --any-size, --keep-refused, "
+        "--refine-lenses 0.5, --upside-down one --upside-down two, --json, --force, --report text, "
+        f"{TARGET}",
+    ),
+    "calibrate guide": (
+        "--intrinsics text --source one --source two",
+        f"--duration 5, --view, --view-file text, --json, --force, {TARGET}",
+    ),
+    "calibrate person a=a.mp4 b=b.mp4": (
+        "--intrinsics text --out text",
+        "--height-m 1.8, --apart a b 2.5, --rate-hz 30, --instants 100, --clocks drift, --most-s 2, "
+        "--upside-down one --upside-down two, "
+        "--networks one --networks two, --json, --force, --report text, --time-steps 100",
+    ),
+    "calibrate clocks SESSION": (
+        "",
+        "--rig text, --input pose2d, --clocks drift, --rate-hz 30, --seconds 20, --most-s 2, --networks one "
+        "--networks two, --json, --force, --report text",
+    ),
+    "calibrate verify a=a.mp4 b=b.mp4": (
+        "--rig text",
+        f"--every 2, --offset-ms one --offset-ms two, --json, --force, --report text, {TARGET}",
+    ),
+    "calibrate print": (
+        "--out text",
+        f"--cube, --page text, --json, --force, {TARGET}",
+    ),
+    "view RESULT": (
+        "",
+        "--json, --session text",
+    ),
+    "report RESULT": (
+        "",
+        "--json, --out text, --fit rays, --opensim, --title text",
+    ),
+    "simulate scene.yaml": (
+        "--out text",
+        "--json, --force, --workers 2",
+    ),
+    "compare a.trc b.trc": (
+        "",
+        "--json, --out text, --person 1, --scale, --no-time, --no-space, --align-first 3",
+    ),
+    "models m": (
+        "",
+        "--json, --check, --from text, --measure 4 30",
+    ),
+    "plugins": (
+        "",
+        "--json",
+    ),
+    "doctor": (
+        "",
+        "--json",
+    ),
+    "node camera rig.toml": (
+        "",
+        "--json, --source one --source two, --name text, --zero 0, --fault one --fault two, --duration 5, "
+        "--loop 5, "
+        f"{SETTINGS}, {LIVE}, {ROS_2}",
+    ),
+    "node fusion rig.toml": (
+        "",
+        f"--json, --duration 5, --loop 5, {SETTINGS}, {LIVE}, {ROS_2}, {OUTPUTS}",
+    ),
+    "fit-noise card.toml": (
+        "--scenes-in text",
+        "--json, --scenes 3, --moving 4, --engine onnxruntime",
+    ),
+}
+
+EVERY = [(command, needed, option) for command, (needed, options) in ACCEPTED.items() for option in options.split(", ")]
+PLACES = [*COMMANDS, *(f"{command} {step}" for command, steps in STEPS.items() for step in steps)]
+
+
+@cache
+def parsed(*texts: str) -> Invocation:
+    found = parse([word for text in texts for word in text.split()])
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(("command", "needed", "option"), EVERY, ids=[f"{one[0]} {one[2]}" for one in EVERY])
+def test_every_option_is_understood_and_changes_something(command: str, needed: str, option: str) -> None:
+    without, found = parsed(command, needed), parsed(command, needed, option)
+    assert found.words == without.words == tuple(command.split())[: len(found.words)]
+    assert (found.bound != without.bound) != (found.as_json != without.as_json)
+    if option == "--json":
+        assert found.as_json
+
+
+def test_an_option_that_changes_nothing_would_be_found() -> None:
+    assert parsed("track SESSION --out text").bound == parsed("track SESSION --out text").bound
+    assert parsed("track SESSION --out text").bound != parsed("track SESSION --out other").bound
+
+
+@pytest.mark.parametrize(("command", "needed"), [(command, needed) for command, (needed, _) in ACCEPTED.items() if needed])
+def test_what_a_command_needs_is_named(command: str, needed: str) -> None:
+    with pytest.raises(WrongCommandLineError, match=r"missing --[a-z-]+; see posefuse") as wrong:
+        parsed(command)
+    assert re.search(r"missing (--[a-z-]+)", str(wrong.value))[1] in needed
+
+
+@pytest.mark.parametrize("words", ["--json calibrate clocks S", "calibrate --json clocks S", "calibrate clocks --json S"])
+def test_json_stands_anywhere(words: str) -> None:
+    found = parsed(words)
+    assert found.as_json and found.words == ("calibrate", "clocks")
+
+
+@pytest.mark.parametrize("words", ["--person -1.1,0", "--person=-1.1,0"])
+def test_a_place_may_begin_with_a_minus(words: str) -> None:
+    assert parsed("track S --out R", words).bound.arguments["options"].person == (-1.1, 0.0)
+
+
+def test_options_that_are_repeated_are_all_kept() -> None:
+    found = parsed("live rig.toml --source a=usb:0 --source b=usb:1 --peer one --set a=1 --peer two --set b=2").bound.arguments
+    assert found["sources"].source == ("a=usb:0", "b=usb:1")
+    assert found["ros_2"].peer == ("one", "two")
+    assert found["settings"].overrides == ["a=1", "b=2"]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("trac", "posefuse: unknown command 'trac'; did you mean track?; see posefuse --help"),
+        ("calibrate verfy", "posefuse calibrate: unknown command 'verfy'; did you mean verify?; see posefuse calibrate --help"),
+        ("track S --ouy R", "posefuse track: missing --out; did you mean --out instead of --ouy?; see posefuse track --help"),
+        ("track S --out R --rsume", "Did you mean --resume?"),
+        ("track S --out R --weights robst", 'Did you mean "robust"?'),
+        ("track S --out", "--out: expected a value"),
+        ("track S --out R --person", "--person: expected a value"),
+        ("track S --out R --force --resume", "expected one of --force, --resume, got both"),
+        ("track S T --out R", "unexpected 'T'"),
+        ("track S --out R --out Q", "--out specified multiple times"),
+        ("track S --out R --start soon", "--start"),
+        ("calibrate person a --intrinsics i --out o --apart a b", "--apart: expected 3 values"),
+        ("calibrate person a --intrinsics i --out o --apart a b far", 'unable to convert "far" into float'),
+        ("node relay rig.toml", "unknown command 'relay'; there are: camera, fusion"),
+        ("calibrate", "expected a command: intrinsics, extrinsics"),
+        ("", "expected a command: demo, track"),
+    ],
+)
+def test_a_wrong_command_line_is_one_line_and_exit_1(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words.split()) == 1
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    assert line in err and err.startswith("posefuse")
+
+
+@pytest.mark.parametrize("place", ["", *PLACES])
+def test_help_fits_80_columns_and_describes_every_option(
+    place: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main([*place.split(), "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert max(len(line) for line in shown.splitlines()) <= 80
+    assert f"Usage: posefuse {place}".strip() in shown and "--json" in shown
+    for line in shown.splitlines():
+        bare = re.match(r"^│ (?:\*| ) *(--[a-z-]+(?: [A-Z.=|,\[\]-]+)?)? *│$", line)
+        assert not (bare and bare[1]), f"without a description: {line}"
+
+
+def test_help_imports_neither_numpy_nor_pydantic() -> None:
+    """It takes 0.2 s of processor time so; numpy alone would add a quarter to that."""
+    script = "import sys; from posefuse.cli.main import main; main(['--help']); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "posefuse.cli.commands.track" in loaded
+    assert not loaded & {"numpy", "pydantic"}
+
+
+def test_options_of_a_command_are_in_its_help(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    for command, (needed, options) in ACCEPTED.items():
+        words = [word for word in command.split() if word in {*COMMANDS, *(s for steps in STEPS.values() for s in steps)}]
+        assert main([*words[:2], "--help"]) == 0
+        shown = capsys.readouterr().out
+        missing = {word for word in f"{needed} {options}".replace(",", " ").split() if word.startswith("--")} - {
+            word.rstrip(",") for word in shown.split()
+        }
+        assert not missing, f"{command}: {missing}"
+
+
+def test_the_table_has_every_command() -> None:
+    assert {command.split()[0] for command in ACCEPTED} == {*COMMANDS}

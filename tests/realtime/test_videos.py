@@ -1,0 +1,87 @@
+"""`posefuse live --videos`: nothing waits for the disk, what is dropped is counted, and the folder is a session."""
+
+import json
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.cli.main import main
+from posefuse.core import Frame, InputError
+from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.session import find_session
+from posefuse.realtime import video_keeping
+from posefuse.realtime.video_keeping import VideoKeeper, read_counts
+from posefuse.sources.video import VideoConfig
+
+
+def frame(i: int) -> Frame:
+    image = np.full((32, 48, 3), i % 250, np.uint8)
+    return Frame(camera="cam", seq=i, t_ns=i * 10_000_000, received_ns=i * 10_000_000, image=image)
+
+
+def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
+    keeper = VideoKeeper(tmp_path, "cam")
+    for i in range(-3, 20):
+        keeper.offer(frame(i), i * 10_000_000)
+    keeper.close()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
+    np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
+
+
+def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    free, write = threading.Event(), video_keeping.KeptVideo.write
+
+    def slow(self: video_keeping.KeptVideo, one: Frame, t_ns: int) -> bool:
+        assert free.wait(30)
+        return write(self, one, t_ns)
+
+    monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
+    keeper = VideoKeeper(tmp_path, "cam")
+    for i in range(100):
+        keeper.offer(frame(i), i * 10_000_000)
+    assert keeper.counts().dropped >= 100 - 34
+    free.set()
+    keeper.close()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
+    assert counts.written + counts.dropped == 100
+    assert counts.written >= 32
+
+
+def test_a_full_disk_ends_the_video_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: video_keeping.KeptVideo, one: Frame, t_ns: int) -> bool:
+        raise InputError("cam.mp4: cannot be written (No space left on device)")
+
+    monkeypatch.setattr(video_keeping.KeptVideo, "write", full)
+    keeper = VideoKeeper(tmp_path, "cam")
+    for i in range(5):
+        keeper.offer(frame(i), i * 10_000_000)
+    keeper.close()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.dropped, counts.finished) == (0, 5, False)
+    assert "No space left" in counts.fault
+    assert "its process ended" in read_counts(tmp_path, ["other"])["other"].fault
+
+
+@pytest.mark.realtime
+def test_a_session_kept_with_its_videos_can_be_tracked(
+    tmp_path: Path, demo_session: Path, models: None, capsys: pytest.CaptureFixture
+) -> None:
+    sources = [part for i in range(4) for part in ("--source", f"cam0{i}=video:{demo_session}/videos/cam0{i}.mp4")]
+    kept = tmp_path / "kept"
+    command = ["live", str(demo_session / "rig.toml"), *sources, "--videos", str(kept), "--duration", "3", "--json"]
+    assert main(command) == 0
+    figures = json.loads(capsys.readouterr().out)
+    session = find_session(kept, TrackConfig())
+    assert session.rig.names == ("cam00", "cam01", "cam02", "cam03")
+    assert (kept / MANIFEST_FILE).is_file()
+    for name, counts in figures["videos"].items():
+        found = VideoConfig(kept / "videos" / f"{name}.mp4", name).build().times_ns()
+        original = VideoConfig(demo_session / "videos" / f"{name}.mp4", name).build().times_ns()
+        assert counts["how"] == "copied"
+        assert len(found) >= counts["written"] > 0
+        nearest = np.abs(original[None] - found[:, None]).min(axis=1)
+        assert nearest.max() <= 1_000
