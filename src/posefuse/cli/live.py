@@ -55,7 +55,7 @@ def run_session(
     if videos:
         check_replaceable(videos, command="live", replace=False)
     with kept_videos(videos, rig, inputs) as folder:
-        done = run_live(rig, inputs, config, plan, duration_s, terminal.note, folder)
+        done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
     figures = {**figures_of(done), **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed)}
     if videos:
         figures["videos"] = video_figures(videos, inputs)

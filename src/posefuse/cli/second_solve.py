@@ -69,7 +69,7 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
             "time steps": str(figures["time_steps"]),
             "people": str(figures["people"]),
             "result in": str(options.out),
-            "files": ", ".join(figures["files"]),
+            "files": ", ".join(path.name for path in written),
         },
     )
     terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")

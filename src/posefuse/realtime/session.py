@@ -49,6 +49,7 @@ def run_live(
     plan: OutputPlan,
     duration_s: float | None,
     say: Say,
+    *,
     videos: Path | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
