@@ -36,6 +36,8 @@ def interrupt(module: str, path: str, call: int, what: str) -> None:
 
 
 if __name__ == "__main__":
+    # a shell that runs the tests in the background has them ignore Ctrl-C
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for point in json.loads(sys.argv[1]):
         interrupt(*point)
     sys.exit(main(sys.argv[2:]))

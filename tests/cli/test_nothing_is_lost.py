@@ -1,6 +1,5 @@
 """No command removes or changes a file that posefuse did not write, wherever its output is sent; names print as they are."""
 
-import argparse
 import dataclasses
 import glob
 import hashlib
@@ -195,10 +194,12 @@ def experimented(results: Path, out: Path, force: bool) -> int:
 
 def calibrated(results: Path, out: Path, force: bool) -> int:
     """What `posefuse calibrate extrinsics`, `intrinsics` and `person` do before and after their work."""
+    from posefuse.calibration import result_files as files
     from posefuse.calibration.clocks.sync import ClockEstimate
     from posefuse.calibration.report import CalibrationReport
     from posefuse.calibration.targets.corners import Observations
-    from posefuse.cli.calibrating import results as files
+    from posefuse.cli.calibrating.inputs import check_files
+    from posefuse.cli.calibrating.showing import write_clocks
     from posefuse.cli.terminal import Terminal
     from posefuse.core import InputError
     from posefuse.formats.rig import read_rig
@@ -221,11 +222,12 @@ def calibrated(results: Path, out: Path, force: bool) -> int:
     )
     try:
         out.mkdir(parents=True, exist_ok=True)
-        files.check_outputs(argparse.Namespace(step="extrinsics", force=force, inputs=(), **paths))
-        files.write_coverage(paths["out"], seen, Terminal(as_json=True))
+        outputs = [("--out", paths["out"]), ("--out", files.coverage_path(paths["out"])), ("--report", paths["report"])]
+        check_files((), outputs, force=force)
+        files.write_coverage(files.coverage_path(paths["out"]), seen)
         files.write_rig_file(paths["out"], rig)
         files.write_report(paths["report"], CalibrationReport("rig", ()), {}, rig)
-        files.write_clocks(out / CONFIG_FILE, rig.names, clocks, Terminal(as_json=True))
+        write_clocks(out / CONFIG_FILE, rig.names, clocks, Terminal(as_json=True))
     except (InputError, OSError):
         return 1
     return 0

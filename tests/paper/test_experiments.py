@@ -94,6 +94,6 @@ def test_what_cannot_be_compared_is_said_in_one_line(trc: Path, capsys: pytest.C
     other = trc.with_suffix(".xyz")
     other.write_text("?")
     assert main(["compare", str(trc), str(other)]) == 1
-    assert "result folder, .trc, .c3d, .csv or .mvnx" in capsys.readouterr().err
+    assert "expected a posefuse result folder" in capsys.readouterr().err
     assert main(["compare", str(trc), str(trc.with_name("none.trc"))]) == 1
     assert "no such file" in capsys.readouterr().err

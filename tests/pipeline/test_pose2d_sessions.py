@@ -65,8 +65,8 @@ def write_poses(folder: Path, rig: Rig, xyz: np.ndarray) -> None:
             (place / f"{camera.name}_{i:06d}.json").write_text(json.dumps({"version": 1.3, "people": people}))
 
 
-def track(folder: Path, out: Path, *more: str) -> int:
-    return main(["track", str(folder), "--out", str(out), "--outputs", "trc", "--set", "joint_centres=false", *more])
+def track(folder: Path, out: Path, *more: str, outputs: str = "trc") -> int:
+    return main(["track", str(folder), "--out", str(out), "--outputs", outputs, "--set", "joint_centres=false", *more])
 
 
 def test_a_pose2sim_project_is_tracked_by_one_command(project: Path, tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
     xyz = np.array(rest) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
     write_poses(project, ring_rig(3), xyz)
     out = tmp_path / "out"
-    assert track(project, out, "--outputs", "trc,c3d,csv,parquet,json") == 0
+    assert track(project, out, outputs="trc,c3d,csv,parquet,json") == 0
     poses = read_recording(out).poses
     assert poses.skeleton == whole
     assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - xyz, axis=-1)) < 0.002

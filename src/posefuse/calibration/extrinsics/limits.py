@@ -26,7 +26,8 @@ class Limits:
         moved_sigma, moved_share, moved_rad: a spread ratio above its limit refuses only with a pose that differs between the
             halves by so many standard errors, and by this share of the distance or this angle. The webcams: 2 sigma.
         focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
-        centre_rad: and the principal point by this angle. Judgement: a smaller one is taken up by the camera's rotation.
+        centre_rad: and the principal point by this angle. Judgement: a smaller one is taken up by the
+            camera's rotation; good webcams of `caliscope` show up to 2.2 deg.
         bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.
         stretch_share: a board may be longer in one direction by this: printers are true to 0.5 %.
         lens_sigma: none of the four refuses below so many standard errors.
@@ -53,7 +54,7 @@ class Limits:
     moved_share: float = 0.0005
     moved_rad: float = float(np.deg2rad(0.03))
     focal_share: float = 0.005
-    centre_rad: float = float(np.deg2rad(1.0))
+    centre_rad: float = float(np.deg2rad(3.0))
     bend_px_per_1000: float = 1.0
     stretch_share: float = 0.01
     lens_sigma: float = 6.0
