@@ -40,17 +40,34 @@ def picture(target: Charuco | ArucoBoard, px_per_m: float, path: Path) -> np.nda
 needs_poppler = pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not on this machine")
 
 
+def markers_by_opencv(grey: np.ndarray) -> dict[int, np.ndarray]:
+    """Corners (4, 2) px of every marker by its id, as OpenCV alone reads them: top left first, clockwise."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    corners, ids, _ = detector.detectMarkers(grey)
+    return {int(i): quad.reshape(4, 2) for i, quad in zip(ids.ravel(), corners, strict=True)}
+
+
+def assert_printed_true(xy_img: np.ndarray, xyz: np.ndarray, atol: float) -> None:
+    """Image x is board x, image y is board -y: nothing is mirrored, and sizes are true at 127 dpi."""
+    want = np.column_stack([xyz[:, 0], -xyz[:, 1]]) * 127 / 0.0254
+    np.testing.assert_allclose(xy_img - xy_img.mean(axis=0), want - want.mean(axis=0), atol=atol)
+
+
 @needs_poppler
-@pytest.mark.parametrize("target", [BOARD, ArucoBoard(columns=4, rows=5, side_m=0.04, gap_m=0.01, first_id=3)])
-def test_a_printed_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path, target: Charuco | ArucoBoard) -> None:
-    grey = picture(target, 5000, tmp_path)
-    found = TargetDetector(target).detect(grey)
-    xyz = target.corners(0)[found.corner]
-    assert len(xyz) == len(target.corners(0))
-    # image x is board x, image y is board -y: nothing is mirrored
-    px_per_m = 127 / 0.0254
-    want = np.column_stack([xyz[:, 0], -xyz[:, 1]]) * px_per_m
-    np.testing.assert_allclose(found.xy_img - found.xy_img.mean(axis=0), want - want.mean(axis=0), atol=0.6)
+def test_a_printed_charuco_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path) -> None:
+    found = TargetDetector(BOARD).detect(picture(BOARD, 5000, tmp_path))
+    xyz = BOARD.corners(0)[found.corner]
+    assert len(xyz) == len(BOARD.corners(0))
+    assert_printed_true(found.xy_img, xyz, atol=0.6)
+
+
+@needs_poppler
+def test_a_printed_marker_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path) -> None:
+    target = ArucoBoard(columns=4, rows=5, side_m=0.04, gap_m=0.01, first_id=3)
+    read = markers_by_opencv(picture(target, 5000, tmp_path))
+    assert sorted(read) == list(range(3, 23))
+    # OpenCV gives whole pixels, of the black side of each edge
+    assert_printed_true(np.concatenate([read[i] for i in sorted(read)]), target.corners(0), atol=1.0)
 
 
 @needs_poppler
@@ -62,10 +79,10 @@ def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
     )
     ids = []
     for page in sorted(tmp_path.glob("face*.png")):
-        found = TargetDetector(target).detect(cv2.imread(str(page), cv2.IMREAD_GRAYSCALE))
-        ids += found.patch[::4].tolist()
-        assert np.linalg.norm(found.xy_img[1] - found.xy_img[0]) == pytest.approx(0.12 * 5000, abs=1.0)
-        assert found.xy_img[1, 0] > found.xy_img[0, 0]
+        [(i, quad)] = markers_by_opencv(cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)).items()
+        ids.append(i)
+        assert np.linalg.norm(quad[1] - quad[0]) == pytest.approx(0.12 * 5000, abs=1.0)
+        assert quad[1, 0] > quad[0, 0]
     assert ids == [0, 1, 2, 3, 4, 5]
 
 
