@@ -52,8 +52,7 @@ class Detector(Protocol):
     def joint_centres_file(self) -> Path | None:
         """Table of how anatomical joint centres lie beside the keypoints, in the format of `track.joint_centres`.
 
-        None where that was not fitted, or where the keypoints are joint centres already; keypoint sets that annotators mark
-        (coco17, body_25, halpe_26 ...) are then moved by people's proportions (`track.proportional_joint_centres`).
+        None where that was not fitted, or where the keypoints are joint centres already.
         """
         ...
 

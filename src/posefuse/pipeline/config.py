@@ -69,7 +69,8 @@ class TrackConfig:
             state theirs.
         max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
         detector: the 2D estimator. associate, fuse, smooth: see the rooms.
-        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
+        joint_centres: move keypoints to anatomical joint centres, where a table was fitted to the detector.
+        proportions: move keypoints without such a table by people's proportions; docs/networks.md: gains and costs.
         live_gap_s: for the second solve of a live session, of which not every frame was used: two frames of a camera this far
             apart are interpolated between. Chosen with `bench/live_second_solve.py --gaps`.
         raw: leave every instant as it was fused: no smoothing, no bridged gaps.
@@ -88,6 +89,7 @@ class TrackConfig:
     fuse: FuseSettings = field(default_factory=FuseSettings)
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
     joint_centres: bool = True
+    proportions: bool = False
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS

@@ -119,7 +119,7 @@ class ImageInstants:
     @property
     def joint_centres(self) -> JointCentres | None:
         """Where joint centres lie relative to the detector's keypoints, where that is known."""
-        return joint_centres_of(self._detector)
+        return joint_centres_of(self._detector, proportions=False)
 
     def steps(self, first: int = 0) -> Iterator[ImageStep]:
         """The time steps from number `first` on; may be called once."""

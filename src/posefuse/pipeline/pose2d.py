@@ -10,7 +10,7 @@ from posefuse.core import Camera, Detections2D, InputError, LookKind, Pose3D, Ri
 from posefuse.core.errors import choices
 from posefuse.formats.pose2d import Pose2DFrames, read_pose2d
 from posefuse.sources import Coverage, incomplete_cameras
-from posefuse.tracking import JointCentres, proportional_joint_centres, read_joint_centres
+from posefuse.tracking import JointCentres, read_joint_centres
 
 from .config import CameraInput, TrackConfig
 from .images import Timeline, check_time_steps
@@ -123,7 +123,7 @@ def joint_centres_of_set(skeleton: Skeleton) -> JointCentres | None:
     if skeleton.name == "blazepose33":
         file = default_cards()[-1].joint_centres_file
         return read_joint_centres(file) if file else None
-    return proportional_joint_centres(skeleton)
+    return None
 
 
 def _check_one_skeleton(folders: list[Pose2DFrames]) -> None:

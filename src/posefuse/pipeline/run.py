@@ -18,7 +18,7 @@ from posefuse.foundation.compiled import compiling
 from posefuse.foundation.plain_values import plain
 from posefuse.health.recorded import rig_findings
 from posefuse.health.rig_monitor import OUT_OF_STEP, Finding
-from posefuse.tracking import JointCentres
+from posefuse.tracking import JointCentres, proportional_joint_centres
 
 from .clock import StageClock
 from .config import TrackConfig
@@ -94,7 +94,7 @@ def track_opened(
         opened.steps.close()
     for line in incomplete:
         warn(line)
-    settings = SolveSettings.of(config, opened.steps.joint_centres)
+    settings = SolveSettings.of(config, centres_of(opened))
     try:
         _check_people(observations, warn)
         recording = finish(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
@@ -109,6 +109,13 @@ def track_opened(
         for finding in rig_findings(recording.views, rig):
             warn(finding_line(finding, session.folder))
     return Tracked(recording, clock.seconds, interrupted, _found(recording.views), settings.centres)
+
+
+def centres_of(opened: Opened) -> JointCentres | None:
+    """Where joint centres lie relative to the keypoints: as fitted to the detector, else by people's proportions if asked for."""
+    if opened.steps.joint_centres is not None or not opened.config.proportions:
+        return opened.steps.joint_centres
+    return proportional_joint_centres(opened.steps.skeleton)
 
 
 def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store | None = None) -> tuple[Observations, bool]:

@@ -27,7 +27,8 @@ class LiveConfig:
         groups: processes the cameras are shared among; left out: one per two cameras, at most one per core.
         search_every_s: while fewer people than asked for are followed, every camera's whole image is searched this often.
         preview_hz: images per second and camera for the viewer.
-        joint_centres: move keypoints to anatomical joint centres, as fitted to the detector, else by people's proportions.
+        joint_centres: move keypoints to anatomical joint centres, where a table was fitted to the detector.
+        proportions: move keypoints without such a table by people's proportions; docs/networks.md: gains and costs.
         angles: joint angles and segment frames with every pose.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
         detector: the 2D estimator. track, associate, fuse, joints: see the rooms.
@@ -38,6 +39,7 @@ class LiveConfig:
     search_every_s: Annotated[float, Gt(0)] = 1.0
     preview_hz: Annotated[float, Ge(0)] = 8.0
     joint_centres: bool = True
+    proportions: bool = False
     angles: bool = True
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
     detector: DetectorChoice = field(default_factory=DetectorChoice)

@@ -47,6 +47,7 @@ class GroupPlan:
         detector: the 2D estimator. clock: the session's.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
+        proportions: joint centres by people's proportions, where no table was fitted to the detector.
         videos: an existing folder for the cameras' videos; None: none are kept.
     """
 
@@ -58,6 +59,7 @@ class GroupPlan:
     most_people: int
     search_every_s: float
     preview_hz: float
+    proportions: bool = False
     videos: Path | None = None
 
 
@@ -82,7 +84,9 @@ def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
 
     cv2.setNumThreads(1)
     group = Group(plan, channel, board)
-    channel.send(Ready(plan.group, group.detector.skeleton, joint_centres_of(group.detector)), _SEND_S)
+    channel.send(
+        Ready(plan.group, group.detector.skeleton, joint_centres_of(group.detector, proportions=plan.proportions)), _SEND_S
+    )
     return group
 
 

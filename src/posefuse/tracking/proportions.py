@@ -106,15 +106,15 @@ def proportional_joint_centres(skeleton: Skeleton, known: Proportions | None = N
     return JointCentres(made_by=made_by, offsets=offsets, lengths=usual, by_length=slopes)
 
 
-def joint_centres_of(detector: Detector) -> JointCentres | None:
-    """Where joint centres lie beside a detector's keypoints: as fitted to it, else as people's proportions say.
+def joint_centres_of(detector: Detector, *, proportions: bool) -> JointCentres | None:
+    """Where joint centres lie relative to a detector's keypoints: as fitted to it, else, with `proportions`, as people's say.
 
     Raises:
-        ConfigError: a table that is not right.
+        ConfigError: an invalid table.
     """
     if detector.joint_centres_file:
         return read_joint_centres(detector.joint_centres_file)
-    return proportional_joint_centres(detector.skeleton)
+    return proportional_joint_centres(detector.skeleton) if proportions else None
 
 
 def conditional_offsets(known: Proportions) -> tuple[Array, Array]:
