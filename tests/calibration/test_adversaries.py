@@ -102,7 +102,7 @@ def test_two_equal_props_are_refused(lab: Any, plain: Observations) -> None:
         calibrate_extrinsics(replace(plain, doubled=(("cam00", 2, 81),)), lab.rig.cameras, lab.target, TOGETHER)
 
 
-@pytest.mark.parametrize("by_m", [0.3, pytest.param(0.05, marks=pytest.mark.slow), 0.015])
+@pytest.mark.parametrize("by_m", [0.3, pytest.param(0.05, marks=pytest.mark.slow), pytest.param(0.015, marks=pytest.mark.slow)])
 def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Observations, by_m: float) -> None:
     cameras = list(lab.rig.cameras)
     bump = SE3.from_rotvec([0, by_m / 4.5, 0], [0, 0, 0.0])
@@ -121,6 +121,7 @@ def test_a_camera_that_never_sees_the_prop_is_named(lab: Any, plain: Observation
         calibrate_extrinsics(plain.rows(plain.camera != 3), lab.rig.cameras, lab.target, TOGETHER)
 
 
+@pytest.mark.slow
 def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: Observations) -> None:
     late = plain.t_ns >= 12_000_000_000
     apart = plain.rows(np.where(plain.camera >= 2, late, ~late))
@@ -156,6 +157,7 @@ def test_one_stream_given_twice_is_refused(lab: Any, plain: Observations) -> Non
         calibrate_extrinsics(twice, lab.rig.cameras, lab.target, TOGETHER)
 
 
+@pytest.mark.slow
 def test_intrinsics_of_another_zoom_are_refused(lab: Any, plain: Observations) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.08, 1, 1], [1, 1.08, 1], [1, 1, 1]]))
@@ -163,6 +165,7 @@ def test_intrinsics_of_another_zoom_are_refused(lab: Any, plain: Observations) -
         calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
 
 
+@pytest.mark.slow
 def test_synchronised_is_not_taken_on_trust_and_offsets_are_found(lab: Any) -> None:
     late_s = (0.0, 0.1, -0.05, 0.2)
     seen = lab.watch(Faults(delay_s=late_s))

@@ -77,6 +77,7 @@ def test_clocks_seconds_apart_of_cameras_of_other_rates_are_found_to_millisecond
     assert found.report.numbers["cam01_offset_ms"] == pytest.approx(3700, abs=3)
 
 
+@pytest.mark.slow
 def test_a_drift_is_found_and_one_that_is_not_asked_for_is_refused(rig: Rig) -> None:
     drift = (0.0, 2e-3, 0.0, -1e-3)
     tracks = tracks_of(rig, (0.0, 0.1, 0.0, 0.0), drift)
