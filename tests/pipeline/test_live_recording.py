@@ -313,3 +313,14 @@ def test_commands_take_a_live_recording(tmp_path: Path, rig: Rig, capsys: pytest
     assert main(["compare", str(tmp_path / "r"), str(tmp_path / "a.mcap"), "--no-space"]) == 0
     assert main(["track", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "x"), "--resume"]) != 0
     assert "is for sessions of videos" in capsys.readouterr().err
+
+
+def test_the_front_door_reads_live_sessions_too(tmp_path: Path, rig: Rig) -> None:
+    import posefuse as pf
+
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 20), poses_of(60))
+    found = pf.read(tmp_path / "a.mcap")
+    assert isinstance(found, pf.Recording)
+    assert "people (ids): 4" in repr(found)
+    assert found.to_xarray().sizes["time"] == len(found.poses)
+    assert not found.solve().is_live

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -206,11 +207,13 @@ def recording_of(value: core.Recording) -> Recording:
 
 
 def read(path: str | Path) -> Recording:
-    """Read a result folder (of `track` or `Recording.save`).
+    """Read a result folder (of `track` or `Recording.save`), or the .mcap of a live session with its later parts.
+
+    A recording that was cut off gives what there is, and a `UserWarning`.
 
     Raises:
         InputError: not a result, one of a newer format, or damaged.
     """
-    from posefuse.formats.recording import read_recording
+    from posefuse.pipeline.reading import read_result
 
-    return recording_of(read_recording(Path(path)))
+    return recording_of(read_result(Path(path), warn=lambda line: warnings.warn(line, UserWarning, stacklevel=3)))
