@@ -1,5 +1,7 @@
 """The whole way from Python, on the bundled clip."""
 
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -74,3 +76,18 @@ def test_a_camera_that_cannot_be_opened_is_said_at_the_start(demo_session: Path,
     rig = pf.read_rig(demo_session / "rig.toml")
     with pytest.raises(SourceError, match=r"nowhere\.mp4"), pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4")):
         pass
+
+
+@pytest.mark.realtime
+def test_nothing_is_left_behind_when_a_session_is_over(demo_session: Path, models: None) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    before = set(threading.enumerate())
+    with pytest.raises(SourceError), pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4")) as session:
+        pass
+    end_s = time.monotonic() + 10
+    while set(threading.enumerate()) - before and time.monotonic() < end_s:
+        time.sleep(0.05)
+    assert not set(threading.enumerate()) - before
+    session = pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4"))
+    session.close()
+    session.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import socket
 import subprocess
 import sys
 import threading
@@ -45,6 +46,7 @@ class LiveSession:
         self._given_ns: int | None = None
         self._ended = False
         self._error: PosefuseError | None = None
+        self._listener: Listener | None = None
         self._control: Connection | None = None
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -56,10 +58,14 @@ class LiveSession:
         """
         from dataclasses import replace
 
+        from posefuse.detection.downloading import fetch_networks
         from posefuse.outputs.live.connection import ConnectionConfig
 
+        # once and here: every camera process would download what is missing for itself
+        with shown(self._progress) as report:
+            fetch_networks(self._plan.config.detector, report)
         key = secrets.token_bytes(32)
-        listener = Listener(("127.0.0.1", 0), authkey=key)
+        self._listener = listener = Listener(("127.0.0.1", 0), authkey=key)
         port = listener.address[1]
         mine = ConnectionConfig(port=port, authkey=key.hex())
         self._plan = replace(self._plan, outputs={**self._plan.outputs, _NAME: mine})
@@ -90,7 +96,7 @@ class LiveSession:
             yield message.pose
 
     def close(self) -> None:
-        """End the session; safe to call twice."""
+        """End the session and free its port; safe to call twice."""
         if self._control is not None:
             from posefuse.realtime.serve import StopSession
 
@@ -102,6 +108,13 @@ class LiveSession:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait(_END_S)
+        self._ended = True
+        if self._listener is not None:
+            # closing alone does not wake a thread that waits for a connection
+            with suppress(OSError), socket.create_connection(self._listener.address, timeout=1.0):
+                pass
+            self._listener.close()
+            self._listener = None
 
     def _wait(self, timeout_s: float | None) -> LivePose | None:
         """The newest pose that was not given yet; None when the session is over."""
