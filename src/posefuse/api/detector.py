@@ -53,13 +53,12 @@ def detector(name: str = "blazepose_full", options: Mapping[str, Any] | None = N
         >>> len(found)  # nobody there  # doctest: +SKIP
         0
     """
-    from posefuse.detection.build import network_plugin
-    from posefuse.foundation.plugins import list_plugins, plugin_config
+    from posefuse.detection.build import DetectorChoice, network_plugin
+    from posefuse.detection.downloading import fetch_networks
+    from posefuse.foundation.plugins import build_plugin, list_plugins
 
     names = {plugin.name for plugin in list_plugins("detectors")}
     plugin, chosen = (name, {}) if name in names else network_plugin(name)
     chosen |= options or {}
-    config = plugin_config("detectors", plugin, chosen)
-    if hasattr(config, "fetch"):
-        config.fetch(lambda line: None, lambda done, total: None)
-    return ImageDetector(config.build())
+    fetch_networks(DetectorChoice(name=plugin, options=chosen))
+    return ImageDetector(build_plugin("detectors", plugin, chosen))

@@ -13,8 +13,6 @@ from posefuse.fusion.settings import Weights
 from .progress import shown
 from .recording import Recording, recording_of
 
-_THIS_FILE = 2
-
 
 def track(
     session: str | Path,
@@ -53,6 +51,7 @@ def track(
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
     from posefuse.detection.build import network_settings
+    from posefuse.detection.downloading import fetch_networks
     from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
     from posefuse.pipeline.run import track_session
@@ -74,6 +73,8 @@ def track(
         found = find_session(folder, config)
         for line in found.notes:
             _warn(line)
+        if found.inputs[0].kind != "pose2d":
+            fetch_networks(config.detector, report)
         steps = lambda done, total: report("detect", done, total)  # noqa: E731
         news = lambda line: report("detect", 0, None, line)  # noqa: E731
         tracked = track_session(found, config, StageClock(), steps, news, _warn)
@@ -83,4 +84,4 @@ def track(
 
 
 def _warn(line: str) -> None:
-    warnings.warn(line, UserWarning, stacklevel=_THIS_FILE)
+    warnings.warn(line, UserWarning, stacklevel=2)

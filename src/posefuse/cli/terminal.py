@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress as Bars
     from rich.text import Text
 
     from posefuse.core import Progress
@@ -83,7 +82,9 @@ class Terminal:
     @contextmanager
     def progress(self, label: str) -> Iterator[Advance]:
         """A progress bar on stderr that the callback moves."""
-        with self._bars() as bars:
+        from posefuse.foundation.progress_bars import progress_bars
+
+        with progress_bars(self._notes) as bars:
             task = bars.add_task(label, total=None)
             yield lambda done, total: bars.update(task, completed=done, total=total)
             if bars.tasks[task].total is None:
@@ -93,31 +94,10 @@ class Terminal:
     @contextmanager
     def stages(self) -> Iterator[Progress]:
         """What public functions report to: a bar on stderr per stage, and a line per message."""
-        with self._bars() as bars:
-            tasks: dict[str, Any] = {}
+        from posefuse.foundation.progress_bars import stage_bars
 
-            def report(stage: str, done: int, total: int | None, message: str = "") -> None:
-                if message:
-                    self.note(message)
-                if stage not in tasks and total is not None:
-                    tasks[stage] = bars.add_task(stage, total=total)
-                if stage in tasks:
-                    bars.update(tasks[stage], completed=done, total=total)
-
+        with stage_bars(self._notes, self.note) as report:
             yield report
-
-    def _bars(self) -> Bars:
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bars
-
-        columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
-        return Bars(*columns, console=self._notes, refresh_per_second=4)
 
 
 def _cell(value: Any) -> Text:
