@@ -30,7 +30,7 @@ WALKS = ((1, 60.0, 30.0), (41, 30.0, 6.0), (42, 30.0, 6.0))
 SECONDS = (20.0, 30.0, 60.0)
 STATURE_M = 1.75
 REAL_RATE_HZ = 60.0
-INSTANTS = 600
+TIME_STEPS = 600
 LEAST_SCORE = 0.5
 NETWORKS = ("blazepose_full", "blazepose_heavy")
 
@@ -62,7 +62,7 @@ def simulated() -> dict:
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
         films = {camera.name: paths.film(camera.name) for camera in rig}
-        views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), INSTANTS)
+        views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), TIME_STEPS)
         for seconds in (s for s in SECONDS if s <= longest_s):
             figures[f"seed {seed}, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)
     return figures
@@ -123,7 +123,7 @@ def folders_of(data: Path, rig: Rig) -> dict[str, Path]:
 def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[PersonViews, tuple[Camera, ...]]]:
     films = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
     found = {
-        network: person_in_videos(films, lenses, length, DetectorChoice(options={"landmarks": network}), INSTANTS)[:2]
+        network: person_in_videos(films, lenses, length, DetectorChoice(options={"landmarks": network}), TIME_STEPS)[:2]
         for network in NETWORKS
     }
     folders = folders_of(data, lenses)

@@ -23,7 +23,7 @@ from posefuse.simulation.visibility import FLESH_M, hidden_by_shapes, in_image
 
 RATE_HZ, SECONDS, VISIBLE_EVERY = 30.0, 11.0, 3
 DEVELOPMENT_SEED, REPORTED_SEED = 11, 47
-# nobody walks through another
+# no person walks through another
 LEAST_APART_M = 0.18
 # the network finds a person of whom it sees this share of the keypoints, in most frames
 LEAST_VISIBLE, MISSED = 0.4, 0.03
@@ -134,7 +134,7 @@ def _motions(kind: str, people: int, rng: np.random.Generator) -> list[dict[str,
 
 
 def _crossing(n: int, rng: np.random.Generator) -> dict[str, Any]:
-    """Two by two along parallel lines, in opposite directions, 0.3 m beside each other."""
+    """Two by two along parallel lines, in opposite directions, 0.3 m apart."""
     sense, middle = 1 - 2 * (n % 2), np.array([0.0, 1.75 * ((n // 2 + 1) // 2) * (-1) ** (n // 2)])
     ahead, left = np.array([sense, 0.0]), np.array([0.0, sense])
     start, end = middle - 2.0 * ahead - 0.15 * left, middle + 2.0 * ahead - 0.15 * left
@@ -169,7 +169,7 @@ def _without(truth: Truth, away: np.ndarray) -> Truth:
 class Network:
     """Answers as a 2D network that looks at regions or searches: with its noise, confusions, misses and duplicates.
 
-    A region around somebody hidden shows whoever stands before them, so the same body comes back twice.
+    A region around a hidden person shows the person in front of them, so the same body comes back twice.
     """
 
     def __init__(self, truth: Truth, seed: int) -> None:

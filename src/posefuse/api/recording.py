@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -216,4 +215,4 @@ def read(path: str | Path) -> Recording:
     """
     from posefuse.pipeline.reading import read_result
 
-    return recording_of(read_result(Path(path), warn=lambda line: warnings.warn(line, UserWarning, stacklevel=3)))
+    return recording_of(read_result(path))
