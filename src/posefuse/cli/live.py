@@ -23,6 +23,7 @@ from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.faults import faults_from_arguments
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
 
 from .live_report import figures_of, show, write_report
@@ -48,6 +49,7 @@ def run_session(
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)
     inputs = settled_inputs(sources, timing, ros_2, rig)
+    rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     fetch_networks(config.detector, terminal)
@@ -102,7 +104,7 @@ def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Opt
         dataclasses.replace(
             entry, faults=faults.get(entry.camera, ()), reopen=entry.reopen or entry.camera in faults, loop_s=run.loop_s
         )
-        for entry in inputs_from_arguments(sources.source, rig, ros_2.domain)
+        for entry in inputs_from_arguments(sources.source, rig, ros_options(ros_2))
     )
 
 
@@ -113,6 +115,7 @@ def settled_config(settings: LiveSettingsOptions) -> LiveConfig:
         "--groups": ("groups", settings.groups),
         "--tracker": ("track.tracker", settings.tracker),
         "--people": ("track.max_people", settings.people),
+        "--camera-info": ("camera_info", settings.camera_info),
     }
     return read_overridden(settings.config, settings.overrides, LiveConfig, on_top)
 
@@ -139,11 +142,16 @@ def output_configs(
     for option, path in (("--record", chosen.get("record", {}).get("path")), ("--view-file", outputs.view_file)):
         if path is not None:
             check_output_file(Path(path), option=option)
-    known = {
-        "domain_id": ros_2.domain, "local_only": ros_2.local_only, "interface": ros_2.interface, "peers": list(ros_2.peer),
-        "axes": outputs.axes,
-    }  # fmt: skip
+    known = {**ros_options(ros_2), "axes": outputs.axes}
     return {name: plugin_config("live_outputs", name, options, known) for name, options in chosen.items()}
+
+
+def ros_options(ros_2: Ros2Options) -> dict[str, Any]:
+    """Options that sources and outputs of ROS 2 share."""
+    return {
+        "domain_id": ros_2.domain, "local_only": ros_2.local_only, "interface": ros_2.interface, "peers": ros_2.peer,
+        "sim_time": ros_2.sim_time,
+    }  # fmt: skip
 
 
 def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:

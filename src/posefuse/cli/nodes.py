@@ -12,7 +12,7 @@ import numpy as np
 
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Ros2Options
-from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
+from posefuse.core import CameraHealth, ConfigError, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_folder import check_replaceable
@@ -36,6 +36,7 @@ from posefuse.realtime.news import Say
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.processes import Groups
 from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.scheduling import expected_gain
 from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
@@ -71,6 +72,9 @@ def camera_node(
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
+    if config.camera_info == "use":
+        raise ConfigError("--camera-info use: the fusion node needs these intrinsics, too; put them into the rig file")
+    rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     clock = SessionClock.begin()
     # the whole rig stands on the board, so that gains and regions have one order on all machines
     board = new_board(rig)
@@ -118,7 +122,7 @@ class CameraNode:
                 for state in message.cameras:
                     self.monitor.told(state, message.t_ns)
             elif isinstance(message, LivePreview):
-                publish_preview(self._node, message)
+                publish_preview(self._node, message, self._rig)
         now_ns = self._clock.now_ns()
         if now_ns - self._judged_ns > _JUDGE_NS:
             self._judged_ns = now_ns

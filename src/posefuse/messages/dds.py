@@ -191,18 +191,19 @@ class RosNode:
             self._announce()
         return self._writers[topic.name]
 
-    def reader(self, topic: Topic) -> Reader:
-        """The reader of `topic`, made and announced on first use; `wait` wakes up for it.
+    def reader(self, topic: Topic, *, wakes: bool = True) -> Reader:
+        """The reader of `topic`, made and announced on first use; `wait` wakes up for it if it `wakes`.
 
         It does not ask for lost messages again (but for latched ones): a repeat would hold up all newer ones.
         """
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
 
         if topic.name not in self._readers:
-            reader = self._open_reader(topic)
-            condition = ReadCondition(reader.entity, SampleState.Any | ViewState.Any | InstanceState.Any)
-            self._waitset.attach(condition)
-            self._readers[topic.name], self._conditions[topic.name] = reader, condition
+            reader = self._readers[topic.name] = self._open_reader(topic)
+            if wakes:
+                condition = ReadCondition(reader.entity, SampleState.Any | ViewState.Any | InstanceState.Any)
+                self._waitset.attach(condition)
+                self._conditions[topic.name] = condition
             self._announce()
         return self._readers[topic.name]
 

@@ -74,6 +74,8 @@ TF = Topic("/tf", "tf2_msgs/msg/TFMessage", depth=20)
 TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", depth=1, latched=True)
 MARKERS = Topic("/posefuse/markers", "visualization_msgs/msg/MarkerArray", depth=2)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+# of a simulator
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", reliable=False)
 TRACKED = Topic("/humans/bodies/tracked", "hri_msgs/msg/IdsList", depth=1, latched=True)
 
 
@@ -84,7 +86,13 @@ def camera_info(camera: str) -> Topic:
 
 def preview(camera: str) -> Topic:
     """Small JPEG images of one camera; a writer without readers need not send."""
-    return Topic(f"/posefuse/{ros_name(camera)}/preview/compressed", camera_messages.COMPRESSED_TYPE, depth=1, reliable=False)
+    name = f"/posefuse/{ros_name(camera)}/preview/image/compressed"
+    return Topic(name, camera_messages.COMPRESSED_TYPE, depth=1, reliable=False)
+
+
+def preview_info(camera: str) -> Topic:
+    """Intrinsics of the small images, where `image_transport` looks for them: beside the image, one per image."""
+    return Topic(f"/posefuse/{ros_name(camera)}/preview/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, reliable=False)
 
 
 # what each body has a topic of

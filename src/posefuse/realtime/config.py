@@ -14,6 +14,8 @@ from posefuse.fusion import FuseSettings
 from posefuse.kinematics import JointSettings
 from posefuse.tracking.online import LiveSettings
 
+from .ros_cameras import CameraInfoUse
+
 # 32 years
 _LONGEST_S = 1e9
 
@@ -30,6 +32,7 @@ class LiveConfig:
         joint_centres: move keypoints to anatomical joint centres, where a table was fitted to the detector.
         proportions: move keypoints without such a table by people's proportions; docs/networks.md: gains and costs.
         angles: joint angles and segment frames with every pose.
+        camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
         detector: the 2D estimator. track, associate, fuse, joints: see the rooms.
     """
@@ -41,6 +44,7 @@ class LiveConfig:
     joint_centres: bool = True
     proportions: bool = False
     angles: bool = True
+    camera_info: CameraInfoUse = "check"
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     track: LiveSettings = field(default_factory=LiveSettings)

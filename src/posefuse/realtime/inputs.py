@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from posefuse.core import Camera, Rig, SourceError
 from posefuse.core.errors import choices
@@ -19,22 +20,24 @@ EXAMPLES = (
 )
 
 
-def inputs_from_arguments(arguments: Sequence[str], rig: Rig, domain_id: int = 0) -> tuple[LiveInput, ...]:
+def inputs_from_arguments(arguments: Sequence[str], rig: Rig, ros: Mapping[str, Any] | None = None) -> tuple[LiveInput, ...]:
     """One input per camera named, in the order of the rig; ``sim:PATH`` stands for every camera of the rig.
+
+    `ros`: fields of `sources.ros.RosConfig` that all ROS topics share, e.g. ``domain_id``.
 
     Raises:
         SourceError: an argument that cannot be read, a camera the rig does not have, or one named twice.
     """
     found: dict[str, LiveInput] = {}
     for argument in arguments:
-        for entry in _entries(argument, rig, domain_id):
+        for entry in _entries(argument, rig, ros or {}):
             if entry.camera in found:
                 raise SourceError(f"--source {argument}: camera {entry.camera} has a source already")
             found[entry.camera] = entry
     return tuple(found[name] for name in rig.names if name in found)
 
 
-def _entries(argument: str, rig: Rig, domain_id: int) -> list[LiveInput]:
+def _entries(argument: str, rig: Rig, ros: Mapping[str, Any]) -> list[LiveInput]:
     named = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", argument)
     camera, what = (named[1], named[2]) if named else (None, argument)
     if camera is not None and camera not in rig.names:
@@ -46,7 +49,7 @@ def _entries(argument: str, rig: Rig, domain_id: int) -> list[LiveInput]:
         raise SourceError(f"--source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
     if kind in ("realsense", "oak") and rest:
         return [_depth_camera(rig[camera], kind, rest)]
-    return [_camera_input(argument, camera, kind.lower(), what, rest, domain_id)]
+    return [_camera_input(argument, camera, kind.lower(), what, rest, ros)]
 
 
 def _simulated(camera: str, path: Path) -> LiveInput:
@@ -65,7 +68,7 @@ def _depth_camera(camera: Camera, kind: str, rest: str) -> LiveInput:
     return LiveInput(camera.name, kind, make(camera.name, serial, size), reopen=True)
 
 
-def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, domain_id: int) -> LiveInput:
+def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, ros: Mapping[str, Any]) -> LiveInput:
     from posefuse.sources.live import PacedVideoConfig, StreamConfig
 
     if what.startswith("/dev/"):
@@ -80,5 +83,5 @@ def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, d
     if kind == "ros" and rest:
         from posefuse.sources.ros import RosConfig
 
-        return LiveInput(camera, kind, RosConfig(topic=rest, camera=camera, domain_id=domain_id), reopen=True)
+        return LiveInput(camera, kind, RosConfig(topic=rest, camera=camera, **ros), reopen=True)
     raise SourceError(f"--source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")

@@ -19,6 +19,7 @@ from .capture import LiveInput
 from .clock import SessionClock
 from .config import LiveConfig
 from .output_plan import OutputPlan
+from .ros_cameras import rig_with_camera_infos
 from .session import run_live
 
 CONTROL = "control"
@@ -59,8 +60,13 @@ def serve(connection: Connection) -> None:
     threading.Thread(target=_stop_on_request, args=(connection,), daemon=True).start()
     error: PosefuseError | None = None
     try:
-        outputs = OutputPlan(rig=plan.rig, clock=SessionClock.begin(), configs=plan.outputs)
-        run_live(plan.rig, plan.inputs, plan.config, outputs, plan.duration_s, lambda line: connection.send(News(line)))
+
+        def say(line: str) -> None:
+            connection.send(News(line))
+
+        rig = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
+        outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs)
+        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:

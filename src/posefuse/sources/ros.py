@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from posefuse.core import Frame, PosefuseError, SourceError
 from posefuse.core.errors import choices
 from posefuse.messages.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
 from posefuse.messages.dds import Network, RosNode
 from posefuse.messages.intake import decode
-from posefuse.messages.topics import Topic, ros_name
+from posefuse.messages.sim_time import ClockReader
+from posefuse.messages.topics import CLOCK, Topic, ros_name
 
 _MAX_BYTES = 2**28
 _DEPTH = 4
@@ -27,17 +28,26 @@ class RosConfig:
         camera: name of the camera in the rig.
         offset_s: added to all times: session clock minus Unix epoch.
         wait_s: how long the first image may take.
-        domain_id, local_only, interface, peers: see `wire.dds.Network`.
+        sim_time: stamps are simulated time; `/clock` says what they are on this machine's clock (ROS: `use_sim_time`).
+        domain_id, local_only, interface, peers: see `messages.dds.Network`.
     """
 
     topic: str
     camera: str
     offset_s: float = 0.0
     wait_s: float = 10.0
+    sim_time: bool = False
     domain_id: int = 0
     local_only: bool = False
     interface: str = ""
     peers: tuple[str, ...] = ()
+
+    @property
+    def network(self) -> Network:
+        """Where the topic is."""
+        return Network(
+            domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=tuple(self.peers)
+        )
 
     def build(self) -> RosSource:
         """Subscribe and wait for the first image; raises SourceError that says what there is when none comes."""
@@ -57,11 +67,9 @@ class RosSource:
         self.camera = config.camera
         self.refused_frames, self.last_refusal = 0, ""
         self._seq, self._newest_ns = -1, -(2**63)
-        network = Network(
-            domain_id=config.domain_id, local_only=config.local_only, interface=config.interface, peers=tuple(config.peers)
-        )
         self._closed = False
-        self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", network)
+        self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", config.network)
+        self._sim_time = ClockReader(self._node) if config.sim_time else None
         type_name = COMPRESSED_TYPE if config.topic.endswith("/compressed") else IMAGE_TYPE
         self._topic = Topic(config.topic, type_name, depth=_DEPTH)
         self._reader = self._node.reader(self._topic)
@@ -92,18 +100,14 @@ class RosSource:
         raise SourceError(problem)
 
     def _take(self) -> Iterator[Frame]:
+        if self._sim_time is not None:
+            self._sim_time.update()
         for sample in self._reader.take():
             received_ns = time.time_ns() + self._offset_ns
             try:
                 msg = decode(sample.raw, self._topic.type_name, _MAX_BYTES)
                 frame = frame_from_message(msg, self.camera, self._seq + 1, received_ns)
-                frame = Frame(
-                    camera=frame.camera,
-                    seq=frame.seq,
-                    t_ns=frame.t_ns + self._offset_ns,
-                    received_ns=received_ns,
-                    image=frame.image,
-                )
+                frame = replace(frame, t_ns=self._session_ns(frame.t_ns))
                 self._check(frame)
             except PosefuseError as error:
                 self.refused_frames += 1
@@ -117,6 +121,13 @@ class RosSource:
             raise SourceError(f"topic {self._topic.name}: an image is not newer than the one before it")
         if frame.seq > 0 and frame.size_wh != self.size_wh:
             raise SourceError(f"topic {self._topic.name}: images were {self.size_wh} px, now {frame.size_wh}")
+
+    def _session_ns(self, stamp_ns: int) -> int:
+        if self._sim_time is None:
+            return stamp_ns + self._offset_ns
+        if not self._sim_time.clock.known:
+            raise SourceError(f"topic {self._topic.name}: simulated time is wanted, but nothing came on {CLOCK.name} yet")
+        return self._sim_time.clock.real_from_sim(stamp_ns) + self._offset_ns
 
     @property
     def _offset_ns(self) -> int:

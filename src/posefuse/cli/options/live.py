@@ -88,6 +88,8 @@ class LiveSettingsOptions(SettingsOptions):
     """Output rate in poses per second (default 100)."""
     groups: Annotated[int | None, Parameter(metavar="N")] = None
     """Camera processes (default: one per two cameras and core)."""
+    camera_info: Literal["check", "use", "ignore"] | None = None
+    """CameraInfo of ros: sources: compare it with the rig (default), use it instead of the rig's intrinsics, or ignore it."""
 
     @property
     def given(self) -> bool:

@@ -110,6 +110,8 @@ class Ros2Options:
     """Network interface to use."""
     local_only: bool = False
     """Nothing leaves this machine."""
+    sim_time: bool = False
+    """Stamps of ros: sources and of --ros are simulated time, which /clock gives (use_sim_time)."""
 
 
 # what "all" means: more people would not fit into the area that a rig of cameras sees

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -18,9 +19,11 @@ from posefuse.core import (
     LivePreview,
     LiveStart,
     OutputHealth,
+    Rig,
 )
 from posefuse.foundation.settings import settings
 from posefuse.messages import topics
+from posefuse.messages.camera_messages import info_from_camera
 from posefuse.messages.joint_centre_messages import message_from_joint_centres
 from posefuse.messages.messages import header, message_from_detections, optical_frame
 from posefuse.messages.ros_output import Health, RosOutput
@@ -28,6 +31,8 @@ from posefuse.messages.types import message
 
 _OK, _WARNING, _ERROR = 0, 1, 2
 _LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "bumped", "out of step", "hangs"), _WARNING) | {"ok": _OK}
+# how long a simulator may take to say what time it is
+_CLOCK_WITHIN_S = 10.0
 _EVERYTHING = (LiveDetections, LivePose, LiveJointCentres, LiveHealth, LivePreview)
 
 
@@ -38,6 +43,7 @@ class Ros2Config:
     Attributes:
         domain_id: ROS_DOMAIN_ID. local_only: nothing leaves this machine. interface: network card; empty: the library chooses.
         peers: other machines, where multicast is off. detections: publish 2D poses too; not where they came from ROS.
+        sim_time: stamps are simulated time, as `/clock` says it (ROS: `use_sim_time`).
     """
 
     domain_id: Annotated[int, Ge(0), Le(232)] = 0
@@ -45,12 +51,13 @@ class Ros2Config:
     interface: str = ""
     peers: tuple[str, ...] = ()
     detections: bool = True
+    sim_time: bool = False
     takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
     keeps_all: ClassVar[bool] = False
 
     def build(self) -> LiveOutput:
         """Not yet opened; raises DependencyError without the extra `ros`."""
-        return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self.detections)
+        return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self.detections, self.sim_time)
 
     def _node(self) -> Any:
         from posefuse.messages.dds import Network, RosNode
@@ -69,7 +76,7 @@ class Ros1Config:
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
-        return RosLiveOutput("ros1", _ros1_node, "ROS 1", detections=True)
+        return RosLiveOutput("ros1", _ros1_node, "ROS 1", detections=True, sim_time=False)
 
 
 def _ros1_node() -> Any:
@@ -79,27 +86,32 @@ def _ros1_node() -> Any:
 
 
 class RosLiveOutput:
-    """Publishes to a node; detections and previews only while there is a subscriber."""
+    """Publishes to a node; detections and previews only while there is a subscriber.
 
-    def __init__(self, name: str, node: Callable[[], Any], where: str, detections: bool) -> None:
+    Stamps of detections are always real time: they are for other machines of the session.
+    """
+
+    def __init__(self, name: str, node: Callable[[], Any], where: str, detections: bool, sim_time: bool) -> None:
         self.name, self.where = name, where
-        self._make_node, self._detections = node, detections
+        self._make_node, self._detections, self._sim_time = node, detections, sim_time
         self._node: Any = None
         self._ros: Any = None
+        self._clock: Any = None
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
         match message:
             case LiveStart():
-                self._node = self._make_node()
-                self._ros = RosOutput(self._node, message.rig)
-                self._ros.start(message.t_ns)
+                self._open(message)
             case LivePose():
+                self._follow_clock(message.pose.t_ns)
                 self._ros.step(message.pose, message.joints, message.stages_ns)
             case LiveHealth():
+                self._follow_clock(message.t_ns)
                 self._ros.diagnose(message.t_ns, health_lines(message))
             case LivePreview():
-                publish_preview(self._node, message)
+                self._follow_clock(message.t_ns)
+                publish_preview(self._node, replace(message, t_ns=message.t_ns + self._ros.epoch_offset_ns), self._ros.rig)
             case LiveJointCentres() if self._detections:
                 self._node.publish(topics.JOINT_CENTRES, message_from_live_centres(message), message.t_ns)
             case LiveDetections(detections=view) if self._detections and self._node.wanted(topics.DETECTIONS):
@@ -110,15 +122,31 @@ class RosLiveOutput:
         if self._node is not None:
             self._node.close()
 
+    def _open(self, start: LiveStart) -> None:
+        self._node = self._make_node()
+        self._ros = RosOutput(self._node, start.rig)
+        if self._sim_time:
+            from posefuse.messages.sim_time import ClockReader
+
+            self._clock = ClockReader(self._node)
+            self._clock.wait(_CLOCK_WITHIN_S)
+            self._follow_clock(start.t_ns)
+        self._ros.start(start.t_ns)
+
+    def _follow_clock(self, t_ns: int) -> None:
+        if self._clock is not None:
+            self._clock.update()
+            self._ros.epoch_offset_ns = self._clock.clock.sim_from_real(t_ns) - t_ns
+
 
 def message_from_live_centres(told: LiveJointCentres) -> Any:
     """`posefuse_msgs/JointCentres`."""
     return message_from_joint_centres(told.cameras, told.fields, told.t_ns)
 
 
-def publish_preview(outlet: topics.Outlet, preview: LivePreview) -> None:
-    """A small image on its camera's topic, while there is a subscriber."""
-    topic = topics.preview(preview.camera)
+def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> None:
+    """A small image on its camera's topic and the intrinsics of that size with the same stamp, while there is a subscriber."""
+    topic, info = topics.preview(preview.camera), topics.preview_info(preview.camera)
     if outlet.wanted(topic):
         msg = message(
             topic.type_name,
@@ -127,6 +155,9 @@ def publish_preview(outlet: topics.Outlet, preview: LivePreview) -> None:
             data=np.frombuffer(preview.jpeg, np.uint8),
         )
         outlet.publish(topic, msg, preview.t_ns)
+    if outlet.wanted(info):
+        camera = rig[preview.camera].scaled(preview.size_wh)
+        outlet.publish(info, info_from_camera(camera, preview.t_ns), preview.t_ns)
 
 
 def health_lines(health: LiveHealth) -> list[Health]:
