@@ -67,7 +67,7 @@ def test_a_node_that_hears_no_clock_says_so():
 
     with RosNode("sim", Network(domain_id=100 + os.getpid() % 130, local_only=True)) as node:
         reader = ClockReader(node)
-        with pytest.raises(SourceError, match="nothing came on /clock within 0.05 s"):
+        with pytest.raises(SourceError, match="nothing came on /clock"):
             reader.wait(0.05)
         stamp = message("builtin_interfaces/msg/Time", sec=7, nanosec=5)
         raw = encode(message(CLOCK.type_name, clock=stamp))

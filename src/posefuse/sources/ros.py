@@ -45,9 +45,7 @@ class RosConfig:
     @property
     def network(self) -> Network:
         """Where the topic is."""
-        return Network(
-            domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=tuple(self.peers)
-        )
+        return Network(domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=tuple(self.peers))
 
     def build(self) -> RosSource:
         """Subscribe and wait for the first image; raises SourceError that says what there is when none comes."""

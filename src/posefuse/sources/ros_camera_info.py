@@ -28,13 +28,16 @@ def read_camera_infos(image_topics: Sequence[str], network: Network, wait_s: flo
     found: dict[str, Any] = {}
     with RosNode("posefuse/camera_info", network) as node:
         readers = {
-            topic: (node.reader(Topic(info_topic(topic), CAMERA_INFO_TYPE, depth=1)), Intake[Any](CAMERA_INFO_TYPE, lambda msg: msg))
+            topic: (
+                node.reader(Topic(info_topic(topic), CAMERA_INFO_TYPE, depth=1)),
+                Intake[Any](CAMERA_INFO_TYPE, lambda msg: msg),
+            )
             for topic in image_topics
         }
         end_s = time.monotonic() + wait_s
         while len(found) < len(readers) and (left_s := end_s - time.monotonic()) > 0:
             node.wait(left_s)
-            for topic, (reader, intake) in readers.items():
+            for topic, reader in readers.items():
                 for sample in reader.take():
                     if (msg := intake.take(sample.raw)) is not None:
                         found.setdefault(topic, msg)
@@ -51,7 +54,9 @@ def camera_of_info(camera: Camera, msg: Any) -> Camera | None:
         return None
     found = camera_from_info(camera.name, msg, camera.cam_from_world)
     if found.size_wh != camera.size_wh:
-        raise MessageError(f"CameraInfo of {camera.name}: images are {_size(found)} px, the rig was calibrated at {_size(camera)}")
+        raise MessageError(
+            f"CameraInfo of {camera.name}: images are {_size(found)} px, the rig was calibrated at {_size(camera)}"
+        )
     return found
 
 
