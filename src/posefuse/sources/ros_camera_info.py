@@ -27,13 +27,8 @@ def read_camera_infos(image_topics: Sequence[str], network: Network, wait_s: flo
     """The first `CameraInfo` of each image topic that comes within `wait_s`, by image topic; others are left out."""
     found: dict[str, Any] = {}
     with RosNode("posefuse/camera_info", network) as node:
-        readers = {
-            topic: (
-                node.reader(Topic(info_topic(topic), CAMERA_INFO_TYPE, depth=1)),
-                Intake[Any](CAMERA_INFO_TYPE, lambda msg: msg),
-            )
-            for topic in image_topics
-        }
+        intake: Intake[Any] = Intake(CAMERA_INFO_TYPE, lambda msg: msg)
+        readers = {topic: node.reader(Topic(info_topic(topic), CAMERA_INFO_TYPE, depth=1)) for topic in image_topics}
         end_s = time.monotonic() + wait_s
         while len(found) < len(readers) and (left_s := end_s - time.monotonic()) > 0:
             node.wait(left_s)
