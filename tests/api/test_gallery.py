@@ -7,6 +7,8 @@ from types import ModuleType
 import matplotlib
 import pytest
 
+import posefuse as pf
+
 GALLERY = Path(__file__).resolve().parents[2] / "examples" / "gallery"
 matplotlib.use("Agg")
 
@@ -50,3 +52,16 @@ def test_compare_with_markers(demo_session: Path, tmp_path: Path, models: None) 
 @pytest.mark.realtime
 def test_live_poses(demo_session: Path, models: None) -> None:
     assert script("live_poses").main(demo_session, 3.0) > 20
+
+
+@pytest.mark.slow
+def test_calibrate_from_walk(demo_session: Path, tmp_path: Path, models: None) -> None:
+    assert script("calibrate_from_walk").main(demo_session, tmp_path, time_steps=150) < 8
+    assert len(pf.read_rig(tmp_path / "rig.toml")) == 4
+
+
+@pytest.mark.slow
+def test_two_people_keep_their_ids(tmp_path: Path, models: None) -> None:
+    people, seen = script("two_people").main(tmp_path, 3.0)
+    assert people == 2
+    assert seen > 0.95

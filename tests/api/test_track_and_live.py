@@ -25,6 +25,40 @@ def test_a_session_becomes_a_recording_that_solves_to_the_same_bits(tracked: pf.
     assert again.provenance == tracked.provenance
 
 
+def test_an_interrupted_call_keeps_its_detections_and_continues(demo_session: Path, models: None, tmp_path: Path) -> None:
+    out, whole = tmp_path / "result", pf.track(demo_session, end_s=1.0)
+
+    def stop(stage: str, done: int, total: int | None, message: str = "") -> None:
+        if stage == "detect" and done == 12:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pf.track(demo_session, end_s=1.0, out=out, progress=stop)
+    assert not out.exists()
+    with pytest.raises(InputError, match="interrupted"):
+        pf.track(demo_session, end_s=1.0, out=out)
+
+    steps: list[int] = []
+    again = pf.track(
+        demo_session,
+        end_s=1.0,
+        out=out,
+        formats=("trc",),
+        resume=True,
+        progress=lambda stage, done, total, message="": steps.append(done) if stage == "detect" and total else None,
+    )
+    np.testing.assert_array_equal(again.poses.xyz_world, whole.poses.xyz_world)
+    np.testing.assert_array_equal(pf.read(out).poses.xyz_world, whole.poses.xyz_world)
+    assert list(out.glob("*.trc"))
+    with pytest.raises(InputError):
+        pf.track(demo_session, end_s=1.0, out=out)
+
+
+def test_arguments_about_the_folder_need_the_folder(demo_session: Path) -> None:
+    with pytest.raises(InputError, match="out"):
+        pf.track(demo_session, resume=True)
+
+
 def test_other_settings_are_used_and_remembered(tracked: pf.Recording) -> None:
     raw = tracked.solve(smooth=False, settings={"fuse.weights": "score"})
     assert raw.provenance["config"]["fuse"]["weights"] == "score"

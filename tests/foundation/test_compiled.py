@@ -1,8 +1,10 @@
 """Kernels on disk go with the text of all kernel files, and nothing is lost where there is no place for them."""
 
+import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -82,3 +84,14 @@ def test_where_nothing_can_be_kept_every_compilation_is_announced(monkeypatch: p
         with compiled.compiling("tracking", said.append):
             pass
     assert len(said) == 2
+
+
+def test_kernels_of_other_versions_stay_until_they_are_old(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiled, "default_cache_dir", lambda: tmp_path)
+    kernels = tmp_path / "kernels"
+    for name, age_days in {"recent": 1, "old": 15}.items():
+        (kernels / name).mkdir(parents=True)
+        used_s = time.time() - 86400 * age_days
+        os.utime(kernels / name, (used_s, used_s))
+    own = compiled._folder.__wrapped__()
+    assert {path.name for path in kernels.iterdir()} == {"recent", own.name}

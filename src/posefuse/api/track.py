@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import Progress
+from posefuse.core import InputError, Progress
 from posefuse.fusion.settings import Weights
 
 from .progress import shown
 from .recording import Recording, recording_of
+
+_KEPT = "the detections made so far are kept; call again with resume=True to continue from them"
 
 
 def track(
@@ -23,6 +25,10 @@ def track(
     weights: Weights | None = None,
     start_s: float | None = None,
     end_s: float | None = None,
+    out: str | Path | None = None,
+    formats: Sequence[str] = (),
+    resume: bool = False,
+    replace: bool = False,
     settings: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
 ) -> Recording:
@@ -35,14 +41,18 @@ def track(
         networks: name of the 2D networks, e.g. ``blazepose_lite``, or a model card (TOML).
         weights: how views are weighted: ``robust`` (default), ``score``, ``none``, ``all``.
         start_s, end_s: the part to work on, session seconds.
+        out: folder to write the result to; the detections are kept there while they are made, so that nothing is lost when the
+            work is interrupted. formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`.
+        resume: continue the interrupted work of `out`. replace: replace an unchanged result that posefuse wrote there.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Returns:
-        The recording; `Recording.save` writes it. What is not as it should be (a camera that breaks off, that was moved or is
-        not synchronised) is a `UserWarning`.
+        The recording; `Recording.save` writes it. A problem that does not stop the work (a camera that breaks off, was moved or
+        is not synchronised, an output that cannot be written) is a `UserWarning`.
 
     Raises:
+        KeyboardInterrupt: Ctrl-C; the detections stay in `out`, if it was given.
         PosefuseError: anything that leaves fewer than two usable cameras or no person to follow; one line says what to do.
 
     Examples:
@@ -54,9 +64,12 @@ def track(
     from posefuse.detection.downloading import fetch_networks
     from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
+    from posefuse.pipeline.result_folder import ResultFolder, prepare, track_into
     from posefuse.pipeline.run import track_session
     from posefuse.pipeline.session import find_session
 
+    if out is None and (resume or replace or formats):
+        raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
     folder = Path(session)
     path = folder / CONFIG_FILE
     options = {
@@ -65,21 +78,26 @@ def track(
         "fuse.weights": weights,
         "start_s": start_s,
         "end_s": end_s,
+        "outputs": None if out is None else tuple(formats),
     }
     changes = {key: value for key, value in options.items() if value is not None}
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
     config = changed_config(read_config(path if path.is_file() else None, ()), changes)
     with shown(progress) as report:
         found = find_session(folder, config)
+        note = lambda line: report("detect", 0, None, line)  # noqa: E731
+        where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume, kept=_KEPT)
+        prepared = None if where is None else prepare(found, config.outputs, where, note)
         for line in found.notes:
             _warn(line)
         if found.inputs[0].kind != "pose2d":
             fetch_networks(config.detector, report)
+        if prepared is not None:
+            return recording_of(
+                track_into(prepared, config, StageClock(), report, _warn, solve_interrupted=False).tracked.recording
+            )
         steps = lambda done, total: report("detect", done, total)  # noqa: E731
-        news = lambda line: report("detect", 0, None, line)  # noqa: E731
-        tracked = track_session(found, config, StageClock(), steps, news, _warn)
-    if tracked.interrupted:
-        raise KeyboardInterrupt
+        tracked = track_session(found, config, StageClock(), steps, note, _warn, solve_interrupted=False)
     return recording_of(tracked.recording)
 
 

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
 from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import TrackOptions
-from posefuse.core import InputError, Recording, Sink
+from posefuse.core import Recording
 from posefuse.evaluation.metrics import JointErrors, joint_errors
-from posefuse.formats.detection_log import LOG_FILE
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
-from posefuse.foundation.places import check_apart
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
-from posefuse.pipeline.opening import Opened, open_session
-from posefuse.pipeline.run import Tracked, track_opened
+from posefuse.pipeline.result_folder import ResultFolder, Written, prepare, track_into
 from posefuse.pipeline.session import Session, find_session
-from posefuse.pipeline.store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
-from posefuse.pipeline.writing import build_sinks, estimated_bytes, write_result
 
 from .terminal import Terminal
 
@@ -38,41 +30,19 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     """
     clock = StageClock()
     config = settled_config(folder, options, settings)
-    sinks = build_sinks(config.outputs)
     session = find_session(folder, config)
-    inputs = (folder, session.rig_path, *(entry.path for entry in session.inputs))
-    # a result that Ctrl-C cut short has its detections with it
-    replace = options.force or (options.resume and (options.out / LOG_FILE).is_file())
-    check_apart(options.out, inputs)
-    check_replaceable(options.out, command="track", replace=replace)
-    unfinished = _unfinished(options, terminal)
+    out = ResultFolder(path=options.out, force=options.force, resume=options.resume)
+    prepared = prepare(session, config.outputs, out, terminal.note)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
     if session.inputs[0].kind != "pose2d":
         fetch_networks(config.detector, terminal)
-    with clock.stage("open"):
-        opened = open_session(session, config, terminal.warn)
-    with (
-        closing(opened.steps),
-        _kept(terminal, options.out),
-        output_folder(
-            options.out,
-            command="track",
-            inputs=inputs,
-            replace=replace,
-            estimated_bytes=estimated_bytes(opened),
-            keep_unfinished=True,
-            unfinished=unfinished,
-            warn=terminal.warn,
-        ) as out,
-    ):
-        if options.resume and unfinished is None and replace:
-            shutil.copyfile(options.out / LOG_FILE, out.folder / LOG_FILE)
-        with closing(DetectionStore(out.folder, opened)) as store:
-            tracked, written, failed = _results(opened, store, sinks, out, clock, terminal)
+    with terminal.stages() as report:
+        written = track_into(prepared, config, clock, report, terminal.warn)
+    tracked = written.tracked
     errors = _errors(session, tracked.recording)
-    figures = _figures(options.out, tracked, clock, written, failed, errors)
+    figures = _figures(options.out, written, clock, errors)
     _show(terminal, figures, errors)
     terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")
     terminal.next(f"posefuse view {options.out}", "the skeleton in the 3D viewer (extra: viewer)")
@@ -81,53 +51,6 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
 
         view_result(options.out, None if "rerun" in config.outputs else folder, terminal)
     return figures
-
-
-def _results(
-    opened: Opened, store: DetectionStore, sinks: Sequence[Sink], out: OutputFolder, clock: StageClock, terminal: Terminal
-) -> tuple[Tracked, list[Path], dict[str, str]]:
-    """The recording, the files written, and why outputs failed, by name."""
-    keep_log_only(out.folder)
-    with terminal.progress("tracking") as advance:
-        tracked = track_opened(opened, clock, advance, terminal.note, terminal.warn, store)
-    if tracked.interrupted:
-        steps = len(tracked.recording.poses)
-        terminal.warn(f"stopped early; the first {steps} time steps are finished and kept; --resume goes on from them")
-    with clock.stage("write"), terminal.progress("writing") as advance:
-        written, failed = write_result(tracked.recording, opened.session, opened.config, sinks, out, advance)
-    for name, reason in failed.items():
-        terminal.warn(f"output {name}: not written ({reason})")
-    if not tracked.interrupted:
-        store.discard()
-    return tracked, written, failed
-
-
-def _unfinished(options: TrackOptions, terminal: Terminal) -> Path | None:
-    """The folder to go on in; None: begin anew.
-
-    Raises:
-        InputError: interrupted work is there, and neither --resume nor --force was given.
-    """
-    found = unfinished_work(options.out)
-    if options.force:
-        remove_unfinished(options.out)
-        return None
-    if found is not None and not options.resume:
-        raise InputError(f"{options.out}: an earlier run was interrupted; --resume continues it, --force starts anew")
-    if found is None and options.resume and not (options.out / LOG_FILE).is_file():
-        terminal.note(f"{options.out}: no interrupted work is there; beginning at the start")
-    return found
-
-
-@contextmanager
-def _kept(terminal: Terminal, out: Path) -> Iterator[None]:
-    """Report what is kept when the work ends before its end, however it ends."""
-    try:
-        yield
-    except BaseException:
-        if unfinished_work(out) is not None:
-            terminal.note("the detections made so far are kept; the same command with --resume continues from them")
-        raise
 
 
 def settled_config(folder: Path, options: TrackOptions, settings: SettingsOptions) -> TrackConfig:
@@ -158,15 +81,8 @@ def _errors(session: Session, recording: Recording) -> JointErrors | None:
     return joint_errors(recording.poses, read_truth(path)) if path.is_file() else None
 
 
-def _figures(
-    out: Path,
-    tracked: Tracked,
-    clock: StageClock,
-    written: list[Path],
-    failed: Mapping[str, str],
-    errors: JointErrors | None,
-) -> dict[str, Any]:
-    recording = tracked.recording
+def _figures(out: Path, written: Written, clock: StageClock, errors: JointErrors | None) -> dict[str, Any]:
+    tracked, recording = written.tracked, written.tracked.recording
     instants = len(recording.poses)
     images = instants * len(recording.rig)
     start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
@@ -184,10 +100,10 @@ def _figures(
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / images,
         "found": dict(tracked.found),
         "interrupted": tracked.interrupted,
-        "failed": dict(failed),
-        "exit_code": int(bool(failed)),
+        "failed": dict(written.failed),
+        "exit_code": int(bool(written.failed)),
         "out": out,
-        "files": [path.name for path in written],
+        "files": [path.name for path in written.files],
     }
     if errors:
         figures["mpjpe_mm"] = errors.mpjpe_mm

@@ -10,6 +10,7 @@ import functools
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,7 +23,7 @@ from numba import config, njit
 from .user_cache import default_cache_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_KEPT = 4  # folders: of this version, and of those lately used beside it
+_KEPT_S = 14 * 86400.0  # the folder of another version goes when it was not used for so long
 _settings: Any = config  # its names come from the environment while numba is imported
 
 
@@ -79,9 +80,10 @@ def _folder() -> Path | None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-        others = sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)
+        old_s = time.time() - _KEPT_S
+        stale = [path for path in folder.parent.iterdir() if path.stat().st_mtime < old_s]
     except OSError:
         return None
-    for stale in others[:-_KEPT]:
-        shutil.rmtree(stale, ignore_errors=True)
+    for path in stale:
+        shutil.rmtree(path, ignore_errors=True)
     return folder if os.access(folder, os.W_OK) else None

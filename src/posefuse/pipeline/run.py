@@ -67,21 +67,38 @@ class Store(Protocol):
         ...
 
 
-def track_session(session: Session, config: TrackConfig, clock: StageClock, progress: Progress, note: Say, warn: Say) -> Tracked:
+def track_session(
+    session: Session,
+    config: TrackConfig,
+    clock: StageClock,
+    progress: Progress,
+    note: Say,
+    warn: Say,
+    *,
+    solve_interrupted: bool = True,
+) -> Tracked:
     """Run the whole pipeline on a session and keep nothing on disk; see `track_opened`."""
     with clock.stage("open"):
         opened = open_session(session, config, warn)
-    return track_opened(opened, clock, progress, note, warn)
+    return track_opened(opened, clock, progress, note, warn, solve_interrupted=solve_interrupted)
 
 
 def track_opened(
-    opened: Opened, clock: StageClock, progress: Progress, note: Say, warn: Say, store: Store | None = None
+    opened: Opened,
+    clock: StageClock,
+    progress: Progress,
+    note: Say,
+    warn: Say,
+    store: Store | None = None,
+    *,
+    solve_interrupted: bool = True,
 ) -> Tracked:
-    """Detect, then solve; news go to `note`, what is not as it should be to `warn`.
+    """Detect, then solve; messages go to `note`, problems that do not stop the work to `warn`.
 
-    Ctrl-C ends the detection; what was detected until then is solved and returned.
+    Ctrl-C ends the detection. What was detected until then is solved and returned, unless `solve_interrupted` is False.
 
     Raises:
+        KeyboardInterrupt: Ctrl-C, and `solve_interrupted` is False.
         PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow.
     """
     rig, config, session = opened.rig, opened.config, opened.session
@@ -89,6 +106,8 @@ def track_opened(
         with clock.stage("compile"), compiling("tracking", note):
             warm_up(rig, opened.steps.skeleton, config)
         observations, interrupted = detect(opened, clock, progress, store)
+        if interrupted and not solve_interrupted:
+            raise KeyboardInterrupt
         incomplete = [] if interrupted else opened.steps.incomplete()
     finally:
         opened.steps.close()
