@@ -67,6 +67,7 @@ def track(
     from posefuse.pipeline.result_folder import ResultFolder, prepare, track_into
     from posefuse.pipeline.run import track_session
     from posefuse.pipeline.session import find_session
+    from posefuse.pipeline.writing import build_sinks
 
     if out is None and (resume or replace or formats):
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
@@ -87,7 +88,7 @@ def track(
         found = find_session(folder, config)
         note = lambda line: report("detect", 0, None, line)  # noqa: E731
         where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume, kept=_KEPT)
-        prepared = None if where is None else prepare(found, config.outputs, where, note)
+        prepared = None if where is None else prepare(found, build_sinks(config.outputs), where, note)
         for line in found.notes:
             _warn(line)
         if found.inputs[0].kind != "pose2d":

@@ -16,6 +16,7 @@ from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.result_folder import ResultFolder, Written, prepare, track_into
 from posefuse.pipeline.session import Session, find_session
+from posefuse.pipeline.writing import build_sinks
 
 from .terminal import Terminal
 
@@ -30,9 +31,10 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     """
     clock = StageClock()
     config = settled_config(folder, options, settings)
+    sinks = build_sinks(config.outputs)
     session = find_session(folder, config)
     out = ResultFolder(path=options.out, force=options.force, resume=options.resume)
-    prepared = prepare(session, config.outputs, out, terminal.note)
+    prepared = prepare(session, sinks, out, terminal.note)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")

@@ -19,7 +19,7 @@ from .opening import Opened, open_session
 from .run import Tracked, track_opened
 from .session import Session
 from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
-from .writing import build_sinks, estimated_bytes, write_result
+from .writing import estimated_bytes, write_result
 
 Warn = Callable[[str], None]
 KEPT = "the detections made so far are kept; the same command with --resume continues from them"
@@ -65,15 +65,13 @@ class Prepared:
     unfinished: Path | None
 
 
-def prepare(session: Session, outputs: Sequence[str], out: ResultFolder, note: Warn) -> Prepared:
-    """Check everything about the folder and the outputs before any work is done.
+def prepare(session: Session, sinks: Sequence[Sink], out: ResultFolder, note: Warn) -> Prepared:
+    """Check everything about the folder before any work is done.
 
     Raises:
-        ConfigError: no such output.
         InputError: the folder holds anything that may not be replaced, overlaps the session, or holds interrupted work and
             neither `resume` nor `force` was given.
     """
-    sinks = build_sinks(outputs)
     inputs = (session.folder, session.rig_path, *(entry.path for entry in session.inputs))
     check_apart(out.path, inputs)
     check_replaceable(out.path, command="track", replace=out.replace)
