@@ -9,8 +9,6 @@ from posefuse.core.views_over_time import people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.tracking import JointCentres, SmoothSettings, sides_like, smooth, steady_sides, to_joint_centres
 
-# rounds of naming sides; a second one mends what the first one's reference still had wrong
-_NAMING_ROUNDS = 2
 # a person followed in fewer time steps than this is not one
 _LEAST_STEPS = 5
 
@@ -46,10 +44,9 @@ def poses_over_time(
     fused = _fused(views, rig, fusing)
     if fusing.weights == "robust" and fusing.untangle_sides:
         named = replace(fusing, untangle_sides=False)
-        for _ in range(_NAMING_ROUNDS):
-            reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
-            xy, score, sigma = sides_like(reference, rig, views.xy_img, views.score, views.sigma_px)
-            fused = _fused(replace(views, xy_img=xy, score=score, sigma_px=sigma), rig, named)
+        reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
+        xy, score, sigma = sides_like(reference, rig, views.xy_img, views.score, views.sigma_px)
+        fused = _fused(replace(views, xy_img=xy, score=score, sigma_px=sigma), rig, named)
     fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused
 
