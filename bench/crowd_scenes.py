@@ -15,8 +15,11 @@ from posefuse.core import CameraTruth, Detections2D, LookKind, Pose3D, Region, T
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.core.views_over_time import keypoint_boxes
 from posefuse.detection import region_from_pose
+from posefuse.detection.clothing import lab_from_srgb
 from posefuse.formats.truth import read_truth, write_truth
 from posefuse.foundation.settings import settings_from_mapping
+from posefuse.simulation.body.colours import completed
+from posefuse.simulation.body.settings import BodySettings
 from posefuse.simulation.build import LiveScene, live_scene
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.visibility import FLESH_M, hidden_by_shapes, in_image
@@ -31,6 +34,9 @@ LEAST_VISIBLE, MISSED = 0.4, 0.03
 SIGMA_SHARE, HIDDEN_FACTOR, HIDDEN_SCORE, SEEN_SCORE = 0.011, 4.0, 0.3, 0.95
 # of keypoints hidden behind another person, this share is taken from that person
 CONFUSED = 0.3
+# clothing colours L*, a*, b*, standard deviations: of a camera's exposure and white balance, of light that stays for a while,
+# and of single frames
+CAMERA_LAB, LIGHT_LAB, WHITE_LAB, LIGHT_S = np.array([6.0, 3.0, 3.0]), np.array([8.0, 3.0, 3.0]), np.array([2.0, 1.0, 1.0]), 1.0
 CASES = (
     ("walking", 2, 4), ("walking", 6, 8),
     ("crossing", 2, 4), ("crossing", 4, 4), ("crossing", 6, 8),
@@ -174,10 +180,14 @@ class Network:
 
     def __init__(self, truth: Truth, seed: int) -> None:
         self.rig, self.skeleton, self.t_ns = truth.rig, truth.skeleton, truth.t_ns
-        self._views = [_seen(truth, c, np.random.default_rng([seed, c])) for c in range(len(truth.views))]
+        worn = worn_by(seed, len(truth.person_id))
+        self._views = [
+            (*_seen(truth, c, np.random.default_rng([seed, c])), _clothing(truth, c, worn, np.random.default_rng([seed, c, 1])))
+            for c in range(len(truth.views))
+        ]
 
     def look(self, i: int, c: int, regions: list[Region] | None) -> Detections2D:
-        xy, score, sigma = (part[i] for part in self._views[c])
+        xy, score, sigma, clothing = (part[i] for part in self._views[c])
         there = np.flatnonzero((score > 0).any(axis=-1))
         if regions is None:
             chosen = there
@@ -186,6 +196,7 @@ class Network:
             chosen = np.array([_inside(middle, there, region) for region in regions], int)
         absent = chosen < 0
         out_xy, out_score, out_sigma = xy[chosen].copy(), score[chosen].copy(), sigma[chosen].copy()
+        out_clothing = np.where(absent[:, None, None], np.nan, clothing[chosen])
         out_xy[absent], out_score[absent], out_sigma[absent] = np.nan, 0.0, np.nan
         # looked at twice, a body is not marked in the very same places
         again = np.random.default_rng([i, c]).normal(0, 0.2, out_xy.shape) * out_sigma[..., None]
@@ -199,6 +210,7 @@ class Network:
             score=out_score,
             sigma_px=out_sigma,
             box_img=box,
+            clothing_lab=out_clothing,
         )
 
     def regions(self, c: int, xyz_world: np.ndarray) -> list[Region]:
@@ -225,6 +237,40 @@ class Step:
         return tuple(
             one.look(self.i, c, None if expected is None else one.regions(c, expected.xyz_world)) for c in range(len(one.rig))
         )
+
+
+def worn_by(seed: int, people: int) -> np.ndarray:
+    """(N, 3, 3) true colours of trunk, thighs and shanks: those of the scene's bodies."""
+    bodies = [completed(BodySettings(random_seed=100 * seed + n)) for n in range(people)]
+    rgb = np.array([[[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in (b.shirt, b.trousers, b.trousers)] for b in bodies])
+    return lab_from_srgb(rgb)
+
+
+def _clothing(truth: Truth, c: int, worn: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(T, N, 3, 3) colours as a camera sees them: its own white balance, light that changes with the body's pose and place, and
+    the clothes of whoever stands before the person."""
+    view = truth.views[c]
+    frames, people, _ = view.visible.shape
+    shape = (frames, people, 3, 3)
+    camera = rng.standard_normal((1, 1, 1, 3)) * CAMERA_LAB
+    t_s = view.t_ns / 1e9
+    slow = rng.standard_normal(shape)
+    keep = np.exp(-np.diff(t_s) / LIGHT_S)
+    for i in range(1, frames):
+        slow[i] = keep[i - 1] * slow[i - 1] + np.sqrt(1 - keep[i - 1] ** 2) * slow[i]
+    lab = worn[None] + camera + slow * LIGHT_LAB + rng.standard_normal(shape) * WHITE_LAB
+    # what is hidden shows the clothes of the person nearest in the image
+    middle = view.xy_img.mean(axis=2)
+    apart = np.linalg.norm(middle[:, :, None] - middle[:, None], axis=-1)
+    apart[:, np.arange(people), np.arange(people)] = np.inf
+    other = np.where(np.isfinite(apart), apart, np.inf).argmin(axis=-1)
+    names = truth.skeleton.keypoints
+    for part, wanted in enumerate((("shoulder", "hip"), ("hip", "knee"), ("knee", "ankle"))):
+        mine = [k for k, name in enumerate(names) if name.split("_")[-1] in wanted and name.split("_")[0] in ("left", "right")]
+        hidden = view.visible[:, :, mine].mean(axis=-1) < 0.5
+        theirs = np.take_along_axis(lab[:, :, part], other[..., None], axis=1)
+        lab[:, :, part] = np.where(hidden[..., None], theirs, lab[:, :, part])
+    return lab
 
 
 def _inside(middle: np.ndarray, there: np.ndarray, region: Region) -> int:

@@ -171,6 +171,25 @@ def test_sameness_grows_with_evidence_and_is_symmetric() -> None:
     assert sameness(known, learnt(1.0, 2)) == 0, "two frames say nothing"
 
 
+def test_one_wrong_cue_does_not_outweigh_three_that_agree() -> None:
+    rng = np.random.default_rng(4)
+    lengths = body_lengths_m(body(1.0)[None], COCO17)[0]
+    worn = np.tile([50.0, 20.0, -30.0], 3)
+
+    def learnt(clothing: np.ndarray) -> Traits:
+        traits = Traits.unknown(16)
+        for _ in range(30):
+            noise = np.concatenate([rng.normal(0, NOISE_M, 7), rng.normal(0, 3.0, 9)])
+            traits = traits.with_frame(np.concatenate([lengths, clothing]) + noise)
+        return traits
+
+    jacket = np.concatenate([[90.0, -20.0, 40.0], worn[3:]])
+    other = np.tile([20.0, -10.0, 10.0], 3)
+    known = learnt(worn)
+    assert sameness(known, learnt(worn)) > sameness(known, learnt(jacket)) > 0 > sameness(known, learnt(other))
+    assert sameness(known, learnt(other)) > -15, "no cue is trusted blindly"
+
+
 def test_a_body_that_nobody_can_have_is_not_plausible() -> None:
     lengths = body_lengths_m(np.stack([body(1.0), body(2.2), body(0.3), body(0.65)]), COCO17)
     assert plausible_share(lengths).round(2).tolist()[0] == 1

@@ -27,7 +27,8 @@ def batches(steps: int, seed: int = 0) -> list[DetectionBatch]:
 def detections(rng: np.random.Generator, camera: str, t_ns: int, people: int) -> Detections2D:
     xy, score, sigma = (rng.normal(size=(people, K, *shape)) for shape in ((2,), (), ()))
     box = rng.normal(size=(people, 4))
-    return Detections2D(camera=camera, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box)
+    cues = {"clothing_lab": rng.normal(size=(people, 3, 3)), "track_id": rng.integers(-1, 9, people)}
+    return Detections2D(camera=camera, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box, **cues)
 
 
 def same(one: Observations, other: Observations) -> bool:

@@ -7,6 +7,7 @@ import pytest
 
 from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind
 from posefuse.core.skeleton import COCO17
+from posefuse.core.values import DETECTION_ARRAYS
 from posefuse.formats.detection_log import ObservationLog, is_in_use, read_log
 
 K, NAMES = len(COCO17), ("cam00", "cam01")
@@ -18,7 +19,10 @@ def batch(step: int, kind: LookKind = LookKind.EXPECTED) -> DetectionBatch:
     for c, name in enumerate(NAMES[: step % 3]):
         xy, score, sigma, box = (rng.normal(size=(c + 1, *shape)) for shape in ((K, 2), (K,), (K,), (4,)))
         t_ns = step * 100 + c
-        found.append(Detections2D(camera=name, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box))
+        cues = {"clothing_lab": rng.normal(size=(c + 1, 3, 3)), "track_id": rng.integers(-1, 9, c + 1)}
+        found.append(
+            Detections2D(camera=name, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box, **cues)
+        )
     return DetectionBatch(step=step, t_ns=step * 100, kind=kind, detections=tuple(found))
 
 
@@ -44,7 +48,7 @@ def test_every_record_comes_back(log: Path) -> None:
     for one in got.batches[:6]:
         for found, wanted in zip(one.detections, batch(one.step).detections, strict=True):
             assert (found.camera, found.t_ns) == (wanted.camera, wanted.t_ns)
-            for name in ("xy_img", "score", "sigma_px", "box_img"):
+            for name in DETECTION_ARRAYS:
                 np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
 
 

@@ -72,8 +72,8 @@ def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_r
             read_recording(tmp_path)
         return str(caught.value)
 
-    assert "format version: expected 2, got 3" in problem(about | {"format_version": 3})
-    assert "got 1; an older posefuse wrote it: track the session again" in problem(about | {"format_version": 1})
+    assert "format version: expected 3, got 4" in problem(about | {"format_version": 4})
+    assert "got 2; an older posefuse wrote it: track the session again" in problem(about | {"format_version": 2})
     assert "not a posefuse result" in problem({"a": 1})
     assert "rig_id is missing" in problem({key: value for key, value in about.items() if key != "rig_id"})
     assert "does not fit together" in problem(about | {"skeleton": about["skeleton"] | {"keypoints": ["a"], "bones": []}})

@@ -32,6 +32,7 @@ def some_detections() -> Callable[..., Detections2D]:
             score=score,
             sigma_px=sigma,
             box_img=rng.uniform(0, 600, (people, 4)),
+            clothing_lab=np.where(rng.random((people, 3, 3)) < 0.2, np.nan, rng.uniform(-50, 99, (people, 3, 3))),
         )
 
     return make

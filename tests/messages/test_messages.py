@@ -80,6 +80,8 @@ WRONG_DETECTIONS = {
     "known skeleton, other keypoints": lambda m: dataclasses.replace(m, keypoints=m.keypoints[::-1]),
     "repeated keypoints": lambda m: dataclasses.replace(m, skeleton="mine", keypoints=["a"] * 33),
     "short boxes": lambda m: dataclasses.replace(m, box_px=m.box_px[:-1]),
+    "short colours": lambda m: dataclasses.replace(m, clothing_lab=m.clothing_lab[:-1]),
+    "infinite colours": lambda m: dataclasses.replace(m, clothing_lab=np.full_like(m.clothing_lab, np.inf)),
 }
 
 

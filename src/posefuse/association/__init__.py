@@ -1,12 +1,14 @@
 """Association: which detection of each camera is which person, across cameras and time."""
 
 from .assignment import Assignment
+from .clothing import CLOTHING_TRAITS, clothing_traits, median_clothing
 from .identity import UNNAMED, Identity, persons_at, with_persons
 from .memory import Memory
 from .people import assign, associate
 from .settings import AssociateSettings
 
 __all__ = [
+    "CLOTHING_TRAITS",
     "UNNAMED",
     "Assignment",
     "AssociateSettings",
@@ -14,6 +16,8 @@ __all__ = [
     "Memory",
     "assign",
     "associate",
+    "clothing_traits",
+    "median_clothing",
     "persons_at",
     "with_persons",
 ]

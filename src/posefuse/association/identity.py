@@ -20,17 +20,18 @@ from scipy.optimize import linear_sum_assignment
 from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
 
+from .clothing import CLOTHING_TRAITS
 from .traits import Traits, body_lengths_m, plausible_share, sameness
 
 UNNAMED = -1
-# so many frames of a track decide who it is, where several people are possible
-_NAMING_FRAMES = 8
+# so many frames of a track decide who it is, where several people are possible; with such a log-likelihood ratio, fewer
+_NAMING_FRAMES, _SURE_FRAMES, _SURE_EVIDENCE = 8, 4, 4.0
 # tracks closer than this touch, and have parted beyond that: middles of bodies
 _TOUCH_M, _PARTED_M = 0.6, 0.75
 # frames after parting from which an exchange can be seen, and the log-likelihood ratio it takes
 _EXCHANGE_FRAMES, _EXCHANGE_EVIDENCE = 10, 6.0
-# traits learnt in fewer frames name nobody
-_KNOWN_FRAMES = 8
+# after so many frames apart without such evidence, nothing was exchanged
+_STRAIGHT_FRAMES = 30
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,15 +83,17 @@ class Identity:
         """Who the track is as far as is known now; `UNNAMED` before that is decided."""
         return self.tracks[track].person if track in self.tracks else UNNAMED
 
-    def after(self, pose: Pose3D, more_traits: Array | None = None) -> Identity:
+    def after(self, pose: Pose3D, clothing: Array | None = None) -> Identity:
         """The state after a frame in which `pose` (person_id holds tracks) was measured.
 
         Args:
-            pose: of this frame. more_traits: (N, D) further traits of its people, NaN where unknown; see `traits`.
+            pose: of this frame. clothing: (N, 9) of its people, NaN where unknown, see `clothing.clothing_traits`; None: all
+                unknown.
         """
         found = np.isfinite(pose.xyz_world[..., 0]).any(axis=1)
         lengths = body_lengths_m(pose.xyz_world, pose.skeleton)
-        measured = lengths if more_traits is None else np.concatenate([lengths, more_traits], axis=1)
+        worn = np.full((len(found), CLOTHING_TRAITS), np.nan) if clothing is None else clothing
+        measured = np.concatenate([lengths, worn], axis=1)
         middles = _middles(pose.xyz_world)
         state = self._without_ended(pose.t_ns)
         tracks = dict(state.tracks)
@@ -143,19 +146,19 @@ class Identity:
 
     def _decided(self, a: int, b: int) -> Identity:
         one, two = self.tracks[a], self.tracks[b]
-        ready = min(one.traits.frames.max(initial=0), two.traits.frames.max(initial=0)) >= _EXCHANGE_FRAMES
-        if not ready or UNNAMED in (one.person, two.person):
+        frames = min(one.traits.frames.max(initial=0), two.traits.frames.max(initial=0))
+        if frames < _EXCHANGE_FRAMES or UNNAMED in (one.person, two.person):
             return self
         mine, theirs = self.people[one.person], self.people[two.person]
         straight = sameness(one.traits, mine) + sameness(two.traits, theirs)
         crossed = sameness(one.traits, theirs) + sameness(two.traits, mine)
-        if abs(crossed - straight) < _EXCHANGE_EVIDENCE:
+        if abs(crossed - straight) < _EXCHANGE_EVIDENCE and frames < _STRAIGHT_FRAMES:
             return self
         since_ns = one.touched[b][0]
         tracks = dict(self.tracks)
         tracks[a] = replace(one, touched={n: at for n, at in one.touched.items() if n != b})
         tracks[b] = replace(two, touched={n: at for n, at in two.touched.items() if n != a})
-        if crossed < straight:
+        if crossed - straight < _EXCHANGE_EVIDENCE:
             return replace(self, tracks=tracks)
         tracks[a], tracks[b] = replace(tracks[a], person=two.person), replace(tracks[b], person=one.person)
         told = (Named(track=a, person=two.person, since_ns=since_ns), Named(track=b, person=one.person, since_ns=since_ns))
@@ -171,16 +174,26 @@ class Identity:
         strangers = [person for person in _unused(self.people) if person < self.people_max][: len(unnamed)]
         options = absent + strangers
         sure = not absent or (len(options) == 1 and len(unnamed) == 1)
-        ready = unnamed if sure else [n for n in unnamed if self.tracks[n].traits.frames.max(initial=0) >= _NAMING_FRAMES]
+        likely = self._likely(unnamed, options, len(absent))
+        ready = [row for row, n in enumerate(unnamed) if sure or self._can_be_named(n, likely[row])]
         if not ready or not options:
             return self
-        return self._with_names(ready, options, len(absent))
+        return self._with_names([unnamed[row] for row in ready], options, likely[ready])
 
-    def _with_names(self, ready: list[int], options: list[int], known: int) -> Identity:
-        likely = np.zeros((len(ready), len(options)))
-        for row, number in enumerate(ready):
+    def _likely(self, tracks: list[int], options: list[int], known: int) -> Array:
+        """(tracks, options) log-likelihood ratios; 0 for strangers, who come after the first `known` options."""
+        likely = np.zeros((len(tracks), len(options)))
+        for row, number in enumerate(tracks):
             for column, person in enumerate(options[:known]):
                 likely[row, column] = sameness(self.tracks[number].traits, self.people[person])
+        return likely
+
+    def _can_be_named(self, number: int, likely: Array) -> bool:
+        frames = self.tracks[number].traits.frames.max(initial=0)
+        second, best = np.sort(likely)[-2:] if len(likely) > 1 else (0.0, 0.0)
+        return bool(frames >= _NAMING_FRAMES or (frames >= _SURE_FRAMES and best - second >= _SURE_EVIDENCE))
+
+    def _with_names(self, ready: list[int], options: list[int], likely: Array) -> Identity:
         # of equally likely strangers the lowest id
         rows, columns = linear_sum_assignment(-(likely - 1e-9 * np.arange(len(options))))
         tracks, people, told = dict(self.tracks), dict(self.people), []

@@ -1,7 +1,7 @@
 """What tells people apart without their faces: numbers that stay the same while a body moves, learnt frame by frame.
 
-The first ones are lengths of the body (left and right averaged), in metres, from the 3D pose. Whatever else a source of
-detections measures may follow them; a value that is unknown is NaN.
+Seven lengths of the body (left and right averaged), in metres, from the 3D pose; then colours of the clothes of trunk, thighs
+and shanks (CIE L*, a*, b*). A value that is unknown is NaN.
 """
 
 from __future__ import annotations
@@ -14,11 +14,20 @@ from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 
 _LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"), ("shoulder", "hip"))
+# how many of the traits are lengths
+LENGTHS = 7
 _GIRDLES = ("shoulder", "hip")
 # adults of one population: standard deviation of a length as a share of it
 _POPULATION_SHARE = 0.08
 # what other cameras and other poses change about a measured length: the bundled network's errors that do not average away
 _LASTING_M = 0.010
+# clothes: standard deviations of L*, a*, b* among people, and of what light, camera and side of the body change about them
+_POPULATION_LAB = np.array([22.0, 12.0, 16.0])
+_LASTING_LAB = np.array([7.0, 4.0, 4.0])
+# a cue is wrong for this share of people: somebody else stood before them all the time, a jacket came off, a bad pose
+_WRONG_CUE = 0.03
+# what is learnt and compared as one cue: lengths of the body, clothes of trunk, thighs and shanks
+_CUES = (slice(0, 7), slice(7, 10), slice(10, 13), slice(13, 16))
 # errors of a network last for about so many frames: this many count as one
 _LASTING_FRAMES = 8
 # lengths of people, from a small child's to a tall adult's; farther off is no body
@@ -98,16 +107,33 @@ class Traits:
 
 
 def sameness(one: Traits, other: Traits) -> float:
-    """Log-likelihood ratio: one person measured twice, against two people drawn from the population. 0 says nothing."""
-    known = np.flatnonzero((one.frames >= _LEAST_FRAMES) & (other.frames >= _LEAST_FRAMES))
-    if not len(known):
+    """Log-likelihood ratio: one person measured twice, against two people drawn from the population. 0 says nothing.
+
+    Each cue (lengths, clothes of trunk, thighs, shanks) counts by itself, and none of them is trusted blindly.
+    """
+    known = (one.frames >= _LEAST_FRAMES) & (other.frames >= _LEAST_FRAMES)
+    if not known.any():
         return 0.0
-    apart = (one.mean - other.mean)[known]
-    among = np.ix_(known, known)
-    typical = np.maximum(np.abs(one.mean + other.mean)[known] / 2, 1e-3)
-    same = (one.of_mean() + other.of_mean())[among] + 2 * _LASTING_M**2 * np.eye(len(known))
-    two = same + 2 * np.diag((_POPULATION_SHARE * typical) ** 2)
-    return _log_density(apart, same) - _log_density(apart, two)
+    apart = one.mean - other.mean
+    measured = one.of_mean() + other.of_mean()
+    lasting, population = _variances((one.mean + other.mean) / 2)
+    total = 0.0
+    for cue in _CUES:
+        among = np.flatnonzero(known[cue]) + cue.start
+        if len(among):
+            same = measured[np.ix_(among, among)] + 2 * np.diag(lasting[among])
+            two = same + 2 * np.diag(population[among])
+            ratio = _log_density(apart[among], same) - _log_density(apart[among], two)
+            total += float(np.logaddexp(np.log1p(-_WRONG_CUE) + ratio, np.log(_WRONG_CUE)))
+    return total
+
+
+def _variances(mean: Array) -> tuple[Array, Array]:
+    """(D,) variance of lasting errors of each trait, and of the population, for traits of this size (D,)."""
+    clothes = (len(mean) - LENGTHS) // len(_LASTING_LAB)
+    lasting = np.concatenate([np.full(LENGTHS, _LASTING_M), np.tile(_LASTING_LAB, clothes)])
+    population = np.concatenate([_POPULATION_SHARE * np.maximum(np.abs(mean[:LENGTHS]), 1e-3), np.tile(_POPULATION_LAB, clothes)])
+    return lasting**2, population**2
 
 
 def _log_density(apart: Array, cov: Array) -> float:

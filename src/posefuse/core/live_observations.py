@@ -11,9 +11,7 @@ from .arrays import Array
 from .errors import ShapeError, choices
 from .observations import LIVE_STEP, NOT_KEPT, LookKind, Observations
 from .skeleton import Skeleton
-from .values import Detections2D
-
-_PARTS = ("xy_img", "score", "sigma_px", "box_img")
+from .values import DETECTION_ARRAYS, Detections2D
 
 
 def observations_from_frames(skeleton: Skeleton, camera_names: Sequence[str], frames: Sequence[Detections2D]) -> Observations:
@@ -33,7 +31,7 @@ def observations_from_frames(skeleton: Skeleton, camera_names: Sequence[str], fr
     if other:
         raise ShapeError(f"Observations: expected detections of skeleton {skeleton.name}, got {choices(other)}")
     found = [Detections2D.nobody("", 0, skeleton), *frames]
-    joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in _PARTS}
+    joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in DETECTION_ARRAYS}
     return Observations(
         skeleton=skeleton,
         camera_names=tuple(camera_names),

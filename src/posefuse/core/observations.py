@@ -12,7 +12,7 @@ import numpy as np
 from .arrays import Array, check_fields, freeze_fields
 from .errors import ShapeError, choices
 from .skeleton import Skeleton
-from .values import Detections2D
+from .values import DETECTION_ARRAYS, Detections2D
 
 LIVE_STEP = -1
 NOT_KEPT = -1
@@ -54,8 +54,9 @@ _DTYPES = {
     "score": np.float32,
     "sigma_px": np.float32,
     "box_img": np.float32,
+    "clothing_lab": np.float32,
+    "track_id": np.int64,
 }
-_DETECTION_FIELDS = ("xy_img", "score", "sigma_px", "box_img")
 _AXES = {
     "step_t_ns": "T",
     "frame_camera": "F",
@@ -68,6 +69,8 @@ _AXES = {
     "score": "R K",
     "sigma_px": "R K",
     "box_img": "R 4",
+    "clothing_lab": "R 3 3",
+    "track_id": "R",
 }
 OBSERVATION_ARRAYS = tuple(_AXES)
 
@@ -91,6 +94,7 @@ class Observations:
         xy_img: (R, K, 2) float32 raw distorted px; NaN where a keypoint is missing.
         score, sigma_px: (R, K) float32; 0 and NaN where missing.
         box_img: (R, 4) float32 left, top, right, bottom.
+        clothing_lab: (R, 3, 3) float32, track_id: (R,) as in `Detections2D`.
 
     Raises:
         ShapeError: arrays that do not fit together, or a person who is twice in one camera at one time step.
@@ -109,6 +113,8 @@ class Observations:
     score: Array
     sigma_px: Array
     box_img: Array
+    clothing_lab: Array
+    track_id: Array
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera_names", tuple(self.camera_names))
@@ -160,9 +166,15 @@ class Observations:
         """Row i of the frame table: all that one look found in one frame."""
         rows = slice(self.frame_begin[i], self.frame_begin[i + 1])
         return Detections2D(
-            camera=self.camera_names[self.frame_camera[i]], t_ns=int(self.frame_t_ns[i]), skeleton=self.skeleton,
-            xy_img=self.xy_img[rows], score=self.score[rows], sigma_px=self.sigma_px[rows], box_img=self.box_img[rows],
-        )  # fmt: skip
+            camera=self.camera_names[self.frame_camera[i]],
+            t_ns=int(self.frame_t_ns[i]),
+            skeleton=self.skeleton,
+            **self.rows(rows),
+        )
+
+    def rows(self, rows: Array | slice) -> dict[str, Array]:
+        """These rows of the detection table, by the names of `Detections2D`."""
+        return {name: getattr(self, name)[rows] for name in DETECTION_ARRAYS}
 
     def of(self, camera: str) -> Observations:
         """What one camera observed; raises ShapeError for a name that is not there."""
@@ -230,7 +242,7 @@ class Observations:
         none = Detections2D.nobody("", 0, skeleton)
         found = [none, *(one for _, one in frames)]
         ids = [ids for batch in person_ids for ids in batch] if person_ids is not None else []
-        joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in _DETECTION_FIELDS}
+        joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in DETECTION_ARRAYS}
         return Observations(
             skeleton=skeleton,
             camera_names=tuple(camera_names),

@@ -7,7 +7,7 @@ mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (neve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
 
@@ -30,6 +30,18 @@ class Kind(IntEnum):
     SMOOTHED = 2  # from views of this and neighbouring instants
     INTERPOLATED = 3  # inside a gap, from both sides of it
     PREDICTED = 4  # ahead of the newest measurement
+
+
+# the arrays of `Detections2D` and their axes
+DETECTION_ARRAYS = {
+    "xy_img": "P K 2",
+    "score": "P K",
+    "sigma_px": "P K",
+    "box_img": "P 4",
+    "clothing_lab": "P 3 3",
+    "track_id": "P",
+}
+NO_TRACK = -1
 
 
 def _check_keypoints(value: Any, sizes: Mapping[str, int]) -> None:
@@ -106,6 +118,8 @@ class Detections2D:
         score: (P, K) float32 in [0, 1]; 0 where missing.
         sigma_px: (P, K) float32 standard deviation of each image coordinate; NaN where missing.
         box_img: (P, 4) float32 left, top, right, bottom.
+        clothing_lab: (P, 3, 3) float32 colours (CIE L*, a*, b*) of trunk, thighs and shanks; NaN where unknown.
+        track_id: (P,) int64 numbers that another tool's tracker gave to the people of this camera; -1: none.
     """
 
     camera: str
@@ -115,14 +129,24 @@ class Detections2D:
     score: Array
     sigma_px: Array
     box_img: Array
+    clothing_lab: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    track_id: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        freeze_fields(self, dict.fromkeys(("xy_img", "score", "sigma_px", "box_img"), np.float32))
-        sizes = check_fields(self, {"xy_img": "P K 2", "score": "P K", "sigma_px": "P K", "box_img": "P 4"})
-        _check_keypoints(self, sizes)
+        people = len(self.xy_img)
+        if not len(self.clothing_lab):
+            object.__setattr__(self, "clothing_lab", np.full((people, 3, 3), np.nan))
+        if not len(self.track_id):
+            object.__setattr__(self, "track_id", np.full(people, NO_TRACK))
+        freeze_fields(self, dict.fromkeys(DETECTION_ARRAYS, np.float32) | {"track_id": np.int64})
+        _check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
 
     def __len__(self) -> int:
         return len(self.xy_img)
+
+    def people(self, rows: Array) -> Detections2D:
+        """Some of the people: indices, or (P,) bool."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in DETECTION_ARRAYS})
 
     @staticmethod
     def nobody(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:

@@ -20,12 +20,22 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind, PosefuseError, Skeleton
+from posefuse.core.arrays import Array
 
 LOG_FILE = "detections.log"
-_MAGIC = b"posefuse detections 1\n"
+_MAGIC = b"posefuse detections 2\n"
 _FRAME = struct.Struct("<II")  # bytes of the record, CRC-32
 _BATCH = struct.Struct("<iqBH")  # time step, its ns, look, frames
 _CAMERA = struct.Struct("<HqH")  # camera, exposure ns, detections
+# arrays of a detection in their order: type, and shape per person; 0: the number of keypoints
+_ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "xy_img": ("<f4", (0, 2)),
+    "score": ("<f4", (0,)),
+    "sigma_px": ("<f4", (0,)),
+    "box_img": ("<f4", (4,)),
+    "clothing_lab": ("<f4", (3, 3)),
+    "track_id": ("<i8", ()),
+}
 _LARGEST = 1 << 28  # bytes of one record; more is a damaged length
 _SYNC_S = 2.0  # seconds of work that a power failure may cost
 
@@ -178,7 +188,7 @@ def _bytes_of(batch: DetectionBatch, names: tuple[str, ...]) -> bytes:
     parts = [_BATCH.pack(batch.step, batch.t_ns, batch.kind, len(batch.detections))]
     for one in batch.detections:
         parts.append(_CAMERA.pack(names.index(one.camera), one.t_ns, len(one)))
-        parts += [np.ascontiguousarray(array, "<f4").tobytes() for array in (one.xy_img, one.score, one.sigma_px, one.box_img)]
+        parts += [np.ascontiguousarray(getattr(one, name), dtype).tobytes() for name, (dtype, _) in _ARRAYS.items()]
     return b"".join(parts)
 
 
@@ -188,14 +198,13 @@ def _batch_of(record: bytes, skeleton: Skeleton, names: tuple[str, ...]) -> Dete
     detections = []
     for _ in range(frames):
         camera, exposed_ns, people = _CAMERA.unpack(stream.read(_CAMERA.size))
-        shapes = ((people, k, 2), (people, k), (people, k), (people, 4))
-        xy, score, sigma, box = (np.frombuffer(stream.read(4 * int(np.prod(shape))), "<f4").reshape(shape) for shape in shapes)
-        detections.append(
-            Detections2D(
-                camera=names[camera], t_ns=exposed_ns, skeleton=skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
-            )
-        )
+        arrays = {name: _read(stream, dtype, (people, *(s or k for s in shape))) for name, (dtype, shape) in _ARRAYS.items()}
+        detections.append(Detections2D(camera=names[camera], t_ns=exposed_ns, skeleton=skeleton, **arrays))
     return DetectionBatch(step=step, t_ns=t_ns, kind=LookKind(kind), detections=tuple(detections))
+
+
+def _read(stream: BytesIO, dtype: str, shape: tuple[int, ...]) -> Array:
+    return np.frombuffer(stream.read(np.dtype(dtype).itemsize * int(np.prod(shape))), dtype).reshape(shape)
 
 
 def _write_all(file: BinaryIO, content: bytes) -> None:

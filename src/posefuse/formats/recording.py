@@ -28,7 +28,7 @@ OBSERVATIONS_FILE = "observations.npz"
 ABOUT_FILE = "recording.json"
 RIG_FILE = "rig.toml"
 RECORDING_FILES = (ARRAYS_FILE, OBSERVATIONS_FILE, RIG_FILE, ABOUT_FILE)
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 _POSES = tuple(field.name for field in dataclasses.fields(PoseSequence) if field.name != "skeleton")
 
 

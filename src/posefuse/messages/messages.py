@@ -64,6 +64,7 @@ def message_from_detections(detections: Detections2D, stages: Stages) -> Any:
         score=detections.score.ravel(),
         sigma_px=detections.sigma_px.ravel(),
         box_px=detections.box_img.ravel(),
+        clothing_lab=_known_or_empty(detections.clothing_lab),
         stages=_stage_list(stages),
     )
 
@@ -81,6 +82,11 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
     score = _shaped(msg.score, (people, k), where, "score")
     sigma = _shaped(msg.sigma_px, (people, k), where, "sigma_px")
     box = _shaped(msg.box_px, (people, 4), where, "box_px")
+    # a recording of an older version has none
+    worn = getattr(msg, "clothing_lab", ())
+    clothing = _shaped(worn, (people, 3, 3), where, "clothing_lab") if len(worn) else np.zeros((0, 3, 3))
+    if np.isinf(clothing).any():
+        raise MessageError(f"{where} of {msg.camera}: expected finite colours or NaN")
     if not ((score >= 0) & (score <= 1)).all() or np.isinf(xy).any() or (sigma < 0).any() or np.isinf(sigma).any():
         raise MessageError(f"{where} of {msg.camera}: expected scores in 0..1, finite or NaN px and sigma >= 0")
     if (np.isnan(xy).any(axis=-1) & (score > 0)).any():
@@ -93,7 +99,12 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
         score=score,
         sigma_px=sigma,
         box_img=box,
+        clothing_lab=clothing,
     ), _stages(msg)
+
+
+def _known_or_empty(array: Array) -> Array:
+    return array.ravel() if np.isfinite(array).any() else np.zeros(0, array.dtype)
 
 
 def message_from_pose(pose: Pose3D, stages: Stages, world_frame: str) -> Any:

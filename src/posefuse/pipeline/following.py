@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.association import AssociateSettings, Identity, Memory, assign, persons_at, with_persons
+from posefuse.association import AssociateSettings, Identity, Memory, assign, clothing_traits, persons_at, with_persons
 from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT
@@ -45,12 +45,13 @@ class Followed:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Seen:
-    """The result of one look."""
+    """The result of one look; clothing (N, 9) is that of the people of `pose`."""
 
     batch: DetectionBatch
     person_ids: tuple[Array, ...]
     views: Views
     pose: Pose3D
+    clothing: Array
 
 
 class Follower:
@@ -117,7 +118,7 @@ class Follower:
             else:
                 self._search_due = i + _SEARCH_EVERY
         self._memory = self._memory.after(seen.pose, self._associating.lost_after_s)
-        self._identity = self._identity.after(seen.pose)
+        self._identity = self._identity.after(seen.pose, seen.clothing)
         self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
         chosen = self._batches.index(seen.batch)
         return Followed(batches=tuple(self._batches), chosen=chosen, person_ids=seen.person_ids, views=seen.views, pose=seen.pose)
@@ -165,7 +166,8 @@ class Follower:
             pose = fuse(views, self._rig, self._fusing, memory.last(step.t_ns))
         place = {name: c for c, name in enumerate(self._rig.names)}
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
-        return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose)
+        clothing = clothing_traits(assignment, detections)
+        return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing)
 
 
 def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) -> Observations:
@@ -204,7 +206,7 @@ def _without(seen: _Seen, people: set[int]) -> _Seen:
     )
     ids = tuple(np.where(np.isin(one, list(people)), NOT_KEPT, one) for one in seen.person_ids)
     pose = with_persons(seen.pose, [NOT_KEPT if person in people else person for person in seen.pose.person_id.tolist()])
-    return _Seen(batch=seen.batch, person_ids=ids, views=views, pose=pose)
+    return _Seen(batch=seen.batch, person_ids=ids, views=views, pose=pose, clothing=seen.clothing[keep])
 
 
 def _some_view_lacks_a_person(views: Views) -> bool:

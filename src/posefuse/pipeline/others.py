@@ -11,6 +11,7 @@ from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, LookKind, Observations
 from posefuse.core.duplicates import duplicates
 from posefuse.core.observations import NOT_KEPT
+from posefuse.core.values import DETECTION_ARRAYS
 
 # a person seen by one camera alone may be a picture on the wall
 _LEAST_CAMERAS = 2
@@ -45,20 +46,9 @@ def _kept(observations: Observations, frames: Sequence[int]) -> Detections2D:
     rows = np.concatenate([np.arange(observations.frame_begin[i], observations.frame_begin[i + 1]) for i in frames])
     rows = rows[observations.person_id[rows] != NOT_KEPT]
     one = observations.detections(frames[0])
-    return replace(
-        one,
-        xy_img=observations.xy_img[rows],
-        score=np.where(observations.score[rows] > 0, 1.0, 0.0),
-        sigma_px=observations.sigma_px[rows],
-        box_img=observations.box_img[rows],
-    )
+    kept = replace(one, **observations.rows(rows))
+    return replace(kept, score=np.where(kept.score > 0, 1.0, 0.0))
 
 
 def _joined(one: Detections2D, other: Detections2D) -> Detections2D:
-    return replace(
-        other,
-        xy_img=np.concatenate([one.xy_img, other.xy_img]),
-        score=np.concatenate([one.score, other.score]),
-        sigma_px=np.concatenate([one.sigma_px, other.sigma_px]),
-        box_img=np.concatenate([one.box_img, other.box_img]),
-    )
+    return replace(other, **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in DETECTION_ARRAYS})

@@ -65,15 +65,7 @@ class StoredStep:
     def _answer(self, frame: int, rows: Array) -> Detections2D:
         log = self.observations
         camera, t_ns = log.camera_names[log.frame_camera[frame]], int(log.frame_t_ns[frame])
-        return Detections2D(
-            camera=camera,
-            t_ns=t_ns,
-            skeleton=log.skeleton,
-            xy_img=log.xy_img[rows],
-            score=log.score[rows],
-            sigma_px=log.sigma_px[rows],
-            box_img=log.box_img[rows],
-        )
+        return Detections2D(camera=camera, t_ns=t_ns, skeleton=log.skeleton, **log.rows(rows))
 
     def _union(self, frames: Array) -> Array:
         """Detections of several looks at one frame, each person once, as the last look that found the person has it."""

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import Camera, Detections2D, Detector, Frame, InputError, LivePreview, PosefuseError, Region, Rig
+from posefuse.detection import with_clothing
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.platform import lower_priority
 
@@ -171,7 +172,7 @@ class Group:
     def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
         if not caught.wrong.bumped:
             [found] = self.detector.detect([caught.frame], [regions])
-            return found
+            return with_clothing(found, caught.frame.image) if self._plan.most_people > 1 else found
         [found] = self.detector.detect([caught.frame], [regions and [before_bump(region, camera) for region in regions]])
         return seen_by_bumped(found, camera)
 
@@ -217,14 +218,7 @@ def _keeper(plan: GroupPlan, entry: LiveInput) -> VideoKeeper | None:
 def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:
     """Session time, and only people who were seen."""
     there = (found.score > 0).any(axis=-1)
-    return replace(
-        found,
-        t_ns=found.t_ns + shift_ns,
-        xy_img=found.xy_img[there],
-        score=found.score[there],
-        sigma_px=found.sigma_px[there],
-        box_img=found.box_img[there],
-    )
+    return replace(found.people(there), t_ns=found.t_ns + shift_ns)
 
 
 def _preview(frame: Frame, t_ns: int) -> LivePreview:

@@ -73,10 +73,11 @@ class AsynchronousTracker:
         self._restarts = 0
         self._next_id = 0
 
-    def add(self, detections: Detections2D) -> None:
+    def add(self, detections: Detections2D) -> Array:
         """See `Tracker.add`."""
+        tracks = np.full(len(detections), -1)
         if not self._admission.admits(detections):
-            return
+            return tracks
         if self._admission.restarts != self._restarts:
             self._restarts, self._tried_ns = self._admission.restarts, None
             self._people.clear()
@@ -84,7 +85,8 @@ class AsynchronousTracker:
             for own in self._figures.values():
                 own.newest_ns = None
         settings = self._model.settings
-        detections = _surest(_each_once(detections, settings.duplicate_share), settings.detections_max)
+        looked_at = _surest(detections, settings.duplicate_share, settings.detections_max)
+        detections = detections if len(looked_at) == len(detections) else detections.people(looked_at)
         figures, c = self._figures[detections.camera], self._place[detections.camera]
         figures.newest_ns = max(detections.t_ns, figures.newest_ns or detections.t_ns)
         rays = self._optics[c].rays(detections)
@@ -96,9 +98,11 @@ class AsynchronousTracker:
             told = person.add(view)
             if told is not None:
                 figures.count(told)
+                tracks[looked_at[p]] = person.id
         self._keep_unclaimed(detections, {p for _, p in claims}, figures)
         self._forget()
         self._look_for_newcomers()
+        return tracks
 
     def at(self, t_ns: int) -> Pose3D:
         """See `Tracker.at`. Times older than the lag buffer are forgotten: nobody."""
@@ -167,7 +171,7 @@ class AsynchronousTracker:
             return
         self._unclaimed.pop(detections.camera, None)
         if left:
-            self._unclaimed[detections.camera] = _only(detections, left)
+            self._unclaimed[detections.camera] = detections.people(np.array(left))
 
     def _forget(self) -> None:
         newest_ns = self._admission.newest_ns
@@ -241,19 +245,8 @@ def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
     return float(np.nanmedian(distances)) if np.isfinite(distances).any() else np.inf
 
 
-def _surest(detections: Detections2D, most: int) -> Detections2D:
-    if len(detections) <= most:
-        return detections
-    order = np.argsort(-np.nan_to_num(detections.score).sum(axis=1), kind="stable")[:most]
-    return _only(detections, [int(p) for p in np.sort(order)])
-
-
-def _each_once(detections: Detections2D, share: float) -> Detections2D:
-    return _only(detections, np.flatnonzero(~duplicates(detections, share)).tolist())
-
-
-def _only(detections: Detections2D, people: list[int]) -> Detections2D:
-    if len(people) == len(detections):
-        return detections
-    arrays = {name: getattr(detections, name)[people] for name in ("xy_img", "score", "sigma_px", "box_img")}
-    return replace(detections, **arrays)
+def _surest(detections: Detections2D, share: float, most: int) -> Array:
+    """Places of at most so many detections, in their order; a body that is there several times, once."""
+    once = np.flatnonzero(~duplicates(detections, share))
+    score = np.nan_to_num(detections.score[once]).sum(axis=1)
+    return np.sort(once[np.argsort(-score, kind="stable")[:most]])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from posefuse.core import Detections2D, Pose3D
+from posefuse.core.arrays import Array
 
 # one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
 Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
@@ -42,8 +43,11 @@ class CameraHealth:
 class Tracker(Protocol):
     """Follows people through single views. No clock inside: the same calls give the same answers."""
 
-    def add(self, detections: Detections2D) -> None:
+    def add(self, detections: Detections2D) -> Array:
         """Everybody one camera saw at its own time; late or out of order within the lag buffer, people in any order.
+
+        Returns:
+            (P,) the track that each of them was taken for; -1: none, or this tracker cannot tell.
 
         Raises:
             ShapeError: a camera the rig does not have, or another skeleton. Wrong times are no error: see `health`.

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.core import Detections2D, Kind, Pose3D, Rig, Skeleton
+from posefuse.core.arrays import Array
 
 from .admission import Admission
 from .contract import CameraHealth, Solve
@@ -27,10 +28,13 @@ class LatestTracker:
         self._stale = False
         self._restarts = 0
 
-    def add(self, detections: Detections2D) -> None:
-        """See `Tracker.add`."""
-        if not self._admission.admits(detections):
-            return
+    def add(self, detections: Detections2D) -> Array:
+        """See `Tracker.add`; association comes later, with the views of all cameras."""
+        if self._admission.admits(detections):
+            self._keep(detections)
+        return np.full(len(detections), -1)
+
+    def _keep(self, detections: Detections2D) -> None:
         if self._admission.restarts != self._restarts:
             self._restarts, self._pose = self._admission.restarts, None
             self._newest.clear()

@@ -31,6 +31,8 @@ class LiveSettings:
             paper's ``latest`` (the newest view of each camera, fused as if they were of one moment).
         max_people: how many people to follow at a time.
         lost_after_s: a keypoint is missing, and a person gone, when no view measured it for so long.
+        shown_s: of several people, one whom no view measured for so long is not in the output, but still expected until
+            `lost_after_s`: hidden or gone.
         alone_s: a person is gone, too, when one camera alone measured them for so long: its rays fit any depth.
         measured_s: a keypoint counts as measured (FUSED) when a view not older than this saw it, else PREDICTED. It spans
             what a view needs from exposure to here, and one period of a camera.
@@ -60,6 +62,7 @@ class LiveSettings:
     tracker: TrackerName = "asynchronous"
     max_people: Annotated[int, Ge(1), Le(64)] = 1
     lost_after_s: Annotated[float, Gt(0)] = 0.7
+    shown_s: Annotated[float, Gt(0)] = 0.3
     alone_s: Annotated[float, Gt(0)] = 1.5
     measured_s: Annotated[float, Gt(0)] = 0.16
     lag_s: Annotated[float, Gt(0), Le(5)] = 0.3

@@ -1,0 +1,113 @@
+"""A live session's people keep their ids: lengths and clothes tell who came back."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from posefuse.core import Detections2D, Kind, Pose3D
+from posefuse.core.skeleton import COCO17
+from posefuse.realtime.identity import NamedTracker
+from posefuse.tracking.online import CameraHealth, LiveSettings
+
+PERIOD_NS = 33_333_333
+RED, BLUE = np.tile([45.0, 60.0, 40.0], (3, 1)), np.tile([40.0, 10.0, -50.0], (3, 1))
+
+
+class TrackerOfTwins:
+    """Tracks of people of one size, as a test says; implements `Tracker`."""
+
+    def __init__(self) -> None:
+        self.here: dict[int, float] = {}
+        self.last_seen: dict[int, Kind] = {}
+
+    def add(self, detections: Detections2D) -> np.ndarray:
+        return np.array(sorted(self.here))[: len(detections)]
+
+    def at(self, t_ns: int) -> Pose3D:
+        tracks = sorted(self.here)
+        rng = np.random.default_rng(t_ns % 2**32)
+        xyz = np.array([_body() + [self.here[track], 0, 0] for track in tracks]).reshape(-1, 17, 3)
+        shape = xyz.shape[:2]
+        kind = np.array([np.full(17, self.last_seen.get(track, Kind.FUSED)) for track in tracks]).reshape(shape)
+        return Pose3D(
+            t_ns=t_ns, skeleton=COCO17, person_id=tracks, xyz_world=xyz + rng.normal(0, 0.01, xyz.shape),
+            cov_world=np.zeros((*shape, 3, 3)), reproj_px=np.ones(shape), n_views=np.full(shape, 4), kind=kind,
+        )  # fmt: skip
+
+    def looked_for(self, t_ns: int) -> Pose3D:
+        return self.at(t_ns)
+
+    @property
+    def health(self) -> Mapping[str, CameraHealth]:
+        return {}
+
+
+def _body() -> np.ndarray:
+    rng = np.random.default_rng(3)
+    return rng.uniform([-0.3, -0.2, 0.0], [0.3, 0.2, 1.7], (17, 3))
+
+
+class Session:
+    def __init__(self, settings: LiveSettings) -> None:
+        self.tracks = TrackerOfTwins()
+        self.named = NamedTracker(self.tracks, settings)
+        self.i = 0
+
+    def frames(self, count: int, clothes: Mapping[int, np.ndarray], cameras: int = 3) -> list[int]:
+        """Ids of the last output, while the tracks wear this."""
+        ids: list[int] = []
+        for _ in range(count):
+            self.i += 1
+            for c in range(cameras):
+                self.named.add(_view(c, self.i * PERIOD_NS, np.array([clothes[t] for t in sorted(self.tracks.here)])))
+            ids = self.named.at(self.i * PERIOD_NS).person_id.tolist()
+        return ids
+
+
+def _view(c: int, t_ns: int, clothing: np.ndarray) -> Detections2D:
+    n = len(clothing)
+    return Detections2D(
+        camera=f"c{c}", t_ns=t_ns, skeleton=COCO17, xy_img=np.zeros((n, 17, 2)), score=np.ones((n, 17)),
+        sigma_px=np.ones((n, 17)), box_img=np.zeros((n, 4)), clothing_lab=clothing,
+    )  # fmt: skip
+
+
+def _after_return(cameras: int) -> list[int]:
+    """Two people of one size leave; they return at once, in the other order. Their ids in the order of the new tracks."""
+    session = Session(LiveSettings(max_people=2))
+    session.tracks.here = {0: 0.0, 1: 2.0}
+    assert session.frames(30, {0: RED, 1: BLUE}, cameras) == [0, 1]
+    session.tracks.here = {}
+    assert session.frames(45, {}, cameras) == []
+    session.tracks.here = {2: 0.0, 3: 2.0}
+    session.frames(30, {2: BLUE, 3: RED}, cameras)
+    identity = session.named._identity
+    return [identity.person_of(2), identity.person_of(3)]
+
+
+def test_twins_come_back_under_their_ids_by_their_clothes() -> None:
+    assert _after_return(cameras=3) == [1, 0]
+
+
+def test_colours_of_one_view_are_nobodys() -> None:
+    """Another person may stand before this one: nothing tells the twins apart, and the first ids are given in order."""
+    assert _after_return(cameras=1) == [0, 1]
+
+
+def test_who_is_out_of_sight_leaves_the_output_and_stays_expected() -> None:
+    session = Session(LiveSettings(max_people=2, shown_s=0.3, measured_s=0.16))
+    session.tracks.here = {0: 0.0, 1: 2.0}
+    assert session.frames(20, {0: RED, 1: BLUE}) == [0, 1]
+    session.tracks.last_seen[1] = Kind.PREDICTED
+    assert session.frames(3, {0: RED, 1: BLUE}) == [0, 1]
+    assert session.frames(5, {0: RED, 1: BLUE}) == [0]
+    assert session.named.looked_for(session.i * PERIOD_NS).person_id.tolist() == [0, 1]
+    session.tracks.last_seen[1] = Kind.FUSED
+    assert session.frames(1, {0: RED, 1: BLUE}) == [0, 1]
+
+
+def test_with_one_person_tracks_and_persons_are_the_same() -> None:
+    session = Session(LiveSettings(max_people=1))
+    session.tracks.here = {0: 0.0}
+    session.tracks.last_seen[0] = Kind.PREDICTED
+    assert session.frames(30, {0: RED}) == [0]
