@@ -8,4 +8,4 @@ import posefuse
 
 def test_the_package_runs_as_a_module() -> None:
     done = subprocess.run([sys.executable, "-m", "posefuse", "--version"], capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout.strip() == posefuse.__version__
+    assert done.stdout.split() == ["posefuse", posefuse.__version__]
