@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-EXTRAS ?= dev,sim,viewer,ros
+EXTRAS ?= dev,sim,teleop,viewer,ros
 SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)

@@ -15,12 +15,12 @@ LINES = (
     ("sources", "detection", "association", "fusion", "tracking", "kinematics", "outputs", "simulation"),
     ("calibration", "evaluation"),
     ("health",),
-    ("realtime", "pipeline"),
+    ("realtime", "pipeline", "teleoperation"),
     ("api",),
     ("cli",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
-OPTIONAL = ("torch", "anny", "mujoco", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl")
+OPTIONAL = ("torch", "anny", "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl")
 SLOW = ("cv2", "numba", "openvino", "scipy", "pyarrow", "ezc3d", "jinja2")
 
 

@@ -1,0 +1,117 @@
+"""What the gate asks of each thing it depends on. Every check gives a share of the speed limit, 0 for HOLD, and why."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .settings import GateSettings
+from .values import OperatorView, RobotState, all_finite
+
+if TYPE_CHECKING:
+    from .gate import CameraReport, Gate
+
+# a gate that was not stepped for so long does not know what happened meanwhile
+_STALLED_S = 0.1
+# clocks of one machine, and poses that are predicted to the next output tick, may be ahead by so much
+_AHEAD_S = 0.05
+
+
+class Finding(NamedTuple):
+    """What one check found: share of the speed limit in 0..1, and why it is not 1."""
+
+    share: float
+    reason: str
+
+
+FINE = Finding(1.0, "")
+
+
+def clock_finding(before_ns: int | None, now_ns: int, settings: GateSettings) -> Finding:
+    """Time goes forward, and the gate is stepped often enough."""
+    if before_ns is None:
+        return Finding(0.0, "begins")
+    if now_ns < before_ns:
+        return Finding(0.0, "the clock went backward")
+    return Finding(0.0, "the control loop stalled") if now_ns - before_ns > _STALLED_S * 1e9 else FINE
+
+
+def robot_finding(robot: RobotState | None, now_ns: int, settings: GateSettings) -> Finding:
+    """The robot's state is there, new and finite."""
+    if robot is None:
+        return Finding(0.0, "no state of the robot")
+    if not -_AHEAD_S * 1e9 <= now_ns - robot.sent_ns <= settings.robot_age_s * 1e9:
+        return Finding(0.0, "state of the robot is too old")
+    return FINE if robot.usable else Finding(0.0, "state of the robot is not finite")
+
+
+def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSettings) -> Finding:
+    """Enough cameras are healthy; with some faulty the speed limit falls with their share."""
+    if cameras is None or not -_AHEAD_S * 1e9 <= now_ns - cameras.t_ns <= settings.health_s * 1e9:
+        return Finding(0.0, "no news of the cameras")
+    if cameras.healthy < max(settings.least_cameras, 1) or cameras.healthy > cameras.total:
+        return Finding(0.0, f"{cameras.healthy} of {cameras.total} cameras are well")
+    if cameras.healthy < cameras.total:
+        return Finding(cameras.healthy / cameras.total, f"{cameras.healthy} of {cameras.total} cameras are well")
+    return FINE
+
+
+def hand_finding(gate: Gate, view: OperatorView | None, now_ns: int, settings: GateSettings) -> Finding:
+    """The hands are those of the operator, new, measured, sure, and where a hand can be."""
+    if view is None or view.person_id < 0:
+        return Finding(0.0, "nobody is seen")
+    if gate.person_id is not None and view.person_id != gate.person_id:
+        return Finding(0.0, "another person")
+    problem = _time_problem(gate, view, now_ns, settings) or _value_problem(view, settings) or _jump_problem(gate, view, settings)
+    if problem:
+        return Finding(0.0, problem)
+    sigma, views = float(view.sigma_m.max()), int(view.views.min())
+    sure = (settings.hold_sigma_m - sigma) / (settings.hold_sigma_m - settings.slow_sigma_m)
+    if sure <= 0:
+        return Finding(0.0, f"hand known to {1e3 * sigma:.0f} mm only")
+    few = Finding(0.5, f"{views} cameras see the hand") if views < settings.full_views else FINE
+    unsure = Finding(sure, f"hand known to {1e3 * sigma:.0f} mm only") if sure < 1 else FINE
+    return min(few, unsure, key=lambda found: found.share)
+
+
+def _time_problem(gate: Gate, view: OperatorView, now_ns: int, settings: GateSettings) -> str:
+    for t_ns in (view.t_ns, view.measured_ns):
+        if now_ns - t_ns < -_AHEAD_S * 1e9:
+            return "pose from the future"
+    if now_ns - view.measured_ns > settings.pose_age_s * 1e9 or now_ns - view.t_ns > settings.pose_age_s * 1e9:
+        return "pose is too old"
+    if gate.view_t_ns is not None and view.t_ns < gate.view_t_ns:
+        return "poses go back in time"
+    if gate.changed_ns is not None and now_ns - gate.changed_ns > settings.pose_age_s * 1e9:
+        return "the hand is frozen"
+    return ""
+
+
+def _value_problem(view: OperatorView, settings: GateSettings) -> str:
+    if not all_finite(view.xyz_world, view.sigma_m, view.forearm_m):
+        return "hand is not seen"
+    if not (view.sigma_m >= 0).all():
+        return "hand without an uncertainty"
+    if not view.measured.all():
+        return "hand is only predicted"
+    if (view.views < settings.least_views).any():
+        return f"{int(view.views.min())} cameras see the hand"
+    apart = np.linalg.norm(view.other_xyz_world - view.xyz_world, axis=1)
+    return "" if (apart >= settings.hands_apart_m).all() else "left and right hand are too near to each other, or one is not seen"
+
+
+def _jump_problem(gate: Gate, view: OperatorView, settings: GateSettings) -> str:
+    if gate.hand_xyz is None or gate.view_t_ns is None or gate.forearm_m is None:
+        return "first pose"
+    if view.t_ns == gate.view_t_ns:
+        return ""
+    # a long pause does not make a long step credible
+    passed_s = min(max((view.t_ns - gate.view_t_ns) / 1e9, 0.0), _STALLED_S)
+    most_m = settings.hand_step_m + settings.hand_speed_mps * passed_s
+    if (np.linalg.norm(view.xyz_world - gate.hand_xyz, axis=1) > most_m).any():
+        return "the hand jumped"
+    # after a change of sides the wrist is nearer to where the other one was: then its forearm is of another length, too
+    if (np.abs(view.forearm_m - gate.forearm_m) > settings.forearm_share * gate.forearm_m).any():
+        return "length of the forearm changed: left and right may be exchanged"
+    return ""

@@ -1,0 +1,186 @@
+"""May the robot follow the hand now, and how fast? A pure state machine: IDLE, READY, ENGAGED, HOLD, STOPPED.
+
+    IDLE ----- all well, switch let go -----> READY ----- switch held, robot stands -----> ENGAGED
+     ^                                          |                                        |    ^
+     +--------- something missing --------------+                      anything missing  v    | all well again, robot stands
+     +------------------------- missing for longer than `reengage_s` ------------------ HOLD
+
+A fault of the robot or an emergency stop leads to STOPPED from everywhere; a reset with the switch let go leads to IDLE.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+
+from .checks import Finding, camera_finding, clock_finding, hand_finding, robot_finding
+from .heartbeats import Heartbeats
+from .settings import GateSettings
+from .values import OperatorView, Phase, RobotState, all_finite
+
+# forearms that differ less than this from their mean are taken for measured well
+_USUAL_FOREARM = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraReport:
+    """How the cameras fare. t_ns: when it was told. healthy, total: cameras."""
+
+    t_ns: int
+    healthy: int
+    total: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Seen:
+    """All that the gate goes by, at one time.
+
+    Attributes:
+        now_ns: of the monotonic clock. view: the operator in the newest pose; None before the first. beats: of the switch.
+        cameras: newest report; None before the first. robot: newest state; None before the first.
+        separation_share: share of the speed limit that the distance between robot and operator leaves.
+        emergency: an emergency stop is pressed. reset: leave STOPPED.
+    """
+
+    now_ns: int
+    view: OperatorView | None
+    beats: Heartbeats
+    cameras: CameraReport | None
+    robot: RobotState | None
+    separation_share: float
+    emergency: bool = False
+    reset: bool = False
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Gate:
+    """State of the gate.
+
+    Attributes:
+        phase: see `Phase`. person_id: the operator while engaged or holding, else None.
+        now_ns: when it was stepped last. lost_ns: since when something has been missing; None: nothing is.
+        fine_ns: since when nothing has been missing. let_go: the switch was let go since it was last used.
+        view_t_ns, changed_ns: newest pose, and when its hands differed last from the pose before.
+        hand_xyz: (H, 3) hands in it; None: none yet. forearm_m: (H,) mean length of the forearms of person
+            `seen_id`; None: not known yet.
+        share: of the speed limit. reason: what limits it or stops it, for people. engages: the clutch engages in this step.
+    """
+
+    phase: Phase = Phase.IDLE
+    person_id: int | None = None
+    now_ns: int | None = None
+    lost_ns: int | None = None
+    fine_ns: int | None = None
+    let_go: bool = False
+    view_t_ns: int | None = None
+    changed_ns: int | None = None
+    hand_xyz: Array | None = None
+    forearm_m: Array | None = None
+    seen_id: int = -1
+    share: float = 0.0
+    reason: str = "no pose yet"
+    engages: bool = False
+
+
+def stepped(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
+    """The gate after all that is known now; never raises, whatever the numbers are."""
+    found = _worst(
+        clock_finding(gate.now_ns, seen.now_ns, settings),
+        robot_finding(seen.robot, seen.now_ns, settings),
+        camera_finding(seen.cameras, seen.now_ns, settings),
+        hand_finding(gate, seen.view, seen.now_ns, settings),
+        _separation_finding(seen.separation_share),
+    )
+    after = _with_history(gate, seen)
+    fine_ns = None if found.share <= 0 else seen.now_ns if gate.fine_ns is None else gate.fine_ns
+    after = replace(after, now_ns=seen.now_ns, fine_ns=fine_ns, share=0.0, reason=found.reason, engages=False)
+    if seen.emergency or (seen.robot is not None and seen.robot.fault):
+        reason = "emergency stop" if seen.emergency else f"robot: {seen.robot.fault if seen.robot else ''}"
+        return replace(after, phase=Phase.STOPPED, person_id=None, let_go=False, reason=reason)
+    return _next_phase(gate.phase, after, found, seen, settings)
+
+
+def _next_phase(phase: Phase, after: Gate, found: Finding, seen: Seen, settings: GateSettings) -> Gate:
+    now_ns, fine = seen.now_ns, found.share > 0
+    let_go = seen.beats.let_go(now_ns, settings)
+    if phase is Phase.STOPPED:
+        leaves = seen.reset and let_go
+        return (
+            replace(after, phase=Phase.IDLE, let_go=True)
+            if leaves
+            else replace(after, reason="stopped; reset with the switch let go")
+        )
+    held = seen.beats.held(now_ns, settings)
+    settled = after.fine_ns is not None and now_ns - after.fine_ns >= settings.settle_s * 1e9 and _stands(seen.robot, settings)
+    if phase in (Phase.IDLE, Phase.READY):
+        ready = fine and (after.let_go or let_go)
+        if ready and held and settled and phase is Phase.READY and seen.view is not None:
+            return replace(_engaged(after, found), person_id=seen.view.person_id)
+        reason = after.reason if not fine else "press to engage" if ready else "let the switch go first"
+        return replace(after, phase=Phase.READY if ready else Phase.IDLE, person_id=None, let_go=ready, reason=reason)
+    if fine and held and (phase is Phase.ENGAGED or settled):
+        return (
+            replace(after, phase=Phase.ENGAGED, share=found.share, lost_ns=None)
+            if phase is Phase.ENGAGED
+            else _engaged(after, found)
+        )
+    lost_ns = after.lost_ns if phase is Phase.HOLD and after.lost_ns is not None else now_ns
+    if not 0 <= now_ns - lost_ns <= settings.reengage_s * 1e9:
+        return replace(after, phase=Phase.IDLE, person_id=None, lost_ns=None, let_go=False)
+    reason = after.reason if not fine else "switch let go" if not held else "settling"
+    return replace(after, phase=Phase.HOLD, lost_ns=lost_ns, reason=reason)
+
+
+def _engaged(after: Gate, found: Finding) -> Gate:
+    return replace(after, phase=Phase.ENGAGED, share=found.share, lost_ns=None, let_go=False, engages=True)
+
+
+def _worst(*findings: Finding) -> Finding:
+    """The first of the lowest share."""
+    return min(findings, key=lambda found: found.share)
+
+
+def _separation_finding(share: float) -> Finding:
+    if not share > 0:
+        return Finding(0.0, "too near to the robot, or not known how near")
+    return Finding(min(share, 1.0), "near the robot" if share < 1 else "")
+
+
+def _stands(robot: RobotState | None, settings: GateSettings) -> bool:
+    return robot is not None and bool((np.linalg.norm(robot.velocity_world, axis=1) <= settings.standing_mps).all())
+
+
+def _with_history(gate: Gate, seen: Seen) -> Gate:
+    """What the next step compares with."""
+    view = seen.view
+    if view is None or view.t_ns == gate.view_t_ns:
+        return gate
+    if not all_finite(view.xyz_world, view.forearm_m):
+        return replace(gate, view_t_ns=view.t_ns)
+    same = gate.hand_xyz is not None and np.array_equal(view.xyz_world, gate.hand_xyz)
+    return replace(
+        gate,
+        view_t_ns=view.t_ns,
+        changed_ns=gate.changed_ns if same else seen.now_ns,
+        hand_xyz=view.xyz_world,
+        forearm_m=_mean_forearm(gate, view),
+        seen_id=view.person_id,
+    )
+
+
+def _mean_forearm(gate: Gate, view: OperatorView) -> Array:
+    """Running mean; what differs much counts little, else an exchanged arm would soon be taken for the right one."""
+    if gate.forearm_m is None or view.person_id != gate.seen_id:
+        return view.forearm_m
+    usual = np.abs(view.forearm_m - gate.forearm_m) < _USUAL_FOREARM * gate.forearm_m
+    return np.asarray(gate.forearm_m + np.where(usual, 0.01, 0.0003) * (view.forearm_m - gate.forearm_m))
+
+
+def speed_mps(gate: Gate, most_mps: float) -> float:
+    """The speed limit that the gate leaves of `most_mps`: 0 unless engaged."""
+    share = gate.share if gate.phase is Phase.ENGAGED else 0.0
+    return most_mps * share if math.isfinite(share) else 0.0

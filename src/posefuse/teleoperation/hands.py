@@ -1,0 +1,117 @@
+"""One live pose -> what teleoperation needs of it: the hands, how sure they are, and where the body is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posefuse.core import SE3, JointAngles, Kind, Pose3D
+from posefuse.core.arrays import Array
+from posefuse.core.skeleton import pick_keypoints
+
+from .values import OperatorView
+
+# keypoints of the body for the separation, and the bones between them
+BODY = (
+    "nose", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+    "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
+    "neck", "mid_hip", "left_fingertips", "right_fingertips",
+)  # fmt: skip
+BONES = (
+    ("nose", "neck"), ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), ("neck", "mid_hip"),
+    *((f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in (
+        ("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "fingertips"), ("shoulder", "hip"), ("hip", "knee"),
+        ("knee", "ankle"),
+    )),
+)  # fmt: skip
+# of the wrist from the tips of stretched fingers, along the forearm
+_HAND_M = 0.2
+_KEYPOINTS = BODY[:15]
+
+
+def operator_view(
+    pose: Pose3D, hands: tuple[str, ...], person_id: int | None, measured_ns: int, joints: JointAngles | None = None
+) -> OperatorView:
+    """The operator in a pose: person `person_id`, or whoever comes first when it is None.
+
+    Args:
+        measured_ns: mid-exposure of the newest image in the pose, on the clock of `pose.t_ns`. joints: of the same people.
+    """
+    ids = [int(one) for one in pose.person_id]
+    n = (0 if ids else None) if person_id is None else ids.index(person_id) if person_id in ids else None
+    if n is None:
+        return _nobody(pose.t_ns, measured_ns, len(hands))
+    names = pose.skeleton.keypoints
+    xyz, sigma = pose.xyz_world[n], _worst_sigma(pose.cov_world[n])
+    wrists = [names.index(f"{side}_wrist") for side in hands]
+    others = [names.index(f"{'left' if side == 'right' else 'right'}_wrist") for side in hands]
+    elbows = [names.index(f"{side}_elbow") for side in hands]
+    measured = (pose.kind[n] != Kind.MISSING) & (pose.kind[n] != Kind.PREDICTED)
+    body_xyz = _with_fingertips(pick_keypoints(xyz, pose.skeleton, _KEYPOINTS))
+    per_point = np.stack([sigma, measured.astype(float)], axis=-1)
+    body = pick_keypoints(per_point, pose.skeleton, _KEYPOINTS)[[*range(15), 5, 6]]
+    return OperatorView(
+        t_ns=pose.t_ns,
+        measured_ns=measured_ns,
+        person_id=ids[n],
+        xyz_world=xyz[wrists],
+        sigma_m=sigma[wrists],
+        views=pose.n_views[n, wrists],
+        measured=measured[wrists],
+        rotation_world=_forearms(joints, ids[n], hands),
+        other_xyz_world=xyz[others],
+        forearm_m=np.linalg.norm(xyz[wrists] - xyz[elbows], axis=-1),
+        body_xyz_world=body_xyz,
+        body_sigma_m=body[:, 0],
+        body_measured=body[:, 1] > 0.99,
+        gesture=len(hands) == 1 and _raised(xyz, names, "left" if hands[0] == "right" else "right"),
+    )
+
+
+def _worst_sigma(cov: Array) -> Array:
+    """(K,) largest standard deviation of any direction; NaN where the covariance is missing."""
+    known = np.isfinite(cov).all(axis=(-2, -1))
+    sigma = np.full(len(cov), np.nan)
+    sigma[known] = np.sqrt(np.maximum(np.linalg.eigvalsh(cov[known])[:, -1], 0.0))
+    return sigma
+
+
+def _with_fingertips(xyz: Array) -> Array:
+    """(17, 3) of `BODY` from the first 15."""
+    forearms = xyz[5:7] - xyz[3:5]
+    length = np.linalg.norm(forearms, axis=-1, keepdims=True)
+    return np.concatenate([xyz, xyz[5:7] + _HAND_M * forearms / np.where(length > 0, length, np.nan)])
+
+
+def _forearms(joints: JointAngles | None, person_id: int, hands: tuple[str, ...]) -> Array:
+    frames = np.full((len(hands), 3, 3), np.nan)
+    if joints is None or person_id not in joints.person_id:
+        return frames
+    n = list(joints.person_id).index(person_id)
+    for h, side in enumerate(hands):
+        frame: SE3 = joints.world_from_segment[-1, n, joints.segments.index(f"{side}_forearm")]
+        frames[h] = frame.matrix()
+    return frames
+
+
+def _raised(xyz: Array, names: tuple[str, ...], side: str) -> bool:
+    """Wrist above its shoulder; False where either is missing."""
+    return bool(xyz[names.index(f"{side}_wrist"), 2] > xyz[names.index(f"{side}_shoulder"), 2])
+
+
+def _nobody(t_ns: int, measured_ns: int, hands: int) -> OperatorView:
+    nan = np.full((len(BODY), 3), np.nan)
+    return OperatorView(
+        t_ns=t_ns,
+        measured_ns=measured_ns,
+        person_id=-1,
+        xyz_world=nan[:hands],
+        sigma_m=nan[:hands, 0],
+        views=np.zeros(hands),
+        measured=np.zeros(hands),
+        rotation_world=np.full((hands, 3, 3), np.nan),
+        other_xyz_world=nan[:hands],
+        forearm_m=nan[:hands, 0],
+        body_xyz_world=nan,
+        body_sigma_m=nan[:, 0],
+        body_measured=np.zeros(len(BODY)),
+    )

@@ -1,0 +1,1 @@
+"""A made-up operator, faults on purpose and a judge: for tests, benches, and whoever changes a limit."""

@@ -1,0 +1,139 @@
+"""A robot in MuJoCo: joints driven by the model's own actuators, physics at the model's time step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import SE3, ConfigError, DependencyError
+from posefuse.core.arrays import Array
+from posefuse.core.se3 import quaternion_product
+from posefuse.teleoperation.mapping import conjugate
+from posefuse.teleoperation.settings import LimitSettings
+
+from .chain import Chain
+from .ik import WholeBodyIk
+from .mobile_manipulator import mobile_manipulator
+from .protocol import Goal, Posture
+
+# joints may be so far behind before the robot counts as unable to follow
+_ERROR_M = 0.005
+_SLOWEST = 0.1
+
+
+class MujocoRobot:
+    """A simulated robot (`protocol.Robot`).
+
+    Attributes:
+        model, data: of MuJoCo, with the physics. ik: its inverse kinematics.
+
+    Raises:
+        DependencyError: MuJoCo or DAQP is not there. ConfigError: a model that cannot be driven.
+    """
+
+    def __init__(self, model: Any, sites: Sequence[str], limits: LimitSettings, world_from_model: SE3 | None = None) -> None:
+        try:
+            import daqp  # noqa: F401
+            import mujoco
+        except ImportError as error:
+            raise DependencyError(f"teleoperate: {error}; install it with: pip install 'posefuse[teleop]'") from None
+        self._mj, self.model = mujoco, model
+        chain = Chain(model, sites)
+        self._place = world_from_model or SE3.identity()
+        self._back = self._place.inverse()
+        self.ik, self._limits, self._sites = WholeBodyIk(chain, limits), limits, [model.site(s).id for s in sites]
+        self._drives = [_drive(model, joint, name) for joint, name in zip(chain.joints, chain.names, strict=True)]
+        self._cups = [a for a in range(model.nu) if int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_BODY)]
+        self.data = mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, self.data, 0)
+        self.data.qpos[chain.qpos] = self.ik.q
+        self._command(self.ik.q, np.zeros(len(self.ik.q)))
+        mujoco.mj_forward(model, self.data)
+        self._found = True
+
+    def posture(self) -> Posture:
+        """See `Robot`."""
+        chain = self.ik.chain
+        chain.place(self.ik.q)
+        ends = [chain.end_effector(h) for h in range(len(self._sites))]
+        spheres = chain.spheres()
+        spheres[:, :3] = self._place @ spheres[:, :3]
+        return Posture(
+            xyz_world=self._place @ np.array([xyz for xyz, _ in ends]),
+            wxyz=quaternion_product(self._place.wxyz, np.array([wxyz for _, wxyz in ends])),
+            measured_xyz_world=self._place @ self.data.site_xpos[self._sites],
+            q=self.ik.q,
+            spheres_world=spheres,
+            fault="" if np.isfinite(self.data.qpos).all() else "the simulation diverged",
+        )
+
+    def pace(self) -> float:
+        """See `Robot`: falls with the condition number, never to nothing, so that a singularity can be left."""
+        limits = self._limits
+        share = (limits.stop_condition - self.ik.condition) / (limits.stop_condition - limits.slow_condition)
+        return float(np.clip(share, _SLOWEST, 1.0))
+
+    def reaches(self, goal: Goal, dt_s: float) -> bool:
+        """See `Robot`."""
+        wxyz = quaternion_product(conjugate(self._place.wxyz), goal.wxyz)
+        self._found = self.ik.solve(self._back @ goal.xyz_world, wxyz, dt_s)
+        return self._found and self.ik.error_m <= _ERROR_M
+
+    def carry_out(self, goal: Goal, dt_s: float) -> None:
+        """See `Robot`; physics for `dt_s`."""
+        before = self.ik.q
+        if self._found and not goal.stands:
+            self.ik.take()
+        else:
+            self.ik.rest()
+        for a in self._cups:
+            self.data.ctrl[a] = float(goal.grip.any())
+        steps = max(1, round(dt_s / self.model.opt.timestep))
+        velocity = (self.ik.q - before) / dt_s
+        for i in range(1, steps + 1):
+            self._command(before + (self.ik.q - before) * (i / steps), velocity)
+            self._mj.mj_step(self.model, self.data)
+
+    def close(self) -> None:
+        """See `Robot`."""
+
+    def _command(self, q: Array, velocity: Array) -> None:
+        """Position servos get the velocity ahead, so that their damping does not make them lag."""
+        for (actuator, lead_s), position, rate in zip(self._drives, q, velocity, strict=True):
+            self.data.ctrl[actuator] = position + lead_s * rate
+
+
+def _drive(model: Any, joint: int, name: str) -> tuple[int, float]:
+    """The position actuator of a joint, and how far ahead of itself it is to be told to be; raises ConfigError without one."""
+    import mujoco
+
+    for a in range(model.nu):
+        if int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT) and model.actuator_trnid[a, 0] == joint:
+            gain, bias = model.actuator_gainprm[a, 0], model.actuator_biasprm[a]
+            if gain > 0 and np.isclose(bias[1], -gain):
+                return a, float(-bias[2] / gain)
+            raise ConfigError(f"robot: actuator of joint {name!r}: expected <position>, got another kind")
+    raise ConfigError(f"robot: joint {name!r} has no actuator; expected <position joint={name!r} .../>")
+
+
+def read_model(file: Path | None, hands: Sequence[str]) -> Any:
+    """The MuJoCo model of a file, gravity compensated; our own robot without one. Raises ConfigError for a file that is none."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise DependencyError(f"teleoperate: {error}; install it with: pip install 'posefuse[teleop]'") from None
+
+    try:
+        spec = mujoco.MjSpec.from_file(str(file)) if file else mujoco.MjSpec.from_string(mobile_manipulator(hands))
+        return spec.compile()
+    except (ValueError, OSError) as error:
+        raise ConfigError(f"{file}: not a usable MJCF model ({' '.join(str(error).split())})") from None
+
+
+def placed(position_xy_m: tuple[float, float], heading_deg: float) -> SE3:
+    """world_from_model of a robot that stands on the floor."""
+    return SE3.from_rotvec([0.0, 0.0, np.deg2rad(heading_deg)], [*position_xy_m, 0.0])

@@ -1,0 +1,69 @@
+"""What a robot must offer to be teleoperated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Goal:
+    """Where the end effectors are to be at the end of a control step, already within all limits.
+
+    Attributes:
+        xyz_world, wxyz: (H, 3), (H, 4). velocity_world, turn_rate_world: (H, 3), (H, 3). grip: (H,) bool.
+        stands: nothing is to move.
+    """
+
+    xyz_world: Array
+    wxyz: Array
+    velocity_world: Array
+    turn_rate_world: Array
+    grip: Array
+    stands: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Posture:
+    """How the robot is.
+
+    Attributes:
+        xyz_world, wxyz: (H, 3), (H, 4) end effectors as commanded: where the joints are told to be.
+        measured_xyz_world: (H, 3) as they are. q: (J,) joints as commanded, rad or m. spheres_world: (M, 4) that cover the robot.
+        fault: why it cannot move; empty when it can.
+    """
+
+    xyz_world: Array
+    wxyz: Array
+    measured_xyz_world: Array
+    q: Array = field(default_factory=lambda: np.zeros(0))
+    spheres_world: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    fault: str = ""
+
+
+class Robot(Protocol):
+    """A robot whose end effectors follow goals; used by the robot process only."""
+
+    def posture(self) -> Posture:
+        """How the robot is now; raises PosefuseError where that cannot be known."""
+        ...
+
+    def pace(self) -> float:
+        """Share of the speed limit that the robot can use now, in 0..1: less near singularities."""
+        ...
+
+    def reaches(self, goal: Goal, dt_s: float) -> bool:
+        """Prepare to be at the goal after `dt_s`; False where joints, their limits or collisions do not allow it."""
+        ...
+
+    def carry_out(self, goal: Goal, dt_s: float) -> None:
+        """Go there, as far as possible; called once per control step, after `reaches` for the same goal."""
+        ...
+
+    def close(self) -> None:
+        """Leave it standing; safe to call twice."""
+        ...

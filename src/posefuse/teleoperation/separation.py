@@ -1,0 +1,87 @@
+"""Distance between a robot and the body of the tracked operator, with what is not known of the body counted as nearer.
+
+The idea is that of speed and separation monitoring (ISO/TS 15066, ISO 13855); a camera system without a safety rating cannot
+claim either. Keypoints count as nearer by their stated standard deviation, and by what a person walks since they were measured.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+
+from .hands import BODY, BONES
+from .settings import SeparationSettings
+from .values import OperatorView
+
+_START = np.array([BODY.index(a) for a, _ in BONES])
+_END = np.array([BODY.index(b) for _, b in BONES])
+# without these nobody knows where a person is
+_TRUNK = [BODY.index(name) for name in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Body:
+    """Where each keypoint of the operator was seen last.
+
+    Attributes:
+        person_id: of the operator. xyz_world: (K, 3); NaN: never. sigma_m: (K,). seen_ns: (K,) when.
+    """
+
+    person_id: int
+    xyz_world: Array
+    sigma_m: Array
+    seen_ns: Array
+
+    @staticmethod
+    def unknown() -> Body:
+        """Nobody was seen."""
+        k = len(BODY)
+        return Body(person_id=-1, xyz_world=np.full((k, 3), np.nan), sigma_m=np.zeros(k), seen_ns=np.zeros(k, np.int64))
+
+
+def remembered(body: Body, view: OperatorView) -> Body:
+    """The body after one more view: what it measures is renewed, the rest stays where it was seen last."""
+    if view.person_id < 0:
+        return body
+    if body.person_id != view.person_id:
+        body = Body.unknown()
+    new = view.body_measured & np.isfinite(view.body_xyz_world).all(axis=1) & np.isfinite(view.body_sigma_m)
+    return Body(
+        person_id=view.person_id,
+        xyz_world=np.where(new[:, None], view.body_xyz_world, body.xyz_world),
+        sigma_m=np.where(new, view.body_sigma_m, body.sigma_m),
+        seen_ns=np.where(new, min(view.measured_ns, view.t_ns), body.seen_ns),
+    )
+
+
+def separation_m(body: Body, spheres_world: Array, now_ns: int, settings: SeparationSettings) -> float:
+    """Least distance of the robot's spheres (M, 4) and the operator's limbs; NaN where the trunk is not known."""
+    age_s = (now_ns - body.seen_ns) / 1e9
+    known = np.isfinite(body.xyz_world).all(axis=1) & (age_s <= settings.memory_s)
+    if not known[_TRUNK].all() or not len(spheres_world) or not np.isfinite(spheres_world).all():
+        return math.nan
+    grown = settings.sigmas * body.sigma_m + settings.approach_mps * np.maximum(age_s, 0.0)
+    bones = known[_START] & known[_END]
+    start, end = body.xyz_world[_START[bones]], body.xyz_world[_END[bones]]
+    radius = settings.limb_radius_m + np.maximum(grown[_START[bones]], grown[_END[bones]])
+    return float((distances_to_segments(spheres_world[:, :3], start, end) - radius - spheres_world[:, 3:]).min())
+
+
+def distances_to_segments(points: Array, start: Array, end: Array) -> Array:
+    """(M, B) distances of points (M, 3) to segments between (B, 3) and (B, 3)."""
+    along = end - start
+    length2 = np.maximum((along * along).sum(axis=1), 1e-12)
+    share = np.clip((points @ along.T - (start * along).sum(axis=1)) / length2, 0.0, 1.0)
+    nearest = start[None] + share[..., None] * along[None]
+    return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=-1))
+
+
+def speed_share(distance_m: float, settings: SeparationSettings) -> float:
+    """Share of the speed limit at a distance: 1 from `slow_m` on, 0 up to `stop_m` and where it is not known."""
+    if math.isnan(distance_m):
+        return 0.0
+    return min(1.0, max(0.0, (distance_m - settings.stop_m) / (settings.slow_m - settings.stop_m)))

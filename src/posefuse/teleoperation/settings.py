@@ -1,0 +1,155 @@
+"""What a user may set about teleoperation. Every limit is a field with its unit and where its default comes from."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le
+
+from posefuse.foundation.settings import settings
+
+Positive = Annotated[float, Gt(0)]
+NotNegative = Annotated[float, Ge(0)]
+Corner = tuple[float, float, float]
+
+
+@settings
+class MappingSettings:
+    """From the hand to the target.
+
+    Attributes:
+        scale: metres of the target per metre of the hand.
+        turn_deg: the robot's axes against the operator's, about the vertical: 0 moves the target as the hand moves in the
+            world, 180 suits an operator who faces the robot and wants it as in a mirror's place.
+        orientation: ``none`` keeps the orientation of the end effector; ``forearm`` turns it as the forearm turns.
+        lead_m: the target is never farther than this ahead of what the robot was told, so that nothing winds up.
+    """
+
+    scale: Annotated[float, Gt(0), Le(10)] = 1.0
+    turn_deg: float = 0.0
+    orientation: Literal["none", "forearm"] = "none"
+    lead_m: Positive = 0.15
+
+
+@settings
+class LimitSettings:
+    """What the robot may do, whatever it is told.
+
+    Attributes:
+        speed_mps, acceleration_mps2, jerk_mps3: of an end effector. Braking uses the same acceleration without the jerk limit.
+        turn_rate_radps, turn_acceleration_radps2, turn_jerk_radps3: of its orientation.
+        box_low_m, box_high_m: corners of the workspace of every end effector, world axes.
+        joint_margin_rad: joints stay so far from their limits (MoveIt Servo's default).
+        joint_speed_radps, base_speed_mps: of every joint, and of the mobile base.
+        slow_condition, stop_condition: condition number of the Jacobian where motions towards a singularity slow down, and
+            where they stop (MoveIt Servo's defaults).
+        collision_m: distance that the robot keeps between its own bodies, and from the floor.
+    """
+
+    speed_mps: Positive = 0.5
+    acceleration_mps2: Positive = 2.5
+    jerk_mps3: Positive = 60.0
+    turn_rate_radps: Positive = 1.0
+    turn_acceleration_radps2: Positive = 5.0
+    turn_jerk_radps3: Positive = 120.0
+    box_low_m: Corner = (-10.0, -10.0, 0.05)
+    box_high_m: Corner = (10.0, 10.0, 2.0)
+    joint_margin_rad: NotNegative = 0.1
+    joint_speed_radps: Positive = 2.5
+    base_speed_mps: Positive = 0.3
+    slow_condition: Positive = 17.0
+    stop_condition: Positive = 30.0
+    collision_m: NotNegative = 0.02
+
+
+@settings
+class SeparationSettings:
+    """Distance between the robot and the operator's own tracked body.
+
+    Attributes:
+        slow_m, stop_m: the speed limit falls linearly between them, to nothing.
+        limb_radius_m: bones of the skeleton count as capsules of this radius.
+        sigmas: so many standard deviations of a keypoint count as nearer.
+        approach_mps: a person may have come nearer at this speed since the pose was measured (ISO 13855: 1.6 m/s).
+        memory_s: a limb that is not seen stands where it was seen last, and comes nearer at that speed, for so long.
+    """
+
+    slow_m: Positive = 0.8
+    stop_m: Positive = 0.4
+    limb_radius_m: NotNegative = 0.08
+    sigmas: NotNegative = 2.0
+    approach_mps: NotNegative = 1.6
+    memory_s: Positive = 2.0
+
+
+@settings
+class GateSettings:
+    """When the robot may follow the hand.
+
+    Attributes:
+        heartbeat_s: without a heartbeat of the dead-man's switch for so long: HOLD.
+        beats_to_engage: so many heartbeats in a row before a press counts.
+        pose_age_s: the newest measurement of the hand may be so old.
+        predicted_s: the hand may have no new measurement for so long.
+        slow_sigma_m, hold_sigma_m: stated standard deviation of the hand in its worst direction: the speed limit falls linearly
+            between them, then HOLD.
+        least_views, full_views: cameras that see the hand: fewer than the first is HOLD, fewer than the second half speed.
+        least_cameras: of healthy cameras. health_s: the newest report of the cameras may be so old.
+        hand_speed_mps: a hand that moved faster than this has not moved, it is another measurement: rejected, HOLD.
+        hand_step_m: a step so small is never rejected.
+        hands_apart_m: left and right wrist nearer than this can be mistaken for each other: HOLD.
+        forearm_share: length of the forearm may differ so much from its running mean, else left and right are in doubt.
+        settle_s: everything must be in order for so long before the robot moves (again).
+        reengage_s: whatever is lost for longer needs a new press.
+        robot_age_s: the newest state of the robot may be so old.
+        standing_mps: a robot slower than this stands.
+    """
+
+    heartbeat_s: Positive = 0.1
+    beats_to_engage: Annotated[int, Ge(1)] = 3
+    pose_age_s: Positive = 0.12
+    predicted_s: Positive = 0.1
+    slow_sigma_m: Positive = 0.03
+    hold_sigma_m: Positive = 0.06
+    least_views: Annotated[int, Ge(1)] = 2
+    full_views: Annotated[int, Ge(1)] = 3
+    least_cameras: Annotated[int, Ge(1)] = 2
+    health_s: Positive = 1.0
+    hand_speed_mps: Positive = 3.0
+    hand_step_m: Positive = 0.03
+    hands_apart_m: NotNegative = 0.1
+    forearm_share: Positive = 0.35
+    settle_s: Positive = 0.1
+    reengage_s: Positive = 0.5
+    robot_age_s: Positive = 0.1
+    standing_mps: Positive = 1e-3
+
+
+@settings
+class RobotSettings:
+    """The robot's side.
+
+    Attributes:
+        rate_hz: control rate. watchdog_s: without an order for so long the robot stops by itself.
+        position_xy_m, heading_deg: where the robot's base frame lies in the world of the rig.
+        shared: the robot is in the operator's room. False switches the separation off: say it only of a robot elsewhere.
+    """
+
+    rate_hz: Annotated[float, Ge(20), Le(1000)] = 100.0
+    watchdog_s: Positive = 0.06
+    position_xy_m: tuple[float, float] = (0.0, 0.0)
+    heading_deg: float = 0.0
+    shared: bool = True
+
+
+@settings
+class TeleoperationSettings:
+    """Everything about teleoperation. hands: which ones, in the order of the robot's frames."""
+
+    hands: tuple[Literal["left", "right"], ...] = ("right",)
+    mapping: MappingSettings = field(default_factory=MappingSettings)
+    gate: GateSettings = field(default_factory=GateSettings)
+    separation: SeparationSettings = field(default_factory=SeparationSettings)
+    limits: LimitSettings = field(default_factory=LimitSettings)
+    robot: RobotSettings = field(default_factory=RobotSettings)

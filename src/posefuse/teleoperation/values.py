@@ -1,0 +1,159 @@
+"""What travels between the operator's side and the robot's side. Axis H: hands, in the order of the settings.
+
+Times are ns of `time.monotonic_ns`, one clock for all processes of a machine.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from posefuse.core.arrays import Array, check_fields, freeze_fields
+
+
+def all_finite(*arrays: Array) -> bool:
+    """Whether no number is NaN or infinite: a sum shows it, in a fraction of the time. Sums that overflow count as infinite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return all(math.isfinite(float(array.sum())) for array in arrays)
+
+
+class Phase(StrEnum):
+    """State of the gate."""
+
+    IDLE = "idle"  # something is missing, or the dead-man's switch must be let go first
+    READY = "ready"  # a press engages
+    ENGAGED = "engaged"  # the robot follows
+    HOLD = "hold"  # the robot stands; goes on by itself when all is well again soon
+    STOPPED = "stopped"  # a fault of the robot or an emergency stop; only a reset leaves it
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Order:
+    """What the operator's side tells the robot's side, about 100 times a second.
+
+    Attributes:
+        seq: counts orders. sent_ns: when it was sent. phase: the robot moves in ENGAGED only, in every other it brakes.
+        xyz_world, wxyz: (H, 3), (H, 4) target pose of each end effector. speed_mps: limit for all of them, at least 0.
+        grip: (H,) bool, close the gripper. measured_ns: mid-exposure of the newest image behind the target; 0: none.
+        reason: why it does not move at full speed, for people.
+    """
+
+    seq: int
+    sent_ns: int
+    phase: Phase
+    xyz_world: Array
+    wxyz: Array
+    speed_mps: float
+    grip: Array
+    measured_ns: int = 0
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, {"xyz_world": np.float64, "wxyz": np.float64, "grip": np.bool_})
+        check_fields(self, {"xyz_world": "H 3", "wxyz": "H 4", "grip": "H"})
+
+    @property
+    def usable(self) -> bool:
+        """Whether all numbers are finite and the quaternions of length 1; checked again by the receiver."""
+        finite = all_finite(self.xyz_world, self.wxyz) and math.isfinite(self.speed_mps)
+        return finite and self.speed_mps >= 0 and bool(np.abs((self.wxyz * self.wxyz).sum(axis=1) - 1).max() < 1e-3)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobotState:
+    """What the robot's side answers, once per control step.
+
+    Attributes:
+        sent_ns: when. xyz_world, wxyz: (H, 3), (H, 4) end effectors as commanded. velocity_world: (H, 3) of them.
+        measured_xyz_world: (H, 3) end effectors as they are. q_rad: (J,) joints as commanded (base: metres).
+        spheres_world: (M, 4) centre and radius of spheres that cover the robot. fault: why it cannot move; empty when it can.
+        order_seq: of the order that was carried out last. order_measured_ns: its `measured_ns`. late: control steps that were.
+        limited: what the robot's side slows down or stops for, for people.
+    """
+
+    sent_ns: int
+    xyz_world: Array
+    wxyz: Array
+    velocity_world: Array
+    measured_xyz_world: Array
+    q_rad: Array
+    spheres_world: Array
+    fault: str = ""
+    order_seq: int = -1
+    order_measured_ns: int = 0
+    late: int = 0
+    limited: str = ""
+
+    def __post_init__(self) -> None:
+        names = ("xyz_world", "wxyz", "velocity_world", "measured_xyz_world", "q_rad", "spheres_world")
+        freeze_fields(self, dict.fromkeys(names, np.float64))
+        check_fields(
+            self,
+            {
+                "xyz_world": "H 3",
+                "wxyz": "H 4",
+                "velocity_world": "H 3",
+                "measured_xyz_world": "H 3",
+                "q_rad": "J",
+                "spheres_world": "M 4",
+            },
+        )
+
+    @property
+    def usable(self) -> bool:
+        """Whether the numbers that the operator's side relies on are finite."""
+        return all_finite(self.xyz_world, self.wxyz, self.velocity_world, self.spheres_world)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OperatorView:
+    """The operator as the newest pose shows them.
+
+    Attributes:
+        t_ns: what time the pose is for. measured_ns: mid-exposure of the newest image in it. person_id: -1: nobody there.
+        xyz_world: (H, 3) the hands; NaN where missing. sigma_m: (H,) standard deviation in the worst direction.
+        views: (H,) cameras that saw the hand lately. measured: (H,) bool, False: only predicted.
+        rotation_world: (H, 3, 3) forearm frames; NaN where undefined.
+        other_xyz_world: (H, 3) the wrist of the other arm. forearm_m: (H,) distance of elbow and wrist.
+        body_xyz_world: (K, 3) keypoints. body_sigma_m: (K,). body_measured: (K,) bool.
+        gesture: the other hand is raised above its shoulder.
+    """
+
+    t_ns: int
+    measured_ns: int
+    person_id: int
+    xyz_world: Array
+    sigma_m: Array
+    views: Array
+    measured: Array
+    rotation_world: Array
+    other_xyz_world: Array
+    forearm_m: Array
+    body_xyz_world: Array
+    body_sigma_m: Array
+    body_measured: Array
+    gesture: bool = False
+
+    def __post_init__(self) -> None:
+        floats = ("xyz_world", "sigma_m", "rotation_world", "other_xyz_world", "forearm_m", "body_xyz_world", "body_sigma_m")
+        freeze_fields(
+            self, dict.fromkeys(floats, np.float64) | {"views": np.int64, "measured": np.bool_, "body_measured": np.bool_}
+        )
+        check_fields(
+            self,
+            {
+                "xyz_world": "H 3",
+                "sigma_m": "H",
+                "views": "H",
+                "measured": "H",
+                "rotation_world": "H 3 3",
+                "other_xyz_world": "H 3",
+                "forearm_m": "H",
+                "body_xyz_world": "K 3",
+                "body_sigma_m": "K",
+                "body_measured": "K",
+            },
+        )

@@ -1,0 +1,90 @@
+"""The robot's side stops by itself, and hears only what is new, whole and in time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.teleoperation.rehearsal.robot import ExactRobot
+from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import Order, Phase
+
+SETTINGS = TeleoperationSettings()
+TICK_NS = 10_000_000
+
+
+def order(seq, now_ns, x=1.0, **changes):
+    made = Order(
+        seq=seq,
+        sent_ns=now_ns,
+        phase=Phase.ENGAGED,
+        xyz_world=np.array([[x, 0.0, 0.8]]),
+        wxyz=np.array([[1.0, 0, 0, 0]]),
+        speed_mps=0.5,
+        grip=np.array([False]),
+    )
+    return replace(made, **changes)
+
+
+def moving(steps=60):
+    driver, now_ns = Driver(ExactRobot([0.0, 0.0, 0.8]), SETTINGS), 10**12
+    for k in range(steps):
+        now_ns += TICK_NS
+        driver.step([order(k, now_ns)], now_ns)
+    assert np.linalg.norm(driver.follower.velocity) == pytest.approx(0.5, abs=1e-6)
+    return driver, now_ns, steps
+
+
+def seconds_to_stand(driver, now_ns, orders=lambda k, now_ns: [], link=True):
+    for k in range(100):
+        now_ns += TICK_NS
+        driver.step(orders(k, now_ns), now_ns, link=link)
+        if driver.follower.stands:
+            return (k + 1) * 0.01
+    return float("inf")
+
+
+def test_silence_stops_the_robot_within_the_promised_time():
+    driver, now_ns, _ = moving()
+    assert seconds_to_stand(driver, now_ns) <= 0.35
+    driver, now_ns, _ = moving()
+    assert seconds_to_stand(driver, now_ns, link=False) <= 0.25
+
+
+WRONG = {
+    "repeated": lambda k, now_ns: order(5, now_ns),
+    "old": lambda k, now_ns: order(1000 + k, now_ns - 61_000_000),
+    "from the future": lambda k, now_ns: order(1000 + k, now_ns + 3600 * 10**9),
+    "NaN": lambda k, now_ns: order(1000 + k, now_ns, x=np.nan),
+    "infinite speed": lambda k, now_ns: order(1000 + k, now_ns, speed_mps=np.inf),
+    "negative speed": lambda k, now_ns: order(1000 + k, now_ns, speed_mps=-1.0),
+    "no rotation": lambda k, now_ns: order(1000 + k, now_ns, wxyz=np.zeros((1, 4))),
+    "two hands": lambda k, now_ns: order(
+        1000 + k, now_ns, xyz_world=np.zeros((2, 3)), wxyz=np.tile([1.0, 0, 0, 0], (2, 1)), grip=[False] * 2
+    ),
+    "hold": lambda k, now_ns: order(1000 + k, now_ns, phase=Phase.HOLD),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_orders_that_do_not_count_stop_the_robot(what):
+    driver, now_ns, _ = moving()
+    assert seconds_to_stand(driver, now_ns, lambda k, t: [WRONG[what](k, t)]) <= 0.35
+
+
+def test_good_orders_go_on():
+    driver, now_ns, seq = moving()
+    assert seconds_to_stand(driver, now_ns, lambda k, t: [order(seq + k, t, x=100.0)]) == float("inf")
+
+
+def test_the_orientation_turns_within_its_limits():
+    driver, now_ns = Driver(ExactRobot([0.0, 0.0, 0.8]), SETTINGS), 10**12
+    half = np.array([[np.cos(0.6), 0.0, 0.0, np.sin(0.6)]])
+    rates = []
+    for k in range(300):
+        now_ns += TICK_NS
+        driver.step([order(k, now_ns, x=0.0, wxyz=half)], now_ns)
+        rates.append(driver.follower.turn_rate[0, 2])
+    assert max(rates) <= 1.0 + 1e-9 and np.abs(np.diff(rates)).max() <= 5.0 * 0.01 + 1e-9
+    assert np.abs(driver.follower.wxyz - half).max() < 2e-3

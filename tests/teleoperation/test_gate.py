@@ -1,0 +1,174 @@
+"""What makes the robot hold, one cause at a time, and what lets it go on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.teleoperation.gate import CameraReport
+from posefuse.teleoperation.heartbeats import Beat
+from posefuse.teleoperation.operator import News, Operator, step
+from posefuse.teleoperation.rehearsal.person import person_view
+from posefuse.teleoperation.rehearsal.robot import ExactRobot
+from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import Phase
+
+SETTINGS = TeleoperationSettings()
+HAND = np.array([0.3, -0.25, 1.1])
+TICK_NS = 10_000_000
+
+
+class Run:
+    """Operator and robot step by step; `change` alters what the operator's side is given."""
+
+    def __init__(self, settings=SETTINGS):
+        self.settings, self.now_ns, self.seq = settings, 10**12, 0
+        self.robot = ExactRobot([2.0, 0.0, 0.8])
+        self.driver = Driver(self.robot, settings)
+        self.state, self.operator, self.order = self.driver.state(self.now_ns), Operator(), None
+
+    def tick(self, times=1, *, held=True, change=lambda news: news, hand=HAND, **view):
+        for _ in range(times):
+            self.now_ns, self.seq = self.now_ns + TICK_NS, self.seq + 1
+            # a hand never stands to the last bit
+            seen = replace(person_view(hand + 1e-5 * np.sin(self.seq), self.now_ns - TICK_NS), **view)
+            beats = (Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ()
+            cameras = CameraReport(t_ns=self.now_ns, healthy=4, total=4)
+            news = change(News(view=seen, beats=beats, cameras=cameras, robot=self.state))
+            self.operator, self.order = step(self.operator, news, self.now_ns, self.settings)
+            self.state = self.driver.step([self.order] if self.order else [], self.now_ns)
+        return self.phase
+
+    @property
+    def phase(self):
+        return self.operator.gate.phase
+
+    def engaged(self):
+        assert self.tick(30, held=False) is Phase.READY
+        assert self.tick(10) is Phase.ENGAGED
+        return self
+
+
+def test_engaging_needs_a_switch_that_was_let_go_first():
+    run = Run()
+    assert run.tick(40) is Phase.IDLE
+    assert "let the switch go" in run.operator.gate.reason
+    assert run.tick(15, held=False) is Phase.READY
+    assert run.tick(1) is Phase.READY  # one beat is no press
+    assert run.tick(3) is Phase.ENGAGED
+
+
+CAUSES = {
+    "switch let go": {"held": False},
+    "nobody": {"person_id": -1},
+    "another person": {"person_id": 2},
+    "NaN": {"xyz_world": np.full((1, 3), np.nan)},
+    "infinite": {"xyz_world": np.array([[np.inf, 0, 0]])},
+    "unsure": {"sigma_m": np.array([0.061])},
+    "no uncertainty": {"sigma_m": np.array([np.nan])},
+    "predicted": {"measured": np.array([False])},
+    "one camera": {"views": np.array([1])},
+    "hands together": {"other_xyz_world": HAND[None] + 0.02},
+    "other hand missing": {"other_xyz_world": np.full((1, 3), np.nan)},
+    "forearm of another length": {"forearm_m": np.array([0.4])},
+    "jump": {"hand": HAND + [0.3, 0, 0]},
+    "near the robot": {"body_xyz_world": np.full((17, 3), [1.6, 0.0, 0.8])},
+    "no cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=1))},
+    "more cameras than there are": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=5))},
+    "not finite robot": {"change": lambda news: replace(news, robot=replace(news.robot, xyz_world=np.full((1, 3), np.nan)))},
+}
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_every_cause_holds_at_once_and_less_than_half_a_second_goes_on_by_itself(cause):
+    run = Run().engaged()
+    # two ticks for the switch, which is let go once no beat has come for a tenth of a second
+    assert run.tick(12 if cause == "switch let go" else 1, **CAUSES[cause]) is Phase.HOLD
+    assert run.order.speed_mps == 0.0 and run.operator.gate.reason
+    assert run.tick(45) is Phase.ENGAGED
+
+
+# letting go for so long is the way to a new press, and a hand that stays elsewhere is measured well there
+@pytest.mark.parametrize("cause", sorted({*CAUSES} - {"switch let go", "jump"}))
+def test_more_than_half_a_second_needs_a_new_press(cause):
+    run = Run().engaged()
+    run.tick(70, **CAUSES[cause])
+    assert run.tick(60) is Phase.IDLE
+    run.tick(20, held=False)
+    assert run.tick(10) is Phase.ENGAGED
+
+
+def test_what_stops_coming_holds_when_it_is_too_old():
+    for missing, longest in (("view", 13), ("cameras", 101), ("robot", 11)):
+        run = Run().engaged()
+        run.tick(longest, change=lambda news, name=missing: replace(news, **{name: None}))
+        assert run.phase is Phase.HOLD, missing
+        run.tick(60, change=lambda news, name=missing: replace(news, **{name: None}))
+        assert run.phase is Phase.IDLE, missing
+
+
+def test_the_clock_may_neither_stall_nor_go_back():
+    for jump_ns in (-1, 200_000_000, 3600 * 10**9):
+        run = Run().engaged()
+        run.now_ns += jump_ns - TICK_NS
+        assert run.tick() is not Phase.ENGAGED
+
+
+def test_poses_that_repeat_to_the_last_bit_are_frozen():
+    run = Run().engaged()
+    assert run.tick(11, xyz_world=HAND[None]) is Phase.ENGAGED
+    assert run.tick(3, xyz_world=HAND[None]) is Phase.HOLD
+    assert "frozen" in run.operator.gate.reason
+
+
+def test_doubt_slows_before_it_stops():
+    run = Run().engaged()
+    run.tick(sigma_m=np.array([0.045]))
+    assert run.phase is Phase.ENGAGED and run.order.speed_mps == pytest.approx(0.25)
+    run.tick(views=np.array([2]))
+    assert run.order.speed_mps == pytest.approx(0.25)
+    run.tick(change=lambda news: replace(news, cameras=replace(news.cameras, healthy=3)))
+    assert run.order.speed_mps == pytest.approx(0.375)
+    run.tick()
+    assert run.order.speed_mps == pytest.approx(0.5)
+
+
+def test_a_hand_that_was_elsewhere_meanwhile_moves_nothing_when_it_goes_on():
+    run = Run().engaged()
+    stood = run.state.xyz_world
+    run.tick(3, hand=HAND + [0.3, 0, 0])
+    assert run.tick(40, hand=HAND + [0.3, 0, 0]) is Phase.ENGAGED
+    assert np.abs(run.state.xyz_world - stood).max() < 1e-3
+
+
+def test_faults_and_the_emergency_stop_are_left_by_a_reset_only():
+    for fault in (
+        lambda news: replace(news, emergency=True),
+        lambda news: replace(news, robot=replace(news.robot, fault="brake")),
+    ):
+        run = Run().engaged()
+        assert run.tick(change=fault) is Phase.STOPPED
+        assert run.tick(30, held=False) is Phase.STOPPED
+        assert run.tick(5, change=lambda news: replace(news, reset=True)) is Phase.STOPPED  # held
+        run.tick(20, held=False)
+        assert run.tick(held=False, change=lambda news: replace(news, reset=True)) is Phase.IDLE
+        run.tick(20, held=False)
+        assert run.tick(10) is Phase.ENGAGED
+
+
+@pytest.mark.parametrize("wrong", ["duplicate", "late", "future", "backward"])
+def test_heartbeats_that_do_not_count(wrong):
+    run = Run().engaged()
+    seq, sent_ns = run.seq, run.now_ns
+
+    def beats(news):
+        fake = {
+            "duplicate": Beat(seq=seq, sent_ns=run.now_ns),
+            "late": Beat(seq=run.seq, sent_ns=run.now_ns - 101_000_000),
+            "future": Beat(seq=run.seq, sent_ns=run.now_ns + 1_000_000),
+            "backward": Beat(seq=run.seq, sent_ns=sent_ns - 1),
+        }[wrong]
+        return replace(news, beats=(fake,))
+
+    assert run.tick(12, change=beats) is Phase.HOLD

@@ -1,0 +1,101 @@
+"""The limits hold whatever the target does, and a motion within them passes unchanged."""
+
+import numpy as np
+import pytest
+
+from posefuse.teleoperation.limits import Bounds, Motion, brake, follow, norm
+
+DT_S = 0.01
+BOUNDS = Bounds(speed=0.5, acceleration=2.5, jerk=60.0, low=(-0.3, -0.2, -0.1), high=(0.3, 0.2, 0.15))
+OPEN = Bounds(speed=0.5, acceleration=2.5, jerk=60.0)
+
+
+def followed(targets, bounds=OPEN, speed=0.5):
+    motion, positions = Motion(position=tuple(targets[0])), []
+    for target in targets:
+        motion = follow(motion, tuple(target), bounds, speed, DT_S)
+        positions.append(motion.position)
+    return np.array(positions)
+
+
+def rates(xyz):
+    velocity = np.diff(xyz, axis=0) / DT_S
+    return velocity, np.diff(velocity, axis=0) / DT_S
+
+
+def smooth(speed_mps, period_s=4.0, seconds=10.0):
+    t_s = np.arange(0, seconds, DT_S)
+    ease = np.clip(t_s / 2, 0, 1) ** 3 * (10 - 15 * np.clip(t_s / 2, 0, 1) + 6 * np.clip(t_s / 2, 0, 1) ** 2)
+    reach = speed_mps * period_s / (2 * np.pi)
+    return np.stack([reach * ease * np.sin(2 * np.pi * t_s / period_s), 0.2 * reach * ease, 0 * t_s], axis=1)
+
+
+def test_a_motion_within_the_limits_passes_unchanged():
+    targets = smooth(0.3)
+    assert np.abs(followed(targets) - targets).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_targets_speed_limits_and_brakes_break_no_limit(seed):
+    rng = np.random.default_rng(seed)
+    motion, speed, target = Motion(), 0.5, np.zeros(3)
+    low, high = np.array(BOUNDS.low), np.array(BOUNDS.high)
+    for _ in range(2500):
+        if rng.random() < 0.1:
+            target = rng.normal(size=3) * 10.0 ** rng.uniform(-3, 1)
+        if rng.random() < 0.05:
+            speed = rng.uniform(0, 0.5) * (rng.random() < 0.8)
+        dt_s = rng.uniform(0.002, 0.02)
+        before = motion
+        motion = brake(motion, BOUNDS, dt_s) if rng.random() < 0.2 else follow(motion, tuple(target), BOUNDS, speed, dt_s)
+        change = np.subtract(motion.velocity, before.velocity)
+        assert np.linalg.norm(change) <= BOUNDS.acceleration * dt_s * (1 + 1e-9)
+        # a limit that was lowered below the speed is reached by braking on
+        assert motion.speed <= max(speed, before.speed - BOUNDS.acceleration * dt_s / np.sqrt(3)) + 1e-9
+        assert (low <= np.array(motion.position)).all() and (np.array(motion.position) <= high).all()
+
+
+def test_without_the_walls_the_same_motion_leaves_the_box():
+    rng = np.random.default_rng(0)
+    targets = rng.normal(size=(500, 3))
+    assert np.abs(followed(targets)).max() > 0.35 > np.abs(followed(np.vstack([np.zeros(3), targets]), BOUNDS)).max()
+
+
+def test_a_jump_is_met_without_overshoot_and_within_the_jerk_limit():
+    targets = np.zeros((300, 3))
+    targets[20:, 0] = 0.3
+    xyz = followed(targets)
+    velocity, acceleration = rates(xyz)
+    jerk = np.diff(acceleration, axis=0) / DT_S
+    assert xyz[:, 0].max() < 0.3005 and abs(xyz[-1, 0] - 0.3) < 1e-3
+    assert np.linalg.norm(velocity, axis=1).max() <= 0.5 + 1e-9
+    # braking near the target keeps the jerk limit too; the guard of the walls does not come in here
+    assert np.abs(jerk).max() <= 60.0 * (1 + 1e-6)
+
+
+def test_a_target_that_is_too_fast_is_followed_at_the_limit_and_not_overshot():
+    targets = np.stack([np.clip((np.arange(300) - 20) * 0.01, 0, 0.8), np.zeros(300), np.zeros(300)], axis=1)
+    xyz = followed(targets)
+    assert xyz[:, 0].max() < 0.8005 and abs(xyz[-1, 0] - 0.8) < 2e-3
+
+
+def test_noise_at_rest_is_not_made_larger():
+    rng = np.random.default_rng(1)
+    noise = 0.002 * rng.normal(size=(1500, 3))
+    for k in range(1, len(noise)):
+        noise[k] = 0.7 * noise[k - 1] + 0.71 * noise[k]
+    assert followed(noise).std(axis=0).max() < noise.std(axis=0).max()
+
+
+def test_turned_axes_change_nothing_without_walls():
+    rng = np.random.default_rng(2)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    targets = np.cumsum(0.01 * rng.normal(size=(400, 3)), axis=0)
+    assert np.abs(followed(targets @ turn.T) - followed(targets) @ turn.T).max() < 1e-9
+
+
+def test_braking_takes_the_time_that_the_acceleration_needs():
+    motion, steps = Motion(velocity=(0.3, 0.4, 0.0)), 0
+    while motion.speed > 1e-9:
+        motion, steps = brake(motion, OPEN, DT_S), steps + 1
+    assert steps == 20 and norm(motion.position) <= 0.5**2 / (2 * 2.5)

@@ -1,0 +1,164 @@
+"""The simulated robot: inverse kinematics against MuJoCo's own kinematics, limits of its joints, and no step when it engages."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+pytest.importorskip("daqp")
+
+from posefuse.core import ConfigError
+from posefuse.teleoperation.robots.mobile_manipulator import mobile_manipulator
+from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, placed, read_model
+from posefuse.teleoperation.robots.protocol import Goal
+from posefuse.teleoperation.settings import LimitSettings
+
+LIMITS = LimitSettings()
+DT_S = 0.01
+
+
+def robot(hands=("right",), place=None):
+    return MujocoRobot(read_model(None, hands), [f"{side}_hand" for side in hands], LIMITS, place)
+
+
+def drive(made, xyz, wxyz=None, stands=False):
+    wxyz = made.posture().wxyz if wxyz is None else wxyz
+    goal = Goal(
+        xyz_world=np.atleast_2d(xyz),
+        wxyz=wxyz,
+        velocity_world=np.zeros((len(wxyz), 3)),
+        turn_rate_world=np.zeros((len(wxyz), 3)),
+        grip=np.zeros(len(wxyz), bool),
+        stands=stands,
+    )
+    reached = made.reaches(goal, DT_S)
+    made.carry_out(goal, DT_S)
+    return reached
+
+
+def test_jacobians_agree_with_finite_differences():
+    chain = robot().ik.chain
+    rng = np.random.default_rng(0)
+    q = chain.home + 0.2 * rng.normal(size=len(chain.home))
+    chain.place(q)
+    jacobian = chain.jacobians()[0][:3]
+    numeric = []
+    for step in 1e-6 * np.eye(len(q)):
+        chain.place(q + step)
+        ahead = chain.end_effector(0)[0]
+        chain.place(q - step)
+        numeric.append((ahead - chain.end_effector(0)[0]) / 2e-6)
+    assert jacobian == pytest.approx(np.array(numeric).T, abs=1e-6)
+
+
+def test_a_path_is_followed_by_joints_within_their_limits():
+    made = robot(place=placed((2.0, 1.0), 30.0))
+    start, wxyz, q = made.posture().xyz_world, made.posture().wxyz, made.posture().q
+    errors, steps = [], []
+    for k in range(400):
+        t = k * DT_S
+        ease = min(1.0, t / 2) ** 2
+        drive(made, start + ease * np.array([[0.15 * np.sin(1.5 * t), 0.2 * np.sin(t), 0.1 * np.sin(2 * t)]]), wxyz)
+        after = made.posture()
+        errors.append(made.ik.error_m)
+        steps.append(np.abs(after.q - q).max())
+        q = after.q
+    assert max(errors) < 2e-3 and max(steps) <= LIMITS.joint_speed_radps * DT_S + 1e-9
+    # the physics follow the commanded joints; 0.3 m/s here
+    assert np.linalg.norm(made.posture().measured_xyz_world - made.posture().xyz_world) < 5e-3
+
+
+def test_the_arm_moves_first_and_the_base_when_it_is_stretched():
+    made = robot()
+    start = made.posture().xyz_world
+    for k in range(100):
+        drive(made, start + [[0.001 * k, 0, 0]])
+    assert np.abs(made.ik.q[:3]).max() < 1e-9
+    reached = [drive(made, start + [[0.1 + 0.002 * k, 0, 0]]) for k in range(600)]
+    assert all(reached) and made.ik.q[0] > 0.5
+
+
+def test_what_cannot_be_reached_is_said_and_joint_limits_are_kept():
+    made = robot()
+    start, chain = made.posture().xyz_world, made.ik.chain
+    reached = [drive(made, start + [[0, 0, 0.003 * k]]) for k in range(400)]
+    assert reached[0] and not reached[-1]
+    inside = (made.ik.q >= chain.low + LIMITS.joint_margin_rad - 1e-9) & (
+        made.ik.q <= chain.high - LIMITS.joint_margin_rad + 1e-9
+    )
+    assert inside[chain.arm].all()
+
+
+def test_the_arm_does_not_go_into_its_own_base_or_the_floor():
+    made = robot()
+    start = made.posture().xyz_world
+    for way in ([-0.003, 0, -0.002], [0, 0, -0.004]):
+        made = robot()
+        for k in range(250):
+            drive(made, start + k * np.array([way]))
+            made.data.ncon == 0 or pytest.fail(f"contact on the way {way}")
+
+
+def test_standing_is_standing_to_the_last_bit():
+    made = robot()
+    q = made.posture().q.copy()
+    for _ in range(50):
+        drive(made, made.posture().xyz_world, stands=True)
+    assert np.array_equal(made.posture().q, q)
+    assert np.linalg.norm(made.posture().measured_xyz_world - made.posture().xyz_world) < 1e-3
+
+
+def test_two_arms_share_a_base():
+    made = robot(("right", "left"))
+    start = made.posture().xyz_world
+    for k in range(150):
+        assert drive(made, start + 0.0008 * k * np.array([[1.0, -0.3, 0.2], [1.0, 0.3, -0.1]]))
+    assert np.abs(made.posture().xyz_world - start).max() > 0.1 and made.ik.error_m < 2e-3
+
+
+def test_spheres_cover_every_geom():
+    import mujoco
+
+    made = robot()
+    spheres, model, data = made.posture().spheres_world, made.model, made.data
+    rng = np.random.default_rng(0)
+    for g in range(model.ngeom):
+        if int(model.geom_bodyid[g]) not in made.ik.chain.bodies:
+            continue
+        size = model.geom_size[g]
+        if int(model.geom_type[g]) == int(mujoco.mjtGeom.mjGEOM_BOX):
+            local = rng.choice([-1, 1], size=(40, 3)) * size
+        else:
+            turn = rng.uniform(0, 2 * np.pi, 40)
+            local = np.stack([size[0] * np.cos(turn), size[0] * np.sin(turn), rng.uniform(-1, 1, 40) * size[1]], axis=1)
+        surface = data.geom_xpos[g] + local @ data.geom_xmat[g].reshape(3, 3).T
+        inside = np.linalg.norm(surface[:, None] - spheres[None, :, :3], axis=-1) <= spheres[None, :, 3] + 1e-6
+        assert inside.any(axis=1).all(), model.geom(g).name
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("right_hand", "tool"), "no site 'right_hand'"),
+        (('<position name="right_j3"', '<motor name="right_j3"'), "not a usable MJCF"),
+        (
+            ('<position name="right_j3" joint="right_j3" kp="5000" dampratio="1"/>', '<motor joint="right_j3"/>'),
+            "expected <position>",
+        ),
+        (('<position name="right_j3" joint="right_j3" kp="5000" dampratio="1"/>', ""), "has no actuator"),
+    ],
+)
+def test_a_model_that_cannot_be_driven_is_refused_in_one_line(tmp_path, change, words):
+    file = tmp_path / "robot.xml"
+    text = mobile_manipulator().replace(*change)
+    file.write_text(text[: text.index("<keyframe>")] + "</mujoco>")
+    with pytest.raises(ConfigError, match=words) as refused:
+        MujocoRobot(read_model(file, ("right",)), ["right_hand"], LIMITS)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_base_that_floats_is_refused(tmp_path):
+    file = tmp_path / "robot.xml"
+    body = '<body><freejoint/><geom size="0.1"/><site name="right_hand"/></body>'
+    file.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    with pytest.raises(ConfigError, match="free base"):
+        MujocoRobot(read_model(file, ("right",)), ["right_hand"], LIMITS)
