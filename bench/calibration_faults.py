@@ -1,9 +1,12 @@
 """Constructed faults of calibrations: is each refused by its right name, and is no good session refused?
 
-Run: python bench/calibration_faults.py [--seeds 0 1 2] [--quick] [--only TEXT] [--page FILE] [--words]
+Run: python bench/calibration_faults.py [--seeds 0 1 2] [--quick] [--only TEXT] [--page FILE] [--words] [--keep DIR [--for-s S]]
 
 Every case runs for every seed; the same seed makes the same session. `--quick` runs one seed of a few cases of each group.
 `--words` prints what was said. JSON goes to stdout, the table to stderr and, on request, to a page.
+
+`--keep DIR` keeps each answer in a file; runs that are there are not run again, and several processes may share DIR. `--for-s` begins
+no run after so many seconds, and writes the page of what is there.
 """
 
 from __future__ import annotations
@@ -12,9 +15,9 @@ import argparse
 import json
 import os
 import sys
+import tempfile
 import time
 import warnings
-from collections import Counter
 from pathlib import Path
 
 # one core: many small solves gain nothing from more
@@ -23,35 +26,29 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from faults import command_cases, file_cases, good_sessions, person_cases, prop_cases, verify_cases  # noqa: E402
 from faults.page import page  # noqa: E402
-from faults.verdict import ACCEPTED, REFUSED, Answer, Case, GoodSession, verdict  # noqa: E402
+from faults.runs import Outcome, Run, carry_out_once, give_up_claims, kept  # noqa: E402
+from faults.verdict import Case, GoodSession  # noqa: E402
 
 CASES = (*prop_cases.CASES, *person_cases.CASES, *verify_cases.CASES, *file_cases.CASES, *command_cases.CASES)
 _QUICK_EACH, _QUICK_GOOD = 6, 10
+_CLAIM_S = 900.0
 
 
-def quick(cases: tuple[Case, ...]) -> tuple[Case, ...]:
-    """Every so manieth case."""
-    return cases[::_QUICK_EACH]
+def chosen_runs(only: str, seeds: list[int], quick: bool) -> list[Run]:
+    """Faults seed by seed, then good sessions, of the first seed only."""
+    cases = [case for case in CASES if only in case.group or only in case.name]
+    goods = [good for good in good_sessions.SESSIONS if only in good.name or only == "good"]
+    if quick:
+        cases, goods, seeds = cases[::_QUICK_EACH], goods[::_QUICK_GOOD], seeds[:1]
+    return [Run(case, seed) for seed in seeds for case in cases] + [Run(good, seeds[0]) for good in goods]
 
 
-def run_case(case: Case, seeds: list[int], words: bool) -> list[tuple[str, Answer]]:
-    """Verdict and answer of each seed."""
-    answers = []
-    for seed in seeds:
-        answer = case.run(seed)
-        answers.append((verdict(case, answer), answer))
-        if words:
-            said = answer.words[:600] if answer.refused or answer.words else "(nothing said)"
-            print(f"    {seed}: {answers[-1][0]} {answer.error_mm:.1f} mm {answer.error_deg:.3f} deg: {said}", file=sys.stderr)
-    return answers
-
-
-def run_good(good: GoodSession, seed: int, words: bool) -> tuple[str, Answer]:
-    """Whether a good session is accepted."""
-    answer = good.run(seed)
-    if words or answer.refused:
-        print(f"    {good.name}: {answer.error_mm:.1f} mm {answer.error_deg:.3f} deg: {answer.words[:600]}", file=sys.stderr)
-    return (REFUSED if answer.refused else ACCEPTED), answer
+def show(run: Run, outcome: Outcome, words: bool) -> None:
+    """One line, with what was said where asked for."""
+    of, answer = run.of, outcome.answer
+    group = of.group if isinstance(of, Case) else "good"
+    said = f" {answer.error_mm:.1f} mm {answer.error_deg:.3f} deg: {answer.words[:600]}" if words else ""
+    print(f"{group:9} {of.name} [{run.seed}, {outcome.cpu_s:.0f} s]: {outcome.verdict}{said}", file=sys.stderr, flush=True)
 
 
 def main() -> None:
@@ -61,19 +58,27 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases and good sessions whose group or name contains this")
     parser.add_argument("--page", type=Path)
     parser.add_argument("--words", action="store_true")
+    parser.add_argument("--keep", type=Path, help="folder of answers")
+    parser.add_argument("--for-s", type=float, default=float("inf"))
     args = parser.parse_args()
     warnings.filterwarnings("ignore", category=RuntimeWarning)
-    start = time.process_time()
-    seeds = args.seeds[:1] if args.quick else args.seeds
-    cases = tuple(case for case in CASES if args.only in case.group or args.only in case.name)
-    goods = tuple(good for good in good_sessions.SESSIONS if args.only in good.name or args.only == "good")
-    cases, goods = (quick(cases), goods[::_QUICK_GOOD]) if args.quick else (cases, goods)
-    found: dict[str, list[tuple[str, Answer]]] = {}
-    for case in cases:
-        found[case.name] = run_case(case, seeds, args.words)
-        print(f"{case.group:9} {case.name}: {dict(Counter(v for v, _ in found[case.name]))}", file=sys.stderr, flush=True)
-    accepted = {good.name: run_good(good, seeds[0], args.words) for good in goods}
-    text, figures = page(cases, found, accepted, seeds, time.process_time() - start)
+    with tempfile.TemporaryDirectory() as own:
+        folder = args.keep or Path(own)
+        folder.mkdir(parents=True, exist_ok=True)
+        give_up_claims(folder, _CLAIM_S)
+        found: list[tuple[Run, Outcome]] = []
+        begin = time.monotonic()
+        for run in chosen_runs(args.only, args.seeds, args.quick):
+            late = time.monotonic() - begin > args.for_s
+            outcome = kept(folder, run) if late else carry_out_once(folder, run)
+            if outcome is not None:
+                found.append((run, outcome))
+                show(run, outcome, args.words)
+    text, figures = page(
+        [(run.of, outcome) for run, outcome in found if isinstance(run.of, Case)],
+        [(run.of, outcome) for run, outcome in found if isinstance(run.of, GoodSession)],
+        args.seeds,
+    )
     print(text, file=sys.stderr)
     if args.page:
         args.page.write_text(text, encoding="utf-8")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ import numpy as np
 
 from posefuse.calibration.targets.kinds import dictionary_of
 from posefuse.calibration.targets.synthetic import Waving, cube
-from posefuse.cli.commands import calibrate
+from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
@@ -130,8 +129,6 @@ def calibrate_films(seed: int, look: Look, words: tuple[str, ...] = (), settings
         write_rig(folder / "lenses.toml", truth)
         if settings:
             (folder / "posefuse.toml").write_text(settings)
-        parser = argparse.ArgumentParser()
-        calibrate.add_arguments(parser)
         common = (
             "--intrinsics",
             str(folder / "lenses.toml"),
@@ -141,7 +138,9 @@ def calibrate_films(seed: int, look: Look, words: tuple[str, ...] = (), settings
             str(folder / "rig.toml"),
         )
         try:
-            calibrate.run(parser.parse_args(["extrinsics", *inputs, *common, *words]), terminal)
+            invocation = parse(["calibrate", "extrinsics", *inputs, *common, *words])
+            assert invocation is not None
+            invocation.run(terminal)
         except CalibrationError as error:
             return Answer(True, str(error))
         millimetres, degrees = errors(truth, read_rig(folder / "rig.toml"))

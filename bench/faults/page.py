@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from .verdict import ACCEPTED, MOST_ERROR_DEG, MOST_ERROR_MM, REFUSED, VERDICTS, Answer, Case
+from .runs import Outcome
+from .verdict import ACCEPTED, MOST_ERROR_DEG, MOST_ERROR_MM, REFUSED, VERDICTS, Case, GoodSession
 
 _HEAD = f"""# Faults of calibrations, and what posefuse answers
 
@@ -16,34 +17,41 @@ Written by `make calibration-faults`. Every fault is constructed with a known tr
 - *silent*: a wrong rig came out and nothing was said.
 """
 
+Found = Sequence[tuple[Case, Outcome]]
 
-def page(
-    cases: Sequence[Case],
-    found: Mapping[str, Sequence[tuple[str, Answer]]],
-    accepted: Mapping[str, tuple[str, Answer]],
-    seeds: Sequence[int],
-    seconds: float,
-) -> tuple[str, dict[str, float]]:
+
+def page(faults: Found, goods: Sequence[tuple[GoodSession, Outcome]], seeds: Sequence[int]) -> tuple[str, dict[str, float]]:
     """The page, and its figures."""
-    told = [case for case in cases if not case.not_in_images]
-    counts = Counter(verdict for case in told for verdict, _ in found[case.name])
-    good = Counter(verdict for verdict, _ in accepted.values())
-    runs = max(sum(counts.values()), 1)
+    told = [(case, outcome) for case, outcome in faults if not case.not_in_images]
+    counts = Counter(outcome.verdict for _, outcome in told)
+    good = Counter(outcome.verdict for _, outcome in goods)
+    seconds = sum(outcome.cpu_s for _, outcome in (*faults, *goods))
     figures = {verdict: float(counts[verdict]) for verdict in VERDICTS}
     figures |= {ACCEPTED: float(good[ACCEPTED]), REFUSED: float(good[REFUSED]), "cpu_s": seconds}
-    lines = [_HEAD, f"{len(told)} faults, seeds {', '.join(map(str, seeds))}, {seconds / 60:.0f} minutes of one core.", ""]
-    lines += ["| " + " | ".join(VERDICTS) + f" | {len(accepted)} good sessions refused |", "|---" * (len(VERDICTS) + 1) + "|"]
-    shares = " | ".join(f"{counts[v]} ({counts[v] / runs:.1%})" for v in VERDICTS)
+    names = list(dict.fromkeys(case.name for case, _ in told))
+    lines = [_HEAD, f"{len(names)} faults, {len(told)} sessions, seeds {', '.join(map(str, seeds))}, {seconds / 60:.0f} minutes"
+             " of one core.", ""]  # fmt: skip
+    lines += ["| " + " | ".join(VERDICTS) + f" | {len(goods)} good sessions refused |", "|---" * (len(VERDICTS) + 1) + "|"]
+    shares = " | ".join(f"{counts[v]} ({counts[v] / max(len(told), 1):.1%})" for v in VERDICTS)
     lines += [f"| {shares} | {good[REFUSED]} |", "", "| group | fault | " + " | ".join(VERDICTS) + " |", "|---" * 6 + "|"]
-    for case in told:
-        own = Counter(verdict for verdict, _ in found[case.name])
-        lines.append(f"| {case.group} | {case.name} | " + " | ".join(str(own[v] or "") for v in VERDICTS) + " |")
-    hidden = [case for case in cases if case.not_in_images]
-    if hidden:
-        lines += ["", "## What no image can show", ""]
-        lines += [f"- {case.name}: {case.not_in_images}." for case in hidden]
-    refused = [name for name, (verdict, _) in accepted.items() if verdict == REFUSED]
-    worst = max((answer.error_mm for verdict, answer in accepted.values() if verdict == ACCEPTED), default=0.0)
-    lines += ["", "## Good sessions", "", f"{good[ACCEPTED]} accepted, the worst of them {worst:.1f} mm off. Refused: "
-              f"{', '.join(refused) or 'none'}."]  # fmt: skip
-    return "\n".join(lines) + "\n", figures
+    lines += [_row(name, told) for name in names]
+    return "\n".join([*lines, *_hidden(faults), *_good(goods)]) + "\n", figures
+
+
+def _row(name: str, told: Found) -> str:
+    own = [(case, outcome) for case, outcome in told if case.name == name]
+    count = Counter(outcome.verdict for _, outcome in own)
+    return f"| {own[0][0].group} | {name} | " + " | ".join(str(count[v] or "") for v in VERDICTS) + " |"
+
+
+def _hidden(faults: Found) -> list[str]:
+    reasons = {case.name: case.not_in_images for case, _ in faults if case.not_in_images}
+    return ["", "## What no image can show", "", *(f"- {name}: {why}." for name, why in reasons.items())] if reasons else []
+
+
+def _good(goods: Sequence[tuple[GoodSession, Outcome]]) -> list[str]:
+    refused = [good.name for good, outcome in goods if outcome.verdict == REFUSED]
+    accepted = [outcome for _, outcome in goods if outcome.verdict == ACCEPTED]
+    worst = max((outcome.answer.error_mm for outcome in accepted), default=0.0)
+    counts = f"{len(accepted)} accepted, the worst of them {worst:.1f} mm off (a person's counts a sixth)."
+    return ["", "## Good sessions", "", f"{counts} Refused: {', '.join(refused) or 'none'}."]
