@@ -11,18 +11,20 @@ BLACK = (DICTIONARY.generateImageMarker(3, 6) < 128).astype(float)
 FINER = 8
 
 
-def drawn(quad: np.ndarray, size_wh: tuple[int, int], blur_px: float = 0.8, gamma: float = 1.0, seed: int = 0) -> np.ndarray:
+def drawn(
+    quad: np.ndarray, size_wh: tuple[int, int], blur_px: float = 0.8, gamma: float = 1.0, seed: int = 0, finer: int = FINER
+) -> np.ndarray:
     """Grey image of a marker with a white border of one module on a dark wall; pixel centres at integers."""
     square = np.array([[0, 0], [6, 0], [6, 6], [0, 6]], np.float32)
     marker_from_px = np.linalg.inv(cv2.getPerspectiveTransform(square, quad.astype(np.float32)))
-    x, y = np.meshgrid(*((np.arange(n * FINER) + 0.5) / FINER - 0.5 for n in size_wh))
+    x, y = np.meshgrid(*((np.arange(n * finer) + 0.5) / finer - 0.5 for n in size_wh))
     place = np.stack([x, y, np.ones_like(x)], axis=-1) @ marker_from_px.T
     u, v = np.moveaxis(np.floor(place[..., :2] / place[..., 2:]).astype(int), -1, 0)
     light = np.where((u >= -1) & (u <= 6) & (v >= -1) & (v <= 6), 1.0, 0.3)
     inside = (u >= 0) & (u < 6) & (v >= 0) & (v < 6)
     light[inside] = 1 - 0.95 * BLACK[v[inside], u[inside]]
-    light = cv2.GaussianBlur(light, (0, 0), blur_px * FINER)
-    light = light.reshape(size_wh[1], FINER, size_wh[0], FINER).mean(axis=(1, 3))
+    light = cv2.GaussianBlur(light, (0, 0), blur_px * finer)
+    light = light.reshape(size_wh[1], finer, size_wh[0], finer).mean(axis=(1, 3))
     grey = 230 * light ** (1 / gamma) + np.random.default_rng(seed).normal(0, 2, light.shape)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
@@ -50,6 +52,16 @@ def test_markers_come_out_where_they_are_and_as_large_as_they_are(gamma: float, 
     assert max(off) < (0.12 if gamma == 1 else 0.35)
     # half a px of edge would be several per cent of the room
     assert abs(float(np.mean(growth))) < most_growth
+
+
+@pytest.mark.parametrize("side", [300, 600])
+def test_every_edge_of_a_large_sharp_marker_counts(side: int) -> None:
+    # edges along the pixel rows: every so manieth pixel may miss them, by up to its step
+    quad = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * side + 0.25 * side + [0.37, 0.81]
+    found = fit_marker(drawn(quad, (int(1.5 * side),) * 2, 0.4, finer=3), quad + 0.6, BLACK)
+    assert found is not None
+    assert np.abs(found - quad).max() < 0.2
+    assert abs(float(np.sqrt(area(found) / area(quad))) - 1) < 2e-4
 
 
 def test_a_finger_over_a_corner_moves_the_others_little() -> None:

@@ -8,7 +8,7 @@ bits inside, which blur moves the other way, hold the size.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtr
@@ -18,9 +18,13 @@ from posefuse.core.arrays import SIGMA_PER_MAD, Array
 # white seen around the marker, in modules: all printed markers have that much
 _MARGIN = 0.6
 _MOST_PIXELS = 3000
+# pixels along the edges of a marker of more than that: so far from an edge on both sides, in px or in spreads of the blur
+_EDGE_PIXELS, _EDGE_PX, _EDGE_SPREADS, _EDGE_ACROSS = 6000, 3.0, 2.5, 9
 # the first rounds look at every third pixel
 _ROUGH_ROUNDS, _ROUGH_STEP, _ROUNDS, _SETTLED_PX = 3, 3, 10, 0.005
 _FIRST_BLUR, _LEAST_BLUR, _MOST_BLUR = 0.3, 0.02, 0.8
+# and no image is sharper than its pixels
+_LEAST_BLUR_PX = 0.3
 # how well blur (log) and tone curve (log of the exponent) are known beforehand
 _BLUR_SIGMA, _TONE_SIGMA = 1.0, 0.4
 # a lens bends a marker of half-side s px in an image of w px by about this times s^2 / w
@@ -43,6 +47,7 @@ class _Look:
         bend: (2,) px by which the lens pushes the corners aside.
         blur: (2,) log of the spread along u and v, in modules. tone: log of the exponent of the tone curve.
         levels: (4,) grey of black, rise to white, and change of that rise with u and v.
+        least_blur: in modules.
     """
 
     px_from_uv: Array
@@ -50,6 +55,7 @@ class _Look:
     blur: Array
     tone: float
     levels: Array
+    least_blur: float = _LEAST_BLUR
 
     @property
     def corners(self) -> Array:
@@ -58,9 +64,10 @@ class _Look:
 
     def stepped(self, step: Array) -> _Look:
         """Moved by a step (17,) of all parameters in the order above."""
-        blur = np.clip(self.blur + step[10:12], np.log(_LEAST_BLUR), np.log(_MOST_BLUR))
+        blur = np.clip(self.blur + step[10:12], np.log(self.least_blur), np.log(_MOST_BLUR))
         moved = self.px_from_uv + np.append(step[:8], 0.0).reshape(3, 3)
-        return _Look(moved, self.bend + step[8:10], blur, self.tone + float(step[12]), self.levels + step[13:])
+        bend, tone, levels = self.bend + step[8:10], self.tone + float(step[12]), self.levels + step[13:]
+        return replace(self, px_from_uv=moved, bend=bend, blur=blur, tone=tone, levels=levels)
 
 
 def fit_marker(grey: Array, quad: Array, black: Array) -> Array | None:
@@ -72,7 +79,7 @@ def fit_marker(grey: Array, quad: Array, black: Array) -> Array | None:
     """
     quad = np.asarray(quad, np.float64).reshape(4, 2)
     px_from_uv = _homography(quad)
-    xy, values = _pixels(grey, quad, px_from_uv, len(black))
+    xy, values, block = _pixels(grey, quad, px_from_uv, len(black))
     if len(values) < 4 * len(black):
         return None
     low, high = np.percentile(values, [10, 90])
@@ -82,19 +89,32 @@ def fit_marker(grey: Array, quad: Array, black: Array) -> Array | None:
     bend_px = _BEND_SHARE * float(np.linalg.norm(quad[2] - quad[0])) ** 2 / 8 / max(grey.shape)
     known = np.zeros(17)
     known[8:13] = 1 / np.array([bend_px, bend_px, _BLUR_SIGMA, _BLUR_SIGMA, _TONE_SIGMA]) ** 2
-    for round_ in range(_ROUNDS):
-        some = slice(None, None, _ROUGH_STEP if round_ < _ROUGH_ROUNDS else 1)
-        predicted, jacobian = _predict(look, xy[some], black)
-        new = look.stepped(_step(jacobian, predicted - values[some], known, look))
-        moved_px = np.abs(new.corners - look.corners).max()
-        look = new
-        if round_ >= _ROUGH_ROUNDS and not moved_px > _SETTLED_PX:
-            break
+    some = slice(None, None, _ROUGH_STEP)
+    look = _settled(look, xy[some], values[some], black=black, known=known, rounds=_ROUGH_ROUNDS)
+    look = _settled(look, xy, values, black=black, known=known, rounds=_ROUNDS)
     misfit = float(np.quantile(np.abs(_predict(look, xy, black)[0] - values), _FITTING_SHARE))
     module_px = float(np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).max()) / len(black)
     # said this way round, anything that is not a number fails too
     fits = misfit <= _MOST_MISFIT * look.levels[1] and np.abs(look.corners - quad).max() <= _MOST_MOVED * module_px
-    return look.corners if fits else None
+    if not fits:
+        return None
+    if block > 1:
+        look = replace(look, least_blur=min(_LEAST_BLUR, _LEAST_BLUR_PX / module_px))
+        xy, values = _edge_pixels(grey, look, black, module_px)
+        look = _settled(look, xy, values, black=black, known=known, rounds=_ROUNDS)
+    return look.corners
+
+
+def _settled(look: _Look, xy: Array, values: Array, *, black: Array, known: Array, rounds: int) -> _Look:
+    """Gauss-Newton on grey values (N,) at places (N, 2) until the corners stay, `rounds` at most."""
+    for _ in range(rounds):
+        predicted, jacobian = _predict(look, xy, black)
+        new = look.stepped(_step(jacobian, predicted - values, known, look))
+        moved_px = np.abs(new.corners - look.corners).max()
+        look = new
+        if not moved_px > _SETTLED_PX:
+            break
+    return look
 
 
 def _homography(quad: Array) -> Array:
@@ -113,18 +133,54 @@ def _moved(matrix: Array, points: Array) -> Array:
     return np.asarray(moved[:, :2] / moved[:, 2:])
 
 
-def _pixels(grey: Array, quad: Array, px_from_uv: Array, modules: int) -> tuple[Array, Array]:
-    """Places (N, 2) and grey values (N,) of the pixels of the marker and the white around it; thinned when they are many."""
+def _pixels(grey: Array, quad: Array, px_from_uv: Array, modules: int) -> tuple[Array, Array, int]:
+    """Places (N, 2) and grey values (N,) of the marker and the white around it: pixels, or means of blocks where they are many.
+
+    The third result is the edge of a block. A block's mean knows of every edge through it; every so manieth pixel would not.
+    """
     reach = 1 + 2 * _MARGIN / modules
     outline = _moved(px_from_uv, reach * _SQUARE)
     first = np.maximum(np.floor(outline.min(axis=0)).astype(int), 0)
     last = np.minimum(np.ceil(outline.max(axis=0)).astype(int) + 1, [grey.shape[1], grey.shape[0]])
     step = max(1, round(float(np.sqrt(max(np.prod(last - first), 0) / _MOST_PIXELS))))
-    columns, rows = np.meshgrid(np.arange(first[0], last[0], step), np.arange(first[1], last[1], step))
+    count = np.maximum(last - first, 0) // step
+    last = first + count * step
+    blocks = grey[first[1] : last[1], first[0] : last[0]].reshape(count[1], step, count[0], step).mean(axis=(1, 3))
+    columns, rows = np.meshgrid(*(first[i] + step * np.arange(count[i]) + (step - 1) / 2 for i in (0, 1)))
     xy = np.stack([columns.ravel(), rows.ravel()], axis=1)
     inside = (np.abs(_moved(np.linalg.inv(px_from_uv), xy)) < reach).all(axis=1)
-    xy = xy[inside]
+    return xy[inside], blocks.ravel()[inside], step
+
+
+def _edge_pixels(grey: Array, look: _Look, black: Array, module_px: float) -> tuple[Array, Array]:
+    """Places (N, 2) and grey values (N,) of single pixels beside the edges of the modules: all that tells where a marker lies.
+
+    The mean of a block is no Gaussian blur of the pattern, which costs edges along the pixel rows a tenth of a block.
+    """
+    modules = len(black)
+    framed = np.pad(black, 1)
+    # ends (row, column) of edges along the rows of modules, and along the columns
+    across = np.argwhere(framed[:-1] != framed[1:]) - [0, 1]
+    along = np.argwhere(framed[:, :-1] != framed[:, 1:]) - [1, 0]
+    spread = float(np.exp(look.blur.max()))
+    beside = np.linspace(-1, 1, _EDGE_ACROSS) * min(max(_EDGE_PX / module_px, _EDGE_SPREADS * spread), 0.5)
+    count = max(2, _EDGE_PIXELS // (_EDGE_ACROSS * (len(across) + len(along))))
+    step = (np.arange(count) + 0.5) / count
+    place = np.concatenate([
+        _grid(across[:, 1, None] + step, across[:, 0, None] + beside),
+        _grid(along[:, 1, None] + beside, along[:, 0, None] + step),
+    ])  # fmt: skip
+    uv = 2 * place / modules - 1
+    shift = 0.75 * ((uv**2).sum(axis=1) - 2 / 3)[:, None] * look.bend
+    xy = np.unique(np.rint(_moved(look.px_from_uv, uv) + shift).astype(np.int64), axis=0)
+    xy = xy[((xy >= 0) & (xy < np.array(grey.shape)[::-1])).all(axis=1)]
     return xy.astype(np.float64), grey[xy[:, 1], xy[:, 0]].astype(np.float64)
+
+
+def _grid(x: Array, y: Array) -> Array:
+    """Points (N, 2) of all combinations of x (E, a) and y (E, b) in each row."""
+    x, y = np.broadcast_arrays(x[:, :, None], y[:, None, :])
+    return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
 def _predict(look: _Look, xy: Array, black: Array) -> tuple[Array, Array]:
