@@ -5,8 +5,8 @@ Run: python bench/calibration_faults.py [--seeds 0 1 2] [--quick] [--only TEXT] 
 Every case runs for every seed; the same seed makes the same session. `--quick` runs one seed of a few cases of each group.
 `--words` prints what was said. JSON goes to stdout, the table to stderr and, on request, to a page.
 
-`--keep DIR` keeps each answer in a file; runs that are there are not run again, and several processes may share DIR. `--for-s` begins
-no run after so many seconds, and writes the page of what is there.
+`--keep DIR` keeps each answer in a file; runs that are there are not run again, and several processes may share DIR. `--for-s`
+begins no run after so many seconds, and writes the page of what is there.
 """
 
 from __future__ import annotations

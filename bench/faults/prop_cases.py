@@ -171,12 +171,12 @@ def _other_board(target: Charuco) -> Build:
 
 def _stretched_board(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
     """The sheet was printed 3 % too long."""
-    printed = replace(s, target=_Stretched(5, 7, 0.12, 0.09))
+    printed = replace(s, target=_Stretched(columns=5, rows=7, square_m=0.12, marker_m=0.09))
     return printed.watch(), s.rig.cameras, s.target
 
 
 def _bent_board(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
-    printed = replace(s, target=_Bent(5, 7, 0.12, 0.09))
+    printed = replace(s, target=_Bent(columns=5, rows=7, square_m=0.12, marker_m=0.09))
     return printed.watch(), s.rig.cameras, s.target
 
 

@@ -15,6 +15,7 @@ from posefuse.calibration.targets.detection import Corners
 from posefuse.calibration.targets.guidance import seen, start
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Frame, SourceError
+from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.guide import guide
 from posefuse.realtime.guide_frame import GuideFrame
@@ -78,15 +79,16 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     told: list[str] = []
     looks: list[GuideFrame] = []
     inputs = [LiveInput(name, "film", Film((page,), name), reopen=False) for name in ("a", "b")]
-    found = guide(inputs, Markers(0.1), lambda state: told.append(state.words), looks.append, 5.0)
+    with CameraFeed(inputs) as feed:
+        found = guide(feed, Markers(0.1), lambda state: told.append(state.words), looks.append, 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
     assert sorted(look.camera for look in looks) == [0, 1]
     assert looks[-1].state is found
     assert looks[0].corners.patch.tolist() == [3, 3, 3, 3]
     assert told == ["show the target to one of a and one of b at the same time"]
-    with pytest.raises(SourceError, match="camera b: unplugged"):
-        broken = LiveInput("b", "film", Film(None, "b"), reopen=False)
-        guide([inputs[0], broken], Markers(0.1), lambda state: None, lambda look: None, 5.0)
+    broken = LiveInput("b", "film", Film(None, "b"), reopen=False)
+    with CameraFeed([inputs[0], broken]) as feed, pytest.raises(SourceError, match="camera b: unplugged"):
+        guide(feed, Markers(0.1), lambda state: None, lambda look: None, 5.0)
 
 
 def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path: Path) -> None:

@@ -36,6 +36,10 @@ ACCEPTED = {
         "--start 1, --end 2, --outputs text, --view, --rate 50, "
         f"{SETTINGS}",
     ),
+    "record": (
+        "--source one --out text",
+        "--json, --rig text, --duration 5, --view, --view-file text",
+    ),
     "live rig.toml": (
         "",
         "--json, --source one --source two, --duration 5, --loop 5, --fault one --fault two, --replay text, "
@@ -52,8 +56,8 @@ ACCEPTED = {
         f"{TARGET}",
     ),
     "calibrate guide": (
-        "--intrinsics text --source one --source two",
-        f"--duration 5, --view, --view-file text, --json, --force, {TARGET}",
+        "--source one --source two",
+        f"--intrinsics text, --record text, --duration 5, --view, --view-file text, --json, --force, {TARGET}",
     ),
     "calibrate person a=a.mp4 b=b.mp4": (
         "--intrinsics text --out text",

@@ -22,6 +22,7 @@ from posefuse.calibration.intrinsics import board
 from posefuse.calibration.person.solve import KnownLength
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import observe
 from posefuse.calibration.targets.kinds import Target
 from posefuse.calibration.targets.recordings import (
@@ -44,26 +45,31 @@ from .rig import read_rig, rig_of
 
 ClockMode = Literal["auto", "together", "offset", "drift"]
 RigLike = core.Rig | str | Path
+TargetLike = Target | str | Path
+"""A target, or the target file that `posefuse calibrate print` wrote."""
 Settings = Mapping[str, Any]
 
 
-def observe_target(inputs: Inputs, *, target: Target, every: int = 1, progress: Progress | bool | None = None) -> Observations:
+def observe_target(
+    inputs: Inputs, *, target: TargetLike, every: int = 1, progress: Progress | bool | None = None
+) -> Observations:
     """Find a target in the recordings of several cameras, for `calibrate_extrinsics` and `verify`.
 
     Args:
-        inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names.
-        target: what the cameras see. every: look at every `every`-th frame only.
+        inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names; or one session
+            folder with ``videos``.
+        target: what the cameras see, or the path of its target file. every: look at every `every`-th frame only.
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Raises:
         InputError: a path that does not exist, or is neither a video nor a folder of images.
     """
     with shown(progress) as report:
-        return observe_sources(open_sources(inputs), target, every, report)
+        return observe_sources(open_sources(inputs), target_of(target), every, report)
 
 
 def calibrate_intrinsics(
-    inputs: Inputs, *, target: Target, every: int = 1, progress: Progress | bool | None = None
+    inputs: Inputs, *, target: TargetLike, every: int = 1, progress: Progress | bool | None = None
 ) -> IntrinsicsCalibration:
     """Find focal lengths, principal point and distortion of each camera from images of a board.
 
@@ -84,13 +90,13 @@ def calibrate_intrinsics(
         >>> found = calibrate_intrinsics(["cam00.mp4", "cam01.mp4"], target=board)  # doctest: +SKIP
         >>> found.save("lenses.toml", report="lenses.html")  # doctest: +SKIP
     """
-    found = []
+    found, kind = [], target_of(target)
     with shown(progress) as report:
         sources = open_sources(inputs)
         for done, source in enumerate(sources):
             report("intrinsics", done, len(sources))
-            observations = seen_or_why_not(observe(source, target, every), source, target)
-            found.append(board.calibrate_intrinsics(observations, target))
+            observations = seen_or_why_not(observe(source, kind, every), source, kind)
+            found.append(board.calibrate_intrinsics(observations, kind))
         report("intrinsics", len(sources), len(sources))
     return IntrinsicsCalibration(
         rig=rig_of(core.Rig(tuple(one.camera for one in found), world_set_by="lenses only")),
@@ -103,7 +109,7 @@ def calibrate_extrinsics(
     inputs: Inputs | Observations,
     *,
     intrinsics: RigLike,
-    target: Target,
+    target: TargetLike,
     every: int = 1,
     clocks: ClockMode = "auto",
     floor: FloorMarker | ThreePoints | None = None,
@@ -131,8 +137,8 @@ def calibrate_extrinsics(
         RefusedCalibration: a check fails; `report` says which, and what to do.
         CalibrationError: input that cannot be used. InputError: unusable recordings.
     """
-    lenses = _rig(intrinsics)
-    check_floor(floor, target)
+    lenses, kind = _rig(intrinsics), target_of(target)
+    check_floor(floor, kind)
     if isinstance(inputs, Observations):
         seen = inputs
     else:
@@ -140,14 +146,14 @@ def calibrate_extrinsics(
         for source in sources:
             lenses[source.camera]
         with shown(progress) as report:
-            seen = observe_sources(sources, target, every, report)
-        check_seen(seen, sources, target)
+            seen = observe_sources(sources, kind, every, report)
+        check_seen(seen, sources, kind)
     cameras = tuple(lenses[name] for name in seen.cameras)
-    observations, world = world_rule(floor, seen, target)
+    observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
     options = Options(clocks=clocks, lens_sigma=lens_sigma(focal_known_to_percent, cameras), limits=limits)
     try:
-        found = moving_target.calibrate_extrinsics(observations, cameras, target, options, world, tuple(upside_down))
+        found = moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down))
     except RefusedCalibration as refused:
         if not keep_refused or refused.kept is None:
             raise
@@ -247,7 +253,7 @@ def verify(
     rig: RigLike,
     inputs: Inputs | Observations,
     *,
-    target: Target,
+    target: TargetLike,
     every: int = 1,
     clock_offset_s: Mapping[str, float] | None = None,
     progress: Progress | bool | None = None,
@@ -264,16 +270,21 @@ def verify(
     Raises:
         CalibrationError: a camera the rig does not have, or no length that two cameras see. InputError: unusable recordings.
     """
-    cameras = rig_of(_rig(rig))
+    cameras, kind = rig_of(_rig(rig)), target_of(target)
     offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}
     late_s: Array = np.array([offsets.get(name, 0.0) for name in cameras.names])
-    seen = inputs if isinstance(inputs, Observations) else observe_target(inputs, target=target, every=every, progress=progress)
-    measured = verification.verify(cameras, seen, target, late_s)
+    seen = inputs if isinstance(inputs, Observations) else observe_target(inputs, target=kind, every=every, progress=progress)
+    measured = verification.verify(cameras, seen, kind, late_s)
     return RigVerification(rig=cameras, report=measured.report, measured=measured)
 
 
 def _rig(rig: RigLike) -> core.Rig:
     return rig if isinstance(rig, core.Rig) else read_rig(rig)
+
+
+def target_of(target: TargetLike) -> Target:
+    """The target itself; raises ConfigError for a target file that cannot be used."""
+    return read_target(Path(target)) if isinstance(target, str | Path) else target
 
 
 def _known_length(height_m: float | None, camera_distance: tuple[str, str, float] | None, rig: core.Rig) -> KnownLength:

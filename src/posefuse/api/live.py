@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, Listener
@@ -217,7 +218,7 @@ def live(
         ...         print(pose.t_ns, pose.xyz_world)
     """
     from posefuse.detection.build import network_settings
-    from posefuse.formats.rig import read_placed_rig
+    from posefuse.formats.rig import read_placed_rig, refusal_note
     from posefuse.foundation.output_file import check_output_file
     from posefuse.foundation.plugins import plugin_config
     from posefuse.pipeline.config import changed_config
@@ -226,6 +227,8 @@ def live(
     from posefuse.realtime.serve import ServePlan
 
     cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
+    if note := refusal_note("live" if isinstance(rig, core.Rig) else rig, cameras):
+        warnings.warn(note, UserWarning, stacklevel=2)
     arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
     options = {"track.max_people": people, "rate_hz": rate_hz}
     changes = {key: value for key, value in options.items() if value is not None}

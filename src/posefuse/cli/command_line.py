@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 COMMANDS = (
     "demo",
     "track",
+    "record",
     "live",
     "node",
     "calibrate",

@@ -11,7 +11,7 @@ from posefuse.cli.networks import fetch_networks
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import LiveOutputConfig, Rig
-from posefuse.formats.rig import read_placed_rig
+from posefuse.formats.rig import read_placed_rig, refusal_note
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.plugins import plugin_config
@@ -45,7 +45,7 @@ def run_session(
 ) -> Mapping[str, Any]:
     """Run a session; returns the figures of the tables. `videos`: folder that takes the cameras' videos."""
     config = settled_config(settings)
-    rig = read_placed_rig(rig_file)
+    rig = session_rig(rig_file, terminal)
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)
     inputs = settled_inputs(sources, timing, ros_2, rig)
@@ -68,6 +68,14 @@ def run_session(
         terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
     _show_next(rig_file, outputs, terminal)
     return figures
+
+
+def session_rig(rig_file: Path, terminal: Terminal) -> Rig:
+    """The rig of a session; warns of one whose calibration was refused."""
+    rig = read_placed_rig(rig_file)
+    if note := refusal_note(rig_file, rig):
+        terminal.warn(note)
+    return rig
 
 
 def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False) -> dict[str, int]:

@@ -45,7 +45,7 @@ def _run(invocation: Invocation, requests: StopRequests) -> int:
         try:
             interrupted, code = _command(invocation)
         except PosefuseError as error:
-            print(f"{name}: {error}", file=sys.stderr)
+            print("\n".join((f"{name}: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
             return 1
     except KeyboardInterrupt:
         return _stopped(name, requests)

@@ -14,7 +14,6 @@ from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, Ou
 from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import CameraHealth, ConfigError, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.platform import peak_memory_mb
 from posefuse.health.cameras import Monitor
@@ -41,7 +40,7 @@ from posefuse.realtime.scheduling import expected_gain
 from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 
-from .live import how_it_ended, output_configs, run_options, settled_config, settled_inputs
+from .live import how_it_ended, output_configs, run_options, session_rig, settled_config, settled_inputs
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal
 
@@ -68,7 +67,7 @@ def camera_node(
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Capture and detect on this machine, send 2D poses; the fused pose tells where to look."""
-    config, rig, run = settled_config(settings), read_placed_rig(rig_file), run_options(timing)
+    config, rig, run = settled_config(settings), session_rig(rig_file, terminal), run_options(timing)
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
@@ -158,7 +157,7 @@ def fusion_node(
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig, network = settled_config(settings), read_placed_rig(rig_file), network_of(ros_2)
+    config, rig, network = settled_config(settings), session_rig(rig_file, terminal), network_of(ros_2)
     duration_s = run_options(timing).duration_s
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)

@@ -14,6 +14,8 @@ import numpy as np
 from posefuse.core import Frame, InputError
 from posefuse.core.encoded import EncodedImage
 
+# of a session folder, one video per camera
+VIDEOS_FOLDER = "videos"
 TIME_BASE = Fraction(1, 1_000_000)
 # fragments: what was written stays readable when the program is killed; all times in microseconds, the first one included
 _CONTAINER = {

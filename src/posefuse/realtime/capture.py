@@ -46,11 +46,11 @@ class LiveInput:
         """Its times count from a zero that the session sets."""
         return any(field.name == "zero_ns" for field in dataclasses.fields(self.config))
 
-    def open(self, camera: Camera, zero_ns: int | None = None) -> Source:
-        """Build the source; raises SourceError when it cannot be opened or its frames are not of the calibrated size."""
+    def open(self, camera: Camera | None, zero_ns: int | None = None) -> Source:
+        """Build the source; raises SourceError when it cannot be opened or its frames are not of the calibrated size, if any."""
         config = dataclasses.replace(self.config, zero_ns=zero_ns) if self.from_zero and zero_ns is not None else self.config
         source: Source = config.build()
-        if source.size_wh != camera.size_wh:
+        if camera is not None and source.size_wh != camera.size_wh:
             source.close()
             got, want = source.size_wh, camera.size_wh
             raise SourceError(
@@ -77,10 +77,12 @@ class Caught:
 
 
 class Capture:
-    """Frames of one camera from a thread of its own. `news` is notified of each new frame."""
+    """Frames of one camera from a thread of its own. `news` is notified of each new frame. `camera`: calibrated, or None."""
 
-    def __init__(self, entry: LiveInput, camera: Camera, news: threading.Condition, keeper: VideoKeeper | None = None) -> None:
-        self.entry, self.camera, self._keeper = entry, camera, keeper
+    def __init__(
+        self, entry: LiveInput, camera: Camera | None, news: threading.Condition, keeper: VideoKeeper | None = None
+    ) -> None:
+        self.entry, self._camera, self._keeper = entry, camera, keeper
         self._zero_ns = 0
         self._news = news
         self._newest: Caught | None = None
@@ -93,13 +95,22 @@ class Capture:
 
     def open(self) -> None:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
-        self._source = self.entry.open(self.camera)
+        self._source = self.entry.open(self._camera)
+
+    def keep(self, keeper: VideoKeeper) -> None:
+        """Give every frame to a video, too; before `begin`."""
+        self._keeper = keeper
 
     def begin(self, zero_ns: int, session_zero_ns: int = 0) -> None:
         """Let frames come; `session_zero_ns`: `zero_ns` on the clock of sources that do not count from it, for videos."""
         self._zero_ns = 0 if self.entry.from_zero else session_zero_ns
         self._thread = threading.Thread(target=self._run, args=(zero_ns,), name=f"capture {self.entry.camera}", daemon=True)
         self._thread.start()
+
+    @property
+    def zero_ns(self) -> int:
+        """The session's zero in the time of the source's frames."""
+        return self._zero_ns
 
     def waiting(self) -> Caught | None:
         """The newest frame nobody has taken yet; call with `news` held."""
@@ -157,7 +168,7 @@ class Capture:
     def _deliver(self, zero_ns: int, later_ns: int) -> None:
         """Frames of one showing of the source, which begins `later_ns` after zero."""
         if self._source is None or self.entry.from_zero:
-            self._source = self.entry.open(self.camera, zero_ns + later_ns)
+            self._source = self.entry.open(self._camera, zero_ns + later_ns)
         still, before, seq = 0, None, None
         try:
             frames = self._source.frames()

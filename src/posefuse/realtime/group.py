@@ -151,11 +151,12 @@ class Group:
 
     def _look(self, capture: Capture, caught: Caught, expected: Expected) -> None:
         name, frame = capture.entry.camera, caught.frame
+        camera = self._plan.rig[name]
         shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
         started_ns = clock.now_ns()
         self._looked_s[name] = time.monotonic()
-        regions = self._regions(capture.camera, frame.t_ns + shift_ns + caught.wrong.off_ns, expected, started_ns)
-        found = self._detected(capture.camera, caught, regions)
+        regions = self._regions(camera, frame.t_ns + shift_ns + caught.wrong.off_ns, expected, started_ns)
+        found = self._detected(camera, caught, regions)
         shown = _in_session(found, shift_ns + caught.wrong.off_ns)
         seen = Seen(
             detections=shown,

@@ -14,7 +14,7 @@ class GuideFrame:
     """One frame in which the target was looked for.
 
     Attributes:
-        camera: its number. t_ns: when it came, monotonic. frame: the image.
+        camera: its number. t_ns: time of exposure since the session's zero. frame: the image.
         corners: what of the target is in it. state: what is covered, this frame included.
     """
 

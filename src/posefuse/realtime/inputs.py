@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import Camera, Rig, SourceError
+from posefuse.core import Rig, SourceError
 from posefuse.core.errors import choices
 
 from .capture import LiveInput
@@ -20,10 +20,14 @@ EXAMPLES = (
 )
 
 
-def inputs_from_arguments(arguments: Sequence[str], rig: Rig, ros: Mapping[str, Any] | None = None) -> tuple[LiveInput, ...]:
+def inputs_from_arguments(
+    arguments: Sequence[str], rig: Rig | None, ros: Mapping[str, Any] | None = None
+) -> tuple[LiveInput, ...]:
     """One input per camera named, in the order of the rig; ``sim:PATH`` stands for every camera of the rig.
 
-    `ros`: fields of `sources.ros.RosConfig` that all ROS topics share, e.g. ``domain_id``.
+    Args:
+        rig: None takes any names, in their own order; ``sim:PATH`` then stands for every camera of the scene.
+        ros: fields of `sources.ros.RosConfig` that all ROS topics share, e.g. ``domain_id``.
 
     Raises:
         SourceError: an argument that cannot be read, a camera the rig does not have, or one named twice.
@@ -34,21 +38,21 @@ def inputs_from_arguments(arguments: Sequence[str], rig: Rig, ros: Mapping[str, 
             if entry.camera in found:
                 raise SourceError(f"--source {argument}: camera {entry.camera} has a source already")
             found[entry.camera] = entry
-    return tuple(found[name] for name in rig.names if name in found)
+    return tuple(found[name] for name in (found if rig is None else rig.names) if name in found)
 
 
-def _entries(argument: str, rig: Rig, ros: Mapping[str, Any]) -> list[LiveInput]:
+def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[LiveInput]:
     named = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", argument)
     camera, what = (named[1], named[2]) if named else (None, argument)
-    if camera is not None and camera not in rig.names:
+    if rig is not None and camera is not None and camera not in rig.names:
         raise SourceError(f"--source {argument}: no camera {camera!r} in the rig; there are: {choices(rig.names)}")
     kind, colon, rest = what.partition(":")
     if kind == "sim" and colon and rest:
-        return [_simulated(name, Path(rest)) for name in ([camera] if camera else rig.names)]
+        return [_simulated(name, Path(rest)) for name in ([camera] if camera else _simulated_names(Path(rest), rig))]
     if camera is None:
         raise SourceError(f"--source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
     if kind in ("realsense", "oak") and rest:
-        return [_depth_camera(rig[camera], kind, rest)]
+        return [_depth_camera(argument, camera, rig, kind, rest)]
     return [_camera_input(argument, camera, kind.lower(), what, rest, ros)]
 
 
@@ -58,14 +62,22 @@ def _simulated(camera: str, path: Path) -> LiveInput:
     return LiveInput(camera, "sim", SimulatedConfig(path, camera), reopen=False)
 
 
-def _depth_camera(camera: Camera, kind: str, rest: str) -> LiveInput:
+def _simulated_names(path: Path, rig: Rig | None) -> tuple[str, ...]:
+    from posefuse.simulation.source import simulated_cameras
+
+    return simulated_cameras(path) if rig is None else rig.names
+
+
+def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: str) -> LiveInput:
     """``SERIAL[@WIDTHxHEIGHT[@RATE]]``; the calibrated size where none is given."""
     from posefuse.sources.live import OakConfig, RealSenseConfig
 
     serial, _, size = rest.partition("@")
-    size = size or "{}x{}".format(*camera.size_wh)
+    if not size and rig is None:
+        raise SourceError(f"--source {argument}: expected a size, e.g. {camera}={kind}:{serial}@1280x720@30")
+    size = size or "{}x{}".format(*rig[camera].size_wh)  # type: ignore[index]
     make = RealSenseConfig if kind == "realsense" else OakConfig
-    return LiveInput(camera.name, kind, make(camera.name, serial, size), reopen=True)
+    return LiveInput(camera, kind, make(camera, serial, size), reopen=True)
 
 
 def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, ros: Mapping[str, Any]) -> LiveInput:

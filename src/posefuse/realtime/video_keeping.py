@@ -15,7 +15,6 @@ from pathlib import Path
 from posefuse.core import Frame, InputError, PosefuseError
 from posefuse.formats.kept_video import KeptVideo
 
-VIDEOS_FOLDER = "videos"
 # about a third of a second of a fast camera; images of 640 x 480 px take 30 MB
 _QUEUE = 32
 # threads that encode give way to those that track
@@ -30,7 +29,8 @@ class KeptCounts:
 
     Attributes:
         written, dropped: frames. how: ``copied`` (the camera's own packets) or ``encoded``. fault: why it ended early.
-        finished: the file was closed.
+        finished: the file was closed. first_s, last_s: times of the first and the last frame written, from the session's zero.
+        longest_gap_s: longest time between two frames written in a row.
     """
 
     written: int = 0
@@ -38,6 +38,25 @@ class KeptCounts:
     how: str = ""
     fault: str = ""
     finished: bool = False
+    first_s: float = 0.0
+    last_s: float = 0.0
+    longest_gap_s: float = 0.0
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second written; 0 for fewer than two."""
+        return (self.written - 1) / (self.last_s - self.first_s) if self.written > 1 and self.last_s > self.first_s else 0.0
+
+    def with_frame(self, t_s: float) -> KeptCounts:
+        """With one more frame, written at `t_s`."""
+        gap_s = t_s - self.last_s if self.written else 0.0
+        return replace(
+            self,
+            written=self.written + 1,
+            first_s=self.first_s if self.written else t_s,
+            last_s=t_s,
+            longest_gap_s=max(self.longest_gap_s, gap_s),
+        )
 
 
 class VideoKeeper:
@@ -101,7 +120,7 @@ class VideoKeeper:
         except (PosefuseError, ValueError) as error:
             self._counts = replace(counts, fault=str(error), dropped=counts.dropped + 1)
             return
-        self._counts = replace(counts, written=counts.written + good, dropped=counts.dropped + (not good))
+        self._counts = counts.with_frame(t_ns / 1e9) if good else replace(counts, dropped=counts.dropped + 1)
 
 
 def read_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:

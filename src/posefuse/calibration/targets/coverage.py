@@ -13,6 +13,10 @@ from posefuse.core.arrays import Array, frozen
 from .corners import Observations
 
 CELLS_WH = (8, 6)
+# free-running cameras show the same moment within this time
+SAME_MOMENT_NS = 60_000_000
+# every camera of examples/scenes/calibration_cube_8cam.yaml, which comes out to 2 mm, covers more than this
+ENOUGH_SHARE, ENOUGH_TOGETHER = 0.25, 30
 _FULL_COUNT = 12
 _COLOUR_LOW, _COLOUR_FULL = np.array([200, 60, 40]), np.array([40, 170, 80])
 
@@ -23,7 +27,7 @@ class Coverage:
 
     Attributes:
         cameras: names. cells: (C, rows, columns) counts.
-        together: (C, C) instants at which two cameras saw the target at once; the diagonal counts those of one camera.
+        together: (C, C) moments at which two cameras saw the target at once; the diagonal counts the frames of one camera.
     """
 
     cameras: tuple[str, ...]
@@ -39,16 +43,19 @@ class Coverage:
         """(C,) share of each image that the target has met."""
         return np.asarray((self.cells > 0).mean(axis=(1, 2)))
 
-    def plus(self, other: Coverage) -> Coverage:
-        """Counts of both; for live guidance, one frame set after the other."""
-        return Coverage(self.cameras, self.cells + other.cells, self.together + other.together)
+    @property
+    def enough(self) -> bool:
+        """Every camera has met the target in much of its image, and all are linked by many moments."""
+        return len(linked_groups(self.together >= ENOUGH_TOGETHER)) == 1 and bool((self.share >= ENOUGH_SHARE).all())
 
     def advice(self) -> str:
         """What to do next, in words."""
+        if self.enough:
+            return "enough: stop moving the target and calibrate"
         hidden = [name for name, n in zip(self.cameras, np.diag(self.together), strict=True) if n == 0]
         if hidden:
             return f"show the target to {', '.join(hidden)}"
-        groups = linked_groups(self.together >= _FULL_COUNT)
+        groups = linked_groups(self.together >= ENOUGH_TOGETHER)
         if len(groups) > 1:
             first, second = (", ".join(self.cameras[i] for i in group) for group in groups[:2])
             return f"show the target to one of {first} and one of {second} at the same time"
@@ -56,7 +63,10 @@ class Coverage:
         row, column = np.unravel_index(np.argmin(self.cells[poorest]), self.cells[poorest].shape)
         height = ("top", "middle", "bottom")[int(3 * row / self.cells.shape[1])]
         side = ("left", "centre", "right")[int(3 * column / self.cells.shape[2])]
-        return f"{self.cameras[poorest]}: {self.share[poorest]:.0%} covered; go to the {height} {side} of its image"
+        return (
+            f"{self.cameras[poorest]}: {self.share[poorest]:.0%} covered, {ENOUGH_SHARE:.0%} needed; go to the {height} {side} of"
+            " its image"
+        )
 
 
 def coverage_sheet(found: Coverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
@@ -74,7 +84,7 @@ def coverage_sheet(found: Coverage, sizes_wh: Sequence[tuple[int, int]], width_p
 
 
 def coverage(observations: Observations) -> Coverage:
-    """Coverage of all observations; cameras count as together when they saw the target within 2 ms."""
+    """Coverage of all observations; cameras count as together when they saw the target within `SAME_MOMENT_NS`."""
     columns, rows = CELLS_WH
     count = len(observations.cameras)
     cells = np.zeros((count, rows, columns), np.int64)
@@ -84,10 +94,20 @@ def coverage(observations: Observations) -> Coverage:
     seen = np.unique(((observations.camera * (frame.max(initial=0) + 1) + frame) * rows + cell[:, 1]) * columns + cell[:, 0])
     place = np.unravel_index(seen, (count, int(frame.max(initial=0)) + 1, rows, columns))
     np.add.at(cells, (place[0], place[2], place[3]), 1)
-    moment = np.unique(np.round(observations.t_ns / 2e6).astype(np.int64), return_inverse=True)[1]
-    present = np.zeros((count, int(moment.max(initial=-1)) + 1), np.int64)
-    present[observations.camera, moment] = 1
-    return Coverage(observations.cameras, cells, present @ present.T)
+    times = [np.unique(observations.t_ns[observations.camera == c]) for c in range(count)]
+    return Coverage(observations.cameras, cells, np.array([[_shared_moments(a, b) for b in times] for a in times]))
+
+
+def _shared_moments(a_ns: Array, b_ns: Array) -> int:
+    """Moments that two cameras with frames at these sorted times share: no frame is counted twice."""
+    if not len(a_ns) or not len(b_ns):
+        return 0
+    near = []
+    for mine, others in ((a_ns, b_ns), (b_ns, a_ns)):
+        after = np.clip(np.searchsorted(others, mine), 1, len(others) - 1) if len(others) > 1 else np.zeros(len(mine), np.int64)
+        apart = np.minimum(np.abs(others[after] - mine), np.abs(others[np.maximum(after - 1, 0)] - mine))
+        near.append(int((apart <= SAME_MOMENT_NS).sum()))
+    return min(near)
 
 
 def linked_groups(linked: Array) -> list[list[int]]:

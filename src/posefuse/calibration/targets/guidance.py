@@ -8,12 +8,10 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 
-from .coverage import CELLS_WH, Coverage, linked_groups
+from .coverage import CELLS_WH, ENOUGH_SHARE, ENOUGH_TOGETHER, SAME_MOMENT_NS, Coverage
 
-# free-running cameras show the same moment within this time
-_SAME_MOMENT_NS = 60_000_000
-# every camera of examples/scenes/calibration_cube_8cam.yaml, which comes out to 2 mm, covers more than this
-_ENOUGH_SHARE, _ENOUGH_TOGETHER = 0.25, 30
+# before the first frame; times may be negative, and differences of two must not overflow
+_NEVER_NS = -(2**61)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,38 +20,40 @@ class Guidance:
 
     Attributes:
         coverage: frames per image region, and moments per pair of cameras.
-        last_ns: (C,) when each camera saw the target last; -1 before the first time.
+        last_ns: (C,) when each camera saw the target last; `_NEVER_NS` before the first time.
+        shared_ns: (C, C) newest frame of either of two cameras that was counted as a moment of both.
     """
 
     coverage: Coverage
     last_ns: Array
+    shared_ns: Array
 
     @property
     def covered(self) -> Array:
         """(C,) from 0 to 1, enough: how far each camera's image is covered."""
-        return np.minimum(1.0, self.coverage.share / _ENOUGH_SHARE)
+        return np.minimum(1.0, self.coverage.share / ENOUGH_SHARE)
 
     @property
     def linked(self) -> Array:
         """(C, C) from 0 to 1, enough: how far two cameras have seen the target together."""
-        return np.minimum(1.0, self.coverage.together / _ENOUGH_TOGETHER)
+        return np.minimum(1.0, self.coverage.together / ENOUGH_TOGETHER)
 
     @property
     def enough(self) -> bool:
-        """Every camera has met the target in much of its image, and all hang together by many moments."""
-        return len(linked_groups(self.linked >= 1)) == 1 and bool((self.covered >= 1).all())
+        """See `Coverage.enough`."""
+        return self.coverage.enough
 
     @property
     def words(self) -> str:
         """What to do next."""
-        return "enough: stop waving and calibrate" if self.enough else self.coverage.advice()
+        return self.coverage.advice()
 
 
 def start(cameras: tuple[str, ...]) -> Guidance:
     """Nothing seen yet."""
     count, (columns, rows) = len(cameras), CELLS_WH
     nothing = Coverage(cameras, np.zeros((count, rows, columns)), np.zeros((count, count)))
-    return Guidance(nothing, np.full(count, -1, np.int64))
+    return Guidance(nothing, np.full(count, _NEVER_NS), np.full((count, count), _NEVER_NS))
 
 
 def seen(guidance: Guidance, camera: int, t_ns: int, xy_img: Array, size_wh: tuple[int, int]) -> Guidance:
@@ -63,11 +63,13 @@ def seen(guidance: Guidance, camera: int, t_ns: int, xy_img: Array, size_wh: tup
     cells, together = guidance.coverage.cells.copy(), guidance.coverage.together.copy()
     column, row = np.unique(np.clip(((xy_img + 0.5) / size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1), axis=0).T
     cells[camera, row, column] += 1
-    others = (guidance.last_ns >= 0) & (np.abs(guidance.last_ns - t_ns) <= _SAME_MOMENT_NS)
+    last, shared = guidance.last_ns.copy(), guidance.shared_ns.copy()
+    # a frame pairs with one frame of another camera, not with that before and that after it
+    others = (np.abs(last - t_ns) <= SAME_MOMENT_NS) & (np.minimum(last, t_ns) > shared[camera])
     others[camera] = False
     together[camera, camera] += 1
     together[camera, others] += 1
     together[others, camera] += 1
-    last = guidance.last_ns.copy()
+    shared[camera, others] = shared[others, camera] = np.maximum(last[others], t_ns)
     last[camera] = t_ns
-    return replace(guidance, coverage=Coverage(guidance.coverage.cameras, cells, together), last_ns=last)
+    return replace(guidance, coverage=Coverage(guidance.coverage.cameras, cells, together), last_ns=last, shared_ns=shared)

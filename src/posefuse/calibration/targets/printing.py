@@ -45,7 +45,10 @@ def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list
         face = target.side_m + 2 * module
         size, (left, bottom) = _placed(page, face, face)
         squares = _squares(bits, left + module, bottom + module, module)
-        caption = f"posefuse marker {marker}, {target.dictionary}, side {target.side_m * 1e3:g} mm (black edge)"
+        edge = "black edge"
+        if target.inverted:
+            squares, edge = _squares(~np.pad(bits, 1), left, bottom, module), "white edge"
+        caption = f"posefuse marker {marker}, {target.dictionary}, side {target.side_m * 1e3:g} mm ({edge})"
         sheets.append(Sheet(size, squares, ((left, bottom, face, face),), caption))
     return sheets
 
@@ -78,18 +81,31 @@ def _charuco_sheet(target: Charuco, page: str) -> Sheet:
 
 def _aruco_board_sheet(target: ArucoBoard, page: str) -> Sheet:
     step = target.side_m + target.gap_m
-    width, height = target.columns * step - target.gap_m, target.rows * step - target.gap_m
+    margin = target.gap_m if target.inverted else 0.0
+    width, height = (count * step - target.gap_m + 2 * margin for count in (target.columns, target.rows))
     size, (left, bottom) = _placed(page, width, height)
-    black: list[tuple[float, float, float, float]] = []
+    black = _gaps(target, left, bottom, width) if target.inverted else []
+    left, bottom = left + margin, bottom + margin
     for i in range(target.columns * target.rows):
         row, column = divmod(i, target.columns)
-        bits = _bits(target.dictionary, target.first_id + i)
+        bits = _bits(target.dictionary, target.first_id + i) ^ target.inverted
         black += _squares(bits, left + column * step, bottom + (target.rows - 1 - row) * step, target.side_m / len(bits))
     caption = (
         f"posefuse ArUco board {target.columns} x {target.rows}, side {target.side_m * 1e3:g} mm, gap"
         f" {target.gap_m * 1e3:g} mm, {target.dictionary} from {target.first_id}"
     )
     return Sheet(size, tuple(black), (), caption)
+
+
+def _gaps(target: ArucoBoard, left: float, bottom: float, width: float) -> list[tuple[float, float, float, float]]:
+    """What lies between and round the markers of an inverted board, from its bottom left: strips across, and pieces between."""
+    side, gap, step = target.side_m, target.gap_m, target.side_m + target.gap_m
+    across = [(left, bottom + row * step, width, gap) for row in range(target.rows + 1)]
+    return across + [
+        (left + column * step, bottom + gap + row * step, gap, side)
+        for row in range(target.rows)
+        for column in range(target.columns + 1)
+    ]
 
 
 def _bits(dictionary: str, marker: int) -> Array:

@@ -10,14 +10,16 @@ import cv2
 
 from posefuse.core import CalibrationError, InputError, Progress, Source, silent
 from posefuse.core.errors import choices
+from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, VideoConfig
 
 from .corners import Observations, joined
 from .detection import observe, why_nothing
 from .kinds import Target
 
-Inputs = Mapping[str, str | Path] | Sequence[str | Path]
-"""Recordings by camera name, or paths, whose file names without suffix are then the cameras' names."""
+Inputs = Mapping[str, str | Path] | Sequence[str | Path] | str | Path
+"""Recordings by camera name, or paths, whose file names without suffix are the cameras' names; a session folder stands for its
+videos."""
 STAGE = "looking for the target"
 
 
@@ -27,12 +29,26 @@ def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
     Raises:
         InputError: two recordings of one name.
     """
-    pairs = list(inputs.items()) if isinstance(inputs, Mapping) else [(Path(path).stem, path) for path in inputs]
+    if isinstance(inputs, Mapping):
+        return {name: Path(path) for name, path in inputs.items()}
+    paths = [inputs] if isinstance(inputs, str | Path) else inputs
+    pairs = [pair for path in paths for pair in named_recordings(Path(path)).items()]
     names = [name for name, _ in pairs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"two recordings are named {choices(twice)}; give each camera its own name, as NAME=PATH")
-    return {name: Path(path) for name, path in pairs}
+    return dict(pairs)
+
+
+def named_recordings(path: Path) -> dict[str, Path]:
+    """A recording under its file's name; of a session folder (``SESSION/videos``), every video in it."""
+    videos = path / VIDEOS_FOLDER
+    if not videos.is_dir():
+        return {path.stem: path}
+    found = {file.stem: file for file in sorted(videos.iterdir()) if file.suffix.lower() in VIDEO_SUFFIXES}
+    if not found:
+        raise InputError(f"{videos}: expected videos ({choices(VIDEO_SUFFIXES)}), got none")
+    return found
 
 
 def open_sources(inputs: Inputs) -> list[Source]:

@@ -7,13 +7,19 @@ from typing import Any
 
 from posefuse.calibration.targets.guidance import Guidance
 from posefuse.cli.options.calibration import GuideOptions, TargetOptions
+from posefuse.cli.recording import show_videos
+from posefuse.cli.stopping import session_exit_code
 from posefuse.cli.terminal import Terminal
+from posefuse.cli.videos import kept_videos, video_figures
 from posefuse.formats.rig import read_rig
+from posefuse.foundation.output_folder import check_replaceable
 from posefuse.outputs.rerun_scene import SPAWN
+from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.guide import guide, guide_view
 from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.session import stop_requests
 
-from .inputs import check_files, target_of
+from .inputs import check_files, target_of, target_words
 
 
 def guide_at_cameras(target: TargetOptions, options: GuideOptions, terminal: Terminal) -> Mapping[str, Any]:
@@ -27,11 +33,39 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, terminal: Ter
         terminal.note(state.words)
 
     check_files((options.intrinsics,), (("--view-file", options.view_file),), force=options.force)
+    if options.record is not None:
+        check_replaceable(options.record, command="record", replace=False)
     kind = target_of(target)
-    inputs = inputs_from_arguments(options.source, read_rig(options.intrinsics))
+    rig = None if options.intrinsics is None else read_rig(options.intrinsics)
+    inputs = inputs_from_arguments(options.source, rig)
     place = str(options.view_file) if options.view_file else SPAWN if options.view else None
-    with guide_view([one.camera for one in inputs], place) as show:
-        found = guide(inputs, kind, report, show, options.duration)
-    terminal.next("posefuse calibrate extrinsics --help", "the rig from what was recorded" if found.enough else found.words)
+    with (
+        stop_requests() as stopped,
+        CameraFeed(inputs, packets=options.record is not None) as feed,
+        guide_view([one.camera for one in inputs], place) as look,
+        kept_videos(options.record, None, inputs, command="record") as videos,
+    ):
+        found = guide(feed, kind, report, look, options.duration, videos=videos, stopped=stopped)
+    figures = _figures(found)
+    if options.record is not None:
+        figures["videos"] = video_figures(options.record, inputs)
+        show_videos(figures["videos"], terminal)
+    _show_next(target, options, found, terminal)
+    by = stopped[0] if stopped else ""
+    return {**figures, "exit_code": session_exit_code(by, endless=options.duration is None, failed=False)}
+
+
+def _figures(found: Guidance) -> dict[str, Any]:
     covered = {name: float(share) for name, share in zip(found.coverage.cameras, found.coverage.share, strict=True)}
     return {"enough": found.enough, "covered": covered, "next": found.words}
+
+
+def _show_next(target: TargetOptions, options: GuideOptions, found: Guidance, terminal: Terminal) -> None:
+    if not found.enough:
+        terminal.note(f"not enough yet: {found.words}")
+    where = options.record or "SESSION"
+    lenses = options.intrinsics or "lenses.toml"
+    terminal.next(
+        f"posefuse calibrate extrinsics {target_words(target)} --intrinsics {lenses} --out rig.toml {where}",
+        "the rig from what was recorded",
+    )

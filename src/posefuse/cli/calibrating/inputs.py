@@ -3,62 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
-from posefuse.cli.options.calibration import TargetOptions
+from posefuse.calibration.targets.description import TargetDescription, described_target, read_target
+from posefuse.calibration.targets.kinds import Target
+from posefuse.calibration.targets.recordings import named_recordings
+from posefuse.cli.options.calibration import TARGET_SUFFIX, TargetOptions
 from posefuse.core import InputError, Rig
 from posefuse.foundation.output_file import check_output_file
+from posefuse.pipeline.config import read_config
 
 
 def target_of(options: TargetOptions) -> Target:
-    """The target described; raises InputError naming the sizes that are missing."""
-
-    def need(*names: str) -> list[Any]:
-        missing = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name) is None]
-        if missing:
-            raise InputError(f"--target {options.target}: missing {', '.join(missing)}")
-        return [getattr(options, name) / 1e3 if name.endswith("_mm") else getattr(options, name) for name in names]
-
-    if options.target == "markers":
-        (side,) = need("marker_mm")
-        return Markers(side, options.dictionary, options.ids, options.inverted)
-    if options.target == "charuco":
-        columns, rows, square, marker = need("columns", "rows", "square_mm", "marker_mm")
-        return Charuco(
-            columns=columns,
-            rows=rows,
-            square_m=square,
-            marker_m=marker,
-            dictionary=options.dictionary,
-            inverted=options.inverted,
-            legacy=options.legacy,
-        )
-    if options.target == "chessboard":
-        columns, rows, square = need("columns", "rows", "square_mm")
-        return Chessboard(columns, rows, square)
-    columns, rows, side, gap = need("columns", "rows", "marker_mm", "gap_mm")
-    return ArucoBoard(
-        columns=columns,
-        rows=rows,
-        side_m=side,
-        gap_m=gap,
-        dictionary=options.dictionary,
-        first_id=options.ids[0] if options.ids else 0,
-        inverted=options.inverted,
+    """The target described, by a file or by options; raises InputError naming the options that are missing or too many."""
+    if options.target.endswith(TARGET_SUFFIX):
+        return _target_of_file(options)
+    said = TargetDescription(
+        kind=options.target,  # type: ignore[arg-type]
+        **{field.name: getattr(options, field.name) for field in fields(TargetDescription) if field.name != "kind"},
+    )
+    return described_target(
+        said, lambda names: InputError(f"--target {options.target}: missing {', '.join(_option(name) for name in names)}")
     )
 
 
+def _target_of_file(options: TargetOptions) -> Target:
+    usual = TargetOptions()
+    names = [field.name for field in fields(TargetOptions) if field.name != "target"]
+    more = [_option(name) for name in names if getattr(options, name) != getattr(usual, name)]
+    if more:
+        raise InputError(f"--target {options.target}: the file describes the target; leave out {', '.join(more)}")
+    return read_target(Path(options.target))
+
+
+def target_words(options: TargetOptions) -> str:
+    """The options that describe the target, as they are typed."""
+    usual = TargetOptions()
+    words = [f"--target {options.target}"]
+    for field in fields(TargetOptions):
+        value = getattr(options, field.name)
+        if field.name != "target" and value != getattr(usual, field.name):
+            text = "" if value is True else " " + (" ".join(map(str, value)) if isinstance(value, tuple) else f"{value}")
+            words.append(f"{_option(field.name)}{text}")
+    return " ".join(words)
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
 def recordings_of(inputs: Sequence[str]) -> dict[str, Path]:
-    """``NAME=PATH`` texts as recordings by camera name, which defaults to the file's; raises InputError for one name twice."""
+    """``NAME=PATH`` texts as recordings by camera name, which defaults to the file's; a session folder gives all of its videos.
+
+    Raises:
+        InputError: one name twice.
+    """
     named: dict[str, Path] = {}
     for text in inputs:
         name, equals, path = text.partition("=")
-        camera, file = (name, Path(path)) if equals else (Path(text).stem, Path(text))
-        if camera in named:
-            raise InputError(f"{text}: camera {camera} has a recording already ({named[camera]}); name them as NAME=PATH")
-        named[camera] = file
+        for camera, file in {name: Path(path)}.items() if equals else named_recordings(Path(text)).items():
+            if camera in named:
+                raise InputError(f"{text}: camera {camera} has a recording already ({named[camera]}); name them as NAME=PATH")
+            named[camera] = file
     return named
 
 
@@ -72,6 +79,22 @@ def clock_offsets_s(offsets: Sequence[str], rig: Rig) -> dict[str, float]:
         except ValueError:
             raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
     return found
+
+
+def clocks_beside(path: Path, rig: Rig) -> dict[str, float]:
+    """Clock offsets in s by camera name, from the settings file beside a rig file; empty where there are none.
+
+    Raises:
+        InputError: settings with a drift, which holds for their own recording only.
+    """
+    if not path.is_file():
+        return {}
+    cameras = {name: one for name, one in read_config(path, ()).cameras.items() if name in rig.names}
+    drifting = [name for name, one in cameras.items() if one.drift_ppm]
+    if drifting:
+        raise InputError(f"{path}: the clock of {', '.join(drifting)} drifts; give today's offsets with --offset-ms CAMERA=MS")
+    # the settings say what is added to stamps, a clock offset by how much they are late
+    return {name: -one.offset_s for name, one in cameras.items() if one.offset_s}
 
 
 def check_files(inputs: Sequence[str | Path | None], outputs: Sequence[tuple[str, Path | None]], *, force: bool) -> None:

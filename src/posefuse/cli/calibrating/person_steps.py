@@ -13,6 +13,7 @@ from posefuse.cli.terminal import Terminal
 from posefuse.pipeline.config import CONFIG_FILE
 
 from .inputs import check_files, recordings_of
+from .next_steps import Asked
 from .showing import reported, show, show_clocks, write_clocks
 
 
@@ -22,7 +23,8 @@ def person(
     """Rig file and report from videos, or from 2D poses that another tool has written."""
     outputs = (("--out", files.out), ("--report", files.report))
     check_files((*inputs, options.intrinsics), outputs, force=files.force)
-    with reported(files.report), terminal.stages() as progress:
+    asked = Asked(step="person", inputs=inputs, intrinsics=options.intrinsics, out=files.out)
+    with reported(files.report, asked), terminal.stages() as progress:
         found = calibrate_person(
             recordings_of(inputs),
             intrinsics=options.intrinsics,
@@ -51,7 +53,7 @@ def clocks(
     """Clock offset of every camera of a session, written as settings that `posefuse track` of it reads."""
     check_files((options.rig,), (("--report", files.report),), force=files.force)
     chosen = {} if options.input is None else {"input": options.input}
-    with reported(files.report), terminal.stages() as progress:
+    with reported(files.report, Asked(step="clocks", inputs=(str(session),))), terminal.stages() as progress:
         found = calibrate_clocks(
             session,
             rig=options.rig,

@@ -13,15 +13,19 @@ from posefuse.calibration.result_files import clock_settings, write_clock_settin
 from posefuse.cli.terminal import Terminal
 from posefuse.pipeline.config import read_config
 
+from .next_steps import Asked, next_after
+
 
 @contextmanager
-def reported(path: Path | None) -> Iterator[None]:
-    """Write the report of a refused calibration before the error goes on."""
+def reported(path: Path | None, asked: Asked) -> Iterator[None]:
+    """Write the report of a refused calibration, and note the next command, before the error goes on."""
     try:
         yield
     except RefusedCalibration as refused:
         if path is not None:
             write_report(path, refused.report, {})
+        command, purpose = next_after(refused.report, asked)
+        refused.add_note(f"next: {command}  ({purpose})")
         raise
 
 

@@ -11,10 +11,12 @@ from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor
 from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.result_files import coverage_path, write_coverage
+from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
 from posefuse.calibration.targets.recordings import check_seen, open_sources
 from posefuse.cli.options.calibration import (
+    TARGET_SUFFIX,
     ExtrinsicsOptions,
     FloorOptions,
     PrintOptions,
@@ -30,7 +32,8 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .inputs import check_files, clock_offsets_s, recordings_of, target_of
+from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_of, target_words
+from .next_steps import Asked
 from .showing import reported, show, write_clocks
 
 
@@ -39,12 +42,16 @@ def intrinsics(
 ) -> Mapping[str, Any]:
     """Intrinsics of each camera from its views of a board: rig file without poses, and reports."""
     check_files(inputs, (("--out", files.out), ("--report", files.report)), force=files.force)
-    with reported(files.report), terminal.stages() as progress:
+    asked = Asked(step="intrinsics", inputs=inputs, target=target_words(target), out=files.out)
+    with reported(files.report, asked), terminal.stages() as progress:
         found = calibrate_intrinsics(recordings_of(inputs), target=target_of(target), every=every, progress=progress)
     for report in found.reports.values():
         show(report, terminal)
     found.save(files.out, report=files.report, replace=files.force)
-    terminal.next(f"posefuse calibrate extrinsics --help (with --intrinsics {files.out})", "the poses of the cameras")
+    terminal.next(
+        f"posefuse calibrate guide --target CUBE.toml --intrinsics {files.out} --source CAMERA=KIND:WHERE ... --record SESSION",
+        "move a target where two cameras see it; `calibrate extrinsics` then finds the poses of the cameras",
+    )
     return {"rig": str(files.out), "cameras": {name: dict(report.numbers) for name, report in found.reports.items()}}
 
 
@@ -71,7 +78,8 @@ def extrinsics(
     # before the solve: it is needed most when that refuses
     terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
     check_seen(seen, open_sources(recordings), kind)
-    with reported(files.report):
+    asked = Asked(step="extrinsics", inputs=inputs, target=target_words(target), intrinsics=options.intrinsics, out=files.out)
+    with reported(files.report, asked):
         found = calibrate_extrinsics(
             seen,
             intrinsics=lenses,
@@ -89,7 +97,9 @@ def extrinsics(
     show(found.report, terminal)
     found.save(files.out, report=files.report, replace=files.force)
     settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
-    terminal.next("posefuse calibrate verify --help", f"check {files.out} with a target it was not made from")
+    terminal.next(
+        f"posefuse calibrate verify --target BOARD.toml --rig {files.out} SESSION", "with a target that the rig was not made from"
+    )
     return {
         "rig": str(files.out),
         "coverage": str(picture),
@@ -119,20 +129,25 @@ def verify_rig(
     """Millimetres and pixels of a rig, from a target that it was not made from."""
     check_files((*inputs, options.rig), (("--report", files.report),), force=files.force)
     kind, rig = target_of(target), read_placed_rig(options.rig)
-    offsets_s = clock_offsets_s(options.offset_ms, rig)
+    settings = options.rig.with_name(CONFIG_FILE)
+    late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else clocks_beside(settings, rig)
+    if late_s and not options.offset_ms:
+        terminal.note(f"clock offsets of {', '.join(late_s)} from {settings}")
     with terminal.stages() as progress:
-        found = verify(rig, recordings_of(inputs), target=kind, every=options.every, clock_offset_s=offsets_s, progress=progress)
+        found = verify(rig, recordings_of(inputs), target=kind, every=options.every, clock_offset_s=late_s, progress=progress)
     show(found.report, terminal)
     if files.report is not None:
         found.save(files.report, replace=files.force)
-    found.report.require()
+    with reported(None, Asked(step="verify", inputs=inputs)):
+        found.report.require()
     terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)
 
 
 def print_target(target: TargetOptions, options: PrintOptions, terminal: Terminal) -> Mapping[str, Any]:
     """A target at its true size as a PDF."""
-    check_files((), (("--out", options.out),), force=options.force)
+    described = options.out.with_suffix(TARGET_SUFFIX)
+    check_files((), (("--out", options.out), ("--out", described)), force=options.force)
     kind = target_of(replace(target, target="markers") if options.cube else target)
     if isinstance(kind, Chessboard):
         raise InputError("print: a plain chessboard is not offered; a ChArUco board does all it does, and more")
@@ -145,6 +160,11 @@ def print_target(target: TargetOptions, options: PrintOptions, terminal: Termina
     keep_copy(options.out)
     with atomic_file(options.out) as temporary:
         write_pdf(temporary, sheets)
+    write_target(described, kind)
     terminal.note(f"{options.out}: {len(sheets)} pages; print at 100 % and measure the ruler")
-    terminal.next("posefuse calibrate intrinsics --help", "record the target with every camera, and find their intrinsics")
-    return {"pdf": str(options.out), "pages": len(sheets)}
+    terminal.note(f"{described}: the target's description, which the other steps take as --target {described}")
+    step = "extrinsics" if isinstance(kind, Markers) else "intrinsics"
+    terminal.next(
+        "posefuse record --source cam1=usb:/dev/video0 ... --out SESSION", f"videos of it for `posefuse calibrate {step}`"
+    )
+    return {"pdf": str(options.out), "pages": len(sheets), "target": str(described)}

@@ -13,11 +13,26 @@ MOST_MM, MOST_S, MOST_HZ, MOST_HEIGHT_M = 10_000.0, 86_400.0, 10_000.0, 3.0
 # squares of a board along one side, and frames between two that are looked at
 MOST_SQUARES, MOST_FRAMES = 200, 1_000_000
 ClockMode = Literal["auto", "together", "offset", "drift"]
-TargetName = Literal["markers", "charuco", "chessboard", "aruco-board"]
+TARGETS = ("markers", "charuco", "chessboard", "aruco-board")
+TARGET_SUFFIX = ".toml"
 CLOCKS_HELP = "Estimate the clock offsets of the cameras: never (together), always (offset; with drift), or when needed (auto)."
 MOST_S_HELP = "Largest clock offset between two cameras to search for, in seconds."
 
-CameraRecordings = Annotated[str, Parameter(metavar="NAME=PATH", required=True)]
+
+def _check_target(_: object, value: str) -> None:
+    if value not in TARGETS and not value.endswith(TARGET_SUFFIX):
+        raise ValueError(f"expected {', '.join(TARGETS)}, or a target file (.toml) of `posefuse calibrate print`, got {value!r}")
+
+
+CameraRecordings = Annotated[str, Parameter(metavar="SESSION|NAME=PATH", required=True)]
+TargetName = Annotated[
+    str,
+    Parameter(
+        metavar="KIND|FILE.toml",
+        help=f"What the cameras see: {', '.join(TARGETS)}; or the target file that `print` wrote, and no sizes.",
+        validator=_check_target,
+    ),
+]
 RigFile = Annotated[Path, Parameter(metavar="FILE")]
 OptionalFile = Annotated[Path | None, Parameter(metavar="FILE")]
 Millimetres = Annotated[float | None, Parameter(metavar="MM"), positive(MOST_MM)]
@@ -37,7 +52,6 @@ class TargetOptions:
     """The board or the markers that the cameras see."""
 
     target: TargetName = "charuco"
-    """What the cameras see."""
     columns: Squares = None
     """Squares across (charuco), inner corners (chessboard), markers (aruco-board)."""
     rows: Squares = None
@@ -129,8 +143,10 @@ class ExtrinsicsOptions:
 class GuideOptions(ReplaceOptions):
     """The cameras, and where the coverage is shown."""
 
-    intrinsics: RigFile
-    """Rig file with the cameras' names."""
+    intrinsics: OptionalFile = None
+    """Rig file that gives the cameras' names and their order."""
+    record: Annotated[Path | None, Parameter(metavar="SESSION")] = None
+    """Keep the videos in this new folder, as `posefuse record` does: the target need not be moved a second time."""
     source: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=KIND:WHERE", required=True)]
     """One per camera, as in `posefuse live`."""
     duration: Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)] = None
@@ -188,7 +204,7 @@ class VerifyOptions:
     """Rig file to verify."""
     every: Every = 1
     offset_ms: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=MS")] = ()
-    """Clock offset found by `extrinsics`, in milliseconds. May be given several times."""
+    """Clock offset in milliseconds, in place of those in posefuse.toml beside the rig file. May be given several times."""
 
 
 @Parameter(name="*")

@@ -67,6 +67,13 @@ def read_placed_rig(path: Path | str) -> Rig:
     return require_placed(str(path), read_rig(path))
 
 
+def refusal_note(path: Path | str, rig: Rig) -> str:
+    """What to say of a rig whose calibration was refused, each time that it is used; empty for others."""
+    if not rig.refused:
+        return ""
+    return f"{path}: this calibration was refused ({rig.refused}) and kept all the same: do not trust positions"
+
+
 def write_rig(path: Path | str, rig: Rig, format: str = anipose_toml.NAME) -> None:
     """Write a rig so that `read_rig` gives the same again; the file appears whole or not at all.
 

@@ -1,0 +1,113 @@
+"""What `posefuse record` does: videos on one clock, what is wrong while it can still be mended, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from posefuse.cli.options.record import RecordOptions
+from posefuse.core import SourceError
+from posefuse.formats.rig import read_rig
+from posefuse.foundation.output_file import check_output_file
+from posefuse.foundation.output_folder import check_replaceable
+from posefuse.outputs.rerun_scene import SPAWN
+from posefuse.realtime.camera_feed import CameraFeed, FedFrame
+from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.recorder import CameraNews, record
+from posefuse.realtime.session import stop_requests
+
+from .stopping import session_exit_code
+from .terminal import Terminal
+from .videos import kept_videos, video_figures
+
+_SAY_EVERY = 5
+
+
+def record_session(options: RecordOptions, terminal: Terminal) -> Mapping[str, Any]:
+    """Record until the time is over, the sources end, or Ctrl-C; returns frames, drops and rates by camera."""
+    rig = None if options.rig is None else read_rig(options.rig)
+    inputs = inputs_from_arguments(options.source, rig)
+    if not inputs:
+        raise SourceError("expected a source for at least 1 camera, got none; see --source")
+    check_replaceable(options.out, command="record", replace=False)
+    if options.view_file is not None:
+        check_output_file(options.view_file, option="--view-file")
+    names = [entry.camera for entry in inputs]
+    place = str(options.view_file) if options.view_file else SPAWN if options.view else None
+    with (
+        stop_requests() as stopped,
+        CameraFeed(inputs, rig=rig, packets=True) as feed,
+        _preview(names, place) as show,
+        kept_videos(options.out, rig, inputs, command="record") as videos,
+    ):
+        assert videos is not None
+        terminal.note(
+            f"recording {', '.join(names)}; " + ("Ctrl-C ends" if options.duration is None else f"{options.duration:g} s")
+        )
+        record(feed, videos, _reporter(terminal), show, duration_s=options.duration, stopped=stopped)
+    figures = video_figures(options.out, inputs)
+    show_videos(figures, terminal)
+    _show_next(options.out, options.rig, terminal)
+    by = stopped[0] if stopped else ""
+    failed = any(one["fault"] for one in figures.values())
+    return {
+        "session": str(options.out),
+        "videos": figures,
+        "exit_code": session_exit_code(by, endless=options.duration is None, failed=failed),
+    }
+
+
+def _reporter(terminal: Terminal) -> Callable[[float, tuple[CameraNews, ...]], None]:
+    """Say the rates now and then, and every warning once."""
+    said: set[tuple[str, str]] = set()
+
+    def report(seconds: float, news: tuple[CameraNews, ...]) -> None:
+        for one in news:
+            kind = one.warning.split(":")[0].split(" frames/s")[-1]
+            if one.warning and (one.camera, kind) not in said:
+                said.add((one.camera, kind))
+                terminal.warn(f"{one.camera}: {one.warning}")
+        if round(seconds) % _SAY_EVERY == 0:
+            rates = ", ".join(
+                f"{one.camera} {one.rate_hz:.1f}" + (f" ({one.missing} lost)" if one.missing else "") for one in news
+            )
+            terminal.note(f"{seconds:.0f} s, frames/s: {rates}")
+
+    return report
+
+
+@contextmanager
+def _preview(cameras: Sequence[str], place: str | None) -> Iterator[Callable[[FedFrame], None]]:
+    """What to do with the newest frames: show them in Rerun (``spawn``), write them to a .rrd file, or nothing (None)."""
+    if place is None:
+        yield lambda fed: None
+        return
+    from posefuse.realtime.record_view import RecordView
+
+    view = RecordView(cameras, place)
+    try:
+        yield view.look
+    finally:
+        view.close()
+
+
+def show_videos(figures: Mapping[str, Mapping[str, Any]], terminal: Terminal) -> None:
+    """A table, and a warning of each camera that lost frames."""
+    rows = [(name, one["written"], one["rate_hz"], one["dropped"], one["longest_gap_s"] * 1e3, one["how"])
+            for name, one in figures.items()]  # fmt: skip
+    terminal.table("videos", ("camera", "frames", "frames/s", "dropped", "longest gap, ms", "kept as"), rows)
+    for name, one in figures.items():
+        if one["fault"]:
+            terminal.warn(f"{name}: {one['fault']}")
+        elif one["dropped"]:
+            terminal.warn(f"{name}: {one['dropped']} frames were dropped: the disk or the processor is too slow for this rate")
+
+
+def _show_next(session: Path, rig: Path | None, terminal: Terminal) -> None:
+    if rig is None:
+        command = f"posefuse calibrate intrinsics --target TARGET.toml --out lenses.toml {session}"
+        terminal.next(command, "the intrinsics, from a board; or `calibrate extrinsics` with --intrinsics, from a moved target")
+    else:
+        terminal.next(f"posefuse track {session} --out RESULT", "the 3D skeleton")

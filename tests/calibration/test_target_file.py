@@ -1,0 +1,74 @@
+"""The target file: what `print` writes is what every step takes, and what is wrong in it is named."""
+
+from pathlib import Path
+
+import pytest
+
+from posefuse.api.calibrate import target_of
+from posefuse.calibration.targets.description import read_target, write_target
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
+from posefuse.cli.calibrating.inputs import target_of as target_of_options
+from posefuse.cli.calibrating.inputs import target_words
+from posefuse.cli.command_line import WrongCommandLineError, parse
+from posefuse.cli.options.calibration import TargetOptions
+from posefuse.cli.terminal import Terminal
+from posefuse.core import ConfigError, InputError
+
+TARGETS: tuple[Target, ...] = (
+    Markers(0.1205, "DICT_5X5_100", (3, 4, 7), True),
+    Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375, dictionary="DICT_4X4_100", inverted=True, legacy=True),
+    Chessboard(8, 6, 0.031),
+    ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.011, first_id=12, inverted=True),
+)
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
+def test_a_target_file_gives_the_same_target_again(target: Target, tmp_path: Path) -> None:
+    path = tmp_path / "target.toml"
+    write_target(path, target)
+    assert read_target(path) == target == target_of(str(path)) == target_of(target)
+    assert target_of_options(TargetOptions(target=str(path))) == target
+
+
+def run(*words: str) -> dict:
+    found = parse(["calibrate", *words])
+    assert found is not None
+    return dict(found.run(Terminal(as_json=True)))
+
+
+def test_printing_writes_the_file_and_the_other_steps_take_it(tmp_path: Path) -> None:
+    out, described = tmp_path / "board.pdf", tmp_path / "board.toml"
+    sizes = ("--columns", "5", "--rows", "7", "--square-mm", "50", "--marker-mm", "37.5")
+    assert run("print", *sizes, "--page", "a3", "--out", str(out))["target"] == str(described)
+    assert read_target(described) == Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
+    recording = f"cam={tmp_path / 'none.mp4'}"
+    with pytest.raises(InputError, match="no such video or folder of images"):
+        run("intrinsics", "--target", str(described), "--out", str(tmp_path / "lenses.toml"), recording)
+    with pytest.raises(InputError, match=r"board\.toml: the file describes the target; leave out --columns, --marker-mm"):
+        run(
+            *("intrinsics", "--target", str(described), "--columns", "5", "--marker-mm", "3"),
+            *("--out", str(tmp_path / "lenses.toml"), recording),
+        )
+    with pytest.raises(InputError, match=r"board\.toml: is there already"):
+        run("print", *sizes, "--page", "a3", "--out", str(tmp_path / "board.ps"))
+
+
+def test_what_is_wrong_with_a_target_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "target.toml"
+    path.write_text('kind = "charuco"\ncolumns = 5\nrows = 7\nsquare_mm = 50.0\n')
+    with pytest.raises(ConfigError, match=r"target\.toml: charuco: missing marker_mm"):
+        read_target(path)
+    path.write_text('kind = "markers"\nmarker_cm = 12\n')
+    with pytest.raises(ConfigError, match=r"target\.toml: unknown key 'marker_cm'; there are: .*marker_mm"):
+        read_target(path)
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read"):
+        read_target(tmp_path / "none.toml")
+    with pytest.raises(WrongCommandLineError, match=r"--target: expected markers, charuco, .*or a target file \(\.toml\)"):
+        parse(["calibrate", "intrinsics", "--target", "charuko", "--out", "a.toml", "b.mp4"])
+
+
+def test_the_words_of_a_target_say_the_same_target_again() -> None:
+    said = TargetOptions(target="markers", marker_mm=120.0, ids=(3, 4), inverted=True)
+    again = parse(["calibrate", "print", *target_words(said).split(), "--out", "a.pdf"])
+    assert again is not None
+    assert target_of_options(again.bound.arguments["target"]) == target_of_options(said)

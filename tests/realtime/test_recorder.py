@@ -1,0 +1,104 @@
+"""`posefuse record` and `guide --record`: every frame at its own time, warnings, and nothing left of a failed start."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.cli.command_line import parse
+from posefuse.cli.terminal import Terminal
+from posefuse.core import Frame, SourceError
+from posefuse.formats.kept_video import KeptVideo
+from posefuse.foundation.settings import read_mapping
+from posefuse.realtime.camera_feed import CameraFeed
+from posefuse.realtime.capture import LiveInput
+from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.recorder import exposure_warning, record
+from posefuse.realtime.video_keeping import read_counts
+from posefuse.sources.video import VideoConfig
+
+GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
+STAMPS_NS = np.array([0, 33, 67, 180, 210]) * 1_000_000
+
+
+@dataclass(frozen=True)
+class Film:
+    """Frames from memory at uneven times that count from the session's zero."""
+
+    camera: str
+    image: Any
+    zero_ns: int | None = None
+    size_wh: tuple[int, int] = (64, 48)
+
+    def build(self) -> "Film":
+        return self
+
+    def close(self) -> None:
+        pass
+
+    def frames(self) -> Any:
+        for i, t_ns in enumerate(STAMPS_NS.tolist()):
+            yield Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=self.image)
+
+
+def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
+    inputs = [LiveInput(name, "film", Film(name, GOOD), reopen=False) for name in ("a", "b")]
+    shown: list[int] = []
+    with CameraFeed(inputs) as feed:
+        record(feed, tmp_path, lambda seconds, news: None, lambda fed: shown.append(fed.camera), duration_s=20.0)
+    for name, counts in read_counts(tmp_path, ["a", "b"]).items():
+        assert (counts.written, counts.dropped, counts.finished) == (5, 0, True)
+        assert counts.longest_gap_s == pytest.approx(0.113)
+        assert counts.rate_hz == pytest.approx(4 / 0.21)
+        np.testing.assert_array_equal(VideoConfig(tmp_path / f"{name}.mp4", name).build().times_ns(), STAMPS_NS)
+    assert set(shown) == {0, 1}
+
+
+def test_a_bad_exposure_is_named_and_a_good_one_is_not() -> None:
+    white, dark = GOOD.copy(), GOOD // 5
+    white[:20] = 255
+    assert exposure_warning(GOOD) == ""
+    assert exposure_warning(white).startswith("overexposed: ")
+    assert exposure_warning(dark).startswith("dark: ")
+
+
+def test_sources_need_no_rig_and_keep_their_order() -> None:
+    found = inputs_from_arguments(["z=video:a.mp4", "a=usb:/dev/video1"], None)
+    assert [(one.camera, one.kind) for one in found] == [("z", "video"), ("a", "usb")]
+    with pytest.raises(SourceError, match=r"expected a size, e\.g\. c=oak:any@1280x720@30"):
+        inputs_from_arguments(["c=oak:any"], None)
+    with pytest.raises(SourceError, match="has a source already"):
+        inputs_from_arguments(["z=video:a.mp4", "z=video:b.mp4"], None)
+
+
+def test_a_source_that_cannot_be_opened_leaves_nothing(tmp_path: Path) -> None:
+    found = parse(["record", "--source", f"a=video:{tmp_path / 'none.mp4'}", "--out", str(tmp_path / "session")])
+    assert found is not None
+    with pytest.raises(SourceError, match="camera a: no such video file"):
+        found.run(Terminal(as_json=True))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.realtime
+def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 3, 60)
+    page = np.full((120, 160, 3), 255, np.uint8)
+    page[30:90, 50:110] = marker[..., None]
+    for name in ("a", "b"):
+        with KeptVideo(tmp_path / f"{name}.mp4") as video:
+            for i in range(12):
+                t_ns = i * 50_000_000
+                video.write(Frame(camera=name, seq=i, t_ns=t_ns, received_ns=t_ns, image=np.roll(page, 2 * i, axis=1)), t_ns)
+    sources = [word for name in ("a", "b") for word in ("--source", f"{name}=video:{tmp_path / name}.mp4")]
+    session = tmp_path / "session"
+    found = parse(["calibrate", "guide", "--marker-mm", "100", *sources, "--record", str(session)])
+    assert found is not None
+    figures = found.run(Terminal(as_json=True))
+    assert not figures["enough"] and figures["exit_code"] == 0
+    assert {name: one["written"] for name, one in figures["videos"].items()} == {"a": 12, "b": 12}
+    assert read_mapping(session / "recording.toml")["cameras"]["b"]["frames"] == 12
+    times_ns = VideoConfig(session / "videos" / "b.mp4", "b").build().times_ns()
+    np.testing.assert_allclose(times_ns, np.arange(12) * 50_000_000, atol=1_000)
