@@ -2,12 +2,12 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-EXTRAS ?= dev,sim,teleop,viewer,ros
+EXTRAS ?= dev,docs,sim,teleop,viewer,ros
 SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
 
-.PHONY: calibration-faults help setup setup-core demo test test-slow fuzz reliability check bench bench-live paper demo-clip pictures clean
+.PHONY: calibration-faults help setup setup-core demo test test-slow fuzz reliability check bench bench-live paper demo-clip pictures docs package clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
@@ -22,6 +22,8 @@ help:
 	@echo "make paper      the paper's experiments: pages in out/paper, docs/accuracy.md"
 	@echo "make demo-clip  render the bundled clip anew with the simulator"
 	@echo "make pictures   draw the pictures of the docs anew"
+	@echo "make docs       build the documentation site in out/site; a warning is an error"
+	@echo "make package    build, check and try what would be published; nothing is uploaded"
 
 setup: $(READY)
 
@@ -78,6 +80,10 @@ demo-clip: setup
 pictures: demo
 	cp out/demo/overview.png docs/images/overview.png
 	$(BIN)/python docs/make_simulation_pictures.py
+	$(BIN)/python -m tools.docs_site.pictures
+
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 clean:
 	rm -rf out build dist .pytest_cache .mypy_cache .ruff_cache

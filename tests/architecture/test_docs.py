@@ -1,39 +1,166 @@
-"""Docs are run: every Python block of the README and the docs executes, every command they name exists."""
+"""Docs are run: every Python block executes, commands, messages, links and pages that they name exist, and the site lists all."""
 
+import ast
+import functools
 import re
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
 
+import matplotlib
 import pytest
+import yaml
 
+import posefuse as pf
+import posefuse.api.track
 from posefuse.cli.main import COMMANDS
+from posefuse.foundation.plugins import list_plugins
+from tools.docs_site.api import GROUPS, api_page
+from tools.docs_site.commands import command_words, commands_page
+from tools.docs_site.settings import settings_page
 
+matplotlib.use("Agg")
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+# streams of Lab Streaming Layer are called `posefuse keypoints` and `posefuse joint angles`
+NO_COMMANDS = {"keypoints", "joint"}
+GENERATED = {"reference/api.md", "reference/commands.md", "reference/settings.md"}
 
 
-def python_blocks() -> list[tuple[str, str]]:
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks(language: str) -> list[tuple[str, str]]:
     found = []
     for page in PAGES:
-        blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-        found += [(f"{page.name} block {i + 1}", block) for i, block in enumerate(blocks)]
+        code = re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        found += [(f"{name_of(page)} block {i + 1}", block) for i, block in enumerate(code)]
     return found
 
 
-@pytest.mark.parametrize(("name", "code"), python_blocks(), ids=lambda value: value if "block" in value[:40] else "")
+def block_id(value: str) -> str:
+    return value if re.fullmatch(r"[\w./]+ block \d+", value) else ""
+
+
+@functools.cache
+def tracked_once(session: str, **arguments: float) -> pf.Recording:
+    """Blocks that track the same share the work; a recording never changes."""
+    return pf.api.track.track(session, **arguments)
+
+
+@pytest.mark.parametrize(("name", "code"), blocks("python"), ids=block_id)
 def test_python_blocks_run(name: str, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(pf, "track", tracked_once)
     exec(compile(code, name, "exec"), {"__name__": "docs"})
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize(("name", "code"), blocks("python no-run"), ids=block_id)
+def test_python_blocks_that_need_cameras_are_python(name: str, code: str) -> None:
+    ast.parse(code)
+
+
+@pytest.mark.parametrize(("name", "code"), blocks("toml"), ids=block_id)
+def test_toml_blocks_are_toml(name: str, code: str) -> None:
+    assert tomllib.loads(code)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_named_in_the_docs_exist(page: Path) -> None:
-    quoted = " ".join(re.findall(r"`[^`]+`|^    .*$", page.read_text(encoding="utf-8"), re.MULTILINE))
-    named = set(re.findall(r"posefuse (?!as\b)([a-z0-9][a-z0-9-]*)\b", quoted))
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    quoted = " ".join(re.findall(r"`[^`\n]+`|^    .*$", text, re.MULTILINE))
+    named = set(re.findall(r"posefuse (?!as\b)([a-z0-9][a-z0-9-]*)\b", quoted)) - NO_COMMANDS
     assert named <= {*COMMANDS}, f"{page.name} names commands that do not exist: {sorted(named - {*COMMANDS})}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_and_pictures_exist(page: Path) -> None:
-    targets = re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))
-    missing = [target for target in targets if not target.startswith("http") and not (page.parent / target).exists()]
-    assert not missing
+def anchors(page: Path) -> set[str]:
+    """Names of the headings of a page as the site links them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    plain = [re.sub(r"[`*]|\[([^]]*)\]\([^)]*\)", r"\1", heading) for heading in headings]
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading.lower()).strip()) for heading in plain}
+
+
+def dead_links(page: Path) -> list[str]:
+    dead = []
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8")):
+        if target.startswith(("http://", "https://", "mailto:")):
+            continue
+        path = (page.parent / target).resolve() if target else page
+        generated = path.is_relative_to(DOCS) and path.relative_to(DOCS).as_posix() in GENERATED
+        if (not generated and not path.exists()) or (
+            anchor and path.suffix == ".md" and path.exists() and anchor not in anchors(path)
+        ):
+            dead.append(f"{target}#{anchor}" if anchor else target)
+    return dead
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_anchors_and_pictures_exist(page: Path) -> None:
+    assert not dead_links(page)
+
+
+def test_the_link_check_can_fail(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# Here\n[a](nowhere.md) [b](#here) [c](#there)", encoding="utf-8")
+    assert dead_links(page) == ["nowhere.md", "#there"]
+
+
+def navigation(entry: object) -> list[str]:
+    if isinstance(entry, str):
+        return [entry]
+    return [page for inner in (entry.values() if isinstance(entry, dict) else entry) for page in navigation(inner)]  # type: ignore[attr-defined]
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    listed = navigation(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
+    assert sorted(listed) == sorted(
+        {page.relative_to(DOCS).as_posix() for page in PAGES if page.is_relative_to(DOCS)} | GENERATED
+    )
+
+
+def test_references_list_every_command_setting_and_name() -> None:
+    commands, settings, api = commands_page(), settings_page(), api_page()
+    assert not [words for words in command_words() if f"## posefuse {' '.join(words)}\n" not in commands]
+    assert "`--people N`" in commands
+    assert not [key for key in ("cutoff_hz", "max_people", "offset_s", "rate_hz") if f"| `{key}` |" not in settings]
+    ours = [plugin.name for kind in ("detectors", "sinks", "live_outputs") for plugin in list_plugins(kind) if plugin.config]
+    assert not [name for name in ours if f"### `{name}`" not in settings]
+    assert all(f"heading: posefuse.{name}\n" in api for _, names in GROUPS for name in names)
+
+
+def test_every_documented_setting_has_a_meaning() -> None:
+    undocumented = re.findall(r"^\| `(\w+)` \|[^|]*\|[^|]*\|\s*\|$", settings_page(), re.MULTILINE)
+    assert not undocumented
+
+
+def test_messages_in_troubleshooting_are_those_of_the_code() -> None:
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    messages = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
+    code = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
+    plain = re.sub(r"\{[^{}]*\}", "2", re.sub(r'"\s*\n\s*f?"', "", code))
+    assert messages
+    assert not [text for text in messages if text not in plain]
+
+
+def test_all_outputs_are_in_the_list_of_files() -> None:
+    page = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
+    assert not [
+        plugin.name for plugin in list_plugins("sinks") if plugin.package == "posefuse" and f"`{plugin.name}`" not in page
+    ]
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning_and_needs_no_other_host(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    pages = [page.read_text(encoding="utf-8") for page in (tmp_path / "site").rglob("*.html")]
+    loaded = {
+        address
+        for page in pages
+        for address in re.findall(r'<(?:script|link|img|iframe)[^>]+(?:src|href)="(https?://[^"]+)"', page)
+    }
+    assert not loaded

@@ -36,7 +36,7 @@ def test_printing_needs_its_sizes_and_says_which(tmp_path: Path) -> None:
         run("print", "--cube", "--out", out)
     assert run("print", "--cube", "--marker-mm", "120", "--out", out)["pages"] == 6
     assert (tmp_path / "cube.pdf").read_bytes().startswith(b"%PDF-1.4")
-    with pytest.raises(InputError, match=r"cube\.pdf: is there already; choose another name, or add --force"):
+    with pytest.raises(InputError, match=r"cube\.pdf already exists; choose another name, or add --force"):
         run("print", "--cube", "--marker-mm", "100", "--out", out)
     before = (tmp_path / "cube.pdf").read_bytes()
     run("print", "--cube", "--marker-mm", "100", "--out", out, "--force")

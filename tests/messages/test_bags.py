@@ -187,7 +187,7 @@ def test_what_is_no_mcap_is_said(tmp_path):
 
 def test_a_recording_is_never_written_over(tmp_path):
     bags.Recorder(tmp_path / "a.mcap").close()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         bags.Recorder(tmp_path / "a.mcap")
     with pytest.raises(InputError, match="cannot be written"):
         bags.Recorder(tmp_path / "no" / "a.mcap")

@@ -160,7 +160,7 @@ def test_several_outlets_get_the_same(tmp_path, kept, standing):
 
 def test_a_bag_is_never_written_over(tmp_path):
     (tmp_path / "a.bag").write_bytes(b"x")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         ros1.BagRecorder(tmp_path / "a.bag")
     with pytest.raises(InputError, match="cannot be written"):
         ros1.BagRecorder(tmp_path / "no" / "a.bag")

@@ -74,14 +74,18 @@ def calibrate_intrinsics(
     """Find focal lengths, principal point and distortion of each camera from images of a board.
 
     Args:
-        inputs, target, every, progress: as in `observe_target`.
+        inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names.
+        target: what the cameras see: a board, or an object with markers.
+        every: use every `every`-th frame only.
+        progress: True for bars on stderr, or a function (see `Progress`).
 
     Returns:
         The cameras (all at the origin), and a report per camera.
 
     Raises:
         RefusedCalibration: a check of a camera fails; `report` says which, and what to do.
-        CalibrationError: a camera in which the target was not found. InputError: unusable recordings.
+        CalibrationError: a camera in which the target was not found.
+        InputError: unusable recordings.
 
     Examples:
         >>> from posefuse.api.calibrate import calibrate_intrinsics
@@ -122,20 +126,23 @@ def calibrate_extrinsics(
     """Find the poses of the cameras from a target that is moved in front of them.
 
     Args:
-        inputs: as in `observe_target`, or what that returned.
+        inputs: recordings as in `calibrate_intrinsics`, or observations that `observe_target` returned.
         intrinsics: a rig whose cameras have these names; its poses are not used.
-        target, every, progress: as in `observe_target`.
-        clocks: ``together``: the cameras are synchronised; ``offset`` or ``drift``: estimate each camera's clock; ``auto``: when
-            they turn out not to be synchronised.
+        target: what the cameras see: a board, or an object with markers.
+        every: use every `every`-th frame only.
+        progress: True for bars on stderr, or a function (see `Progress`).
+        clocks: ``together``: the cameras are synchronised; ``offset`` or ``drift``: estimate each camera's clock; ``auto``:
+            when they turn out not to be synchronised.
         floor: what sets the world coordinates; None: up is estimated from the cameras.
-        focal_known_to_percent: refine the intrinsics too, whose focal lengths are known to so much; None keeps them.
+        focal_known_to_percent: refine the intrinsics too; this is how well the focal lengths are known. None keeps them.
         upside_down: cameras that are mounted upside down.
-        any_size: accept a rig far smaller or larger than a room.
-        keep_refused: return a refused calibration too, whose rig is marked as refused and whose `report.failed` says why.
+        any_size: also accept a rig that is far smaller or larger than a room.
+        keep_refused: return a refused calibration too. Its rig is marked as refused, and `report.failed` states why.
 
     Raises:
         RefusedCalibration: a check fails; `report` says which, and what to do.
-        CalibrationError: input that cannot be used. InputError: unusable recordings.
+        CalibrationError: input that cannot be used.
+        InputError: unusable recordings.
     """
     lenses, kind = _rig(intrinsics), target_of(target)
     check_floor(floor, kind)
@@ -189,15 +196,18 @@ def calibrate_person(
         intrinsics: a rig whose cameras have these names; its poses are not used.
         height_m: height of the person in metres, which sets the scale within a few per cent.
         camera_distance: or two cameras and their measured distance in metres.
-        rate_hz: frame rate of 2D poses. time_steps: of videos, used at most.
-        clocks: as in `calibrate_extrinsics`. max_offset_s: largest clock offset between two cameras to search for.
+        rate_hz: frame rate of 2D poses.
+        time_steps: of videos, used at most.
+        clocks: as in `calibrate_extrinsics`.
+        max_offset_s: largest clock offset between two cameras to search for.
         upside_down: cameras that are mounted upside down.
         settings: other settings of `track` by dotted key, e.g. ``{"detector.options.landmarks": "blazepose_best"}``.
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Raises:
         RefusedCalibration: a check fails; `report` says which, and what to do.
-        CalibrationError: cameras that cannot be linked by what they see. InputError: unusable recordings, or not one length.
+        CalibrationError: cameras that cannot be linked by what they see.
+        InputError: unusable recordings, or not one length.
     """
     paths, lenses = paths_by_camera(inputs), _rig(intrinsics)
     check_recordings(paths)
@@ -230,13 +240,18 @@ def calibrate_clocks(
     """Find the clock offsets of calibrated cameras that are not synchronised, from a person who moves.
 
     Args:
-        session: as in `track`. rig: another calibration file.
-        drift: estimate different clock rates, too. rate_hz: of 2D poses in files, and of images without times.
-        seconds: so much from the middle of the recording is used. max_offset_s: largest offset between two cameras.
-        settings: other settings of `track` by dotted key. progress: True for bars on stderr, or a function (see `Progress`).
+        session: as in `track`.
+        rig: another calibration file.
+        drift: estimate different clock rates, too.
+        rate_hz: of 2D poses in files, and of images without times.
+        seconds: length of the part in the middle of the recording that is used.
+        max_offset_s: largest offset between two cameras.
+        settings: other settings of `track` by dotted key.
+        progress: True for bars on stderr, or a function (see `Progress`).
 
     Raises:
-        RefusedCalibration: a check fails; `report` says which, and what to do. InputError: no session, or no frame rate.
+        RefusedCalibration: a check fails; `report` says which, and what to do.
+        InputError: no session, or no frame rate.
     """
     folder = Path(session)
     path = folder / CONFIG_FILE
@@ -261,14 +276,19 @@ def verify(
     """Measure the errors of a rig with a target it was not made from, held anywhere.
 
     Args:
-        rig: to be verified. inputs, target, every, progress: as in `observe_target`.
+        rig: the rig to verify.
+        inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names.
+        target: what the cameras see: a board, or an object with markers.
+        every: use every `every`-th frame only.
+        progress: True for bars on stderr, or a function (see `Progress`).
         clock_offset_s: clock offsets found by the calibration, by camera name; others are 0.
 
     Returns:
         The errors and the checks, also where a check fails: see `RigVerification.passed`.
 
     Raises:
-        CalibrationError: a camera the rig does not have, or no length that two cameras see. InputError: unusable recordings.
+        CalibrationError: a camera the rig does not have, or no length that two cameras see.
+        InputError: unusable recordings.
     """
     cameras, kind = rig_of(_rig(rig)), target_of(target)
     offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}

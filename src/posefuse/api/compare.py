@@ -24,9 +24,12 @@ def compare(
     """Bring `b` onto `a` in time and space and say how far apart they are, point by point, and how they drift.
 
     Args:
-        a, b: recordings, result folders, or files of other systems: TRC, C3D, CSV, MVNX.
+        a: a recording, a result folder, or a file of another system: TRC, C3D, CSV, MVNX.
+        b: the same.
         person: id in posefuse recordings; None: the one seen longest.
-        align_time, align_space: find the offset in time, the turn and shift in space. scale: a change of size as well.
+        align_time: find the offset in time.
+        align_space: find the rotation and translation between the two world frames.
+        scale: find a change of size as well.
         align_first_s: align by the first seconds only, so that drift shows.
 
     Raises:

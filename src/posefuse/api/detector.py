@@ -44,7 +44,8 @@ def detector(name: str = "blazepose_full", options: Mapping[str, Any] | None = N
         options: of the plug-in, by name.
 
     Raises:
-        ConfigError: no such plug-in or network, or options it does not take. ModelError: its files cannot be had.
+        ConfigError: no such plug-in or network, or options it does not take.
+        ModelError: its files cannot be had.
 
     Examples:
         >>> import numpy as np, posefuse as pf

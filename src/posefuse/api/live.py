@@ -200,9 +200,12 @@ def live(
 
     Args:
         rig: the cameras, or a rig file.
-        sources: camera name -> ``usb:0``, ``rtsp://...``, ``video:FILE``, ``realsense:SERIAL`` ...; or a list as for
-            ``posefuse live --source``, e.g. ``["sim:SCENE.yaml"]``.
-        people: at most so many. networks: see docs/networks.md. rate_hz: poses per second. duration_s: None: until it is closed.
+        sources: camera name -> ``usb:0``, ``rtsp://...``, ``video:FILE``, ``realsense:SERIAL`` ...; or a list as for ``posefuse
+            live --source``, e.g. ``["sim:SCENE.yaml"]``.
+        people: follow at most this many.
+        networks: name of the 2D networks, or a model card (see docs/networks.md).
+        rate_hz: poses per second.
+        duration_s: None: until it is closed.
         record: .mcap file that keeps every detection and pose.
         outputs: options of more outputs by name, e.g. ``{"osc": {"to": ["localhost:9000"]}}``; see `posefuse plugins`.
         settings: any other setting by dotted key, as for ``posefuse live --set``.

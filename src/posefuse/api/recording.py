@@ -92,14 +92,16 @@ class Recording(core.Recording):
         """Associate, fuse and smooth the kept observations again; nothing is detected again.
 
         Args:
-            smooth: False leaves every time step as it was fused. people: how many at most; None: as before.
+            smooth: False leaves every time step as it was fused.
+            people: how many at most; None: as before.
             settings: changes by dotted key as in ``--set``, e.g. ``{"fuse.weights": "score"}``.
 
         Returns:
             A new recording. With the settings of the first time it is the same to the last bit.
 
         Raises:
-            ConfigError: an unknown setting or a wrong value. InputError: no person can be followed.
+            ConfigError: an unknown setting or a wrong value.
+            InputError: no person can be followed.
         """
         from posefuse.pipeline.config import changed_config
         from posefuse.pipeline.solve import config_of, solve_again
@@ -131,7 +133,8 @@ class Recording(core.Recording):
             The files written.
 
         Raises:
-            ConfigError: no such format. InputError: the folder holds anything else, or a file cannot be written.
+            ConfigError: no such format.
+            InputError: the folder holds anything else, or a file cannot be written.
         """
         from posefuse.pipeline.writing import save_recording
 
@@ -179,7 +182,8 @@ class Recording(core.Recording):
 
         Args:
             name: a keypoint, or a joint when `angle` is given: ``plot("left_wrist")``, ``plot("left_knee", "flexion")``.
-            person: id; left out where there is one person. axes: matplotlib axes to draw into.
+            person: id; left out where there is one person.
+            axes: matplotlib axes to draw into.
 
         Raises:
             InputError: no such keypoint, joint, angle or person.

@@ -20,14 +20,17 @@ def simulate(
     """Render a scene file (YAML) into a session folder with its exact truth, which `track` takes; needs the extra ``sim``.
 
     Args:
-        scene: see docs/simulation.md. out: new or empty folder; with `replace` also an unchanged session that posefuse wrote.
+        scene: see docs/simulation.md.
+        out: new or empty folder; with `replace` also an unchanged session that posefuse wrote.
         processes: how many render at once; None: one per core.
 
     Returns:
         The session folder. An interrupted run of the same scene is continued.
 
     Raises:
-        ConfigError: a scene that cannot be. InputError: `out` holds anything else. DependencyError: no OpenGL, no extra ``sim``.
+        ConfigError: a scene that cannot be.
+        InputError: `out` holds anything else.
+        DependencyError: no OpenGL, no extra ``sim``.
     """
     from posefuse.simulation import read_scene
     from posefuse.simulation import simulate as render

@@ -36,14 +36,18 @@ def track(
 
     Args:
         session: folder with a calibration file and one video, image folder or folder of 2D poses per camera. Its
-            ``posefuse.toml`` is read where there is one; the arguments go before it.
-        people: at most so many. rig: another calibration file.
+            ``posefuse.toml`` is read if it exists; the arguments take precedence over it.
+        people: follow at most this many.
+        rig: another calibration file.
         networks: name of the 2D networks, e.g. ``blazepose_lite``, or a model card (TOML).
         weights: how views are weighted: ``robust`` (default), ``score``, ``none``, ``all``.
-        start_s, end_s: the part to work on, session seconds.
-        out: folder to write the result to; the detections are kept there while they are made, so that nothing is lost when the
-            work is interrupted. formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`.
-        resume: continue the interrupted work of `out`. replace: replace an unchanged result that posefuse wrote there.
+        start_s: begin at this time of the session, in seconds.
+        end_s: end at this time of the session, in seconds.
+        out: folder to write the result to. The detections are kept there while they are made, so that an interruption loses
+            nothing.
+        formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`.
+        resume: continue the interrupted work of `out`.
+        replace: replace an unchanged result that posefuse wrote there.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
         progress: True for bars on stderr, or a function (see `Progress`).
 

@@ -16,20 +16,21 @@ Place = Annotated[float, Ge(-_FARTHEST_M), Le(_FARTHEST_M)]
 
 @settings
 class AssociateSettings:
-    """Who is who, across cameras and time.
+    """How detections are assigned to people, across cameras and over time.
 
     Attributes:
         max_people: how many people to follow; their ids are 0 .. max_people - 1.
-        near_xy_m: newcomers are taken by how close they stand to this place of the ground (world x, y), not by how many
-            views agree on them.
-        tolerance_m: how far a keypoint may lie from its ray, measured at the body, for a view to agree.
-        min_share: share of a detection's keypoints that must agree for it to be this person.
-        speed_max_m_s: how fast a followed person may move between instants.
-        plausible_share: share of a newcomer's body lengths (limbs, trunk, girdles) that a human body can have, from a child to
-            a tall adult; below it the views are of different people. One length in four may be wrong in a single frame.
-        duplicate_share: two detections of one view whose keypoints are closer than this share of their box (median) are one
-            body.
-        lost_after_s: how long the place of a followed person who is out of sight is kept free.
+        near_xy_m: start new people by their distance to this point of the floor (world x, y) instead of by how many views agree
+            on them.
+        tolerance_m: a view agrees with a keypoint when its ray passes within this distance, measured at the body.
+        min_share: share of the keypoints of a detection that must agree for the detection to belong to a person.
+        speed_max_m_s: largest speed of a followed person between time steps.
+        plausible_share: share of the body lengths (limbs, trunk, girdles) of a new person that must lie within the human range,
+            from a child to a tall adult; below it, the views show different people. One length in four may be wrong in a single
+            frame.
+        duplicate_share: two detections of one view are the same body when the median distance of their keypoints is below this
+            share of their box.
+        lost_after_s: how long the id of a person who is out of sight is reserved.
     """
 
     max_people: Annotated[int, Ge(1), Le(1000)] = 1

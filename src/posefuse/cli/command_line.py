@@ -79,7 +79,7 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
     Raises:
         WrongCommandLineError: an unknown command or option, a value that is missing or wrong.
     """
-    app = _app()
+    app = application()
     if _HELP_FLAGS & set(tokens):
         _import_listed(app, tokens)
     words: tuple[str, ...] = ()
@@ -106,7 +106,8 @@ def _common(
     """What every command takes, in any place."""
 
 
-def _app() -> App:
+def application() -> App:
+    """All commands; each is imported when it is looked up."""
     app = App(
         name="posefuse",
         help="Several ordinary cameras + AI -> one accurate 3D human skeleton.",

@@ -55,10 +55,13 @@ class JointAngles:
     """Segment poses and joint angles over time; ``angles["left_knee", "flexion"]`` is one of them.
 
     Attributes:
-        t_ns: (T,). person_id: (N,).
-        segments: S names. world_from_segment: SE3 of batch (T, N, S); NaN where undefined.
+        t_ns: (T,).
+        person_id: (N,).
+        segments: S names.
+        world_from_segment: SE3 of batch (T, N, S); NaN where undefined.
         joints: J names, each with three angles `angle_names[j]` in its declared sequence.
-        angle_rad, sigma_rad: (T, N, J, 3); NaN where undefined.
+        angle_rad: (T, N, J, 3); NaN where undefined.
+        sigma_rad: (T, N, J, 3); NaN where undefined.
     """
 
     t_ns: Array

@@ -83,7 +83,8 @@ class Observations:
     at several times has several rows.
 
     Attributes:
-        skeleton: names axis K. camera_names: axis C, as in the rig.
+        skeleton: names axis K.
+        camera_names: axis C, as in the rig.
         step_t_ns: (T,) time steps common to all cameras, session clock; empty for a live session.
         frame_camera: (F,) index in camera_names. Frames are in the order in which the detector answered.
         frame_t_ns: (F,) mid-exposure, session clock.
@@ -92,7 +93,8 @@ class Observations:
         n_detections: (F,) detections in the frame.
         person_id: (R,) -1: belongs to no person of the result.
         xy_img: (R, K, 2) float32 raw distorted px; NaN where a keypoint is missing.
-        score, sigma_px: (R, K) float32; 0 and NaN where missing.
+        score: (R, K) float32; 0 where missing.
+        sigma_px: (R, K) float32; NaN where missing.
         box_img: (R, 4) float32 left, top, right, bottom.
         clothing_lab: (R, 3, 3) float32, track_id: (R,) as in `Detections2D`.
 
@@ -224,7 +226,8 @@ class Observations:
         """The log of a recording.
 
         Args:
-            skeleton: of all detections. camera_names: axis C.
+            skeleton: of all detections.
+            camera_names: axis C.
             batches: in the order in which they were made; every time step from 0 on has at least one.
             person_ids: per batch and entry of it, the person of each detection; None: belongs to no person.
 

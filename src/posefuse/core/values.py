@@ -112,7 +112,8 @@ class Detections2D:
     """Everybody one camera saw at one instant.
 
     Attributes:
-        camera: its name. t_ns: session clock.
+        camera: its name.
+        t_ns: session clock.
         skeleton: names axis K.
         xy_img: (P, K, 2) float32 raw distorted px; NaN where a keypoint is missing.
         score: (P, K) float32 in [0, 1]; 0 where missing.
@@ -255,8 +256,12 @@ class PoseSequence:
 
     Attributes:
         t_ns: (T,) int64, strictly increasing.
-        person_id: (N,). xyz_world: (T, N, K, 3). cov_world: (T, N, K, 3, 3).
-        reproj_px, n_views, kind: (T, N, K).
+        person_id: (N,).
+        xyz_world: (T, N, K, 3).
+        cov_world: (T, N, K, 3, 3).
+        reproj_px: (T, N, K).
+        n_views: (T, N, K).
+        kind: (T, N, K).
     """
 
     t_ns: Array

@@ -17,7 +17,12 @@ _BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
 
 @settings
 class DetectorChoice:
-    """Which detector, and its options (see `posefuse plugins`)."""
+    """Which detector, and its options (see `posefuse plugins`).
+
+    Attributes:
+        name: a detector plug-in, e.g. ``blazepose`` or ``onnx``.
+        options: settings of that plug-in.
+    """
 
     name: str = "blazepose"
     options: dict[str, Any] = field(default_factory=dict)

@@ -37,7 +37,7 @@ class KeptVideo:
         path: the file; must not exist.
 
     Raises:
-        InputError: it cannot be made, or is there already; from `write` and `close`: the disk is full.
+        InputError: it cannot be made, or already exists; from `write` and `close`: the disk is full.
     """
 
     def __init__(self, path: Path) -> None:
@@ -45,7 +45,7 @@ class KeptVideo:
         self._last_us = -1
         self._stream: Any = None
         if path.exists():
-            raise InputError(f"{path}: is there already; no video is written over")
+            raise InputError(f"{path} already exists; no video is written over")
         if not path.parent.is_dir():
             raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
         try:

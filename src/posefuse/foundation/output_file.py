@@ -27,7 +27,7 @@ def check_output_file(path: Path, *, option: str, inputs: Sequence[Path] = (), r
     check_apart(path, inputs)
     if path.exists() and not replace:
         force = "" if replace is None else ", or add --force: the old one is then kept beside it as NAME.replaced-TIME"
-        raise InputError(f"{option} {path}: is there already; choose another name{force}")
+        raise InputError(f"{option} {path} already exists; choose another name{force}")
     try:
         new_file(path).unlink()
     except OSError as error:

@@ -14,19 +14,20 @@ WEIGHTS: tuple[Weights, ...] = ("none", "score", "all", "robust")
 
 @settings
 class FuseSettings:
-    """How the views of one instant become one 3D pose.
+    """How the views of one time step are fused into one 3D pose.
 
     Attributes:
-        weights: ``robust`` (1/sigma^2, consensus, outliers cannot pull), or the paper's ``none``, ``score``, ``all``.
-        score_threshold: ``score`` and ``all``: views below it weigh nothing (the paper's s_th).
-        distance_min_m, distance_max_m: ``all``: camera distances of full weight (the paper's d_min, d_max).
-        distance_fall_m: ``all``: over which length the weight falls to 0 on either side of that range.
-        score_min: ``robust``: views below it are not used at all.
-        sigma_share, sigma_min_px: noise of a keypoint of score 1 where the detector states none, as a share of the larger
-            side of the body's extent in that view, and at least so many px. It grows as 1 / score, so that 1 / sigma^2 is
-            the paper's score^2. The default is what people who annotate joints differ by (COCO's keypoint similarity:
-            0.007 to 0.03 of the height).
-        untangle_sides: exchange left and right in a view that fits better that way (``robust`` only).
+        weights: ``robust`` (1/sigma^2, with consensus and a robust loss), or the weights of the paper: ``none``, ``score``,
+            ``all``.
+        score_threshold: ``score`` and ``all``: views with a lower score have weight 0 (s_th of the paper).
+        distance_min_m, distance_max_m: ``all``: range of camera distances with full weight (d_min and d_max of the paper).
+        distance_fall_m: ``all``: length over which the weight falls to 0 outside that range.
+        score_min: ``robust``: views with a lower score are not used.
+        sigma_share, sigma_min_px: standard deviation of a keypoint of score 1 for detectors that state none: a share of the
+            larger side of the extent of the body in that view, and at least this many px. It grows as 1 / score, so that 1 /
+            sigma^2 is the score^2 of the paper. The default lies within the spread of human annotators (COCO keypoint
+            similarity: 0.007 to 0.03 of the height).
+        untangle_sides: correct a view in which left and right are swapped (``robust`` only).
     """
 
     weights: Weights = "robust"

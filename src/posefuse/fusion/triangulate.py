@@ -56,8 +56,8 @@ def triangulate(
         rig: C cameras.
         xy_img: (..., C, K, 2) raw distorted px; NaN where unseen.
         score: (..., C, K) in [0, 1]; None: 1 wherever xy_img is finite. NaN counts as 0, and 0 as unseen.
-        sigma_px: (..., C, K) standard deviation of each image coordinate; where None or NaN it is
-            taken from the extent of the K keypoints in that view and the score, see `FuseSettings.sigma_share`.
+        sigma_px: (..., C, K) standard deviation of each image coordinate; where None or NaN it is taken from the extent of the
+            K keypoints in that view and the score, see `FuseSettings.sigma_share`.
         weights: ``robust``, ``score``, ``none`` or ``all``; see `FuseSettings`. ``all`` needs `skeleton`.
         skeleton: names axis K.
         settings: thresholds; its own `weights` is not looked at.

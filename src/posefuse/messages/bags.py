@@ -37,7 +37,7 @@ class Recorder:
     The file is whole after `close`; cut off before that it still holds all but the last part of a second or so.
 
     Raises:
-        InputError: the file cannot be made, or is there already.
+        InputError: the file cannot be made, or already exists.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,7 +46,7 @@ class Recorder:
         try:
             self._file = path.open("xb")
         except FileExistsError:
-            raise InputError(f"{path}: is there already; choose another name or move it away") from None
+            raise InputError(f"{path} already exists; choose another name or move it away") from None
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         self._writer = writer.Writer(self._file, chunk_size=_CHUNK_BYTES, compression=writer.CompressionType.ZSTD)

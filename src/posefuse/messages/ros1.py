@@ -86,13 +86,13 @@ class BagRecorder:
     """Writes a ROS 1 .bag file (`topics.Outlet`); needs no ROS.
 
     Raises:
-        InputError: the file cannot be made, or is there already.
+        InputError: the file cannot be made, or already exists.
     """
 
     def __init__(self, path: Path) -> None:
         rosbag1 = optional_module("rosbags.rosbag1")
         if path.exists():
-            raise InputError(f"{path}: is there already; choose another name or move it away")
+            raise InputError(f"{path} already exists; choose another name or move it away")
         self._writer = rosbag1.Writer(path)
         self._connections: dict[str, Any] = {}
         try:

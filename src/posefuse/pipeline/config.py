@@ -37,12 +37,12 @@ class CameraInput:
     """What is known of one camera's data beyond its calibration. Paths are relative to the session.
 
     Attributes:
-        video, images, pose2d: the file or folder (one of them); found by name when left out.
-        offset_s: added to its times; positive when it began later than the others.
+        video, images, pose2d: the file or folder (one of the three); found by name when left out.
+        offset_s: added to its times; positive when it started later than the others.
         drift_ppm: added per million of its times; positive when its clock runs slow.
-        crop: (left, top) px: the video is a cut-out of the calibrated image that begins there.
-        scale: the video is the calibrated image resampled to another size.
-        skip: leave this camera out.
+        crop: (left, top) px: the video is a crop of the calibrated image that starts there.
+        scale: the video is the calibrated image, resampled to another size.
+        skip: do not use this camera.
     """
 
     video: str | None = None
@@ -57,24 +57,28 @@ class CameraInput:
 
 @settings
 class TrackConfig:
-    """Everything `posefuse track` can be told.
+    """All settings of `posefuse track`.
 
     Attributes:
         rig: calibration file, relative to the session; found by name when left out.
         input: ``videos``, ``images``, ``pose2d`` (files of other tools, see docs/networks.md), or ``auto``: the first of these
-            that is there.
-        cameras: per camera name, see `CameraInput`.
+            that exists.
+        cameras: settings of single cameras by name, see `CameraInput`.
         start_s, end_s: part of the recording to work on, in session seconds.
-        rate_hz: output rate; the cameras' own when left out. Also the frame rate of image folders and 2D poses that do not
-            state theirs.
-        max_time_steps: a recording of more time steps is refused; the default is 18 hours at 30 Hz, and memory for them.
-        detector: the 2D estimator. associate, fuse, smooth: see the rooms.
-        joint_centres: move keypoints to anatomical joint centres, where a table was fitted to the detector.
-        proportions: move keypoints without such a table by people's proportions; docs/networks.md: gains and costs.
-        live_gap_s: for the second solve of a live session, of which not every frame was used: two frames of a camera this far
-            apart are interpolated between. Chosen with `bench/live_second_solve.py --gaps`.
-        raw: leave every instant as it was fused: no smoothing, no bridged gaps.
-        outputs: names of sinks, see `posefuse plugins`.
+        rate_hz: output rate; the rate of the cameras when left out. Also the frame rate of image folders and 2D poses that do
+            not state theirs.
+        max_time_steps: a recording with more time steps is refused. The default is 18 hours at 30 Hz.
+        detector: which detector finds keypoints in images.
+        associate: how detections are assigned to people.
+        fuse: how views are fused.
+        smooth: how a recording is smoothed.
+        joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
+        proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
+            docs/networks.md.
+        live_gap_s: second solve of a live session, in which not every frame was used: interpolate between two frames of a
+            camera that are at most this far apart. Chosen with `bench/live_second_solve.py --gaps`.
+        raw: keep every time step as it was fused: no smoothing, no filled gaps.
+        outputs: names of outputs, see `posefuse plugins`.
     """
 
     rig: str | None = None

@@ -76,7 +76,7 @@ def unfinished_work(out: Path) -> Path | None:
     found = [folder for folder in find_unfinished(out) if (folder / LOG_FILE).is_file()]
     for folder in found:
         if is_in_use(folder / LOG_FILE):
-            raise InputError(f"{out}: another posefuse is making these results now, in {folder}; wait for it to end")
+            raise InputError(f"{out}: another run is making these results now, in {folder}; wait for it to end")
     return found[-1] if found else None
 
 

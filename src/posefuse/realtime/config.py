@@ -22,19 +22,24 @@ _LONGEST_S = 1e9
 
 @settings
 class LiveConfig:
-    """Everything `posefuse live` can be told in a file.
+    """All settings of `posefuse live` that can be in a file.
 
     Attributes:
         rate_hz: poses per second.
-        groups: processes the cameras are shared among; left out: one per two cameras, at most one per core.
-        search_every_s: while fewer people than asked for are followed, every camera's whole image is searched this often.
+        groups: number of camera processes; left out: one per two cameras, at most one per core.
+        search_every_s: while fewer people are followed than requested, search the whole image of every camera this often.
         preview_hz: images per second and camera for the viewer.
-        joint_centres: move keypoints to anatomical joint centres, where a table was fitted to the detector.
-        proportions: move keypoints without such a table by people's proportions; docs/networks.md: gains and costs.
-        angles: joint angles and segment frames with every pose.
+        joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
+        proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
+            docs/networks.md.
+        angles: compute joint angles and segment frames with every pose.
         camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
-        detector: the 2D estimator. track, associate, fuse, joints: see the rooms.
+        detector: which detector finds keypoints in images.
+        track: how people are followed.
+        associate: how new people are found.
+        fuse: how views are fused.
+        joints: how joint angles are computed.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0

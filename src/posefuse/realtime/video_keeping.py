@@ -66,7 +66,7 @@ class VideoKeeper:
         folder: for ``CAMERA.mp4`` and, at the end, ``CAMERA.json`` with the counts. camera: its name.
 
     Raises:
-        InputError: the video cannot be made, or is there already.
+        InputError: the video cannot be made, or already exists.
     """
 
     def __init__(self, folder: Path, camera: str) -> None:

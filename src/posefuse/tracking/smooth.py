@@ -28,14 +28,16 @@ class SmoothSettings:
     """How a recording is smoothed.
 
     Attributes:
-        cutoff_hz: frequency at which motion keeps 1/sqrt(2) of its amplitude (-3 dB, no lag), at each keypoint's typical
-            noise; what is more uncertain is followed less. At most 0.35 of the frame rate, see `cutoff_hz`.
-        max_gap_s: longest time between two measurements that is bridged; such instants are marked INTERPOLATED.
-        outlier_sigma: a measurement this far from what the others say, in standard deviations, is left out.
-        lasting_share, lasting_s: share of a measurement's stated variance that lasts from frame to frame, and in what time it
-            fades by e: such an error is not averaged away, and the stated covariance says so. See `track.lasting`.
-        bones: hold bone lengths to what they were over the whole recording, as tightly as they were constant.
-        bone_sigma_m: the tightest a bone length is held.
+        cutoff_hz: frequency at which motion keeps 1/sqrt(2) of its amplitude (-3 dB, no lag), at the typical noise of each
+            keypoint. Measurements with more uncertainty are followed less closely. At most 0.35 of the frame rate.
+        max_gap_s: longest gap between two measurements that is filled; filled time steps are marked INTERPOLATED.
+        outlier_sigma: a measurement this many standard deviations from the estimate of all others is an outlier and is not
+            used.
+        lasting_share, lasting_s: share of the variance of a measurement that is correlated over time, and the time in which the
+            correlation falls to 1/e. Correlated errors do not average out, and the stated covariance includes them. See
+            `tracking.lasting`.
+        bones: keep bone lengths at their values over the whole recording, as tightly as they were constant.
+        bone_sigma_m: smallest standard deviation of a bone length.
     """
 
     cutoff_hz: Annotated[float, Gt(0)] = 6.0

@@ -24,39 +24,45 @@ class MotionModelSettings:
 
 @settings
 class LiveSettings:
-    """How people are followed live, from views that come when they can.
+    """How people are followed live, from views that arrive at any time.
 
     Attributes:
-        tracker: ``asynchronous`` (every view counts at its own time, the pose is predicted to the output time), or the
-            paper's ``latest`` (the newest view of each camera, fused as if they were of one moment).
+        tracker: ``asynchronous`` (each view is applied at its own time, and the pose is predicted to the output time), or
+            ``latest``, the method of the paper (the newest view of each camera, fused as if all were simultaneous).
         max_people: how many people to follow at a time.
-        lost_after_s: a keypoint is missing, and a person gone, when no view measured it for so long.
-        shown_s: of several people, one whom no view measured for so long is not in the output, but still expected until
+        lost_after_s: a keypoint is missing when no view measured it for this long; a person is dropped when that holds for all
+            keypoints.
+        shown_s: of several people, one whom no view measured for this long is not in the output, but is still expected until
             `lost_after_s`: hidden or gone.
-        alone_s: a person is gone, too, when one camera alone measured them for so long: its rays fit any depth.
-        measured_s: a keypoint counts as measured (FUSED) when a view not older than this saw it, else PREDICTED. It spans
-            what a view needs from exposure to here, and one period of a camera.
-        lag_s: views that come up to so much late, seen from the newest, are worked in at their own time.
-        ahead_s: a view from further in the future than this has a wrong clock and is not used.
-        camera_rate_max_hz: of one camera's views closer in time than this only the first is used.
-        detections_max: people looked at in one view, the surest first.
-        motion_models: run side by side for every keypoint against the body, from calm to agile; the views tell how much of
-            each it is. body_models: as many, for the body as a whole.
-        switch_s: how long a keypoint stays in one of them.
-        lasting_share: share of a view's stated variance that lasts from frame to frame, see `track.lasting`: poses state it.
-        averaging: how much of what lasting errors do to a pose counts as averaged away by looking back; with 0 they are stated
-            as if the filter only knew the newest views.
-        learnt_share: share of a view's variance that is taken for an error of this camera alone and learnt, and learnt_s: for
-            how long such an error lasts. Less than what lasts, as slow motion must not be taken for it. Models, switch_s,
-            averaging and these two are fitted together by `bench/fit_tracker.py`.
-        outlier_chi2: squared distance in sigmas from which a view pulls less. gate_chi2: from which it does not pull at all.
-        duplicate_share: two detections of one view whose keypoints are closer than this share of their box (median) are one
+        alone_s: a person who was measured by a single camera for this long is dropped, because one ray fits any depth.
+        measured_s: a keypoint counts as measured (FUSED) when a view at most this old saw it, otherwise as PREDICTED. It covers
+            the time from exposure to the tracker and one frame period.
+        lag_s: out-of-order views up to this much older than the newest are still applied at their own time.
+        ahead_s: a view with a time stamp further in the future than this has a wrong clock and is not used.
+        camera_rate_max_hz: of views of one camera that are closer in time than this rate, only the first is used.
+        detections_max: detections used per view, those with the highest score first.
+        motion_models: motion models of each keypoint relative to the body, from calm to agile; their weights follow the
+            measurements.
+        body_models: the same for the body as a whole.
+        switch_s: mean time that a keypoint stays in one motion model.
+        lasting_share: share of the stated variance of a view that is correlated from frame to frame, see `tracking.lasting`;
+            the covariance of a pose includes it.
+        averaging: how much of the temporally correlated errors is averaged out by filtering over time; with 0 they are stated
+            as if the filter used the newest views alone.
+        learnt_share: share of the variance of a view that is learnt as an error of that camera alone. It is smaller than
+            `lasting_share`, because slow motion must not be learnt as an error. Motion models, switch_s, averaging,
+            learnt_share and learnt_s are fitted together by `bench/fit_tracker.py`.
+        learnt_s: time in which such an error fades.
+        outlier_chi2: squared distance in standard deviations from which a view counts less.
+        gate_chi2: squared distance in standard deviations from which a view does not count.
+        duplicate_share: two detections of one view are the same body when the median distance of their keypoints is below this
+            share of their box.
+        tolerance_m: largest distance, at the body, between a keypoint and its prediction for a detection to belong to a person.
+        min_share: share of the keypoints of a detection that must be that close.
+        score_min: keypoints with a lower score are not used.
+        sigma_share: standard deviation of a keypoint of score 1 for networks that state none, as a share of the extent of the
             body.
-        tolerance_m: how far, at the body, a keypoint may lie from where it is expected for its view to be this person's.
-        min_share: share of a detection's keypoints that must do so.
-        score_min: keypoints below it are not used.
-        sigma_share: noise of a keypoint of score 1 where the network states none, as a share of the body's extent.
-        bone_sigma_m: how constant the lengths of bones are, as this network sees them.
+        bone_sigma_m: standard deviation of bone lengths as this network measures them.
     """
 
     tracker: TrackerName = "asynchronous"

@@ -1,0 +1,97 @@
+"""Pictures of the documentation: what the gallery scripts draw, and the moving picture of the README.
+
+python -m tools.docs_site.pictures          all
+python -m tools.docs_site.pictures moving   only the moving picture
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from PIL import Image
+
+import posefuse as pf
+from posefuse.outputs.drawing import grid_for, view_tile
+from posefuse.outputs.stage3d import stage_picture
+from posefuse.sources.video import VideoConfig
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGES = ROOT / "docs" / "images"
+CLIP = ROOT / "examples" / "demo"
+START_S, SECONDS = 3.0, 4.0
+# every so manieth time step of 15 per second is drawn
+STEP = 1
+VIEWS_WH, STAGE_WIDTH = (480, 360), 400
+MOST_BYTES = 2_000_000
+
+
+def gallery_pictures() -> None:
+    """Run the scripts that draw."""
+    out = IMAGES / "gallery"
+    out.mkdir(exist_ok=True)
+    for name in ("knee_angle", "uncertainty"):
+        _script(name).main(CLIP, out)
+    _script("plan_rig").main(out)
+
+
+def moving_picture() -> Path:
+    """The bundled clip as an animated WebP: the four views with the skeleton, and the scene in 3D."""
+    recording = pf.track(CLIP, start_s=START_S, end_s=START_S + SECONDS)
+    path = IMAGES / "demo.webp"
+    frames = [Image.fromarray(picture) for picture in _pictures(recording)]
+    period_ms = round(1000 * STEP / recording.rate_hz)
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=period_ms, loop=0, quality=45, method=6)
+    if path.stat().st_size > MOST_BYTES:
+        raise SystemExit(f"{path}: {path.stat().st_size} bytes, expected at most {MOST_BYTES}: draw fewer or smaller frames")
+    return path
+
+
+def _pictures(recording: pf.Recording) -> Iterator[np.ndarray]:
+    grid = grid_for([camera.size_wh for camera in recording.rig], VIEWS_WH)
+    width, height = grid.size_wh
+    readers = [_images(CLIP / "videos" / f"{name}.mp4", recording.poses.t_ns) for name in recording.rig.names]
+    for i in range(len(recording.poses)):
+        images = [next(reader) for reader in readers]
+        if i % STEP:
+            continue
+        picture = np.zeros((height, width + STAGE_WIDTH, 3), np.uint8)
+        for c, image in enumerate(images):
+            left, top = grid.corner(c)
+            picture[top : top + grid.tile_wh[1], left : left + grid.tile_wh[0]] = view_tile(recording, i, c, image, grid.tile_wh)
+        picture[:, width:] = stage_picture(recording, i, (STAGE_WIDTH, height))
+        yield picture
+
+
+def _images(video: Path, t_ns: np.ndarray) -> Iterator[np.ndarray]:
+    """The image of a video nearest to each time, which must increase."""
+    with closing(VideoConfig(path=str(video), camera=video.stem).build().frames()) as frames:
+        frame = next(frames)
+        for now in t_ns:
+            after = frame
+            while after.t_ns < now:
+                frame = after
+                after = next(frames, frame)
+                if after is frame:
+                    break
+            frame = min(frame, after, key=lambda one: abs(int(one.t_ns) - int(now)))
+            yield frame.image
+
+
+def _script(name: str) -> ModuleType:
+    spec = spec_from_file_location(name, ROOT / "examples" / "gallery" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+if __name__ == "__main__":
+    print(moving_picture())
+    if sys.argv[1:] != ["moving"]:
+        gallery_pictures()
