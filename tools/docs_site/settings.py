@@ -31,8 +31,8 @@ def settings_page() -> str:
     parts = [
         "# Settings\n",
         "This page is generated from the code. A settings file is TOML or YAML; a dotted key such as `smooth.cutoff_hz` is "
-        "the key `cutoff_hz` in the table `[smooth]`. An unknown key or a value out of range is refused in one line that names the file, "
-        "the key and what is allowed. From Python the same keys go into `settings={...}`.\n",
+        "the key `cutoff_hz` in the table `[smooth]`. An unknown key or a value out of range is refused in one line that names "
+        "the file, the key and what is allowed. From Python the same keys go into `settings={...}`.\n",
     ]
     for name, where, root in ROOTS:
         parts.append(f"## Settings of {name}\n\nFor {where}.\n")
