@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from .api.batch import batch
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.compare import compare
     from .api.detector import detector
@@ -34,6 +35,7 @@ _HOMES = {
     "Recording": "api.recording",
     "Rig": "api.rig",
     "Skeleton": "core",
+    "batch": "api.batch",
     "calibrate_clocks": "api.calibrate",
     "calibrate_extrinsics": "api.calibrate",
     "calibrate_intrinsics": "api.calibrate",
@@ -51,8 +53,8 @@ _HOMES = {
 
 __all__ = [
     "Camera", "Detections2D", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError", "Progress", "Recording",
-    "Rig", "Skeleton", "__version__", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person",
-    "compare", "detector", "live", "read", "read_rig", "simulate", "track", "triangulate", "verify",
+    "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics",
+    "calibrate_person", "compare", "detector", "live", "read", "read_rig", "simulate", "track", "triangulate", "verify",
 ]  # fmt: skip
 
 

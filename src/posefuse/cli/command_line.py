@@ -28,6 +28,7 @@ COMMANDS = (
     "record",
     "live",
     "node",
+    "batch",
     "calibrate",
     "view",
     "report",

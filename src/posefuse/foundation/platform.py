@@ -25,6 +25,15 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
+def available_memory_bytes() -> int | None:
+    """Memory that a new process can use without swapping, as Linux reports it; None where that is not known."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), None)
+
+
 def lower_priority(steps: int) -> None:
     """Let other processes go first: by so many steps of niceness, on Windows by one class. No effect where not allowed."""
     if hasattr(os, "nice"):

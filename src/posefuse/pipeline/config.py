@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field
 from pathlib import Path
 from types import MappingProxyType
@@ -150,6 +150,28 @@ def changed_config(config: T, changes: Mapping[str, Any]) -> T:
     for dotted, value in changes.items():
         _put(content, dotted.split("."), value)
     return settings_from_mapping(content, type(config), where="settings")
+
+
+def settings_by_key(path: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
+    """A settings file and ``key.sub=value`` texts as plain values by dotted key, for `changed_config`.
+
+    Raises:
+        ConfigError: a file that cannot be read, an unknown key or a wrong value.
+    """
+    read_config(path, overrides)  # everything is checked before any work
+    found = dict(_leaves(read_mapping(path), "")) if path else {}
+    for override in overrides:
+        key, _, text = override.partition("=")
+        found[key] = _value(text)
+    return found
+
+
+def _leaves(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def _check_option(option: str, dotted: str, value: Any, cls: type[Any]) -> None:

@@ -129,13 +129,16 @@ def _rig_path(folder: Path, config: TrackConfig) -> Path:
         if not path.exists():
             raise CalibrationError(f"{path}: no such calibration file")
         return path
-    for place in _rig_folders(folder):
-        for pattern in RIG_PATTERNS:
-            hits = sorted((folder / place).glob(pattern))
-            if hits:
-                return hits[0]
+    found = rig_files(folder)
+    if found:
+        return found[0]
     places = ", ".join(str(folder / place) for place in RIG_FOLDERS[:2])
     raise CalibrationError(f"no calibration file in {places}; looked for {', '.join(RIG_PATTERNS)}; name one with --rig FILE")
+
+
+def rig_files(folder: Path) -> list[Path]:
+    """Calibration files in the usual places of a folder, the one to use first."""
+    return [path for place in _rig_folders(folder) for pattern in RIG_PATTERNS for path in sorted((folder / place).glob(pattern))]
 
 
 def _rig_folders(folder: Path) -> tuple[str, ...]:

@@ -1,0 +1,46 @@
+"""What `posefuse batch` does around the study: settings, progress, the table at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from posefuse.api.batch import batch
+from posefuse.cli.options.batch import BatchOptions
+from posefuse.cli.options.shared import SettingsOptions
+from posefuse.pipeline.batch.study import PAGE_FILE, TABLE_FILE
+from posefuse.pipeline.config import settings_by_key
+
+from .terminal import Terminal
+
+_SHOWN = {
+    "speed_m_s": "speed, m/s",
+    "cadence_per_min": "steps/min",
+    "stride_length_m": "stride, m",
+    "median_sigma_mm": "sigma, mm",
+}
+
+
+def run_batch(study: Path, options: BatchOptions, settings: SettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
+    """Run the study; returns the figures of the tables. ``failed`` among them makes the exit code 1."""
+    with terminal.stages() as progress:
+        done = batch(
+            study,
+            options.out,
+            formats=[name for name in options.outputs.split(",") if name],
+            report=not options.no_report,
+            jobs=options.jobs,
+            scheduler=options.scheduler,
+            settings=settings_by_key(settings.config, settings.overrides),
+            replace=options.force,
+            progress=progress,
+        )
+    rows = done.rows()
+    shown = {name: title for name, title in _SHOWN.items() if any(name in row for row in rows)}
+    columns = ["participant", "trial", "status", *shown.values()]
+    terminal.table("Study", columns, [[row[name] for name in columns[:3]] + [row.get(name) for name in shown] for row in rows])
+    for name, reason in done.failed.items():
+        terminal.warn(f"{name}: failed: {reason}")
+    terminal.next(f"open {done.out / PAGE_FILE} in a browser", f"the summary; {TABLE_FILE} beside it holds the numbers")
+    return {"out": done.out, "trials": rows, "kept": done.kept, "failed": dict(done.failed)}

@@ -1,0 +1,66 @@
+"""The figures of a trial for the table of a study."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import InputError, Recording
+from posefuse.evaluation.gait_cycles import CycleAngles, gait_cycles
+from posefuse.kinematics import joints_from_poses
+from posefuse.kinematics.gait import Gait, gait_from_poses
+
+# the angles whose range and mean cycle are compared between participants
+ANGLES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
+SIDES = ("left", "right")
+
+
+def figures_of(recording: Recording) -> dict[str, Any]:
+    """Of the recording and of the first person's walk; gait is left out where they do not walk.
+
+    ``cycle_SIDE_JOINT_ANGLE_deg`` are lists of 101 values over the gait cycle.
+    """
+    poses = recording.poses
+    sigma_m = np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3)
+    span_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9 if len(poses) else 0.0
+    figures: dict[str, Any] = {
+        "duration_s": span_s,
+        "time_steps": len(poses),
+        "cameras": len(recording.rig),
+        "people": len(poses.person_id),
+        "present_share": float(np.isfinite(poses.xyz_world[..., 0]).mean()),
+        "median_sigma_mm": 1000 * float(np.nanmedian(sigma_m)),
+        "median_reprojection_px": float(np.nanmedian(poses.reproj_px)),
+    }
+    gait = gait_from_poses(poses, 0) if len(poses.person_id) else None
+    return figures if gait is None else figures | _gait_figures(gait) | _angle_figures(recording, gait)
+
+
+def _gait_figures(gait: Gait) -> dict[str, Any]:
+    return {
+        "speed_m_s": gait.speed_m_s,
+        "cadence_per_min": gait.cadence_per_min,
+        "stride_length_m": gait.stride_length_m.mean,
+        "step_width_m": gait.step_width_m.mean,
+        **{f"stance_{side}_share": gait.stance_share[side].mean for side in SIDES},
+    }
+
+
+def _angle_figures(recording: Recording, gait: Gait) -> dict[str, Any]:
+    try:
+        cycles = gait_cycles(joints_from_poses(recording.poses), 0, gait)
+    except InputError:
+        return {}
+    found: dict[str, Any] = {}
+    for side in SIDES:
+        for joint, angle in ANGLES:
+            one = _cycle(cycles, side, joint, angle)
+            if one is not None:
+                found[f"range_{side}_{joint}_{angle}_deg"] = float(np.degrees(one.ranges_rad.mean()))
+                found[f"cycle_{side}_{joint}_{angle}_deg"] = np.degrees(one.mean_rad).round(2).tolist()
+    return found
+
+
+def _cycle(cycles: list[CycleAngles], side: str, joint: str, angle: str) -> CycleAngles | None:
+    return next((one for one in cycles if (one.side, one.joint, one.angle) == (side, f"{side}_{joint}", angle)), None)

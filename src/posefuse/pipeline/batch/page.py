@@ -1,0 +1,122 @@
+"""The summary of a study: what failed, parameters by participant, mean gait cycles of all participants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from posefuse import __version__
+from posefuse.core.arrays import Array
+from posefuse.formats.page import Band, Block, Cards, Heading, Line, Note, Page, Plot, Plots, Series, Table
+
+from .figures import ANGLES, SIDES
+
+Rows = Sequence[Mapping[str, Any]]
+PARAMETERS = {
+    "speed_m_s": ("speed, m/s", 1.0, 2),
+    "cadence_per_min": ("cadence, steps/min", 1.0, 0),
+    "stride_length_m": ("stride length, m", 1.0, 2),
+    "step_width_m": ("step width, m", 1.0, 2),
+    "stance_left_share": ("stance left, %", 100.0, 0),
+    "stance_right_share": ("stance right, %", 100.0, 0),
+    **{
+        f"range_{side}_{joint}_{angle}_deg": (f"{side} {joint} {angle} range, °", 1.0, 0)
+        for joint, angle in ANGLES
+        for side in SIDES
+    },
+    "median_sigma_mm": ("median standard deviation of a keypoint, mm", 1.0, 1),
+}
+_PERCENT = np.linspace(0.0, 100.0, 101)
+
+
+def study_page(title: str, rows: Rows) -> Page:
+    """The page of a study from the rows of its table.
+
+    Means are of the trials of each participant, then of participants, so that many trials of one do not count more.
+    """
+    participants = list(dict.fromkeys(str(row["participant"]) for row in rows))
+    failed = [row for row in rows if row["reason"]]
+    counts = {"participants": len(participants), "trials": len(rows), "complete": len(rows) - len(failed), "failed": len(failed)}
+    blocks: list[Block] = [Cards({name: str(count) for name, count in counts.items()})]
+    if failed:
+        lines = [[row["participant"], row["trial"], row["reason"]] for row in failed]
+        blocks += [
+            Heading("Failed trials", "All others are complete."),
+            Table(["participant", "trial", "reason"], lines, text=True),
+        ]
+    blocks += _parameters(participants, rows)
+    blocks += _cycles(participants, rows)
+    blocks += [Heading("Trials"), _trials(rows)]
+    return Page(title, blocks, subtitle=f"summary of a study, posefuse {__version__}")
+
+
+def _parameters(participants: Sequence[str], rows: Rows) -> list[Block]:
+    known = [name for name in PARAMETERS if any(_is_number(row.get(name)) for row in rows)]
+    if not known:
+        return [Note("No parameters: no trial is complete.")]
+    columns = ["parameter", "all participants", *participants]
+    lines = []
+    for name in known:
+        title, scale, digits = PARAMETERS[name]
+        by_participant = [_values(rows, participant, name) * scale for participant in participants]
+        means = np.array([values.mean() for values in by_participant if len(values)])
+        lines.append([title, _spread(means, digits), *(_spread(values, digits) for values in by_participant)])
+    note = "Mean ± standard deviation (number): of participants in the second column, of the trials of each in the others."
+    return [Heading("Parameters by participant", note), Table(columns, lines, text=True)]
+
+
+def _cycles(participants: Sequence[str], rows: Rows) -> list[Block]:
+    plots = [plot for joint, angle in ANGLES if (plot := _cycle_plot(joint, angle, participants, rows)) is not None]
+    if not plots:
+        return []
+    note = (
+        "Thin lines: mean of the trials of each participant; thick lines and bands: mean of participants ± 1 standard deviation. "
+        "Blue: left; orange: right."
+    )
+    return [Heading("Gait cycle of all participants", note), Plots(plots, small=True)]
+
+
+def _cycle_plot(joint: str, angle: str, participants: Sequence[str], rows: Rows) -> Plot | None:
+    series: list[Series] = []
+    for side in SIDES:
+        name = f"cycle_{side}_{joint}_{angle}_deg"
+        curves = {
+            participant: curve for participant in participants if (curve := _mean_curve(rows, participant, name)) is not None
+        }
+        if not curves:
+            continue
+        every = np.stack(list(curves.values()))
+        mean, sd = every.mean(axis=0), every.std(axis=0)
+        series += [Line(f"{side} {who}", _PERCENT, curve, colour=side, faint=True) for who, curve in curves.items()]
+        series.append(Band(f"{side} ± sd", _PERCENT, mean - sd, mean + sd, colour=side))
+        series.append(Line(f"{side}, mean of {len(curves)}", _PERCENT, mean, colour=side))
+    if not series:
+        return None
+    return Plot(f"{joint} {angle}".capitalize(), series, x_label="% of the gait cycle", y_label="degrees", legend=False)
+
+
+def _mean_curve(rows: Rows, participant: str, name: str) -> Array | None:
+    curves = [row[name] for row in rows if row["participant"] == participant and isinstance(row.get(name), list)]
+    return np.asarray(np.mean(curves, axis=0)) if curves else None
+
+
+def _trials(rows: Rows) -> Table:
+    lines = [[row["participant"], row["trial"], row["status"], f"{row['seconds']:.0f}", row["warnings"]] for row in rows]
+    return Table(["participant", "trial", "status", "seconds", "warnings"], lines, text=True)
+
+
+def _values(rows: Rows, participant: str, name: str) -> Array:
+    return np.array([row[name] for row in rows if row["participant"] == participant and _is_number(row.get(name))], float)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and bool(np.isfinite(value))
+
+
+def _spread(values: Array, digits: int) -> str:
+    if not len(values):
+        return ""
+    mean = f"{values.mean():.{digits}f}"
+    return f"{mean} ± {values.std(ddof=1):.{digits}f} ({len(values)})" if len(values) > 1 else f"{mean} (1)"

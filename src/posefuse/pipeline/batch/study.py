@@ -1,0 +1,210 @@
+"""A study from end to end: find its sessions, do what is not done yet, write the table and the summary page."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import InputError, Progress, silent
+from posefuse.detection.downloading import fetch_networks
+from posefuse.formats.page import write_page
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.growing_folder import GrowingFolder, growing_folder
+from posefuse.foundation.output_folder import check_replaceable
+from posefuse.foundation.places import check_apart
+from posefuse.pipeline.writing import build_sinks
+
+from .cluster import outcomes_on_cluster
+from .page import study_page
+from .processes import Processes, default_jobs
+from .tasks import Outcome, Task, config_of_trial, made_with
+from .trials import Trial, find_trials
+
+COMMAND = "batch"
+TABLE_FILE, PAGE_FILE = "study.csv", "study.html"
+_FIRST_COLUMNS = ("participant", "trial", "status", "reason", "seconds", "warnings")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """All trials of a study and what became of them.
+
+    Attributes:
+        out: folder with a result folder per trial, the table ``study.csv`` and the page ``study.html``.
+        trials: by name. outcomes: of these trials, in the same order. kept: names of trials that were complete before.
+    """
+
+    out: Path
+    trials: tuple[Trial, ...]
+    outcomes: tuple[Outcome, ...]
+    kept: tuple[str, ...]
+
+    @property
+    def failed(self) -> Mapping[str, str]:
+        """Why trials failed, by name."""
+        return {one.name: one.reason for one in self.outcomes if one.reason}
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The table: one row per trial."""
+        return [_row(trial, outcome) for trial, outcome in zip(self.trials, self.outcomes, strict=True)]
+
+
+def run_study(
+    study: Path,
+    out: Path,
+    *,
+    formats: Sequence[str],
+    settings: Mapping[str, Any],
+    report: bool = True,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    replace: bool = False,
+    progress: Progress = silent,
+) -> Study:
+    """Track every session below a folder; trials that an earlier run completed in the same way are kept.
+
+    Args:
+        study: folder with sessions below it, e.g. ``P01/walk1``. out: results; new, empty, or of an earlier run.
+        formats: outputs of each trial. settings: changes of every trial's settings by dotted key.
+        jobs: trials at once on this machine; None: as many as fit. scheduler: address of a Dask scheduler to use instead.
+        replace: do trials again that were completed in another way (other settings, other files).
+
+    Returns:
+        The study; failed trials are in it with their reason.
+
+    Raises:
+        InputError: no sessions, no place for the results, or results made in another way (without `replace`).
+        ConfigError: a wrong setting or an unknown output. DependencyError: no Dask.
+    """
+    build_sinks(formats)
+    trials = find_trials(study)
+    check_apart(out, [study])
+    folder = growing_folder(out, command=COMMAND, names=[TABLE_FILE, PAGE_FILE, *(_outcome_file(trial) for trial in trials)])
+    tasks = [_task(trial, folder.folder, tuple(formats), settings, report) for trial in trials]
+    done = _complete(folder.folder, tasks, replace)
+    open_tasks = [task for task in tasks if task.name not in done]
+    _check_results(open_tasks)
+    progress("trials", len(done), len(tasks), f"{len(tasks)} trials, {len(done)} of them complete from an earlier run")
+    outcomes = dict(done)
+    if open_tasks:
+        _fetch(open_tasks[0], progress)
+    for outcome in _run(open_tasks, jobs, scheduler):
+        outcomes[outcome.name] = outcome
+        _write_outcome(folder, outcome)
+        message = f"{outcome.name}: {'failed: ' + outcome.reason if outcome.reason else f'complete in {outcome.seconds:.0f} s'}"
+        progress("trials", len(outcomes), len(tasks), message)
+    result = Study(
+        out=folder.folder,
+        trials=tuple(trials),
+        outcomes=tuple(outcomes[trial.name] for trial in trials),
+        kept=tuple(sorted(done)),
+    )
+    folder.add([_write_table(result), write_page(result.out / PAGE_FILE, study_page(study.resolve().name, result.rows()))])
+    return result
+
+
+def _task(trial: Trial, out: Path, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> Task:
+    return Task(
+        name=trial.name,
+        session=str(trial.session),
+        rig=None if trial.rig is None else str(trial.rig),
+        out=str(out / trial.name),
+        formats=formats,
+        settings=settings,
+        report=report,
+        made_with=made_with(trial, formats, settings, report),
+    )
+
+
+def _run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
+    if not tasks:
+        return iter(())
+    if scheduler is not None:
+        return outcomes_on_cluster(tasks, scheduler)
+    return Processes().outcomes(tasks, jobs or default_jobs())
+
+
+def _fetch(task: Task, progress: Progress) -> None:
+    """Download networks once and here: every process would do it for itself. Raises ConfigError for a wrong setting."""
+    fetch_networks(config_of_trial(Path(task.session), task.rig, task.settings).detector, progress)
+
+
+def _complete(out: Path, tasks: Sequence[Task], replace: bool) -> dict[str, Outcome]:
+    """Outcomes of an earlier run that need not be made again, by name.
+
+    Raises:
+        InputError: complete ones that were made in another way, without `replace`.
+    """
+    earlier = {task.name: outcome for task in tasks if (outcome := _read_outcome(out / f"{task.name}.json")) is not None}
+    found = {name: outcome for name, outcome in earlier.items() if not outcome.reason and (out / name).is_dir()}
+    same = {task.name: found[task.name] for task in tasks if task.name in found and found[task.name].made_with == task.made_with}
+    others = sorted(set(found) - set(same))
+    if others and not replace:
+        raise InputError(
+            f"{out}: holds results of {', '.join(others[:3])}{', ...' if len(others) > 3 else ''} that were made with other "
+            "settings, files or another version; --force makes them again, or choose another folder"
+        )
+    return same
+
+
+def _check_results(tasks: Sequence[Task]) -> None:
+    """Raise InputError before any work where the result of a trial has no place."""
+    for task in tasks:
+        check_replaceable(Path(task.out), command="track", replace=True)
+
+
+def _outcome_file(trial: Trial) -> str:
+    return f"{trial.name}.json"
+
+
+def _read_outcome(path: Path) -> Outcome | None:
+    try:
+        return Outcome.from_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _write_outcome(folder: GrowingFolder, outcome: Outcome) -> None:
+    path = folder.folder / f"{outcome.name}.json"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_file(path) as new:
+            new.write_text(outcome.to_json() + "\n", encoding="utf-8")
+        folder.add([path])
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def _row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
+    return {
+        "participant": trial.participant,
+        "trial": trial.label,
+        "status": "failed" if outcome.reason else "complete",
+        "reason": outcome.reason,
+        "seconds": round(outcome.seconds, 1),
+        "warnings": "; ".join(outcome.warnings),
+        **outcome.figures,
+    }
+
+
+def _write_table(study: Study) -> Path:
+    rows = study.rows()
+    names = dict.fromkeys(name for row in rows for name, value in row.items() if not isinstance(value, list))
+    columns = [*_FIRST_COLUMNS, *(name for name in names if name not in _FIRST_COLUMNS)]
+    path = study.out / TABLE_FILE
+    with atomic_file(path) as new, new.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows({name: _text(value) for name, value in row.items()} for row in rows)
+    return path
+
+
+def _text(value: Any) -> Any:
+    """A cell: floats to six digits, what is not known empty."""
+    if isinstance(value, float):
+        return "" if value != value else f"{value:.6g}"
+    return value if not isinstance(value, list) else json.dumps(value)

@@ -1,0 +1,155 @@
+"""What a process does for one trial: track, save, report; and what it answers. All values are plain, so they travel as JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from posefuse import __version__
+from posefuse.core import InputError, PosefuseError, Progress, Recording, silent
+from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
+from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.plain_values import plain
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
+from posefuse.pipeline.reading import files_of_result
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.session import Session, find_session
+from posefuse.pipeline.writing import save_recording
+
+from .figures import figures_of
+from .trials import Trial
+
+REPORT_FOLDER = "biomechanics"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One trial to be done.
+
+    Attributes:
+        name, session, rig: of the trial. out: result folder. formats: outputs. settings: changes by dotted key.
+        report: write the report, too. made_with: what the result depends on, see `made_with`.
+    """
+
+    name: str
+    session: str
+    rig: str | None
+    out: str
+    formats: tuple[str, ...]
+    settings: Mapping[str, Any]
+    report: bool
+    made_with: str
+
+    @classmethod
+    def from_json(cls, text: str) -> Task:
+        """The task of `to_json`."""
+        values = json.loads(text)
+        return cls(**{**values, "formats": tuple(values["formats"])})
+
+    def to_json(self) -> str:
+        """One line."""
+        return json.dumps(plain(asdict(self)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a trial.
+
+    Attributes:
+        name: of the trial. made_with: as in its task. reason: why it failed; empty where it is complete.
+        seconds: it took. warnings: lines about what is not as it should be. figures: by name, numbers or lists of them.
+    """
+
+    name: str
+    made_with: str
+    reason: str = ""
+    seconds: float = 0.0
+    warnings: tuple[str, ...] = ()
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_json(cls, text: str) -> Outcome:
+        """The outcome of `to_json`; raises ValueError or TypeError for any other text."""
+        values = json.loads(text)
+        return cls(**{**values, "warnings": tuple(values["warnings"])})
+
+    def to_json(self) -> str:
+        """One line."""
+        return json.dumps(plain(asdict(self)))
+
+
+def run_task(task: Task, progress: Progress = silent) -> Outcome:
+    """Track a session, save the result and its report; an older result of posefuse in its place is replaced.
+
+    Returns:
+        The outcome; a known error is its reason.
+    """
+    began = time.monotonic()
+    warnings: list[str] = []
+    try:
+        figures = _figures(task, warnings, progress)
+    except PosefuseError as error:
+        return Outcome(name=task.name, made_with=task.made_with, reason=str(error), seconds=time.monotonic() - began)
+    return Outcome(
+        name=task.name,
+        made_with=task.made_with,
+        seconds=time.monotonic() - began,
+        warnings=tuple(warnings),
+        figures=figures,
+    )
+
+
+def _figures(task: Task, warnings: list[str], progress: Progress) -> dict[str, Any]:
+    session = find_session(Path(task.session), config_of_trial(Path(task.session), task.rig, task.settings))
+    warnings += session.notes
+    recording = _tracked(session, task, warnings, progress)
+    out = Path(task.out)
+    save_recording(recording, out, task.formats, session.folder if "overlay" in task.formats else None, True, progress)
+    if task.report:
+        _write_report(recording, out, task.name, warnings, progress)
+    return figures_of(recording)
+
+
+def _tracked(session: Session, task: Task, warnings: list[str], progress: Progress) -> Recording:
+    config = config_of_trial(session.folder, task.rig, task.settings)
+    steps = lambda done, total: progress("detect", done, total)  # noqa: E731
+    news = lambda line: progress("detect", 0, None, line)  # noqa: E731
+    tracked = track_session(session, config, StageClock(), steps, news, warnings.append)
+    if tracked.interrupted:
+        raise KeyboardInterrupt
+    return tracked.recording
+
+
+def _write_report(recording: Recording, out: Path, title: str, warnings: list[str], progress: Progress) -> None:
+    """A person without joint angles is no reason to lose the points."""
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(
+            output_folder(out / REPORT_FOLDER, command="report", inputs=files_of_result(out), replace=True)
+        )
+        try:
+            write_biomechanics(recording, folder.folder, BiomechanicsSettings(), title=title, progress=progress)
+        except InputError as error:
+            warnings.append(f"no report: {error}")
+
+
+def config_of_trial(session: Path, rig: str | None, settings: Mapping[str, Any]) -> TrackConfig:
+    """The settings file of a session with the study's changes on top; raises ConfigError for a wrong one."""
+    path = session / CONFIG_FILE
+    named = {} if rig is None else {"rig": rig}
+    return changed_config(read_config(path if path.is_file() else None, ()), {**named, **settings})
+
+
+def made_with(trial: Trial, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> str:
+    """A digest of what a result depends on: version, settings, and name, size and date of every file of the session."""
+    files = sorted(path for path in trial.session.rglob("*") if path.is_file())
+    listed = [[path.relative_to(trial.session).as_posix(), path.stat().st_size, path.stat().st_mtime_ns] for path in files]
+    rig = [] if trial.rig is None else [str(trial.rig), trial.rig.stat().st_mtime_ns]
+    about = json.dumps(plain([__version__, listed, rig, sorted(formats), dict(sorted(settings.items())), report]))
+    return hashlib.sha256(about.encode()).hexdigest()[:16]

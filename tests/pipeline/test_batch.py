@@ -1,0 +1,192 @@
+"""Many trials: every session is found and done once, a failure stays one trial's, and what is complete is never lost."""
+
+import csv
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import pytest
+from studies import FRAMES, SETTINGS, write_session
+
+import posefuse as pf
+from posefuse.core import InputError, Rig, silent
+from posefuse.formats.rig import write_rig
+from posefuse.pipeline.batch import find_trials, run_study
+from posefuse.pipeline.batch import study as study_module
+from posefuse.pipeline.batch.page import study_page
+from posefuse.pipeline.batch.processes import Processes, default_jobs
+from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
+
+
+@pytest.fixture
+def folder(ring_rig: Callable[..., Rig], tmp_path: Path) -> Path:
+    """Two participants; the first has one calibration for both trials, and a trial of the second is broken."""
+    rig, study = ring_rig(3), tmp_path / "study"
+    for name in ("P01/fast", "P01/slow", "P02/slow"):
+        write_session(study / name, rig)
+    write_rig(study / "P01" / "rig.toml", rig)
+    write_rig(study / "P02" / "slow" / "rig.toml", rig)
+    broken = study / "P02" / "broken" / "pose2d" / "cam0"
+    broken.mkdir(parents=True)
+    (broken / "cam0_000000_keypoints.json").write_text("{")
+    (study / ".hidden" / "videos").mkdir(parents=True)
+    (study / "notes.txt").write_text("mine")
+    return study
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Trials run in this process; their names in order."""
+    done: list[str] = []
+
+    def run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
+        for task in tasks:
+            done.append(task.name)
+            yield run_task(task)
+
+    monkeypatch.setattr(study_module, "_run", run)
+    return done
+
+
+def run(folder: Path, out: Path, **options: object) -> study_module.Study:
+    return run_study(folder, out, **{"formats": ("trc",), "settings": SETTINGS, "report": False, **options})
+
+
+def test_sessions_are_found_with_the_nearest_calibration(folder: Path) -> None:
+    trials = find_trials(folder)
+    assert [(trial.participant, trial.label) for trial in trials] == [
+        ("P01", "fast"), ("P01", "slow"), ("P02", "broken"), ("P02", "slow")
+    ]  # fmt: skip
+    assert [trial.rig and trial.rig.parent.name for trial in trials] == ["P01", "P01", None, None]
+
+
+@pytest.mark.parametrize(("name", "problem"), [("P01/slow", "is a session itself"), (".hidden", "no session"), ("no", "no such")])
+def test_a_folder_that_is_no_study_is_refused(folder: Path, name: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        find_trials(folder / name)
+
+
+def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[str], tmp_path: Path) -> None:
+    news: list[str] = []
+    study = run(folder, tmp_path / "out", progress=lambda stage, done, total, message="": news.append(message))
+    assert list(study.failed) == ["P02/broken"]
+    assert any(line.startswith("P02/broken: failed: ") for line in news)
+    rows = list(csv.DictReader((tmp_path / "out" / "study.csv").open(encoding="utf-8")))
+    assert [row["status"] for row in rows] == ["complete", "complete", "failed", "complete"]
+    assert [row["time_steps"] for row in rows] == [str(FRAMES), str(FRAMES), "", str(FRAMES)]
+    assert (tmp_path / "out" / "P01" / "fast" / "pose.trc").is_file()
+    assert len(pf.read(tmp_path / "out" / "P02" / "slow").poses) == FRAMES
+    assert "broken" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+
+
+def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: list[str], tmp_path: Path) -> None:
+    run(folder, tmp_path / "out")
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")}
+    here.clear()
+    study = run(folder, tmp_path / "out")
+    assert here == ["P02/broken"]
+    assert study.kept == ("P01/fast", "P01/slow", "P02/slow")
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")} == before
+
+
+def test_other_settings_replace_results_only_when_asked(folder: Path, here: list[str], tmp_path: Path) -> None:
+    run(folder, tmp_path / "out")
+    here.clear()
+    with pytest.raises(InputError, match="made with other settings"):
+        run(folder, tmp_path / "out", settings={**SETTINGS, "raw": True})
+    assert here == []
+    study = run(folder, tmp_path / "out", settings={**SETTINGS, "raw": True}, replace=True)
+    assert here == [trial.name for trial in study.trials]
+
+
+def test_a_changed_session_is_noticed(folder: Path, here: list[str], tmp_path: Path) -> None:
+    run(folder, tmp_path / "out")
+    write_session(folder / "P02" / "slow" / "more", pf.read_rig(folder / "P01" / "rig.toml"))
+    with pytest.raises(InputError, match="P02/slow that were made with other"):
+        run(folder, tmp_path / "out")
+
+
+def test_files_of_others_are_never_replaced(folder: Path, here: list[str], tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "study.csv").write_text("mine")
+    with pytest.raises(InputError, match=r"study\.csv, which posefuse did not write"):
+        run(folder, tmp_path / "out")
+    (tmp_path / "other" / "P02" / "slow").mkdir(parents=True)
+    (tmp_path / "other" / "P02" / "slow" / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"thesis\.txt"):
+        run(folder, tmp_path / "other")
+    assert here == []
+    with pytest.raises(InputError):
+        run(folder, folder / "out")
+
+
+def test_processes_do_what_this_process_does(folder: Path, here: list[str], tmp_path: Path) -> None:
+    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    assert Task.from_json(task.to_json()) == task
+    [outcome] = Processes().outcomes([task], jobs=2)
+    assert outcome.reason == ""
+    assert {**outcome.figures} == {**run_task(task).figures}
+
+
+def test_a_process_that_is_killed_is_one_failed_trial(folder: Path, tmp_path: Path) -> None:
+    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    processes, outcomes = Processes(), []
+    thread = threading.Thread(target=lambda: outcomes.append(processes.run(task)))
+    thread.start()
+    while not processes._running:
+        time.sleep(0.01)
+    processes.close()
+    thread.join(60)
+    assert "was ended by" in outcomes[0].reason or "ended with status" in outcomes[0].reason
+
+
+def test_a_process_ends_with_the_one_that_started_it(folder: Path, tmp_path: Path) -> None:
+    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    orphan = subprocess.run(
+        [sys.executable, "-m", "posefuse.pipeline.batch.processes"],
+        input=task.to_json() + "\n",
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert orphan.returncode == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_means_are_of_participants_and_not_of_trials() -> None:
+    rows = [
+        {
+            "participant": who,
+            "trial": str(i),
+            "status": "complete",
+            "reason": "",
+            "seconds": 1.0,
+            "warnings": "",
+            "speed_m_s": speed,
+        }
+        for i, (who, speed) in enumerate([("A", 1.0), ("A", 1.0), ("A", 1.0), ("B", 2.0)])
+    ]
+    table = next(block for block in study_page("study", rows).blocks if getattr(block, "columns", ("",))[0] == "parameter")
+    assert table.rows[0][1].startswith("1.50 ± 0.71 (2)")
+    assert table.rows[0][2].startswith("1.00 ± 0.00 (3)")
+
+
+def test_at_least_one_trial_fits_into_a_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    from posefuse.pipeline.batch import processes
+
+    monkeypatch.setattr(processes, "usable_cores", lambda: 16)
+    for free, jobs in ((None, 1), (1, 1), (5_000_000_000, 2), (10**12, 8)):
+        monkeypatch.setattr(processes, "available_memory_bytes", lambda free=free: free)
+        assert default_jobs() == jobs
+
+
+def test_without_a_scheduler_one_line_says_so(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    from posefuse.pipeline.batch import cluster
+
+    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    with pytest.raises(InputError, match="no Dask scheduler answers there"):
+        run(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9", progress=silent)
