@@ -19,6 +19,8 @@ from posefuse.pipeline.batch import study as study_module
 from posefuse.pipeline.batch.page import study_page
 from posefuse.pipeline.batch.processes import Processes, default_jobs
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
+from posefuse.pipeline.result_folder import ResultFolder
+from posefuse.pipeline.store import unfinished_work
 
 
 @pytest.fixture
@@ -90,6 +92,26 @@ def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: lis
     assert here == ["P02/broken"]
     assert study.kept == ("P01/fast", "P01/slow", "P02/slow")
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")} == before
+
+
+def test_an_interrupted_trial_continues_from_its_detections(
+    folder: Path, here: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    with monkeypatch.context() as broken:
+        broken.setattr("posefuse.pipeline.result_folder.write_result", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            run_task(task)
+    assert unfinished_work(Path(task.out)) is not None
+    monkeypatch.setattr("posefuse.pipeline.batch.tasks.ResultFolder", lambda **how: asked.append(how) or ResultFolder(**how))
+    asked: list[dict[str, object]] = []
+    assert run_task(task).reason == ""
+    assert [how.get("resume") for how in asked] == [True]
+    assert unfinished_work(Path(task.out)) is None
+
+
+def interrupt(*arguments: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_other_settings_replace_results_only_when_asked(folder: Path, here: list[str], tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,10 @@ from posefuse.foundation.plain_values import plain
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
 from posefuse.pipeline.reading import files_of_result
-from posefuse.pipeline.run import track_session
+from posefuse.pipeline.result_folder import ResultFolder, prepare, track_into
 from posefuse.pipeline.session import Session, find_session
-from posefuse.pipeline.writing import save_recording
+from posefuse.pipeline.store import unfinished_work
+from posefuse.pipeline.writing import build_sinks
 
 from .figures import figures_of
 from .trials import Trial
@@ -107,24 +108,32 @@ def run_task(task: Task, progress: Progress = silent) -> Outcome:
 
 
 def _figures(task: Task, warnings: list[str], progress: Progress) -> dict[str, Any]:
-    session = find_session(Path(task.session), config_of_trial(Path(task.session), task.rig, task.settings))
+    config = config_of_trial(Path(task.session), task.rig, {**task.settings, "outputs": task.formats})
+    session = find_session(Path(task.session), config)
     warnings += session.notes
-    recording = _tracked(session, task, warnings, progress)
     out = Path(task.out)
-    save_recording(recording, out, task.formats, session.folder if "overlay" in task.formats else None, True, progress)
+    recording = _tracked(session, config, out, warnings.append, progress)
     if task.report:
         _write_report(recording, out, task.name, warnings, progress)
     return figures_of(recording)
 
 
-def _tracked(session: Session, task: Task, warnings: list[str], progress: Progress) -> Recording:
-    config = config_of_trial(session.folder, task.rig, task.settings)
-    steps = lambda done, total: progress("detect", done, total)  # noqa: E731
-    news = lambda line: progress("detect", 0, None, line)  # noqa: E731
-    tracked = track_session(session, config, StageClock(), steps, news, warnings.append)
-    if tracked.interrupted:
-        raise KeyboardInterrupt
-    return tracked.recording
+def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[str], None], progress: Progress) -> Recording:
+    """Track into the result folder, from the detections of an interrupted run where it was made in the same way."""
+    if unfinished_work(out) is not None:
+        try:
+            return _track_into(session, config, ResultFolder(path=out, resume=True), warn, progress)
+        except InputError as error:
+            progress("detect", 0, None, f"starting anew: {error}")
+    return _track_into(session, config, ResultFolder(path=out, force=True), warn, progress)
+
+
+def _track_into(
+    session: Session, config: TrackConfig, out: ResultFolder, warn: Callable[[str], None], progress: Progress
+) -> Recording:
+    note = lambda line: progress("detect", 0, None, line)  # noqa: E731
+    prepared = prepare(session, build_sinks(config.outputs), out, note)
+    return track_into(prepared, config, StageClock(), progress, warn, solve_interrupted=False).tracked.recording
 
 
 def _write_report(recording: Recording, out: Path, title: str, warnings: list[str], progress: Progress) -> None:
