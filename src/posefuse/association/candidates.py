@@ -10,6 +10,9 @@ import numpy as np
 from posefuse.core import Detections2D, Rig
 from posefuse.core.arrays import Array
 
+# what a detection read with left and right exchanged supports a person, of what it would as named
+_TURNED_SHARE = 0.7
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Candidates:
@@ -49,7 +52,7 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
     ahead = np.concatenate([xy_norm, np.ones_like(xy_norm[..., :1])], axis=-1)
     direction = ahead @ rotation
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-    mirror = detections[0].skeleton.mirror
+    mirror = np.asarray(detections[0].skeleton.mirror, np.int64)
     return Candidates(
         camera=camera,
         place=place,
@@ -57,8 +60,8 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
         score=score,
         direction=direction,
         centre=rig.centres_world()[camera],
-        rotation=rotation,
-        translation=translation,
+        rotation=np.ascontiguousarray(rotation),
+        translation=np.ascontiguousarray(translation),
         mirror=mirror,
     )
 
@@ -67,24 +70,19 @@ def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Arr
     """How well poses (H, K, 3) explain each detection: support (H, D) and share of its keypoints that agree (H, D).
 
     A keypoint supports by its score, less the square of its miss over the tolerance; the miss is measured at the depth
-    of the body. `tolerance_m` is one for all or (H, 1, 1). A detection with left and right exchanged still is this person:
-    the better reading counts.
+    of the body. `tolerance_m` is one for all or (H,). A detection with left and right exchanged still is this person, but
+    less so: of two people who face each other the one is nearly the other with left and right exchanged.
     """
-    as_named = _agreement(candidates, xyz_world, tolerance_m)
-    exchanged = _agreement(candidates, xyz_world[:, candidates.mirror], tolerance_m)
-    better = exchanged[0] > as_named[0]
-    return np.where(better, exchanged[0], as_named[0]), np.where(better, exchanged[1], as_named[1])
+    from .kernels.agreement import agreement as kernel
 
-
-def _agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Array) -> tuple[Array, Array]:
-    xyz_cam = np.einsum("dij,hkj->hdki", candidates.rotation, xyz_world) + candidates.translation[:, None]
-    with np.errstate(invalid="ignore"):
-        miss = np.linalg.norm(xyz_cam[..., :2] - candidates.xy_norm * xyz_cam[..., 2:], axis=-1)
-        gain = np.where(xyz_cam[..., 2] > 0, 1 - (miss / tolerance_m) ** 2, 0.0)
-    gain = np.where(gain > 0, gain, 0.0)
-    both = (candidates.score > 0) & np.isfinite(xyz_cam[..., 0])
-    share = (gain > 0).sum(axis=-1) / np.maximum(both.sum(axis=-1), 1)
-    return (gain * candidates.score).sum(axis=-1), share
+    size = (len(xyz_world), len(candidates))
+    support, share = np.empty(size), np.empty(size)
+    reach = np.broadcast_to(np.asarray(tolerance_m, np.float64), len(xyz_world))
+    kernel(
+        candidates.rotation, candidates.translation, candidates.xy_norm, candidates.score, np.ascontiguousarray(xyz_world),
+        np.ascontiguousarray(reach), candidates.mirror, _TURNED_SHARE, support, share,
+    )  # fmt: skip
+    return support, share
 
 
 def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
@@ -92,18 +90,12 @@ def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
 
     NaN where a keypoint is missing, the rays are parallel, or meet behind a camera.
     """
-    one, two = pairs[:, 0], pairs[:, 1]
-    d, f = candidates.direction[one], candidates.direction[two]
-    base = (candidates.centre[two] - candidates.centre[one])[:, None]
-    cosine = (d * f).sum(axis=-1)
-    along_d, along_f = (base * d).sum(axis=-1), (base * f).sum(axis=-1)
-    usable = (candidates.score[one] > 0) & (candidates.score[two] > 0)
-    sine2 = np.where(usable & (1 - cosine**2 > 1e-4), 1 - cosine**2, np.nan)
-    s, t = (along_d - cosine * along_f) / sine2, (cosine * along_d - along_f) / sine2
-    ends = candidates.centre[one][:, None] + s[..., None] * d, candidates.centre[two][:, None] + t[..., None] * f
-    ahead = (s > 0) & (t > 0)
-    gap = np.where(ahead, np.linalg.norm(ends[0] - ends[1], axis=-1), np.nan)
-    return np.where(ahead[..., None], (ends[0] + ends[1]) / 2, np.nan), gap
+    from .kernels.rays import pair_midpoints as kernel
+
+    size = (len(pairs), candidates.score.shape[1])
+    middle, gap = np.empty((*size, 3)), np.empty(size)
+    kernel(candidates.direction, candidates.centre, candidates.score, pairs, middle, gap)
+    return middle, gap
 
 
 def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> Array:
@@ -112,18 +104,8 @@ def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> 
     Score-weighted least squares on the distances to the rays, re-weighted (Cauchy at the tolerance) so that a member
     that does not belong cannot pull.
     """
-    d, centre = candidates.direction[members], candidates.centre[members][:, None]
-    weight = candidates.score[members] ** 2
-    seen = (weight > 0).sum(axis=0) >= 2
-    across = np.eye(3) - d[..., :, None] * d[..., None, :]
-    across = np.where(weight[..., None, None] > 0, across, 0.0)
-    target = (across @ centre[..., None])[..., 0]
-    xyz = np.full((d.shape[1], 3), np.nan)
-    robust = weight
-    for _ in range(4):
-        information = (robust[..., None, None] * across).sum(axis=0)
-        information = np.where(seen[:, None, None], information, np.eye(3)) + 1e-9 * np.eye(3)
-        xyz = np.linalg.solve(information, (robust[..., None] * target).sum(axis=0)[..., None])[..., 0]
-        miss = np.linalg.norm((across @ xyz[..., None])[..., 0] - target, axis=-1)
-        robust = weight / (1 + (3 * miss / tolerance_m) ** 2)
-    return np.where(seen[:, None], xyz, np.nan)
+    from .kernels.rays import joint_points as kernel
+
+    xyz = np.empty((candidates.score.shape[1], 3))
+    kernel(candidates.direction, candidates.centre, candidates.score, members, tolerance_m, xyz)
+    return xyz

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Skeleton, Views
 from posefuse.core.arrays import Array
@@ -21,8 +22,10 @@ from .traits import body_lengths_m, plausible_share
 # a newcomer needs this many keypoints in 3D: fewer say nothing about whose they are
 _MIN_POINTS = 3
 _ALONE_SHARE = 0.7
-# measured so shortly before the newest, a person is in sight
-_IN_SIGHT_S = 0.02
+# what support within reach counts beside support within the tolerance
+_FAR_SHARE = 0.05
+# measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less
+_IN_SIGHT_S, _GUESS_WEIGHT = 0.02, 0.5
 
 
 def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, previous: Pose3D | None = None) -> Views:
@@ -69,11 +72,7 @@ def assign(
     candidates = candidates_from_detections(detections, rig)
     free = ~np.concatenate([duplicates(one, settings.duplicate_share) for one in detections])
     followed = _followed(previous, seen_ns, t_ns) if previous is not None and previous.skeleton == detections[0].skeleton else []
-    newest_s = min((one.age_s for one in followed), default=0.0)
-    in_sight = [one for one in followed if one.age_s <= newest_s + _IN_SIGHT_S]
-    # the place of one out of sight is a guess: it takes what the others leave
-    found = _follow(candidates, free, in_sight, settings)
-    found |= _follow(candidates, free, [one for one in followed if one not in in_sight], settings)
+    found = _follow(candidates, free, followed, settings)
     lost = [one for one in followed if one.person_id not in found and one.age_s <= settings.lost_after_s]
     room = settings.max_people - len(found)
     if room > 0:
@@ -145,10 +144,14 @@ def _follow(candidates: Candidates, free: Array, followed: list[_Known], setting
     if not followed or not len(candidates):
         return found
     reach = np.array([min(_reach_m(one.age_s, settings), 4 * settings.tolerance_m) for one in followed])
-    support, share = agreement(candidates, np.stack([one.xyz_world for one in followed]), reach[:, None, None])
-    support = np.where(share >= settings.min_share, support, 0.0)
-    # a detection goes to the person it supports most
-    mine = support >= support.max(axis=0, keepdims=True)
+    expected = np.stack([one.xyz_world for one in followed])
+    far, share = agreement(candidates, expected, reach)
+    # how closely it fits decides between people; within reach it only can be one of them
+    support, _ = agreement(candidates, expected, settings.tolerance_m)
+    newest_s = min(one.age_s for one in followed)
+    weight = np.array([1.0 if one.age_s <= newest_s + _IN_SIGHT_S else _GUESS_WEIGHT for one in followed])
+    support = np.where(share >= settings.min_share, (support + _FAR_SHARE * far) * weight[:, None], 0.0)
+    mine = _one_each(candidates.camera, np.where(free, support, 0.0))
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
         open_to = mine[row] & free
         members = _best_per_camera(candidates, np.where(open_to, support[row], 0.0))
@@ -157,6 +160,16 @@ def _follow(candidates: Candidates, free: Array, followed: list[_Known], setting
             found[followed[row].person_id] = members
             free[members] = False
     return found
+
+
+def _one_each(camera: Array, support: Array) -> Array:
+    """(N, D) bool: of each camera's detections, each person has one at most, so that the support (N, D) of all is greatest."""
+    mine = np.zeros(support.shape, np.bool_)
+    for c in np.unique(camera):
+        places = np.flatnonzero(camera == c)
+        rows, columns = linear_sum_assignment(-support[:, places])
+        mine[rows, places[columns]] = support[rows, places[columns]] > 0
+    return mine
 
 
 def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: float, settings: AssociateSettings) -> bool:

@@ -27,16 +27,15 @@ def duplicates(detections: Detections2D, share: float) -> Array:
     seen = (detections.score > 0) & np.isfinite(detections.xy_img).all(axis=-1)
     xy = np.where(seen[..., None], detections.xy_img, np.nan).astype(np.float64)
     side = _longest_side(xy)
-    mirrored = xy[:, detections.skeleton.mirror]
+    apart = np.minimum(_median_distances(xy, xy), _median_distances(xy, xy[:, detections.skeleton.mirror]))
+    close = apart < share * np.maximum(side[:, None], side)
     sure = np.where(seen, detections.score, 0.0).sum(axis=1)
     kept: list[int] = []
-    for p in np.argsort(-sure, kind="stable"):
-        limit = share * np.maximum(side[kept], side[p])
-        nearest = np.minimum(_median_distance(xy[p], xy[kept]), _median_distance(xy[p], mirrored[kept]))
-        if (nearest < limit).any():
+    for p in np.argsort(-sure, kind="stable").tolist():
+        if close[p, kept].any():
             repeated[p] = True
         else:
-            kept.append(int(p))
+            kept.append(p)
     return repeated
 
 
@@ -46,10 +45,12 @@ def _longest_side(xy: Array) -> Array:
     return np.asarray(np.clip(high - low, 0.0, None).max(axis=-1))
 
 
-def _median_distance(one: Array, others: Array) -> Array:
-    """(Q,) over the keypoints both have; inf where they share too few."""
-    apart = np.linalg.norm(others - one, axis=-1)
-    shared = np.isfinite(apart).sum(axis=1)
-    ordered = np.sort(np.where(np.isfinite(apart), apart, np.inf), axis=1)
-    middle = np.take_along_axis(ordered, np.maximum(shared - 1, 0)[:, None] // 2, axis=1)[:, 0]
+def _median_distances(one: Array, other: Array) -> Array:
+    """(P, Q) over the keypoints that both have; inf where they share too few."""
+    away = other[None] - one[:, None]
+    apart = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2)
+    known = np.isfinite(apart)
+    shared = known.sum(axis=-1)
+    ordered = np.sort(np.where(known, apart, np.inf), axis=-1)
+    middle = np.take_along_axis(ordered, np.maximum(shared - 1, 0)[..., None] // 2, axis=-1)[..., 0]
     return np.where(shared >= _LEAST_SHARED, middle, np.inf)

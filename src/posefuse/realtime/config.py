@@ -44,7 +44,7 @@ class LiveConfig:
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0
     groups: Annotated[int, Ge(1)] | None = None
-    search_every_s: Annotated[float, Gt(0)] = 1.0
+    search_every_s: Annotated[float, Gt(0)] = 0.5
     preview_hz: Annotated[float, Ge(0)] = 8.0
     joint_centres: bool = True
     proportions: bool = False

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
@@ -23,8 +24,8 @@ _BIRTH_WAIT_NS = 20_000_000
 # who was not measured for so long may be found anew within this distance
 _STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
 _SAME_PERSON_M = 0.3
-# a person whom some view measured so shortly before is in sight
-_IN_SIGHT_NS = 150_000_000
+# a person whom some view measured so shortly before is in sight; the support of others counts this much
+_IN_SIGHT_NS, _GUESS_WEIGHT = 150_000_000, 0.5
 _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
 _BIRTH_SPEED_M_S = 1.5
@@ -141,7 +142,7 @@ class AsynchronousTracker:
         return result
 
     def _claims(self, rays: Rays, c: int, t_ns: int) -> list[tuple[Person, int]]:
-        """Who is who in one view: pairs of person and detection, the best supported first, each at most once."""
+        """Who is who in one view: pairs of person and detection, each at most once, with the greatest support of all."""
         from . import kernels
 
         if not self._people or not len(rays):
@@ -154,13 +155,11 @@ class AsynchronousTracker:
                 model.cameras[c], means, sigmas, rays.z, model.mirror, settings.tolerance_m, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= settings.min_share, support, 0.0)
-        # the place of one out of sight is a guess, which is wide and fits many: it takes what the others leave
+        # the place of one out of sight is a guess, which is wide and fits many: it counts less
         in_sight = np.array([t_ns - person.measured_ns <= _IN_SIGHT_NS for person in self._people])
-        claims = []
-        for rows in (np.flatnonzero(in_sight), np.flatnonzero(~in_sight)):
-            for n, p in _claimed(support, rows):
-                claims.append((self._people[n], p))
-        return claims
+        support[~in_sight] *= _GUESS_WEIGHT
+        rows, places = linear_sum_assignment(-support)
+        return [(self._people[n], int(p)) for n, p in zip(rows, places, strict=True) if support[n, p] > 0]
 
     def _keep_unclaimed(self, detections: Detections2D, claimed: set[int], figures: _Figures) -> None:
         enough = (np.isfinite(detections.xy_img[..., 0]) & (detections.score > 0)).sum(axis=1) >= _LEAST_KEYPOINTS
@@ -230,14 +229,6 @@ class AsynchronousTracker:
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
-
-
-def _claimed(support: Array, rows: Array) -> Iterator[tuple[int, int]]:
-    """Pairs of person (one of `rows`) and detection, the best supported first; takes both out of `support` (N, P)."""
-    while len(rows) and support[rows].max() > 0:
-        row, p = np.unravel_index(int(support[rows].argmax()), (len(rows), support.shape[1]))
-        yield int(rows[row]), int(p)
-        support[rows[row]], support[:, p] = 0.0, 0.0
 
 
 def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:

@@ -1,0 +1,1 @@
+"""Compiled parts of association; see `foundation.compiled`."""
