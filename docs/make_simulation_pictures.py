@@ -8,12 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from posefuse.core.ideal_image import optics_of
 from posefuse.simulation import Scene, read_scene
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ListedCameras
 from posefuse.simulation.exact import seen_points
 from posefuse.simulation.render.backend import working_backend
-from posefuse.simulation.render.optics import optics_of
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import Stage
 from posefuse.simulation.session import model_of

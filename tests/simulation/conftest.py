@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from posefuse.core import DependencyError
+from posefuse.core.ideal_image import optics_of
 from posefuse.simulation import Scene
 from posefuse.simulation.build import LiveScene, live_scene
-from posefuse.simulation.render.optics import optics_of
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import Stage
 from posefuse.simulation.session import model_of

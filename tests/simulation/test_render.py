@@ -104,7 +104,7 @@ from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import model_of
 from posefuse.simulation.render.stage import Stage
-from posefuse.simulation.render.optics import optics_of
+from posefuse.core.ideal_image import optics_of
 live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
 stage = Stage(model_of(live, (64, 48)), {name!r})
 stage.place(np.zeros((0, 7)))

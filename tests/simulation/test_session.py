@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from posefuse.core import InputError, SourceError
+from posefuse.core.ideal_image import optics_of
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
@@ -22,9 +23,9 @@ from posefuse.simulation.cameras import CameraOverride, ImageSettings, RingCamer
 from posefuse.simulation.motion.settings import IdleSettings, TPoseSettings
 from posefuse.simulation.paths import CarriedPath
 from posefuse.simulation.props import ArucoCube
-from posefuse.simulation.render.optics import optics_of
 from posefuse.simulation.render.stage import Stage
 from posefuse.simulation.scene import JpegSettings, PersonSettings
+from posefuse.simulation.scene_files import plain_settings
 from posefuse.simulation.session import body_poses, model_of
 from posefuse.simulation.source import SimulatedConfig
 from posefuse.simulation.surroundings import BoxOccluder
@@ -247,7 +248,7 @@ def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
 
     (tmp_path / "walk.bvh").write_text("HIERARCHY")
     person = PersonSettings(motion=BvhSettings(kind="bvh", file="walk.bvh"))
-    text = sessions.plain_settings(dataclasses.replace(_SCENE, people=(person, person), props=()))
+    text = plain_settings(dataclasses.replace(_SCENE, people=(person, person), props=()))
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(text))
     scene = read_scene(tmp_path / "scene.yaml")
     assert scene.people[0].motion.file == str(tmp_path / "walk.bvh")

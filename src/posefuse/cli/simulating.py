@@ -1,4 +1,4 @@
-"""What `posefuse simulate` does around the simulator: progress and the table at the end."""
+"""What `posefuse simulate` does around the simulator and the Gazebo export: progress and the table at the end."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.places import check_apart
+from posefuse.simulation.gazebo import GazeboSettings, export_world
 from posefuse.simulation.scene import motion_files, read_scene
 from posefuse.simulation.session import simulate
 
@@ -52,4 +53,36 @@ def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | No
         },
     )
     terminal.next(f"posefuse track {paths.folder} --out {paths.folder.name}-result", "the 3D skeleton, compared with the truth")
+    return figures
+
+
+def write_gazebo_world(scene_file: Path, out: Path, release: str, force: bool, terminal: Terminal) -> Mapping[str, Any]:
+    """Write a scene file as a Gazebo world, anew with `force`; returns the figures of the table."""
+    scene = read_scene(scene_file)
+    check_apart(out, (scene_file, *motion_files(scene)))
+    world = export_world(scene, out, GazeboSettings(release=release), replace_older=force, warn=terminal.warn)
+    for line in world.left_out:
+        terminal.warn(line)
+    size = sum(path.stat().st_size for path in world.folder.rglob("*") if path.is_file())
+    figures = {
+        "cameras": list(world.rig.names),
+        "people": world.people,
+        "loop_s": world.loop_s,
+        "keys_hz": list(world.keys_hz),
+        "megabytes": size / 1e6,
+        "out": world.folder,
+    }
+    keys = ", ".join(f"{rate:.0f}" for rate in world.keys_hz)
+    terminal.facts(
+        "Gazebo world",
+        {
+            "for": release,
+            "cameras": ", ".join(world.rig.names),
+            "people": world.people,
+            "motion": f"{world.loop_s:g} s, again and again; keys per second: {keys or 'none'}",
+            "size": f"{figures['megabytes']:.1f} MB",
+            "folder": str(world.folder),
+        },
+    )
+    terminal.next(f"{world.folder}/launch.sh", "Gazebo and the bridge to ROS 2; docs/gazebo.md goes on from there")
     return figures

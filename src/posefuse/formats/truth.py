@@ -21,6 +21,7 @@ from posefuse.foundation.parsing import one_line, parse_json
 
 from .npz import DAMAGED, read_arrays
 
+LOOP_FILE = "loop.json"
 _FORMAT = "posefuse truth 1"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -75,6 +76,22 @@ def read_truth(path: Path) -> Truth:
         raise InputError(f"{path}: not a posefuse truth file ({one_line(error)})") from None
     except (*DAMAGED, IndexError, AttributeError) as error:
         raise InputError(f"{path}: not a posefuse truth file ({type(error).__name__}: {one_line(error)})") from None
+
+
+def write_loop(folder: Path, loop_ns: int) -> None:
+    """Write beside a truth that its motion begins anew every `loop_ns`, which a simulator shows as long as it runs."""
+    (folder / LOOP_FILE).write_text(json.dumps({"loop_ns": loop_ns}) + "\n", encoding="utf-8")
+
+
+def read_loop(folder: Path) -> int | None:
+    """What `write_loop` wrote, None where it wrote nothing; raises InputError when the file is not of that kind."""
+    path = folder / LOOP_FILE
+    if not path.is_file():
+        return None
+    loop = parse_json(str(path), path.read_bytes())
+    if not isinstance(loop, dict) or not isinstance(loop.get("loop_ns"), int) or loop["loop_ns"] <= 0:
+        raise InputError(f'{path}: expected {{"loop_ns": nanoseconds > 0}}, got {one_line(loop)}')
+    return int(loop["loop_ns"])
 
 
 def write_arrays(path: Path, arrays: dict[str, Array]) -> None:

@@ -46,8 +46,12 @@ def truth_of(scene: Scene) -> Truth:
     hide nothing here. A rendered session tests the depth of the picture instead.
     """
     live = live_scene(scene)
-    visible = [np.concatenate([visible_by_shapes(live, i, part) for part in _parts(live, i)]) for i in range(len(live.rig))]
-    return truth_with(live, visible)
+    return truth_with(live, visible_to_all(live))
+
+
+def visible_to_all(live: LiveScene) -> list[Array]:
+    """The visibility (F, Q) of all points by geometry alone, camera by camera; see `SeenPoints` for axis Q."""
+    return [np.concatenate([visible_by_shapes(live, i, part) for part in _parts(live, i)]) for i in range(len(live.rig))]
 
 
 def truth_with(live: LiveScene, visible: list[Array]) -> Truth:

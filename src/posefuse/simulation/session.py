@@ -13,19 +13,16 @@ SESSION/INCOMPLETE            as long as something of the above is missing; simu
 from __future__ import annotations
 
 import csv
-import dataclasses
 import enum
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
+from posefuse.core.ideal_image import optics_of
 from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import write_rig
@@ -40,10 +37,10 @@ from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, seen_points, truth_with
 from .render.backend import check_framebuffer, working_backend
 from .render.model import RenderModel, render_model
-from .render.optics import optics_of
 from .render.shot import moments_of
 from .render.workers import RenderJob, RenderTask, image_name, render_all
-from .scene import H264Settings, Scene, with_motion_files
+from .scene import H264Settings, Scene
+from .scene_files import SCENE_FILE, scene_copies, scene_text, write_scene
 
 Progress = Callable[[int, int], None]
 TIMES_FILE = "timestamps.csv"
@@ -76,7 +73,7 @@ class SessionPaths:
     @property
     def scene(self) -> Path:
         """Every setting."""
-        return self.folder / "scene.yaml"
+        return self.folder / SCENE_FILE
 
     @property
     def truth(self) -> Path:
@@ -211,7 +208,7 @@ def _earlier(paths: SessionPaths, scene: Scene, replace: bool) -> _Earlier:
     if not _is_unfinished(paths):
         check_replaceable(paths.folder, command=_COMMAND, replace=replace)
         return _Earlier.REPLACED
-    if not paths.scene.is_file() or paths.scene.read_text(encoding="utf-8") == _scene_text(scene):
+    if not paths.scene.is_file() or paths.scene.read_text(encoding="utf-8") == scene_text(scene):
         return _Earlier.RESUMED
     if not replace:
         raise InputError(
@@ -233,38 +230,7 @@ def _begin(paths: SessionPaths, scene: Scene) -> None:
     paths.incomplete.write_text(_MARKER_TEXT, encoding="utf-8")
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
-    paths.scene.write_text(_scene_text(scene), encoding="utf-8")
-    with_motion_files(scene, lambda i, file: _copied(Path(file), paths.folder / _motion_name(i, file)))
-
-
-def _scene_text(scene: Scene) -> str:
-    """What scene.yaml says: every setting, motion files as the session holds them."""
-    return yaml.safe_dump(plain_settings(with_motion_files(scene, _motion_name)), sort_keys=False)
-
-
-def _motion_name(person: int, file: str) -> str:
-    return f"motion/{person}-{Path(file).name}"
-
-
-def _copied(file: Path, into: Path) -> str:
-    """Copy a motion file or folder, so that the session holds all it was made from."""
-    into.parent.mkdir(exist_ok=True)
-    if file.is_dir():
-        shutil.copytree(file, into, dirs_exist_ok=True)
-    else:
-        shutil.copyfile(file, into)
-    return str(into)
-
-
-def plain_settings(settings: Any) -> Any:
-    """Settings as plain values for YAML: mappings, lists, numbers, text."""
-    if dataclasses.is_dataclass(settings):
-        return {field.name: plain_settings(getattr(settings, field.name)) for field in dataclasses.fields(settings)}
-    if isinstance(settings, dict):
-        return {key: plain_settings(value) for key, value in settings.items()}
-    if isinstance(settings, (tuple, list)):
-        return [plain_settings(value) for value in settings]
-    return settings
+    write_scene(scene, paths.folder)
 
 
 def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
@@ -371,21 +337,15 @@ def _remove_parts(runs: list[_Run], paths: SessionPaths) -> None:
 
 def _written(live: LiveScene, paths: SessionPaths) -> set[Path]:
     """Every file of a finished session."""
-    files = {paths.rig, paths.scene, paths.truth, paths.shots} | ({paths.props} if live.props else set())
+    files = {paths.rig, paths.truth, paths.shots} | ({paths.props} if live.props else set())
+    files |= scene_copies(live.scene, paths.folder)
     for shots in live.shots:
         if isinstance(live.scene.record, H264Settings):
             files.add(paths.film(shots.camera))
         else:
             names = (TIMES_FILE, *(image_name(int(t)) for t in shots.stamp_ns))
             files |= {paths.videos / shots.camera / name for name in names}
-    with_motion_files(live.scene, lambda i, file: _add_copies(Path(file), paths.folder / _motion_name(i, file), files))
     return files
-
-
-def _add_copies(file: Path, copy: Path, files: set[Path]) -> str:
-    inside = [path for path in file.rglob("*") if path.is_file()] if file.is_dir() else []
-    files.update([copy / path.relative_to(file) for path in inside] if file.is_dir() else [copy])
-    return str(copy)
 
 
 def shot_arrays(live: LiveScene) -> dict[str, Array]:

@@ -17,6 +17,7 @@ import numpy as np
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.core.ideal_image import optics_of
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
@@ -24,7 +25,6 @@ from posefuse.formats.video import read_video
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, seen_points
 from .render.backend import working_backend
-from .render.optics import optics_of
 from .render.shot import CameraShooter
 from .render.stage import Stage
 from .scene import read_scene

@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from posefuse.cli.options.shared import Figures, Shown, count
+from posefuse.core import InputError
 
 MOST_PROCESSES = 1024
 
@@ -16,7 +17,9 @@ def simulate(
     scene: Annotated[Path, Parameter(metavar="SCENE.yaml")],
     /,
     *,
-    out: Annotated[Path, Parameter(metavar="DIR")],
+    out: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    gazebo: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    release: Annotated[str, Parameter(name="--for", metavar="RELEASE")] = "harmonic",
     force: bool = False,
     workers: Annotated[int | None, Parameter(metavar="N"), count(MOST_PROCESSES)] = None,
     terminal: Shown,
@@ -26,9 +29,16 @@ def simulate(
     Args:
         scene: Scene file; see examples/scenes and docs/simulation.md.
         out: Session folder; an unfinished one is resumed.
-        force: Render anew even if DIR is finished.
+        gazebo: Write the scene there as a world that Gazebo opens, with the bridge to ROS 2; see docs/gazebo.md.
+        release: Release of Gazebo: fortress, harmonic or jetty.
+        force: Do it anew even if DIR is finished.
         workers: Processes that render (default: one per core).
     """
-    from posefuse.cli.simulating import simulate_session
+    from posefuse.cli.simulating import simulate_session, write_gazebo_world
 
+    if (out is None) == (gazebo is None):
+        raise InputError("expected --out DIR (videos) or --gazebo DIR (a world), one of them")
+    if gazebo is not None:
+        return write_gazebo_world(scene, gazebo, release, force, terminal)
+    assert out is not None
     return simulate_session(scene, out, force, workers, terminal)

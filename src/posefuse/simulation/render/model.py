@@ -92,13 +92,18 @@ def render_model(
         ambient=0.40 * room.brightness,
         key=0.48 * room.brightness,
         fill=0.27 * room.brightness,
-        lamp=max(room.height_m + 0.5, float(np.hypot(*room_size_m)) * _LAMP_PER_DIAGONAL),
+        lamp=lamp_height_m(room, room_size_m),
         shadow="true" if room.shadows else "false",
         assets="".join(asset_xml) + room_assets,
         world=room_geoms + "".join(world_xml),
         skins="".join(skin_xml),
     )
     return RenderModel(xml, assets, bodies, tuple(skin_person))
+
+
+def lamp_height_m(room: RoomSettings, room_size_m: tuple[float, float]) -> float:
+    """Height of the lamp that casts shadows."""
+    return max(room.height_m + 0.5, float(np.hypot(*room_size_m)) * _LAMP_PER_DIAGONAL)
 
 
 # lights hang in the world, none on the camera: every view sees the same scene

@@ -10,9 +10,9 @@ import numpy as np
 
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
+from posefuse.core.ideal_image import Optics, SourceView, optics_of
 from posefuse.simulation.cameras import SensorSettings
 
-from .optics import Optics, SourceView, optics_of
 from .stage import Stage
 
 _MID_GREY = 118.0

@@ -8,10 +8,10 @@ import numpy as np
 
 from posefuse.core import SE3
 from posefuse.core.arrays import Array
+from posefuse.core.ideal_image import SourceView
 
 from .backend import gl_context, mujoco_with
 from .model import RenderModel
-from .optics import SourceView
 
 _NEAR_M = 0.05
 _FAR_M = 80.0

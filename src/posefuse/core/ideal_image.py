@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Camera, ConfigError
-from posefuse.core.arrays import Array
+from .arrays import Array
+from .camera import Camera
+from .errors import ConfigError
 
 _WIDEST_DEG = 78.0
 _LARGEST_PX = 4096
@@ -83,6 +84,16 @@ def optics_of(camera: Camera) -> Optics:
     first = low - (_MARGIN_PX + 0.5) * step
     view = SourceView(float(first[0]), float(first[1]), step, int(size[0]), int(size[1]))
     return Optics(view, view.px_from_norm(norm).astype(np.float32))
+
+
+def ideal_camera(camera: Camera) -> Camera:
+    """The pinhole camera whose image is the ideal picture of `camera`; raises ConfigError, see `optics_of`."""
+    view = optics_of(camera).view
+    centre = np.array([-view.left, -view.top]) / view.step - 0.5
+    K = np.array([[1 / view.step, 0, centre[0]], [0, 1 / view.step, centre[1]], [0, 0, 1]])
+    return Camera(
+        name=camera.name, size_wh=(view.width, view.height), K=K, cam_from_world=camera.cam_from_world, distortion=np.zeros(0)
+    )
 
 
 def _finest_step(norm: Array, focal_px: float) -> float:

@@ -1,0 +1,245 @@
+"""COLLADA 1.4.1 (.dae): a textured mesh, and optionally the bones it hangs on with a baked animation.
+
+Written for the strictest reader at hand, Gazebo's:
+
+- metres and Z up are in the file, so nobody has to turn or scale it;
+- a joint's id, sid and name are one word, unique in the file and without dots: a channel's target ``a.b/transform`` is
+  taken as the component b of a;
+- every joint has one ``matrix``; animations replace all of it;
+- a vertex hangs on at most four joints; the bind shape matrix is the identity.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+from posefuse.foundation.atomic import atomic_file
+
+MOST_WEIGHTS = 4
+_UP = "Z_UP"
+_COLOUR = "0 0 0 1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surface:
+    """What a part of a mesh looks like, matt.
+
+    Attributes:
+        colour: red, green, blue in [0, 1]. texture: picture file, relative to the .dae; it replaces the colour.
+    """
+
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    texture: str | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mesh:
+    """Triangles with one normal and one texture coordinate per vertex.
+
+    Attributes:
+        vertices: (V, 3) m. normals: (V, 3) unit vectors. uv: (V, 2) from the top left of the texture.
+        parts: name -> what the part looks like and its triangles (F, 3), counter-clockwise from outside.
+    """
+
+    vertices: Array
+    normals: Array
+    uv: Array
+    parts: Mapping[str, tuple[Surface, Array]]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Skeleton:
+    """The joints a mesh hangs on, and how they move.
+
+    Attributes:
+        names: J joints; the first is the root. parent: (J,), -1 at the root, parents first.
+        world_from_joint_rest: (J, 4, 4) poses in which the mesh has its vertices.
+        index, weight: (V, 4) joints of each vertex and how much; rows of `weight` sum to 1.
+        t_s: (T,) times of the keys. parent_from_joint: (T, J, 4, 4) rigid motions at the keys.
+    """
+
+    names: tuple[str, ...]
+    parent: Array
+    world_from_joint_rest: Array
+    index: Array
+    weight: Array
+    t_s: Array
+    parent_from_joint: Array
+
+
+def joint_name(name: str) -> str:
+    """`name` as a joint may be called in a file: letters, digits and underscores."""
+    return re.sub(r"\W", "_", name)
+
+
+def write_collada(path: Path, mesh: Mesh, skeleton: Skeleton | None = None) -> None:
+    """Write a mesh; raises InputError when the file cannot be written or joints have no usable names."""
+    if skeleton is not None:
+        _check_names(path, skeleton)
+    root = ElementTree.Element("COLLADA", xmlns="http://www.collada.org/2005/11/COLLADASchema", version="1.4.1")
+    asset = _add(root, "asset")
+    _add(_add(asset, "contributor"), "authoring_tool", "posefuse")
+    # a fixed date: the same mesh gives the same bytes
+    _add(asset, "created", "2000-01-01T00:00:00")
+    _add(asset, "modified", "2000-01-01T00:00:00")
+    _add(asset, "unit", name="meter", meter="1")
+    _add(asset, "up_axis", _UP)
+    _images_and_effects(root, mesh)
+    _geometry(root, mesh)
+    if skeleton is not None:
+        _controller(root, skeleton)
+        _animations(root, skeleton)
+    _scene(root, mesh, skeleton)
+    ElementTree.indent(root, "")
+    try:
+        with atomic_file(path) as beside:
+            ElementTree.ElementTree(root).write(beside, encoding="utf-8", xml_declaration=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error})") from None
+
+
+def _check_names(path: Path, skeleton: Skeleton) -> None:
+    wrong = [name for name in skeleton.names if joint_name(name) != name]
+    if wrong or len(set(skeleton.names)) != len(skeleton.names):
+        raise InputError(
+            f"{path}: joints: expected unique names of letters, digits and underscores, got {wrong[:3] or 'one twice'}"
+        )
+
+
+def _images_and_effects(root: ElementTree.Element, mesh: Mesh) -> None:
+    surfaces = {name: surface for name, (surface, _) in mesh.parts.items()}
+    textured = {name: surface for name, surface in surfaces.items() if surface.texture is not None}
+    if textured:
+        images = _add(root, "library_images")
+        for name, surface in textured.items():
+            _add(_add(images, "image", id=f"{name}-image", name=f"{name}-image"), "init_from", surface.texture)
+    materials, effects = _add(root, "library_materials"), _add(root, "library_effects")
+    for name, surface in surfaces.items():
+        _add(_add(materials, "material", id=f"{name}-material", name=name), "instance_effect", url=f"#{name}-effect")
+        profile = _add(_add(effects, "effect", id=f"{name}-effect"), "profile_COMMON")
+        if surface.texture is not None:
+            kind = _add(_add(profile, "newparam", sid=f"{name}-surface"), "surface", type="2D")
+            _add(kind, "init_from", f"{name}-image")
+            _add(_add(_add(profile, "newparam", sid=f"{name}-sampler"), "sampler2D"), "source", f"{name}-surface")
+        shading = _add(_add(profile, "technique", sid="common"), "lambert")
+        _add(_add(shading, "emission"), "color", _COLOUR)
+        diffuse = _add(shading, "diffuse")
+        if surface.texture is not None:
+            _add(diffuse, "texture", texture=f"{name}-sampler", texcoord="UV")
+        else:
+            _add(diffuse, "color", f"{_numbers(np.array(surface.colour))} 1")
+
+
+def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
+    body = _add(_add(_add(root, "library_geometries"), "geometry", id="mesh", name="mesh"), "mesh")
+    # the file's texture coordinates grow upwards
+    sources = {"positions": ("XYZ", mesh.vertices), "normals": ("XYZ", mesh.normals), "uv": ("ST", mesh.uv * [1, -1] + [0, 1])}
+    for name, (axes, values) in sources.items():
+        _source(body, f"mesh-{name}", values, list(axes))
+    _add(_add(body, "vertices", id="mesh-vertices"), "input", semantic="POSITION", source="#mesh-positions")
+    for name, (_, faces) in mesh.parts.items():
+        triangles = _add(body, "triangles", material=f"{name}-symbol", count=str(len(faces)))
+        _add(triangles, "input", semantic="VERTEX", source="#mesh-vertices", offset="0")
+        _add(triangles, "input", semantic="NORMAL", source="#mesh-normals", offset="1")
+        _add(triangles, "input", semantic="TEXCOORD", source="#mesh-uv", offset="2", set="0")
+        _add(triangles, "p", " ".join(map(str, np.repeat(faces.ravel(), 3))))
+
+
+def _controller(root: ElementTree.Element, skeleton: Skeleton) -> None:
+    skin = _add(_add(_add(root, "library_controllers"), "controller", id="skin", name="skin"), "skin", source="#mesh")
+    _add(skin, "bind_shape_matrix", _numbers(np.eye(4)))
+    names = _add(skin, "source", id="skin-joints")
+    _add(names, "Name_array", " ".join(skeleton.names), id="skin-joints-array", count=str(len(skeleton.names)))
+    _accessor(names, "skin-joints-array", len(skeleton.names), [("JOINT", "name")])
+    _source(skin, "skin-bind", np.linalg.inv(skeleton.world_from_joint_rest).reshape(-1, 16), None)
+    held = skeleton.weight > 0
+    _source(skin, "skin-weights", skeleton.weight[held][:, None], ["WEIGHT"])
+    joints = _add(skin, "joints")
+    _add(joints, "input", semantic="JOINT", source="#skin-joints")
+    _add(joints, "input", semantic="INV_BIND_MATRIX", source="#skin-bind")
+    weights = _add(skin, "vertex_weights", count=str(len(held)))
+    _add(weights, "input", semantic="JOINT", source="#skin-joints", offset="0")
+    _add(weights, "input", semantic="WEIGHT", source="#skin-weights", offset="1")
+    _add(weights, "vcount", " ".join(map(str, held.sum(axis=1))))
+    pairs = np.stack([skeleton.index[held], np.arange(held.sum())], axis=-1)
+    _add(weights, "v", " ".join(map(str, pairs.ravel())))
+
+
+def _animations(root: ElementTree.Element, skeleton: Skeleton) -> None:
+    library = _add(root, "library_animations", id="motion", name="motion")
+    for j, name in enumerate(skeleton.names):
+        moving = _add(library, "animation", id=f"{name}-motion", name=f"{name}-motion")
+        _source(moving, f"{name}-times", skeleton.t_s[:, None], ["TIME"], digits=9)
+        _source(moving, f"{name}-poses", skeleton.parent_from_joint[:, j].reshape(-1, 16), None)
+        ways = _add(moving, "source", id=f"{name}-ways")
+        count = len(skeleton.t_s)
+        _add(ways, "Name_array", " ".join(["LINEAR"] * count), id=f"{name}-ways-array", count=str(count))
+        _accessor(ways, f"{name}-ways-array", count, [("INTERPOLATION", "name")])
+        sampler = _add(moving, "sampler", id=f"{name}-sampled")
+        for semantic, source in (("INPUT", "times"), ("OUTPUT", "poses"), ("INTERPOLATION", "ways")):
+            _add(sampler, "input", semantic=semantic, source=f"#{name}-{source}")
+        _add(moving, "channel", source=f"#{name}-sampled", target=f"{name}/transform")
+
+
+def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: Skeleton | None) -> None:
+    scene = _add(_add(root, "library_visual_scenes"), "visual_scene", id="scene", name="scene")
+    if skeleton is not None:
+        for rest, node in zip(_rest_in_parent(skeleton), _joint_nodes(scene, skeleton), strict=True):
+            _add(node, "matrix", _numbers(rest), sid="transform")
+    shape = _add(scene, "node", id="shape", name="shape", type="NODE")
+    kind, source = ("instance_controller", "#skin") if skeleton is not None else ("instance_geometry", "#mesh")
+    instance = _add(shape, kind, url=source)
+    if skeleton is not None:
+        _add(instance, "skeleton", f"#{skeleton.names[0]}")
+    bound = _add(_add(instance, "bind_material"), "technique_common")
+    for name in mesh.parts:
+        one = _add(bound, "instance_material", symbol=f"{name}-symbol", target=f"#{name}-material")
+        _add(one, "bind_vertex_input", semantic="UV", input_semantic="TEXCOORD", input_set="0")
+    _add(_add(root, "scene"), "instance_visual_scene", url="#scene")
+
+
+def _joint_nodes(scene: ElementTree.Element, skeleton: Skeleton) -> Iterator[ElementTree.Element]:
+    nodes: list[ElementTree.Element] = []
+    for name, parent in zip(skeleton.names, skeleton.parent, strict=True):
+        over = scene if parent < 0 else nodes[parent]
+        nodes.append(_add(over, "node", id=name, name=name, sid=name, type="JOINT"))
+        yield nodes[-1]
+
+
+def _rest_in_parent(skeleton: Skeleton) -> Array:
+    world = skeleton.world_from_joint_rest
+    over = np.where(skeleton.parent[:, None, None] < 0, np.eye(4), world[skeleton.parent])
+    return np.asarray(np.linalg.inv(over) @ world)
+
+
+def _source(parent: ElementTree.Element, name: str, values: Array, axes: list[str] | None, digits: int = 8) -> None:
+    """Rows of floats; without names of axes each row is one 4 x 4 matrix."""
+    source = _add(parent, "source", id=name)
+    _add(source, "float_array", _numbers(values, digits), id=f"{name}-array", count=str(values.size))
+    kinds = [("TRANSFORM", "float4x4")] if axes is None else [(axis, "float") for axis in axes]
+    _accessor(source, f"{name}-array", len(values), kinds, values.shape[1])
+
+
+def _accessor(source: ElementTree.Element, array: str, count: int, kinds: list[tuple[str, str]], stride: int = 1) -> None:
+    common = _add(source, "technique_common")
+    accessor = _add(common, "accessor", source=f"#{array}", count=str(count), stride=str(stride))
+    for name, kind in kinds:
+        _add(accessor, "param", name=name, type=kind)
+
+
+def _add(parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
+    child = ElementTree.SubElement(parent, tag, attributes)
+    child.text = text
+    return child
+
+
+def _numbers(values: Array, digits: int = 8) -> str:
+    return " ".join(f"{value:.{digits}g}" for value in np.asarray(values, np.float64).ravel() + 0.0)

@@ -1,0 +1,6 @@
+"""Gazebo in and out: a scene as a world that Gazebo opens, with exact truth by simulation time (docs/gazebo.md)."""
+
+from .export import GazeboWorld, export_world
+from .settings import GazeboSettings
+
+__all__ = ["GazeboSettings", "GazeboWorld", "export_world"]

@@ -1,0 +1,182 @@
+"""The world file: libsdformat and the schemas of SDF read from it what the scene says."""
+
+import dataclasses
+import os
+import subprocess
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from posefuse.core import SE3, ConfigError, InputError
+from posefuse.formats.rig import read_rig
+from posefuse.formats.truth import read_loop, read_truth
+from posefuse.simulation.cameras import rig_from_cameras
+from posefuse.simulation.gazebo import GazeboSettings, export_world
+from posefuse.simulation.gazebo.cameras import camera_from_gazebo, drawn_camera, world_from_link
+from posefuse.simulation.gazebo.world import pose_text
+
+
+def _camera(read):
+    pose = SE3(np.array(read["wxyz"]), np.array(read["xyz"]))
+    return camera_from_gazebo(read["name"], tuple(read["size"]), np.array(read["f"]), np.array(read["c"]), pose)
+
+
+def test_libsdformat_reads_the_cameras_of_the_rig(written, libsdformat):
+    read = libsdformat(written.sdf)
+    assert read["version"] == "1.9"
+    assert [one["name"] for one in read["cameras"]] == list(written.live.rig.names)
+    for one, camera, rate_hz in zip(read["cameras"], written.live.rig, (20, 12.5, 20), strict=True):
+        drawn, back = drawn_camera(camera), _camera(one)
+        assert one["has_intrinsics"] and one["skew"] == 0
+        assert one["rate_hz"] == rate_hz and one["topic"] == f"/{camera.name}/image"
+        assert back.size_wh == drawn.size_wh
+        np.testing.assert_allclose(back.K, drawn.K, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(back.cam_from_world.matrix4(), drawn.cam_from_world.matrix4(), rtol=0, atol=1e-6)
+    assert [one["noise"] for one in read["cameras"]] == pytest.approx([0, 2 / 255, 0])
+
+
+def test_the_camera_check_sees_what_the_parser_lets_pass(written, libsdformat, sdformat_check, tmp_path):
+    # a missing focal length is valid SDF: it becomes another one
+    text = written.sdf.read_text()
+    broken = tmp_path / "world.sdf"
+    broken.write_text(text.replace("<fx>260</fx>", ""))
+    assert sdformat_check(written.sdf) and sdformat_check(broken)
+    assert libsdformat(written.sdf)["cameras"][0]["f"] == [260, 290]
+    assert libsdformat(broken)["cameras"][0]["f"] != [260, 290]
+
+
+def test_libsdformat_reads_things_and_people(written, libsdformat):
+    read = libsdformat(written.sdf)
+    models = {one["name"]: one for one in read["models"]}
+    box = written.live.boxes[0]
+    assert models["occluder0"]["size"] == pytest.approx(list(2 * box.half_m))
+    assert models["occluder0"]["wxyz"] == pytest.approx(list(box.world_from_box.wxyz), abs=1e-9)
+    for i, prop in enumerate(written.live.props):
+        if prop.name == "cube":
+            continue
+        pose = written.live.prop_poses(np.zeros(1))[i][0]
+        assert models[prop.name]["xyz"] == pytest.approx(list(pose.xyz), abs=1e-9)
+        assert abs(np.dot(models[prop.name]["wxyz"], pose.wxyz)) == pytest.approx(1, abs=1e-12)
+    for one in read["models"]:
+        assert one["static"]
+        assert all((written.world.folder / one[key]).is_file() for key in ("mesh", "texture") if key in one)
+    assert {one["name"] for one in read["actors"]} == {"person0", "cube"}
+    for one in read["actors"]:
+        # its own motion, from time 0, again and again, moved by no trajectory
+        assert one["skin"] == one["animation"] and one["trajectories"] == 0
+        assert (one["loop"], one["delay"], one["auto"]) == (1, 0, 1)
+        assert one["xyz"] == [0, 0, 0] and one["wxyz"] == [1, 0, 0, 0]
+
+
+def test_the_schemas_accept_it_and_refuse_a_fault(written, xsd_faults, tmp_path):
+    assert xsd_faults(written.sdf) == []
+    for right, wrong in (("<width>320</width>", "<width>wide</width>"), ("<intrinsics>", "<intrinsic>"), ("<size>", "<edge>")):
+        broken = tmp_path / "world.sdf"
+        broken.write_text(written.sdf.read_text().replace(right, wrong).replace(f"</{right[1:]}", f"</{wrong[1:]}"))
+        assert xsd_faults(broken), wrong
+
+
+@pytest.mark.parametrize("pitch_deg", [-90, -89.999, 0, 37, 90])
+def test_a_pose_survives_roll_pitch_and_yaw(pitch_deg):
+    # independent of our quaternions: the rotation that SDF defines
+    rng = np.random.default_rng(5)
+    roll, yaw = rng.uniform(-np.pi, np.pi, 2)
+    pose = SE3.from_matrix(_rotation(roll, np.deg2rad(pitch_deg), yaw), [1.0, -2.0, 0.5])
+    numbers = np.array(pose_text(pose).split(), float)
+    np.testing.assert_allclose(numbers[:3], pose.xyz)
+    np.testing.assert_allclose(_rotation(*numbers[3:]), pose.matrix(), atol=1e-7)
+
+
+def _rotation(roll, pitch, yaw):
+    (a, b), (c, d), (e, f) = ((np.cos(x), np.sin(x)) for x in (roll, pitch, yaw))
+    about_x, about_y = np.array([[1, 0, 0], [0, a, -b], [0, b, a]]), np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]])
+    return np.array([[e, -f, 0], [f, e, 0], [0, 0, 1]]) @ about_y @ about_x
+
+
+def test_pixel_centres_lie_half_a_pixel_from_the_edge(written):
+    """Gazebo's OpenGL projection, written out from its definition, puts points where our camera sees them.
+
+    gz-sensors multiplies the clip matrix of the box 0..width, 0..height by the perspective of fx, fy, cx and height - cy: so u
+    is 0 at the left edge of the image, where our first pixel, with its centre at 0, begins at -0.5.
+    """
+    rng = np.random.default_rng(1)
+    root = ElementTree.parse(written.sdf).getroot()
+    for camera in written.live.rig:
+        drawn = drawn_camera(camera)
+        sensor = root.find(f".//model[@name='{camera.name}']//camera")
+        fx, fy, cx, cy = (float(sensor.find(f"lens/intrinsics/{key}").text) for key in ("fx", "fy", "cx", "cy"))
+        width, height, near, far = (
+            float(sensor.find(key).text) for key in ("image/width", "image/height", "clip/near", "clip/far")
+        )
+        clip = np.diag([2 / width, 2 / height, -2 / (far - near), 1.0])
+        clip[:3, 3] = [-1, -1, -(far + near) / (far - near)]
+        seen = np.array([[fx, 0, -cx, 0], [0, fy, -(height - cy), 0], [0, 0, near + far, near * far], [0, 0, -1, 0]])
+        xyz_cam = rng.uniform([-0.4, -0.3, 1], [0.4, 0.3, 6], (50, 3)) * np.array([1, 1, 1])
+        # OpenGL looks along -z with y up
+        drawn_at = (clip @ seen @ np.column_stack([xyz_cam * [1, -1, -1], np.ones(50)]).T).T
+        ndc = drawn_at[:, :2] / drawn_at[:, 3:]
+        edge_px = (ndc * [1, -1] + 1) / 2 * [width, height]
+        expected = drawn.px_from_norm(xyz_cam[:, :2] / xyz_cam[:, 2:])
+        np.testing.assert_allclose(edge_px - 0.5, expected, atol=1e-9)
+
+
+def test_a_gazebo_camera_looks_along_its_x(scene):
+    camera = dataclasses.replace(scene.cameras.cameras[0], roll_deg=0)
+    forward, left, up = world_from_link(rig_from_cameras((camera,)).cameras[0]).matrix().T
+    towards = np.array(camera.look_at_m) - camera.position_m
+    np.testing.assert_allclose(forward, towards / np.linalg.norm(towards), atol=1e-12)
+    assert up[2] > 0 and abs(left[2]) < 1e-12
+
+
+def test_beside_the_world_stand_rig_truth_and_settings(written):
+    folder = written.world.folder
+    assert read_rig(folder / "rig.toml").id == written.live.rig.id
+    truth = read_truth(folder / "truth" / "truth.npz")
+    assert read_loop(folder / "truth") == 1_000_000_000
+    assert truth.t_ns[0] == 0 and np.diff(truth.t_ns).max() <= 1e9 / 240 + 1
+    expected = written.live.keypoints(truth.t_ns / 1e9)
+    np.testing.assert_allclose(truth.xyz_world, expected, atol=1e-12)
+    assert (folder / "truth" / "props.npz").is_file()
+    # what Gazebo's cameras do not have is said, and is not in the truth
+    assert len(written.world.left_out) == 1 and "bent: offset_s, exposure_s" in written.world.left_out[0]
+    assert list(truth.views[1].t_ns[:3]) == [0, 80_000_000, 160_000_000]
+
+
+def test_the_bridge_brings_clock_images_and_camera_info(written):
+    entries = yaml.safe_load((written.world.folder / "bridge.yaml").read_text())
+    topics = {entry["ros_topic_name"]: entry for entry in entries}
+    assert set(topics) == {"/clock"} | {f"/{name}/{what}" for name in written.live.rig.names for what in ("image", "camera_info")}
+    assert topics["/bent/image"]["ros_type_name"] == "sensor_msgs/msg/Image"
+    assert {entry["direction"] for entry in entries} == {"GZ_TO_ROS"}
+    assert all(entry["gz_type_name"].startswith("gz.msgs.") for entry in entries)
+    launch = written.world.folder / "launch.sh"
+    assert os.access(launch, os.X_OK)
+    assert subprocess.run(["sh", "-n", str(launch)], check=False).returncode == 0
+    missing = subprocess.run([str(launch)], capture_output=True, text=True, check=False, env={"PATH": "/usr/bin:/bin"})
+    assert missing.returncode == 1 and "gz: not found" in missing.stderr
+
+
+def test_fortress_has_names_of_its_own(scene, tmp_path, sdformat_check):
+    scene = dataclasses.replace(scene, people=(), props=())
+    for release, prefix in (("fortress", "ignition"), ("harmonic", "gz"), ("jetty", "gz")):
+        world = export_world(scene, tmp_path / release, GazeboSettings(release=release))
+        text = (world.folder / "world.sdf").read_text()
+        assert f'name="{prefix}::' in text and f'filename="{prefix}-' in text
+        assert f"{prefix}.msgs.Image" in (world.folder / "bridge.yaml").read_text()
+        assert sdformat_check(world.folder / "world.sdf")
+
+
+def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
+    scene = dataclasses.replace(scene, people=(), props=())
+    with pytest.raises(ConfigError, match="no release 'classic'; there are: fortress, harmonic"):
+        export_world(scene, tmp_path / "a", GazeboSettings(release="classic"))
+    with pytest.raises(ConfigError, match=r"duration_s: expected .* got 1200 s"):
+        export_world(dataclasses.replace(scene, duration_s=1200), tmp_path / "a")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("precious")
+    with pytest.raises(InputError, match="mine"):
+        export_world(scene, tmp_path / "mine", replace_older=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine"]
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "precious"
