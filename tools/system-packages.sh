@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Debian packages for the tests: software OpenGL (the simulator's renderer), ROS 1 and network namespaces (what we send is
-# received by other people's programs), Gazebo's own readers of world files and meshes. Without root or apt the tests that need them skip by name.
+# received by other people's programs), Gazebo's own readers of world files and meshes. Without root or apt the tests that
+# need them skip by name.
 set -euo pipefail
 packages=(
   libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libosmesa6

@@ -113,7 +113,7 @@ def test_pixel_centres_lie_half_a_pixel_from_the_edge(written):
         clip = np.diag([2 / width, 2 / height, -2 / (far - near), 1.0])
         clip[:3, 3] = [-1, -1, -(far + near) / (far - near)]
         seen = np.array([[fx, 0, -cx, 0], [0, fy, -(height - cy), 0], [0, 0, near + far, near * far], [0, 0, -1, 0]])
-        xyz_cam = rng.uniform([-0.4, -0.3, 1], [0.4, 0.3, 6], (50, 3)) * np.array([1, 1, 1])
+        xyz_cam = rng.uniform([-0.4, -0.3, 1], [0.4, 0.3, 6], (50, 3))
         # OpenGL looks along -z with y up
         drawn_at = (clip @ seen @ np.column_stack([xyz_cam * [1, -1, -1], np.ones(50)]).T).T
         ndc = drawn_at[:, :2] / drawn_at[:, 3:]
