@@ -7,7 +7,7 @@ SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(E
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
 
-.PHONY: calibration-faults help setup setup-core demo test test-slow fuzz reliability check bench bench-live paper demo-clip pictures docs package clean
+.PHONY: mutation calibration-faults help setup setup-core demo test test-slow fuzz reliability check bench bench-live paper demo-clip pictures docs package clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
@@ -18,6 +18,7 @@ help:
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
 	@echo "make calibration-faults  constructed faults of calibrations, and what is answered to each"
+	@echo "make mutation  which small changes of the code do no tests notice? docs/mutation.md"
 	@echo "make bench-live the figures of live tracking"
 	@echo "make paper      the paper's experiments: pages in out/paper, docs/accuracy.md"
 	@echo "make demo-clip  render the bundled clip anew with the simulator"
@@ -66,6 +67,10 @@ bench: setup
 
 calibration-faults: setup
 	nice $(BIN)/python bench/calibration_faults.py --page docs/calibration_faults.md
+
+mutation: EXTRAS := $(EXTRAS),mutation
+mutation: setup
+	nice $(BIN)/python bench/mutation.py --count 60 --page docs/mutation.md
 
 bench-live: setup
 	$(BIN)/python bench/run.py live live_tracking live_faults

@@ -153,11 +153,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copy_repository(folder)
+        drawn = {package: draw(PACKAGES[package][0], arguments.count, arguments.seed) for package in arguments.only}
         for package in arguments.only:
-            source, tests = PACKAGES[package]
+            mutants, tests = drawn[package], PACKAGES[package][1]
             if tests_fail(folder, tests, arguments.limit_s):
                 raise SystemExit(f"{package}: the tests fail without any mutant")
-            mutants = draw(source, arguments.count, arguments.seed)
             survivors = survivors_of(folder, mutants, tests, arguments.limit_s)
             killed = len(mutants) - len(survivors)
             results[package] = {
