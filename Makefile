@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-EXTRAS ?= dev,docs,sim,teleop,viewer,ros
+EXTRAS ?= dev,docs,publish,sim,teleop,viewer,ros
 SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
@@ -81,6 +81,7 @@ paper: setup
 
 demo-clip: setup
 	$(BIN)/posefuse simulate examples/scenes/demo.yaml --out examples/demo --force
+	$(BIN)/python tools/wheel_clip.py
 
 pictures: demo
 	cp out/demo/overview.png docs/images/overview.png
@@ -89,6 +90,9 @@ pictures: demo
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+package: setup
+	$(BIN)/python tools/package.py
 
 clean:
 	rm -rf out build dist .pytest_cache .mypy_cache .ruff_cache

@@ -1,4 +1,4 @@
-"""The bundled clip: four simulated cameras, ten seconds of a walking person."""
+"""The bundled clip: four simulated cameras, a walking person."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from posefuse.core import InputError
 from .terminal import Terminal
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-# a wheel brings the videos and the rig; a checkout has the exact truth as well
+# a wheel has the first seconds of the videos, and the rig; a checkout has all of it, with the exact truth
 _PLACES = (_PACKAGE.parents[1] / "examples" / "demo", _PACKAGE / "demo_clip")
 
 

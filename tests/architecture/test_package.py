@@ -1,0 +1,47 @@
+"""What is published: one version, metadata that agree, and every file that they name."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import yaml
+
+import posefuse
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_the_version_is_written_once_and_cited() -> None:
+    assert PROJECT["project"]["dynamic"] == ["version"] and "version" not in PROJECT["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == posefuse.__version__
+    assert f"## {posefuse.__version__}" in (ROOT / "docs" / "releases.md").read_text(encoding="utf-8")
+
+
+def test_the_paper_whose_method_this_is_is_cited() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    [paper] = citation["references"]
+    assert [author["family-names"] for author in paper["authors"]] == ["Fortini", "Leonori", "Gandarias", "Momi", "Ajoudani"]
+
+
+def test_licence_files_and_files_of_the_wheel_exist() -> None:
+    included = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert not [name for name in [*PROJECT["project"]["license-files"], *included] if not (ROOT / name).exists()]
+
+
+def test_addresses_of_the_project_are_in_one_place() -> None:
+    placeholder = re.compile(r"https?://example\.org/posefuse")
+    texts = [path for pattern in ("*.md", "*.cff", "*.yml", "docs/**/*.md", ".github/**/*") for path in ROOT.glob(pattern)]
+    assert set(PROJECT["project"]["urls"]) == {"Homepage", "Documentation", "Source", "Issues"}
+    assert not [path for path in texts if path.is_file() and placeholder.search(path.read_text(encoding="utf-8"))]
+
+
+def test_the_readme_fits_on_two_screens() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
+    assert (ROOT / "docs" / "images" / "demo.webp").stat().st_size < 2_000_000
+
+
+def test_every_extra_is_in_the_guide() -> None:
+    guide = (ROOT / "docs" / "installing.md").read_text(encoding="utf-8")
+    assert not [name for name in PROJECT["project"]["optional-dependencies"] if f"`{name}`" not in guide]
