@@ -40,12 +40,12 @@ def speed(session: Path, out: Path, repeat: int, *options: str) -> dict:
     runs = [tracked(session, out, *options) for _ in range(repeat)]
     cameras = runs[0]["cameras"]
     return {
-        "instants_per_s": statistics.median(run["instants_per_s"] for run in runs),
-        "images_per_s": statistics.median(cameras * run["instants_per_s"] for run in runs),
+        "time_steps_per_s": statistics.median(run["time_steps_per_s"] for run in runs),
+        "images_per_s": statistics.median(cameras * run["time_steps_per_s"] for run in runs),
         "detect_ms_per_image": statistics.median(run["detect_ms_per_image"] for run in runs),
-        "stage_ms_per_instant": {
-            stage: statistics.median(run["stage_ms_per_instant"][stage] for run in runs)
-            for stage in runs[0]["stage_ms_per_instant"]
+        "stage_ms_per_time_step": {
+            stage: statistics.median(run["stage_ms_per_time_step"][stage] for run in runs)
+            for stage in runs[0]["stage_ms_per_time_step"]
         },
     }
 
@@ -91,9 +91,9 @@ def show(figures: dict) -> None:
         table.add_column(column)
     for run in ("track", "everything"):
         row = figures[run]
-        stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in row["stage_ms_per_instant"].items())
+        stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in row["stage_ms_per_time_step"].items())
         table.add_row(
-            run, f"{row['instants_per_s']:.1f}", f"{row['images_per_s']:.0f}", f"{row['detect_ms_per_image']:.1f}", stages
+            run, f"{row['time_steps_per_s']:.1f}", f"{row['images_per_s']:.0f}", f"{row['detect_ms_per_image']:.1f}", stages
         )
     console.print(table)
     console.print(f"peak memory {figures['peak_memory_mb']:.0f} MB")

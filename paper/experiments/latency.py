@@ -82,10 +82,10 @@ def recorded_blocks(clock: SpikeClock, cameras: int) -> tuple[dict[str, Any], li
     }
     figures: dict[str, Any] = {
         "cameras": cameras,
-        "instants": len(total),
+        "time_steps": len(total),
         "stages_ms": {name: spread(ms) for name, ms in stages.items()},
         "second_pass_ms": 1000 * clock.seconds["smooth"] / len(total),
-        "instants_per_s": float(1000 / total.mean()),
+        "time_steps_per_s": float(1000 / total.mean()),
         "paper_ms": {"capture": paper.CAPTURE_MS, "2D pose": list(paper.DETECT_MS), "triangulation": paper.TRIANGULATE_MS},
     }
     rows = [[name, *spread_ms.values()] for name, spread_ms in figures["stages_ms"].items()]
@@ -100,7 +100,7 @@ def recorded_blocks(clock: SpikeClock, cameras: int) -> tuple[dict[str, Any], li
             "swap correction, joint centres, smoothing) takes the whole recording at once; its time is shared by all steps.",
         ),
         Table(["stage", "median ms", "mean ms", "p95 ms", "most ms"], rows),
-        Facts({"time steps per second": figures["instants_per_s"]}),
+        Facts({"time steps per second": figures["time_steps_per_s"]}),
         Plots(
             [
                 Plot("Spikes", _spikes(spans), x_label="s of the run", y_label="ms"),

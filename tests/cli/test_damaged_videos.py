@@ -66,5 +66,5 @@ def test_a_camera_whose_video_is_damaged_is_named_with_the_share_that_is_missing
     [line] = [line for line in said.splitlines() if line.startswith("warning: ") and "cannot be read" in line]
     assert line.startswith(f"warning: camera {CAMERA}: ") and "% of its frames cannot be read (" in line
     assert "it stops at " in line
-    assert figures["instants"] == 30, "the other cameras are tracked to their end"
+    assert figures["time_steps"] == 30, "the other cameras are tracked to their end"
     assert not any(f"camera {camera}" in said for camera in OTHERS)

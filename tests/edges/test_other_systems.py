@@ -69,7 +69,7 @@ def test_a_recording_is_tracked(disguise: Path, demo_session: Path, tmp_path: Pa
     options = ["--end", "0.4", "--outputs", "trc,csv", "--json", *oracle(demo_session)]
     command = ["-m", "posefuse.cli.main", "track", str(demo_session), "--out", str(tmp_path / "result"), *options]
     got = figures(run(disguise, system, *command))
-    assert got["instants"] == 13 and got["people"] == 1
+    assert got["time_steps"] == 13 and got["people"] == 1
 
 
 @pytest.mark.parametrize("system", SYSTEMS)

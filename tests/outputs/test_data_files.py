@@ -101,8 +101,8 @@ def test_json(tmp_path: Path, make_recording: Make) -> None:
     content = json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert content["provenance"]["version"] == __version__
     assert content["columns"] == ["x_m", "y_m", "z_m", "sigma_m", "n_views", "reproj_px", "kind"]
-    assert len(content["instants"]) == 7
-    instant = content["instants"][3]
+    assert len(content["time_steps"]) == 7
+    instant = content["time_steps"][3]
     assert instant["t_s"] == 2.12
     assert instant["people"]["4"][0] is None
     x, y, z, sigma, views, reproj, kind = instant["people"]["9"][2]
@@ -126,4 +126,4 @@ def test_nobody_at_all(tmp_path: Path, make_recording: Make) -> None:
     path, _ = CsvSink().write(recording, tmp_path)
     assert len(path.read_text().splitlines()) == 1
     [path] = JsonSink().write(recording, tmp_path)
-    assert json.loads(path.read_text())["instants"][0]["people"] == {}
+    assert json.loads(path.read_text())["time_steps"][0]["people"] == {}

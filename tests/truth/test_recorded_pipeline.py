@@ -31,7 +31,7 @@ def figures(capsys: pytest.CaptureFixture[str], *argv: object) -> dict:
 def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "result"
     got = figures(capsys, "track", demo_session, "--out", out, "--end", 2.0, "--json")
-    assert (got["cameras"], got["instants"], got["people"]) == (4, 61, 1)
+    assert (got["cameras"], got["time_steps"], got["people"]) == (4, 61, 1)
     assert min(got["found"].values()) > 0.98
     assert got["mpjpe_mm"] < 1.1 * 12.2  # `make demo` prints 12.2
     assert sorted(path.name for path in out.iterdir()) == sorted([*got["files"], MANIFEST_FILE])
@@ -53,7 +53,7 @@ def test_a_part_of_the_recording_at_another_rate_without_smoothing(demo_session:
     options = ("--start", 1.0, "--end", 1.5, "--raw", "--set", "rate_hz=15", "--weights", "score", "--outputs", "", "--json")
     got = figures(capsys, "track", demo_session, "--out", out, *options)
     poses = read_recording(out).poses
-    assert got["instants"] == len(poses) == 8
+    assert got["time_steps"] == len(poses) == 8
     assert np.allclose(np.diff(poses.t_ns) * 1e-9, 1 / 15, atol=1e-6)
     assert poses.t_ns[0] == pytest.approx(1e9, abs=1e8)
     assert set(np.unique(poses.kind)) <= {Kind.FUSED, Kind.MISSING}

@@ -42,5 +42,5 @@ def run_batch(study: Path, options: BatchOptions, settings: SettingsOptions, ter
     terminal.table("Study", columns, [[row[name] for name in columns[:3]] + [row.get(name) for name in shown] for row in rows])
     for name, reason in done.failed.items():
         terminal.warn(f"{name}: failed: {reason}")
-    terminal.next(f"open {done.out / PAGE_FILE} in a browser", f"the summary; {TABLE_FILE} beside it holds the numbers")
+    terminal.next(f"open {done.out / PAGE_FILE} in a browser", f"the summary; {TABLE_FILE} in the same folder holds the numbers")
     return {"out": done.out, "trials": rows, "kept": done.kept, "failed": dict(done.failed)}

@@ -129,7 +129,7 @@ def application() -> App:
 
 def _with_steps(name: str, position: int) -> App:
     helps = {
-        "node": "Run a live session on several machines: `node camera` beside the cameras, `node fusion` anywhere.",
+        "node": "Run a live session on several machines: `node camera` where the cameras are, `node fusion` anywhere.",
         "calibrate": "Calibrate cameras from a board, a marker object or a person; find clock offsets; verify; print targets.",
     }
     group = App(name=name, help=helps[name], sort_key=position)

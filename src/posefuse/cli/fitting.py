@@ -1,4 +1,4 @@
-"""What `posefuse fit-noise` does: scenes, two fits, the files beside the card, the table at the end."""
+"""What `posefuse fit-noise` does: scenes, two fits, the files next to the card, the table at the end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def fit_card(card_file: Path, options: FitOptions, terminal: Terminal) -> Mappin
     """Fit a card on simulated people; returns the figures of the tables.
 
     Raises:
-        PosefuseError: a card or network that is not right, or a network that finds nobody.
+        PosefuseError: a card or network that is not right, or a network that finds no person.
     """
     card = read_network_card(card_file)
     detector = OnnxConfig(card=card_file, engine=options.engine).build()
@@ -51,7 +51,7 @@ def fit_card(card_file: Path, options: FitOptions, terminal: Terminal) -> Mappin
             advance(i + 1, len(everyday))
     seen = [one for one in samples if len(one.error)]
     if not seen:
-        raise InputError(f"{card_file}: the network finds nobody in any of {len(samples)} scenes; is its card right?")
+        raise InputError(f"{card_file}: the network finds no person in any of {len(samples)} scenes; is its card right?")
     made_by = f"posefuse fit-noise: {len(seen)} rendered scenes, {sum(len(one.error) for one in seen)} crops"
     noise = fit_noise(seen, made_by)
     noise_file = card_file.with_suffix(".noise.toml")
@@ -105,8 +105,8 @@ def _tracked(folder: Path, choice: DetectorChoice) -> Run:
 
 
 def _write(path: Path, text: str) -> None:
-    with atomic_file(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    with atomic_file(path) as staged:
+        staged.write_text(text, encoding="utf-8")
 
 
 def _show(terminal: Terminal, noise: NoiseFit) -> None:

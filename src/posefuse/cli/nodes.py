@@ -1,4 +1,4 @@
-"""One session on several machines: camera nodes beside the cameras, the fusion node anywhere."""
+"""One session on several machines: camera nodes where the cameras are, the fusion node anywhere."""
 
 from __future__ import annotations
 
@@ -86,8 +86,8 @@ def camera_node(
         terminal.note("; ".join(groups.whereabouts()))
         groups.begin(time.monotonic_ns() if run.zero_s is None else round(run.zero_s * _S) - clock.offset_ns)
         worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock)
-        for told in groups.centres():
-            node.publish(topics.JOINT_CENTRES, message_from_centres(told, clock.now_ns()), clock.now_ns())
+        for centres in groups.centres():
+            node.publish(topics.JOINT_CENTRES, message_from_centres(centres, clock.now_ns()), clock.now_ns())
         end_ns = None if run.duration_s is None else clock.now_ns() + round(run.duration_s * _S)
         with stop_requests() as stopped:
             while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
@@ -216,7 +216,7 @@ class NetworkViews:
         return []
 
     def centres(self) -> list[Centres]:
-        """What was told before the first view."""
+        """What was reported before the first view."""
         return self.intake.centres
 
     def start(self, clock: SessionClock) -> int:

@@ -85,18 +85,18 @@ def _errors(session: Session, recording: Recording) -> JointErrors | None:
 
 def _figures(out: Path, written: Written, clock: StageClock, errors: JointErrors | None) -> dict[str, Any]:
     tracked, recording = written.tracked, written.tracked.recording
-    instants = len(recording.poses)
-    images = instants * len(recording.rig)
+    time_steps = len(recording.poses)
+    images = time_steps * len(recording.rig)
     start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
     figures: dict[str, Any] = {
         "cameras": len(recording.rig),
-        "instants": instants,
+        "time_steps": time_steps,
         "people": len(recording.poses.person_id),
         "seconds": clock.total_s,
         "start_up_s": start_up_s,
-        "instants_per_s": instants / (clock.total_s - start_up_s),
-        "stage_ms_per_instant": {
-            name: 1000 * seconds / instants for name, seconds in clock.seconds.items() if name not in _START_UP
+        "time_steps_per_s": time_steps / (clock.total_s - start_up_s),
+        "stage_ms_per_time_step": {
+            name: 1000 * seconds / time_steps for name, seconds in clock.seconds.items() if name not in _START_UP
         },
         "stage_share": {name: seconds / clock.total_s for name, seconds in clock.seconds.items()},
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / images,
@@ -119,7 +119,7 @@ def _figures(out: Path, written: Written, clock: StageClock, errors: JointErrors
 def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | None) -> None:
     facts = {
         "cameras": figures["cameras"],
-        "frames": f"{figures['instants']} time steps, {figures['instants'] * figures['cameras']} images",
+        "frames": f"{figures['time_steps']} time steps, {figures['time_steps'] * figures['cameras']} images",
         "people": figures["people"],
         "seen in": ", ".join(f"{name} {share:.0%}" for name, share in figures["found"].items()),
     }
@@ -127,9 +127,10 @@ def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | 
         facts["MPJPE against the truth"] = f"{errors.mpjpe_mm:.1f} mm (14 joints)"
         worst = max(range(len(errors.joints)), key=lambda i: errors.mean_mm[i])
         facts["worst joint"] = f"{errors.joints[worst]} {errors.mean_mm[worst]:.1f} mm"
-    for stage, ms in figures["stage_ms_per_instant"].items():
+    for stage, ms in figures["stage_ms_per_time_step"].items():
         facts[f"{stage}"] = f"{ms:.1f} ms per time step"
-    facts["speed"] = f"{figures['instants_per_s']:.1f} time steps/s with everything, after {figures['start_up_s']:.0f} s to start"
+    speed, start_up_s = figures["time_steps_per_s"], figures["start_up_s"]
+    facts["speed"] = f"{speed:.1f} time steps/s with everything, after {start_up_s:.0f} s to start"
     facts["result in"] = str(figures["out"])
     facts["files"] = ", ".join(figures["files"])
     terminal.facts("Result", facts)

@@ -26,7 +26,7 @@ def kept_videos(
 ) -> Iterator[Path | None]:
     """Where the videos go while the cameras run; complete in `folder` after it, with the rig and facts. None: none are kept.
 
-    A session that is killed leaves what was written in the staging folder beside it.
+    A session that is killed leaves what was written in the staging folder next to it.
     """
     if folder is None:
         yield None

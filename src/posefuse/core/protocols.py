@@ -35,7 +35,7 @@ class Source(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of files, devices and threads; safe to call twice."""
+        """Release files, devices and threads; safe to call twice."""
         ...
 
 
@@ -50,7 +50,7 @@ class Detector(Protocol):
 
     @property
     def joint_centres_file(self) -> Path | None:
-        """Table of how anatomical joint centres lie beside the keypoints, in the format of `track.joint_centres`.
+        """Table of the offsets from keypoints to anatomical joint centres, in the format of `tracking.joint_centres`.
 
         None where that was not fitted, or where the keypoints are joint centres already.
         """

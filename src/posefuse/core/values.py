@@ -1,6 +1,6 @@
 """What travels between rooms: frozen, checked once at birth.
 
-Axes: C cameras, N people, K keypoints, S segments, J joint angles, T instants. Times int64 ns on the session clock,
+Axes: C cameras, N people, K keypoints, S segments, J joint angles, T time steps. Times int64 ns on the session clock,
 mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (never (0, 0)).
 """
 
@@ -26,8 +26,8 @@ class Kind(IntEnum):
     """How a 3D keypoint came about."""
 
     MISSING = 0
-    FUSED = 1  # from the views of this instant alone
-    SMOOTHED = 2  # from views of this and neighbouring instants
+    FUSED = 1  # from the views of this time step alone
+    SMOOTHED = 2  # from views of this and neighbouring time steps
     INTERPOLATED = 3  # inside a gap, from both sides of it
     PREDICTED = 4  # ahead of the newest measurement
 
@@ -109,7 +109,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Detections2D:
-    """Everybody one camera saw at one instant.
+    """All people that one camera saw at one time step.
 
     Attributes:
         camera: its name.
@@ -166,7 +166,7 @@ class Detections2D:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Views:
-    """The same people in every camera, at one instant.
+    """The same people in every camera, at one time step.
 
     Attributes:
         t_ns: session clock. camera_names: axis C.
@@ -194,7 +194,7 @@ class Views:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pose3D:
-    """People in 3D at one instant.
+    """People in 3D at one time step.
 
     Attributes:
         t_ns: session clock.
@@ -221,7 +221,7 @@ class Pose3D:
 
     @staticmethod
     def empty(t_ns: int, skeleton: Skeleton) -> Pose3D:
-        """Nobody at this time."""
+        """No person at this time."""
         sizes = {"N": 0, "K": len(skeleton), "3": 3}
         arrays = {name: np.zeros([sizes[axis] for axis in axes.split()]) for name, axes in _POSE_AXES.items()}
         return Pose3D(t_ns=t_ns, skeleton=skeleton, **arrays)
@@ -284,7 +284,7 @@ class PoseSequence:
         return len(self.t_ns)
 
     def at(self, i: int) -> Pose3D:
-        """The instant at place i of axis T."""
+        """The time step at place i of axis T."""
         return Pose3D(
             t_ns=int(self.t_ns[i]),
             skeleton=self.skeleton,
@@ -298,7 +298,7 @@ class PoseSequence:
 
     @staticmethod
     def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
-        """Stack instants of the same people (same person_id in the same order); raises ShapeError otherwise."""
+        """Stack time steps of the same people (same person_id in the same order); raises ShapeError otherwise."""
         if not poses:
             raise ShapeError("PoseSequence: expected at least 1 pose, got 0")
         first = poses[0]

@@ -21,7 +21,7 @@ class AngleError:
         bias_deg: mean error; a constant offset between two definitions of a segment shows here.
         sd_deg: standard deviation of the error about its mean. rmse_deg: root mean square of the error.
         stated_deg: median of the standard deviation the estimate itself states.
-        defined: share of instants with an estimate.
+        defined: share of time steps with an estimate.
     """
 
     joint: str
@@ -34,10 +34,10 @@ class AngleError:
 
 
 def angle_errors(estimate: JointAngles, reference: JointAngles) -> list[AngleError]:
-    """Errors of every angle both know by name, at the instants of the estimate nearest to those of the reference.
+    """Errors of every angle both know by name, at the time steps of the estimate nearest to those of the reference.
 
     Raises:
-        InputError: other people, no instant within 2 ms of one of the reference, or no angle in common.
+        InputError: other people, no time step within 2 ms of one of the reference, or no angle in common.
     """
     if len(estimate.person_id) != len(reference.person_id):
         raise InputError(f"angles: expected {len(reference.person_id)} people as in the reference, got {len(estimate.person_id)}")
@@ -59,12 +59,12 @@ def angle_errors(estimate: JointAngles, reference: JointAngles) -> list[AngleErr
 
 
 def _matched(t_ns: Array, reference_ns: Array) -> tuple[Array, Array]:
-    """Places in both of instants that are the same."""
+    """Places in both of time steps that are the same."""
     place = np.clip(np.searchsorted(reference_ns, t_ns), 1, len(reference_ns) - 1)
     place -= np.abs(reference_ns[place - 1] - t_ns) < np.abs(reference_ns[place] - t_ns)
     same = np.flatnonzero(np.abs(reference_ns[place] - t_ns) <= _NEAREST_NS)
     if not len(same):
-        raise InputError("angles: estimate and reference have no instant in common (within 2 ms)")
+        raise InputError("angles: estimate and reference have no time step in common (within 2 ms)")
     return same, place[same]
 
 

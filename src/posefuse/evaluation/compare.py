@@ -37,7 +37,7 @@ class Tracks:
     xyz_m: Array
 
     def at(self, t_s: Array) -> Array:
-        """(n, K, 3) at other times, linearly between instants at most a quarter of a second apart; NaN elsewhere."""
+        """(n, K, 3) at other times, linearly between time steps at most a quarter of a second apart; NaN elsewhere."""
         out = np.full((len(t_s), len(self.points), 3), np.nan)
         for k in range(len(self.points)):
             known = np.isfinite(self.xyz_m[:, k]).all(axis=-1)
@@ -116,7 +116,7 @@ def compare(
     moved = b.at(a.t_s - offset)
     both = np.asarray(np.isfinite(a.xyz_m).all(axis=-1) & np.isfinite(moved).all(axis=-1))
     if both.any(axis=1).sum() < _LEAST_INSTANTS:
-        raise InputError(f"{a.name} and {b.name}: fewer than {_LEAST_INSTANTS} instants in common after alignment in time")
+        raise InputError(f"{a.name} and {b.name}: fewer than {_LEAST_INSTANTS} time steps in common after alignment in time")
     early = moved if start_s is None else np.where((a.t_s <= a.t_s[0] + start_s)[:, None, None], moved, np.nan)
     (rotation, shift, factor), _ = _fitted(a.xyz_m, early, space, scale)
     onto = factor * moved @ rotation.T + shift

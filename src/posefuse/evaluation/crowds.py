@@ -27,7 +27,7 @@ class CrowdFigures:
     Attributes:
         idf1, hota: 0 to 1. detection, association: the two parts of HOTA, DetA and AssA.
         switches: how often a person came under another id than before. per_person_minute: of the time people were there.
-        missed: share of (person, frame) that nothing matched. false: people per true person that were nobody.
+        missed: share of (person, frame) that nothing matched. false: people per true person that match no true person.
         mpjpe_mm: mean distance of the matched.
     """
 
@@ -121,7 +121,7 @@ def _gaps(present: Array, least: int) -> list[tuple[int, int]]:
 
 
 def _on_unasked(distance_m: Array, asked: Array, there: Array, gate_m: float) -> Array:
-    """(T, M) results that are people who do not count: nearer to one of those than to anybody who counts."""
+    """(T, M) results that are people who do not count: nearer to one of those than to any person who counts."""
     hidden = np.where(asked[:, :, None], np.inf, distance_m).min(axis=1, initial=np.inf)
     counted = np.where(asked[:, :, None], distance_m, np.inf).min(axis=1, initial=np.inf)
     return np.asarray(there & (hidden < gate_m) & (hidden < counted))
@@ -167,7 +167,7 @@ def _hota(close: Array, asked: Array, there: Array, gate_m: float) -> tuple[floa
 
 
 def _usual_partner(alike: Array, asked: Array, there: Array) -> Array:
-    """(N, M) how well two tracks fit over the whole recording; breaks ties of single frames in favour of lasting pairs."""
+    """(N, M) how well two tracks fit over the whole recording; breaks ties of single frames in favour of pairs that persist."""
     either = alike.sum(axis=1, keepdims=True) + alike.sum(axis=2, keepdims=True) - alike
     shared = np.where(either > 0, alike / np.maximum(either, 1e-12), 0.0).sum(axis=0)
     return np.asarray(shared / np.maximum(asked.sum(axis=0)[:, None] + there.sum(axis=0) - shared, 1e-12))

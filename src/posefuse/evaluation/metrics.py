@@ -21,8 +21,8 @@ class JointErrors:
 
     Attributes:
         joints: names, axis K below.
-        mean_mm, sd_mm, median_mm, p95_mm: (K,) over the instants at which the joint was estimated; NaN if never.
-        found: (K,) share of instants with an estimate.
+        mean_mm, sd_mm, median_mm, p95_mm: (K,) over the time steps at which the joint was estimated; NaN if never.
+        found: (K,) share of time steps with an estimate.
     """
 
     joints: tuple[str, ...]
@@ -46,15 +46,15 @@ def joint_errors(estimate: PoseSequence, truth: Truth, joints: Sequence[str] = P
 def joint_distances_mm(estimate: PoseSequence, truth: Truth, joints: Sequence[str] = PAPER14.keypoints) -> Array:
     """(T, N_true, K) distances of the estimate from the truth at the estimate's own times; NaN where there is no estimate.
 
-    The truth is interpolated linearly between its instants; instants outside them do not count. People are paired by
+    The truth is interpolated linearly between its time steps; time steps outside them do not count. People are paired by
     the smallest mean distance.
 
     Raises:
-        InputError: no instant in common.
+        InputError: no time step in common.
     """
     inside = (estimate.t_ns >= truth.t_ns[0]) & (estimate.t_ns <= truth.t_ns[-1])
     if not inside.any():
-        raise InputError("truth and estimate have no instant in common: check the clocks of the session")
+        raise InputError("truth and estimate have no time step in common: check the clocks of the session")
     true_xyz = true_xyz_at(truth, estimate.t_ns[inside])
     wanted = pick_keypoints(true_xyz, truth.skeleton, joints)
     got = pick_keypoints(estimate.xyz_world[inside], estimate.skeleton, joints)
@@ -82,7 +82,7 @@ def summary(joints: Sequence[str], distance_mm: Array) -> JointErrors:
 def typical_nees(estimate: PoseSequence, truth: Truth, joints: Sequence[str]) -> float:
     """How the stated covariances fit the errors of one person's joints: 3 is right, more is overconfident.
 
-    The median of e^T cov^-1 e over joints and instants, times what makes the median of a chi-square of 3 degrees of freedom 3;
+    The median of e^T cov^-1 e over joints and time steps, times what makes the median of a chi-square of 3 degrees of freedom 3;
     midpoints (neck, mid_hip) have no covariance of their own and cannot be asked for.
     """
     inside = (estimate.t_ns >= truth.t_ns[0]) & (estimate.t_ns <= truth.t_ns[-1])

@@ -1,4 +1,4 @@
-"""Joint angles as one table: a row per instant and person, degrees at this door. CSV and Parquet hold the same columns."""
+"""Joint angles as one table: a row per time step and person, degrees at this door. CSV and Parquet hold the same columns."""
 
 from __future__ import annotations
 

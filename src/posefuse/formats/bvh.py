@@ -222,8 +222,8 @@ def write_bvh(path: Path | str, data: BvhData) -> None:
     angles = np.stack([Rotation.from_matrix(data.rotation[:, j]).as_euler("ZXY", degrees=True) for j in order], axis=1)
     numbers = np.concatenate([data.position[:, order[0]], angles.reshape(len(data), -1)], axis=1)
     lines += [" ".join(f"{number:.6f}" for number in row) for row in numbers]
-    with atomic_file(path) as beside:
-        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with atomic_file(path) as staged:
+        staged.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _check_writable(path: Path, data: BvhData, roots: list[int]) -> None:

@@ -89,9 +89,9 @@ def write_c3d(path: Path | str, data: C3dData) -> None:
     point["UNITS"]["value"] = ["mm"]
     point["SCALE"]["value"] = np.array([-step_mm])  # negative: stored as floating point
     _add_parameters(file, data)
-    with atomic_file(path) as beside:
+    with atomic_file(path) as staged:
         try:
-            file.write(str(beside))
+            file.write(str(staged))
         except (OSError, RuntimeError, ValueError) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
 

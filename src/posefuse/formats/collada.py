@@ -2,7 +2,7 @@
 
 Written for the strictest reader at hand, Gazebo's:
 
-- metres and Z up are in the file, so nobody has to turn or scale it;
+- metres and Z up are in the file, so it needs no rotation or scaling;
 - a joint's id, sid and name are one word, unique in the file and without dots: a channel's target ``a.b/transform`` is
   taken as the component b of a;
 - every joint has one ``matrix``; animations replace all of it;
@@ -100,8 +100,8 @@ def write_collada(path: Path, mesh: Mesh, skeleton: Skeleton | None = None) -> N
     _scene(root, mesh, skeleton)
     ElementTree.indent(root, "")
     try:
-        with atomic_file(path) as beside:
-            ElementTree.ElementTree(root).write(beside, encoding="utf-8", xml_declaration=True)
+        with atomic_file(path) as staged:
+            ElementTree.ElementTree(root).write(staged, encoding="utf-8", xml_declaration=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error})") from None
 

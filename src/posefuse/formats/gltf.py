@@ -58,8 +58,8 @@ def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0) ->
         "animations": [{"name": "motion", "samplers": samplers, "channels": channels}],
         **buffer.described(),
     }
-    with atomic_file(path) as beside:
-        beside.write_bytes(_glb(content, bytes(buffer.data)))
+    with atomic_file(path) as staged:
+        staged.write_bytes(_glb(content, bytes(buffer.data)))
 
 
 class _Buffer:

@@ -1,4 +1,4 @@
-"""OpenSim motion and storage files (.mot, .sto): a header, then one row per instant, tab-separated."""
+"""OpenSim motion and storage files (.mot, .sto): a header, then one row per time step, tab-separated."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Motion:
 
 
 def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> Motion:
-    """One person's angles as columns ``joint_angle`` in degrees, time from the first instant; all-NaN columns are left out."""
+    """One person's angles as columns ``joint_angle`` in degrees, time from the first time step; all-NaN columns are left out."""
     columns = [f"{joint}_{angle}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for angle in names]
     values = np.degrees(joints.angle_rad[:, person].reshape(len(joints.t_ns), -1))
     kept = np.flatnonzero(np.isfinite(values).any(axis=0))

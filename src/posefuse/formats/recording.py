@@ -56,11 +56,11 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     except (TypeError, ValueError) as error:
         raise InputError(f"{folder / ABOUT_FILE}: provenance: expected plain JSON values ({error})") from None
     for name, content in ((ARRAYS_FILE, arrays), (OBSERVATIONS_FILE, observed)):
-        with atomic_file(folder / name) as beside:
-            np.savez_compressed(beside, **content)
+        with atomic_file(folder / name) as staged:
+            np.savez_compressed(staged, **content)
     write_rig(folder / RIG_FILE, recording.rig)
-    with atomic_file(folder / ABOUT_FILE) as beside:
-        beside.write_text(text + "\n", encoding="utf-8")
+    with atomic_file(folder / ABOUT_FILE) as staged:
+        staged.write_text(text + "\n", encoding="utf-8")
     return [folder / name for name in RECORDING_FILES]
 
 

@@ -21,7 +21,7 @@ from posefuse.foundation.parsing import one_line, read_text, short
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 # no recorded point is farther from the origin; one that is was written in millimetres
 _FARTHEST_M = 200.0
-# nobody's markers all lie closer together; those that do were written in metres and called millimetres
+# no set of markers is closer together than this; one that is was written in metres and labelled millimetres
 _SMALLEST_M = 0.01
 _HEADER_LINES = 5
 
@@ -99,8 +99,8 @@ def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") 
     for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)):
         cells = [f"{value:.{digits}f}" if math.isfinite(value) else "" for value in row]
         lines.append("\t".join([str(i + 1), f"{t_s:.6f}", *cells]))
-    with atomic_file(path) as beside:
-        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with atomic_file(path) as staged:
+        staged.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _lines(path: Path) -> list[str]:

@@ -79,7 +79,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def write_loop(folder: Path, loop_ns: int) -> None:
-    """Write beside a truth that its motion begins anew every `loop_ns`, which a simulator shows as long as it runs."""
+    """Write next to a truth that its motion repeats every `loop_ns`, for simulators that run endlessly."""
     (folder / LOOP_FILE).write_text(json.dumps({"loop_ns": loop_ns}) + "\n", encoding="utf-8")
 
 
@@ -97,7 +97,7 @@ def read_loop(folder: Path) -> int | None:
 def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
     """Write named arrays as .npz whose bytes depend on nothing but them; raises InputError when that fails."""
     try:
-        with atomic_file(path) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
+        with atomic_file(path) as staged, zipfile.ZipFile(staged, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, array in arrays.items():
                 buffer = io.BytesIO()
                 np.lib.format.write_array(buffer, np.ascontiguousarray(array), allow_pickle=False)

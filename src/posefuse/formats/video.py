@@ -1,4 +1,4 @@
-"""Writing H.264 films that carry the true time of every frame."""
+"""Writing H.264 videos that carry the true time of every frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
 TIME_BASE = Fraction(1, 1_000_000)
-# the start of a film is stored in the file's own ticks, 1000 per second unless asked otherwise
+# the start of a video is stored in the file's own ticks, 1000 per second unless asked otherwise
 _CONTAINER = {"movie_timescale": str(TIME_BASE.denominator)}
 _KEYFRAME_EVERY = 60
 
@@ -93,7 +93,7 @@ class VideoWriter:
 
 
 def read_video(path: Path) -> Iterator[tuple[int, Array]]:
-    """(time in ns, RGB image (H, W, 3)) of every frame of a film `VideoWriter` made; raises InputError when it cannot."""
+    """(time in ns, RGB image (H, W, 3)) of every frame of a video `VideoWriter` made; raises InputError when it cannot."""
     try:
         with av.open(str(path), metadata_errors="replace") as container:
             for frame in container.decode(video=0):
@@ -102,11 +102,11 @@ def read_video(path: Path) -> Iterator[tuple[int, Array]]:
                     frame.to_ndarray(format="rgb24"),
                 )
     except (av.error.FFmpegError, OSError) as error:
-        raise InputError(f"{path}: cannot be read as a film ({error})") from None
+        raise InputError(f"{path}: cannot be read as a video ({error})") from None
 
 
 def join_videos(parts: Sequence[Path], path: Path) -> None:
-    """Put films of one encoding, one after the other in time, into one .mp4 without encoding again; keeps their times.
+    """Put videos of one encoding, one after the other in time, into one .mp4 without encoding again; keeps their times.
 
     Raises:
         InputError: a part cannot be read, or the file cannot be written.

@@ -1,4 +1,4 @@
-"""A folder that commands add files to over days: only files that posefuse wrote and nobody changed are replaced."""
+"""A folder that commands add files to over days: only unchanged files that posefuse wrote are replaced."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ MANIFEST_FILE = "posefuse-files.json"
 _FORMAT = "posefuse files"
 _FORMAT_VERSION = 1
 _BLOCK_BYTES = 1 << 20
-# what Finder and Explorer leave in every folder they show: neither a result nor anybody's work
+# what Finder and Explorer leave in every folder they show: neither a result nor a file of a person
 DESKTOP_FILES = (".DS_Store", "Thumbs.db", "desktop.ini")
 _UNFINISHED, _COMPLETE = "unfinished", "complete"
 

@@ -1,7 +1,7 @@
 """The one way in which commands write a folder of results.
 
 Results are made in a staging folder ``.NAME.xxxxxxxx.unfinished`` in the same parent and renamed at the end. An older result is
-replaced only when posefuse wrote all of it (`manifest`) and nobody changed it since; it is moved aside first and removed last.
+replaced only when posefuse wrote all of it (`manifest`) and it is unchanged since; it is moved aside first and removed last.
 Files that Finder and Explorer put into the older one move into the new one.
 """
 
@@ -65,7 +65,7 @@ def output_folder(
         estimated_bytes: what will be written, compared with the free space.
         keep_unfinished: leave the staging folder when the block raises, if something was written to it; see `find_unfinished`.
         unfinished: a staging folder from `find_unfinished` to go on in, instead of a new one.
-        warn: is told of files that stay behind of a replaced result.
+        warn: receives a line about files of a replaced result that are left in place.
 
     Raises:
         InputError: before the block: `path` cannot be made or written to, overlaps an input, holds results (without

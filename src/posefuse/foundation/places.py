@@ -57,7 +57,7 @@ def holds_working_folder(folder: Path) -> bool:
 
 
 def name_aside(path: Path) -> Path:
-    """A free name ``NAME.replaced-YYYYmmddTHHMMSS`` beside `path`, to move it to."""
+    """A free name ``NAME.replaced-YYYYmmddTHHMMSS`` next to `path`, to move it to."""
     name = f"{path.name}.replaced-{datetime.now():%Y%m%dT%H%M%S}"
     candidate, count = path.with_name(name), 1
     while candidate.exists() or candidate.is_symlink():

@@ -98,7 +98,7 @@ def usb_camera_format() -> str:
 
 
 def usb_camera_address(device: str) -> str:
-    """What FFmpeg calls the camera: DirectShow wants to be told that it is a video device."""
+    """What FFmpeg calls the camera: DirectShow needs the prefix of a video device."""
     return f"video={device}" if usb_camera_format() == "dshow" and not device.startswith("video=") else device
 
 

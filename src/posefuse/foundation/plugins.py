@@ -1,4 +1,4 @@
-"""Plug-ins by Python entry points: cameras, 2D estimators, outputs recorded and live; ours are found like others'."""
+"""Plug-ins by Python entry points: cameras, detectors, outputs recorded and live; those of posefuse are found in the same way."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def _first_problem(error: ValidationError, cls: type[Any]) -> str:
 
 
 def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:
-    """Names allowed beside the unknown key: follow the path down through nested settings as far as it is clear."""
+    """Names allowed in place of the unknown key: follow the path down through nested settings as far as it is clear."""
     here: Any = cls
     for part in loc[:-1]:
         for candidate in _settings_inside(here):

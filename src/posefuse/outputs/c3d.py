@@ -13,7 +13,7 @@ from posefuse.foundation.settings import settings
 
 from .facts import person_file, provenance, provenance_text, rate_hz, sigma_m
 
-# C3D has a rate and no times: instants this far off it (in periods) would be moved silently
+# C3D has a rate and no times: time steps this far off it (in periods) would be moved silently
 _UNEVEN_PERIODS = 0.05
 
 
@@ -28,13 +28,13 @@ class C3dSink:
         return self
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
-        """Write one file per person; returns the files made. Raises InputError for instants that are not evenly spaced."""
+        """Write one file per person; returns the files made. Raises InputError for time steps that are not evenly spaced."""
         poses, made = recording.poses, []
         rate = rate_hz(poses)
         late = (poses.t_ns - poses.t_ns[0]) * 1e-9 * rate - np.arange(len(poses))
         if np.abs(late).max() > max(_UNEVEN_PERIODS, 1e-6 * len(poses)):
             raise InputError(
-                f"{folder}: C3D holds evenly spaced instants only; these are up to {np.abs(late).max():.2g} periods off "
+                f"{folder}: C3D holds evenly spaced time steps only; these are up to {np.abs(late).max():.2g} periods off "
                 f"{rate:.6g} Hz: set rate_hz, or leave c3d out of the outputs"
             )
         about = {

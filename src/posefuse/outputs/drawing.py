@@ -130,7 +130,7 @@ def draw_text(tile: Array, text: str, line: int, colour: tuple[int, int, int] = 
 
 
 def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh: tuple[int, int]) -> Array:
-    """Camera c at instant i: its image, the fused skeleton re-projected, the raw detections, and what is missing."""
+    """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing."""
     camera, poses = recording.rig.cameras[c], recording.poses
     size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
     tile, scale = fitted(image, size_wh, tile_wh)
@@ -141,7 +141,7 @@ def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh
         draw_skeleton(tile, projected, poses.kind[i, n], poses.skeleton)
         draw_detections(tile, (recording.views.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.views.score[i, n, c])
     if not (recording.views.score[i, :, c] > 0).any():
-        notes.append("nobody seen")
+        notes.append("no person seen")
     gone = int((poses.kind[i] == Kind.MISSING).sum())
     if gone:
         notes.append(f"{gone} of {poses.kind[i].size} keypoints missing")

@@ -23,7 +23,7 @@ def provenance_text(recording: Recording) -> str:
 
 
 def rate_hz(poses: PoseSequence) -> float:
-    """Instants per second: the median over the recording; 1 for a single instant, which has none."""
+    """Time steps per second: the median over the recording; 1 for a single time step, which has none."""
     return 1e9 / float(np.median(np.diff(poses.t_ns))) if len(poses) > 1 else 1.0
 
 

@@ -21,7 +21,7 @@ _DIGITS = 6
 
 @settings
 class JsonSink:
-    """``pose.json``: provenance, skeleton, then one line per instant; missing keypoints are null."""
+    """``pose.json``: provenance, skeleton, then one line per time step; missing keypoints are null."""
 
     name: ClassVar[str] = "json"
 
@@ -41,9 +41,9 @@ class JsonSink:
             "kinds": [kind.name.lower() for kind in Kind],
         }
         path = folder / "pose.json"
-        with atomic_file(path) as beside, beside.open("w", encoding="utf-8") as file:
+        with atomic_file(path) as staged, staged.open("w", encoding="utf-8") as file:
             file.write(json.dumps(head, indent=1, ensure_ascii=False, default=str).removesuffix("\n}"))
-            file.write(',\n "instants": [\n')
+            file.write(',\n "time_steps": [\n')
             for i in range(len(poses)):
                 file.write("  " + json.dumps(_instant(poses.at(i)), allow_nan=False))
                 file.write(",\n" if i + 1 < len(poses) else "\n")

@@ -35,9 +35,9 @@ class McapSink:
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write ``pose.mcap``; returns the file made."""
         path = folder / "pose.mcap"
-        with atomic_file(path) as beside:
-            beside.unlink(missing_ok=True)
-            with Recorder(beside) as recorder:
+        with atomic_file(path) as staged:
+            staged.unlink(missing_ok=True)
+            with Recorder(staged) as recorder:
                 output = RosOutput(recorder, recording.rig, epoch_offset_ns=self.epoch_offset_ns)
                 output.start(int(recording.poses.t_ns[0]))
                 for i in range(len(recording.poses)):
@@ -48,7 +48,7 @@ class McapSink:
 
 
 def _present(pose: Pose3D) -> Pose3D:
-    """Only the people of whom anything is known at this instant."""
+    """Only the people of whom anything is known at this time step."""
     here = np.isfinite(pose.xyz_world).all(axis=-1).any(axis=-1)
     return Pose3D(
         t_ns=pose.t_ns,
@@ -63,7 +63,7 @@ def _present(pose: Pose3D) -> Pose3D:
 
 
 def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detections2D]:
-    """What each camera saw at instant i, people as fused."""
+    """What each camera saw at time step i, people as fused."""
     for c, camera in enumerate(recording.rig):
         score = recording.views.score[i, :, c]
         here = (score > 0).any(axis=-1)

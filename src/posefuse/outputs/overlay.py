@@ -1,4 +1,4 @@
-"""Output ``overlay``: a film of all views side by side with the skeleton on top."""
+"""Output ``overlay``: a video of all views side by side with the skeleton on top."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class OverlaySink:
     """``overlay.mp4``: every view with the fused skeleton (left orange, right blue) and its raw detections (crosses).
 
     Attributes:
-        width_px, height_px: the film fits into this.
+        width_px, height_px: the video fits into this.
         crf: x264's constant rate factor; lower is better and larger.
     """
 
@@ -54,9 +54,9 @@ class _OverlayWriter:
     def __enter__(self) -> _OverlayWriter:
         from posefuse.formats.video import VideoWriter
 
-        beside = self._whole.enter_context(atomic_file(self._path))
+        staged = self._whole.enter_context(atomic_file(self._path))
         rate = rate_hz(self._recording.poses)
-        self._video = VideoWriter(beside, self._grid.size_wh, rate, self._config.crf, preset="superfast")
+        self._video = VideoWriter(staged, self._grid.size_wh, rate, self._config.crf, preset="superfast")
         return self
 
     def __exit__(self, *problem: Any) -> None:

@@ -20,10 +20,10 @@ from .stage3d import stage_picture
 
 @settings
 class OverviewSink:
-    """``overview.png``: the best seen instant near the middle in every view, and the scene in 3D beside them.
+    """``overview.png``: the best seen time step near the middle in every view, and the scene in 3D next to them.
 
     Attributes:
-        width_px, height_px: the views fit into this; the 3D picture stands beside them, as high.
+        width_px, height_px: the views fit into this; the 3D image next to them has the same height.
     """
 
     width_px: Annotated[int, Ge(64), Le(7680)] = 1280
@@ -39,7 +39,7 @@ class OverviewSink:
         return write_without_frames(self, recording, folder)
 
     def writer(self, recording: Recording, folder: Path) -> FrameWriter:
-        """Begin; the frames of one instant are kept."""
+        """Begin; the frames of one time step are kept."""
         return _OverviewWriter(recording, folder / "overview.png", self)
 
 
@@ -79,7 +79,7 @@ class _OverviewWriter:
 
 
 def best_instant(recording: Recording) -> int:
-    """The instant with the most measured keypoints; among equals the one nearest to the middle."""
+    """The time step with the most measured keypoints; among equals the one nearest to the middle."""
     kind = recording.poses.kind
     measured = ((kind == Kind.FUSED) | (kind == Kind.SMOOTHED)).sum(axis=(1, 2))
     from_middle = np.abs(np.arange(len(kind)) - (len(kind) - 1) / 2) / max(1, len(kind))
@@ -90,6 +90,6 @@ def write_png(path: Path, picture: Array) -> None:
     """Write an RGB picture (H, W, 3); raises InputError when the place cannot be written to."""
     import cv2
 
-    with atomic_file(path) as beside:
-        if not cv2.imwrite(str(beside), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)):
+    with atomic_file(path) as staged:
+        if not cv2.imwrite(str(staged), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)):
             raise InputError(f"{path}: cannot be written")

@@ -26,7 +26,7 @@ _MARGIN = 0.09
 
 
 def stage_picture(recording: Recording, i: int, size_wh: tuple[int, int]) -> Array:
-    """RGB picture (H, W, 3) of instant i: people with 3-sigma ellipses, their paths, cameras, the floor."""
+    """RGB picture (H, W, 3) of time step i: people with 3-sigma ellipses, their paths, cameras, the floor."""
     view = bystander(recording, i, size_wh)
     picture = np.full((size_wh[1], size_wh[0], 3), EMPTY_RGB, np.uint8)
     _floor(picture, view, recording)

@@ -1,4 +1,4 @@
-"""Outputs ``csv`` and ``parquet``: one row per instant, person and keypoint."""
+"""Outputs ``csv`` and ``parquet``: one row per time step, person and keypoint."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class CsvSink:
     """``pose.csv``: a header, then rows; missing values are empty.
 
-    The provenance is in ``pose.csv-metadata.json`` beside it (the name of W3C's CSV on the Web), so that spreadsheets and
+    The provenance is in ``pose.csv-metadata.json`` next to it (the name of W3C's CSV on the Web), so that spreadsheets and
     pandas read the table as it is.
     """
 
@@ -38,11 +38,11 @@ class CsvSink:
 
         path, about = folder / "pose.csv", folder / "pose.csv-metadata.json"
         options = pyarrow.csv.WriteOptions(quoting_style="none", quoting_header="none")
-        with atomic_file(path) as beside, beside.open("wb") as file:
+        with atomic_file(path) as staged, staged.open("wb") as file:
             pyarrow.csv.write_csv(table_from_recording(recording), file, options)
         metadata = {"@context": "http://www.w3.org/ns/csvw", "url": path.name, "posefuse": provenance(recording)}
-        with atomic_file(about) as beside:
-            beside.write_text(json.dumps(metadata, indent=2, default=str) + "\n", encoding="utf-8")
+        with atomic_file(about) as staged:
+            staged.write_text(json.dumps(metadata, indent=2, default=str) + "\n", encoding="utf-8")
         return [path, about]
 
 
@@ -62,8 +62,8 @@ class ParquetSink:
 
         path = folder / "pose.parquet"
         table = table_from_recording(recording)
-        with atomic_file(path) as beside:
-            pyarrow.parquet.write_table(table.replace_schema_metadata({"posefuse": provenance_text(recording)}), beside)
+        with atomic_file(path) as staged:
+            pyarrow.parquet.write_table(table.replace_schema_metadata({"posefuse": provenance_text(recording)}), staged)
         return [path]
 
 

@@ -14,7 +14,7 @@ from .facts import person_file, rate_hz
 
 @settings
 class TrcSink:
-    """TRC files. The format has no place for provenance: it stands in ``recording.json`` beside.
+    """TRC files. The format has no place for provenance: it is in ``recording.json`` of the same folder.
 
     Attributes:
         units: ``m`` or ``mm``.

@@ -1,4 +1,4 @@
-"""Frames of several cameras that belong to the same instant."""
+"""Frames of several cameras that belong to the same time step."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from posefuse.core import Frame, SourceError
 
 @dataclass(frozen=True, eq=False)
 class FrameSet:
-    """At most one frame per camera, each the nearest to one instant.
+    """At most one frame per camera, each the nearest to one time step.
 
     Attributes:
-        t_ns: the instant, session clock.
+        t_ns: the time step, session clock.
         frames: axis C; None where a camera has no frame within half a period.
     """
 
@@ -30,7 +30,7 @@ def frame_sets(
 ) -> Iterator[FrameSet]:
     """Frame sets every `period_ns` from `start_ns` on, until all cameras have ended or `end_ns` is reached.
 
-    Cameras may begin and end at different times, drop frames or run at other rates: each gives to an instant the frame
+    Cameras may begin and end at different times, drop frames or run at other rates: each gives to a time step the frame
     nearest to it, if that is within half a period, and no frame twice. A camera that fails is reported to `on_lost` and
     goes on as one that has ended; without `on_lost` its error is raised.
     """
@@ -58,7 +58,7 @@ class _Cursor:
         self._advance()
 
     def nearest(self, t_ns: int, reach_ns: int) -> Frame | None:
-        """The frame nearest to t_ns within (t - reach, t + reach]; later frames stay for later instants."""
+        """The frame nearest to t_ns within (t - reach, t + reach]; later frames stay for later time steps."""
         best: Frame | None = None
         while self._next is not None and self._next.t_ns <= t_ns + reach_ns:
             candidate = self._next

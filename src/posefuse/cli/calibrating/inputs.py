@@ -82,7 +82,7 @@ def clock_offsets_s(offsets: Sequence[str], rig: Rig) -> dict[str, float]:
 
 
 def clocks_beside(path: Path, rig: Rig) -> dict[str, float]:
-    """Clock offsets in s by camera name, from the settings file beside a rig file; empty where there are none.
+    """Clock offsets in s by camera name, from the settings file next to a rig file; empty where there are none.
 
     Raises:
         InputError: settings with a drift, which holds for their own recording only.

@@ -204,7 +204,7 @@ class VerifyOptions:
     """Rig file to verify."""
     every: Every = 1
     offset_ms: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=MS")] = ()
-    """Clock offset in milliseconds, in place of those in posefuse.toml beside the rig file. May be given several times."""
+    """Clock offset in milliseconds, in place of those in posefuse.toml next to the rig file. May be given several times."""
 
 
 @Parameter(name="*")

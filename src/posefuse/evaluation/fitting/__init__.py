@@ -1,4 +1,4 @@
-"""Fits to simulated people: noise of keypoints and joint centres beside them, for any detector."""
+"""Fits to simulated people: noise of keypoints and their offsets to joint centres, for any detector."""
 
 from .joint_centres import Run, fitted, table_text
 from .keypoint_noise import NoiseFit, NoiseSamples, collect, fit_noise, noise_text

@@ -1,6 +1,6 @@
-"""Where joint centres lie beside what a detector marks, from people whose joint centres are known exactly.
+"""Offsets from the keypoints of a detector to joint centres, from people whose joint centres are known exactly.
 
-Judged by bodies left out: constants along directions of the body itself, and slopes on how long somebody's segments are.
+Judged by bodies left out: constants along directions of the body itself, and slopes on the segment lengths of the person.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ WANTED = {
     "ankle": ("shank", "foot", "outward"),
 }
 ARM = ("shoulder", "elbow", "wrist")
-# Joints whose offsets also depend on how long somebody's segments are, as found to pay by bodies left out.
+# Joints whose offsets also depend on the segment lengths of the person, where cross-validation over bodies shows a gain.
 BY_LENGTH = ("shoulder", "hip", "knee", "ankle")
-# what a slope of 1 costs, in instants whose lengths are a metre off: keeps slopes small that bodies do not tell
+# what a slope of 1 costs, in time steps whose lengths are a metre off: keeps slopes small that the bodies do not determine
 RIDGE = 0.3
 # an error larger than this is a confusion, not an offset
 MOST_M = 0.15

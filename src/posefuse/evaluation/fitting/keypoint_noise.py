@@ -78,9 +78,9 @@ def collect(folder: Path, detector: TopDownDetector | OneStageDetector, seed: in
                 continue
             exact = people[0] @ seen.input_from_img[:, :2].T + seen.input_from_img[:, 2]
             errors.append((seen.keypoints.xy[0, ours] - exact[theirs]) / seen.height_px)
-            told = features(seen.keypoints, seen.height_px)
+            found = features(seen.keypoints, seen.height_px)
             for name in FEATURES:
-                values[name].append(told[name][0, ours])
+                values[name].append(found[name][0, ours])
     shape = (len(errors), len(names), 2)
     return NoiseSamples(
         names, np.array(errors).reshape(shape), {name: np.array(rows).reshape(shape) for name, rows in values.items()}

@@ -70,7 +70,7 @@ def everyday_scene(i: int) -> dict[str, Any]:
 
 
 def moving_scene(i: int, motion_file: Path) -> dict[str, Any]:
-    """One scene of somebody who moves all joints about."""
+    """One scene of a person who moves all joints."""
     rng = np.random.default_rng(91_000 + i)
     body = 7100 + 100 * (i // SCENES_EACH) + i % SCENES_EACH
     return {
@@ -99,7 +99,7 @@ def smooth_path(rng: np.random.Generator, low: Sequence[float], high: Sequence[f
 
 
 def moving(seed: int, legs: Range, arms: Range) -> TrcData:
-    """Keypoints of somebody standing in place who moves trunk, legs and arms between limits.
+    """Keypoints of a person who stands in place and moves trunk, legs and arms between limits.
 
     Rest: +X ahead, +Y left, +Z up, arms down.
     """

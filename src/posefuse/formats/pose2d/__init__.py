@@ -56,7 +56,7 @@ def read_pose2d(
     Args:
         path: a file, or a folder with one file per frame.
         camera: name in the rig.
-        skeleton: keypoint set; None: told by the files.
+        skeleton: keypoint set; None: recognised from the files.
         size_wh: px of the images, for formats in shares of them.
 
     Raises:

@@ -69,7 +69,7 @@ class Pose2DFrames:
         return {number: i for i, number in enumerate(self.numbers)}
 
     def frame(self, number: int, t_ns: int) -> Detections2D:
-        """Everybody in the frame of this number, stamped t_ns; nobody where there is none.
+        """All people in the frame of this number, stamped t_ns; no person if the frame does not exist.
 
         Raises:
             InputError: a file that cannot be read, or is not what the others are.

@@ -43,7 +43,7 @@ def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = 
     Args:
         folder: with one .json per frame; the last number in a file's name (``cam01_000000000042_keypoints``) is the frame's.
         camera: name in the rig.
-        skeleton: order of the keypoints; None: told by their number from the first person found
+        skeleton: order of the keypoints; None: recognised by their number in the first person found
             (25 is ``body_25`` or ``body_25b`` by which midpoint lies where it belongs).
 
     Raises:

@@ -1,8 +1,8 @@
 """caliscope's ``camera_array.toml``: tables ``[cameras.N]``, ``x_cam = R x_world + t``, R as a 3x3 matrix, metres.
 
-caliscope knows cameras by number (``cam_id``, once ``port``) and names their videos ``cam_N``, so the cameras are called so
-here. Cameras it was told to ignore, or has not placed, are left out. Its ``fisheye``, ``error`` (px) and ``ignore`` are its own
-keys; ``name``, ``readout_s`` and the table ``[posefuse]`` are ours.
+caliscope knows cameras by number (``cam_id``, once ``port``) and names their videos ``cam_N``, so the cameras have
+these names here. Cameras that are set to be ignored, or that it has not placed, are left out. Its ``fisheye``, ``error`` (px) and
+``ignore`` are its own keys; ``name``, ``readout_s`` and the table ``[posefuse]`` are ours.
 """
 
 from __future__ import annotations

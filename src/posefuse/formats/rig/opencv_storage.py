@@ -2,7 +2,7 @@
 
 ``x_cam = R x_world + t``, metres. Keys as OpenCV's calibration sample writes them; the names others use are read too.
 A file of several cameras is a mapping of camera name to such keys. Fisheye is the sample's ``fisheye_model: 1``.
-Ours beside them: ``name``, ``readout_s``, ``world_set_by``, ``residual_px``.
+Keys of posefuse: ``name``, ``readout_s``, ``world_set_by``, ``residual_px``.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ ROTATION_TOLERANCE = 1e-3
 FARTHEST_M = 200.0
 # no pixel, metre or coefficient is larger; squares of damaged numbers overflow
 _LARGEST = 1e12
-# keys beside the cameras in files of some format
+# keys next to the cameras in files of some format
 NOT_CAMERAS = (
     "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px", "refused",
 )  # fmt: skip
@@ -142,7 +142,7 @@ def rig(path: Path, cameras: list[Camera], about: Mapping[str, Any]) -> Rig:
 
 
 def about_rig(rig: Rig) -> dict[str, Any]:
-    """What a format may carry beside the cameras; an unknown residual is left out."""
+    """What a format may carry in addition to the cameras; an unknown residual is left out."""
     about: dict[str, Any] = {"world_set_by": rig.world_set_by}
     if math.isfinite(rig.residual_px):
         about["residual_px"] = rig.residual_px

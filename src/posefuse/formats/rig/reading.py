@@ -37,7 +37,7 @@ RIG_FORMATS = tuple(module.NAME for module in _READERS)
 
 
 def read_rig(path: Path | str) -> Rig:
-    """The rig in a file, or in a folder of one file per camera; the format is told by the content.
+    """The rig in a file, or in a folder of one file per camera; the format is recognised by its content.
 
     Raises:
         CalibrationError: no such file, a format not known (lists those that are), or a rig that cannot be right: a
@@ -99,8 +99,8 @@ def write_rig(path: Path | str, rig: Rig, format: str = anipose_toml.NAME) -> No
         allowed = [*endings, *(["a folder (no ending)"] if format in _FOLDER else [])]
         raise CalibrationError(f"{path}: format {format} is written to: {choices(allowed)}")
     text = endings[path.suffix](rig)
-    with atomic_file(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    with atomic_file(path) as staged:
+        staged.write_text(text, encoding="utf-8")
 
 
 def _read_folder(folder: Path) -> Rig:

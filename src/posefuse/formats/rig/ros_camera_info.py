@@ -1,6 +1,6 @@
 """ROS ``camera_info`` YAML (as camera_calibration and camera_info_manager write it): a folder of one file per camera.
 
-The format has no place for a pose, so it stands beside, under ``tf``, as the `geometry_msgs/TransformStamped` that ROS
+The format has no place for a pose, so it is a separate key ``tf``, as the `geometry_msgs/TransformStamped` that ROS
 would publish: the pose of the optical frame in the world (world_from_cam), metres, quaternion x y z w::
 
     tf:
@@ -10,7 +10,7 @@ would publish: the pose of the optical frame in the world (world_from_cam), metr
         translation: {x: 0.0, y: 0.0, z: 1.0}
         rotation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}
 
-Ours beside it: ``readout_s``, ``world_set_by``, ``residual_px``. Distortion models: plumb_bob, rational_polynomial, equidistant.
+Own keys: ``readout_s``, ``world_set_by``, ``residual_px``. Distortion models: plumb_bob, rational_polynomial, equidistant.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     if model not in _MODELS:
         raise CalibrationError(f"{where}: distortion_model: expected one of {choices(filter(None, _MODELS))}, got {model!r}")
     if "tf" not in content:
-        raise CalibrationError(f"{where}: has no pose; add it beside the intrinsics: tf, a geometry_msgs/TransformStamped")
+        raise CalibrationError(f"{where}: has no pose; add it next to the intrinsics: tf, a geometry_msgs/TransformStamped")
     cam_from_world = _pose(where, content["tf"]).inverse()
     camera = parts.camera(
         where,

@@ -17,7 +17,7 @@ from .parts import part_path
 from .ros import health_lines, message_from_live_centres
 
 NOTES = "posefuse_live"
-# a part that ends in its first second again helps nobody
+# a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
 
 

@@ -1,4 +1,4 @@
-"""Cameras that deliver when they do: USB, network streams, and films played at the pace of the clock."""
+"""Cameras that deliver when they do: USB, network streams, and videos played at the pace of the clock."""
 
 from .oak import OakConfig, OakSource
 from .paced import PacedVideoConfig, PacedVideoSource
