@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from posefuse.association import AssociateSettings, assign, associate
+from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after
 from posefuse.core import SKELETONS, Detections2D, Kind, Pose3D, Rig, ShapeError
 
 COCO = SKELETONS["coco17"]
@@ -243,3 +245,34 @@ def test_one_who_is_lost_takes_no_detection_from_one_in_sight(ring_rig, body):
     found = assign(reports, rig, settings, 500_000_000, before, seen_ns=np.array([467_000_000, 100_000_000]))
     assert found.person_id.tolist() == [0]
     assert (found.place[0] == 0).all()
+
+
+def test_tracks_of_another_tool_decide_between_two_who_fit_alike(ring_rig, body):
+    """Two people who are expected nearly in one place, and on the wrong sides of each other."""
+    rig = ring_rig(4)
+    two = crowd(body, "here", "here") + np.array([[[0.0, 0, 0]], [[0, 0, 0.2]]])
+    reports, order = detections(rig, two, t_ns=0)
+    before = pose_of(crowd(body, "here", "here") + np.array([[[0.0, 0, 0.105]], [[0, 0, 0.095]]]), [0, 1], 0)
+    right = np.array([np.argsort(who) for who in order]).T
+    settings = AssociateSettings(max_people=2)
+    misled = assign(reports, rig, settings, 0, before)
+    tracked = [replace(one, track_id=7 + who) for one, who in zip(reports, order, strict=True)]
+    hints = hints_after({}, Assignment(person_id=np.array([0, 1]), place=right), tracked)
+    assert hints == {(name, track): track - 7 for name in rig.names for track in (7, 8)}
+    found = assign(tracked, rig, settings, 0, before, hints=hints)
+    assert found.person_id.tolist() == [0, 1] and (found.place == right).all()
+    assert not (misled.place == right).all(), "without hints the poses decide"
+    renumbered = [replace(one, track_id=one.track_id + 90) for one in tracked]
+    assert (assign(renumbered, rig, settings, 0, before, hints=hints).place == misled.place).all()
+
+
+def test_a_hint_is_no_order(ring_rig, body):
+    """Tracks that the other tool mixed up do not outweigh where people are."""
+    rig = ring_rig(4)
+    two = crowd(body, "here", "beside")
+    reports, order = detections(rig, two, t_ns=0)
+    right = np.array([np.argsort(who) for who in order]).T
+    tracked = [replace(one, track_id=7 + who) for one, who in zip(reports, order, strict=True)]
+    mixed_up = hints_after({}, Assignment(person_id=np.array([0, 1]), place=right[::-1]), tracked)
+    found = assign(tracked, rig, AssociateSettings(max_people=2), 0, pose_of(two, [0, 1], 0), hints=mixed_up)
+    assert (found.place == right).all()

@@ -175,7 +175,7 @@ def test_coverage_guides_to_what_is_missing(watched: tuple[Rig, Observations], l
 def test_real_chessboards_give_the_reference_focal_length(shared_data: Path, number: int, camera: str) -> None:
     folder = shared_data / "pose2sim_single" / "calibration"
     target: Target = Chessboard(4, 7, 0.06)
-    seen = observe(ImagesConfig(folder / "intrinsics" / f"int_cam0{number}_img", camera).build(), target)
+    seen = observe(ImagesConfig(folder / "intrinsics" / f"int_cam0{number}_img", camera, rate_hz=30.0).build(), target)
     found = calibrate_intrinsics(seen, target).camera
     reference = read_rig(folder / "Calib_qualisys.toml")[camera]
     assert found.K[0, 0] == pytest.approx(reference.K[0, 0], rel=0.01)

@@ -64,7 +64,7 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
     views = {name: np.concatenate([getattr(recording.views, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
     made = write_biomechanics(Recording.from_views(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
     names = {path.name for path in made}
-    assert {"angles_2.mot", "skeleton_2.bvh"} <= names
+    assert {"angles_person2.mot", "skeleton_person2.bvh"} <= names
     assert not any("_7" in name for name in names)
     assert "Not seen in any time step" in (tmp_path / "report.html").read_text()
 

@@ -102,7 +102,7 @@ def _video(path: Path) -> None:
 def _images(folder: Path) -> None:
     from posefuse.sources import ImagesConfig
 
-    source = ImagesConfig(folder, "cam").build()
+    source = ImagesConfig(folder, "cam", rate_hz=30.0).build()
     source.times_ns()
     list(source.frames())
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from posefuse.core import Kind, Recording, Sink
-from posefuse.outputs import FrameSink, write_outputs
+from posefuse.outputs import FrameSink, drawing, write_outputs
 from posefuse.outputs.drawing import LEFT_RGB, MIDDLE_RGB, RIGHT_RGB, bone_colours, draw_skeleton, fitted, grid_for, view_tile
+from posefuse.outputs.facts import person_file
 from posefuse.outputs.frames import every_instant
 from posefuse.outputs.json import JsonSink
 from posefuse.outputs.overlay import OverlaySink
@@ -211,3 +212,41 @@ def test_frames_find_their_instant(make_recording: Make) -> None:
     times = [t_ns[0] - 30_000_000, t_ns[0] + 5_000_000, t_ns[2] - 15_000_000, t_ns[3] + 25_000_000]
     got = dict(every_instant(recording, zip(times, marks, strict=True)))
     assert got == {0: ("first",), 1: (None, None), 2: ("third",), 3: (None, None)}
+
+
+def named(recording: Recording, *names: str) -> Recording:
+    return replace(recording, provenance={**recording.provenance, "config": {"names": names}})
+
+
+def test_people_are_named_where_there_are_several_or_names(make_recording: Make) -> None:
+    alone, two = make_recording(), make_recording(people=(0, 1))
+    assert two.person_names == ("person 0", "person 1")
+    assert named(two, "Anna", "Björn").person_names == ("Anna", "Björn")
+    assert named(make_recording(people=(1, 7)), "Anna", "Björn").person_names == ("Björn", "person 7")
+    assert two.provenance["config"] == {"fuse": "all"} and named(alone, "Anna").person_names == ("Anna",)
+
+    def tile(recording: Recording) -> np.ndarray:
+        return view_tile(recording, 3, 0, None, (640, 480))
+
+    def without_name(recording: Recording) -> np.ndarray:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(drawing, "draw_name", lambda *_: None)
+            return tile(recording)
+
+    assert (tile(alone) == without_name(alone)).all(), "one person needs no name"
+    for recording in (two, named(alone, "Anna"), named(two, "Anna", "Björn")):
+        written = (tile(recording) != without_name(recording)).any(axis=-1)
+        assert written.any()
+        rows = np.flatnonzero(written.any(axis=1))
+        poses = recording.poses
+        lowest = max(np.nanmin(recording.rig.cameras[0].project(xyz)[:, 1]) for xyz in poses.xyz_world[3])
+        assert rows.max() < lowest, "above the people"
+    assert not (tile(two) == tile(named(two, "Anna", "Björn"))).all()
+
+
+def test_names_of_files_have_id_and_name(make_recording: Make) -> None:
+    two = make_recording(people=(0, 3))
+    assert [person_file(two, n, ".trc") for n in (0, 1)] == ["pose_person0.trc", "pose_person3.trc"]
+    assert person_file(named(two, "Anna Ö. / 2"), 0, ".trc") == "pose_person0_anna_ö_2.trc"
+    assert person_file(named(two, "../.."), 0, ".trc") == "pose_person0.trc"
+    assert person_file(named(make_recording(), "Anna"), 0, ".trc") == "pose.trc"

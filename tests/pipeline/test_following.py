@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.association import AssociateSettings
-from posefuse.core import Detections2D, LookKind, Pose3D, Rig, SourceError
+from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
 from posefuse.core.skeleton import COCO17
 from posefuse.core.views_over_time import keypoint_boxes
 from posefuse.fusion import FuseSettings
@@ -262,3 +262,19 @@ def test_one_body_that_is_marked_twice_does_not_become_both_people(ring_rig) -> 
     assert sorted(names.values()) == [0, 1]
     for i in range(30):
         assert names_at(stage, i, seen) == names, i
+
+
+def test_two_who_stand_together_stay_two_where_a_search_has_to_be_put_together(ring_rig) -> None:
+    """The stored answer to a look that was not taken: every body once, though the boxes of two overlap."""
+    rig = ring_rig(2)
+    stage = Stage(rig, {0: range(9), 1: range(9)})
+    close = {0: stage.people[0], 1: stage.people[0] + [0.0, 0.0, 0.35]}
+    stage.people = close
+    everybody = stage.look(0, None)
+    again = [dataclasses.replace(one, xy_img=one.xy_img + 1.0) for one in everybody]
+    nobody = [Detections2D.nobody(one.camera, one.t_ns, COCO17) for one in everybody]
+    looks = ((LookKind.EXPECTED, again), (LookKind.SECOND, everybody), (LookKind.SECOND, nobody))
+    batches = [DetectionBatch(step=0, t_ns=0, kind=kind, detections=tuple(found)) for kind, found in looks]
+    [step] = stored_steps(Observations.from_batches(COCO17, rig.names, batches))
+    for found, wanted in zip(step.look(LookKind.SEARCH, None), everybody, strict=True):
+        np.testing.assert_array_equal(found.xy_img, wanted.xy_img)

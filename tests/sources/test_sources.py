@@ -102,12 +102,15 @@ def test_images_are_rgb_in_order_with_rate_or_times_file(tmp_path: Path) -> None
     (folder / "timestamps.csv").write_text("name,seconds\n002.png,0.3\n")
     with pytest.raises(SourceError, match="expected columns file, t_s"):
         ImagesConfig(folder, "cam").build()
+    (folder / "timestamps.csv").unlink()
+    with pytest.raises(SourceError, match=r"do not state their frame rate; add --rate HZ, .* or timestamps\.csv"):
+        ImagesConfig(folder, "cam").build()
 
 
 def test_a_broken_image_is_counted_and_an_empty_folder_named(tmp_path: Path) -> None:
     folder = write_images(tmp_path / "cam", 3)
     (folder / "001.png").write_bytes(b"oops")
-    source = ImagesConfig(folder, "cam").build()
+    source = ImagesConfig(folder, "cam", rate_hz=30.0).build()
     assert [f.seq for f in source.frames()] == [0, 2]
     assert source.broken_frames == 1
     (tmp_path / "empty").mkdir()

@@ -2,6 +2,7 @@
 
 from .assignment import Assignment
 from .clothing import CLOTHING_TRAITS, clothing_traits, median_clothing
+from .hints import Hints, hints_after
 from .identity import UNNAMED, Identity, persons_at, with_persons
 from .memory import Memory
 from .people import assign, associate
@@ -12,11 +13,13 @@ __all__ = [
     "UNNAMED",
     "Assignment",
     "AssociateSettings",
+    "Hints",
     "Identity",
     "Memory",
     "assign",
     "associate",
     "clothing_traits",
+    "hints_after",
     "median_clothing",
     "persons_at",
     "with_persons",

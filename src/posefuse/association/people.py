@@ -5,22 +5,23 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Skeleton, Views
+from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
 from posefuse.core.arrays import Array
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 
 from .assignment import UNSEEN, Assignment
-from .candidates import Candidates, agreement, candidates_from_detections, joint_points, pair_midpoints
+from .candidates import Candidates, agreement, candidates_from_detections, joint_points
+from .hints import Hints, hint_weights
+from .members import best_per_camera, settled
+from .newcomers import newcomers
 from .settings import AssociateSettings
-from .traits import body_lengths_m, plausible_share
 
-# a newcomer needs this many keypoints in 3D: fewer say nothing about whose they are
-_MIN_POINTS = 3
 _ALONE_SHARE = 0.7
 # what support within reach counts beside support within the tolerance
 _FAR_SHARE = 0.05
@@ -43,6 +44,7 @@ def assign(
     *,
     seen_ns: Array | None = None,
     next_id: int | None = None,
+    hints: Hints = MappingProxyType({}),
 ) -> Assignment:
     """Pick, for each person, at most one detection per camera.
 
@@ -60,6 +62,8 @@ def assign(
             one out of sight is kept free for `lost_after_s`, and only somebody who can be that person takes it.
         seen_ns: (N,) when each person of `previous` was last measured; None: at its time.
         next_id: newcomers get this id, the next and so on; None: the lowest free ones.
+        hints: who the tracks of another tool's tracker were lately, see `hints_after`. A detection of such a track goes to that
+            person where it fits nearly as well as another.
 
     Returns:
         Assignment: a row per person found, ordered by id. A followed person seen by a single camera has a row; a newcomer
@@ -72,14 +76,16 @@ def assign(
     candidates = candidates_from_detections(detections, rig)
     free = ~np.concatenate([duplicates(one, settings.duplicate_share) for one in detections])
     followed = _followed(previous, seen_ns, t_ns) if previous is not None and previous.skeleton == detections[0].skeleton else []
-    found = _follow(candidates, free, followed, settings)
+    found = _follow(
+        candidates, free, followed, hint_weights(candidates, detections, [one.person_id for one in followed], hints), settings
+    )
     lost = [one for one in followed if one.person_id not in found and one.age_s <= settings.lost_after_s]
     room = settings.max_people - len(found)
     if room > 0:
         taken = {one.person_id for one in lost} | set(found)
         ids = itertools.count(next_id) if next_id is not None else (i for i in itertools.count() if i not in taken)
         strangers = room - len(lost)
-        for members in _newcomers(candidates, free, room, detections[0].skeleton, settings):
+        for members in newcomers(candidates, free, room, detections[0].skeleton, settings):
             again = _found_again(candidates, members, lost, settings)
             if again is not None:
                 lost.remove(again)
@@ -138,7 +144,9 @@ def _check(detections: Sequence[Detections2D], rig: Rig) -> None:
         )
 
 
-def _follow(candidates: Candidates, free: Array, followed: list[_Known], settings: AssociateSettings) -> dict[int, Array]:
+def _follow(
+    candidates: Candidates, free: Array, followed: list[_Known], hinted: Array, settings: AssociateSettings
+) -> dict[int, Array]:
     """The detections of each followed person, the best supported person first; marks them taken."""
     found: dict[int, Array] = {}
     if not followed or not len(candidates):
@@ -150,12 +158,12 @@ def _follow(candidates: Candidates, free: Array, followed: list[_Known], setting
     support, _ = agreement(candidates, expected, settings.tolerance_m)
     newest_s = min(one.age_s for one in followed)
     weight = np.array([1.0 if one.age_s <= newest_s + _IN_SIGHT_S else _GUESS_WEIGHT for one in followed])
-    support = np.where(share >= settings.min_share, (support + _FAR_SHARE * far) * weight[:, None], 0.0)
+    support = np.where(share >= settings.min_share, (support + _FAR_SHARE * far) * weight[:, None] * hinted, 0.0)
     mine = _one_each(candidates.camera, np.where(free, support, 0.0))
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
         open_to = mine[row] & free
-        members = _best_per_camera(candidates, np.where(open_to, support[row], 0.0))
-        members = _settled(candidates, members, open_to, settings)
+        members = best_per_camera(candidates, np.where(open_to, support[row], 0.0))
+        members = settled(candidates, members, open_to, settings)
         if len(members) and _is_near(candidates, members, followed[row].xyz_world, reach[row], settings):
             found[followed[row].person_id] = members
             free[members] = False
@@ -179,91 +187,6 @@ def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: flo
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
     return _middle_distance_m(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
-
-
-def _newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings) -> list[Array]:
-    """Members of up to `count` people nobody follows yet, the most convincing first."""
-    people: list[Array] = []
-    if count == 0:
-        return people
-    pairs, poses = _proposals(candidates, free, settings)
-    if not len(pairs):
-        return people
-    support, share = agreement(candidates, poses, settings.tolerance_m)
-    support = np.where(share >= settings.min_share, support, 0.0)
-    while len(people) < count:
-        best = _most_convincing(candidates, support * free, poses, settings)
-        if best is None:
-            break
-        members = _settled(candidates, _best_per_camera(candidates, support[best] * free), free, settings)
-        support[best] = 0.0
-        if len(members) >= 2 and _is_a_body(candidates, members, skeleton, settings):
-            people.append(members)
-            free[members] = False
-    return people
-
-
-def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
-    """Whether a newcomer can be one: a third view that agrees shows it, two views must give the size of a human body.
-
-    The rays of two different people in two views meet in anything.
-    """
-    if len(members) > 2:
-        return True
-    pose = joint_points(candidates, members, settings.tolerance_m)
-    lengths = body_lengths_m(pose[None], skeleton)
-    return not np.isfinite(lengths).any() or bool(plausible_share(lengths)[0] >= settings.plausible_share)
-
-
-def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings) -> tuple[Array, Array]:
-    """Pairs (H, 2) of free detections of different cameras whose rays meet, and the poses (H, K, 3) they propose."""
-    one, two = np.triu_indices(len(candidates), 1)
-    pairs = np.stack([one, two], axis=1)[(candidates.camera[one] != candidates.camera[two]) & free[one] & free[two]]
-    if not len(pairs):
-        return pairs, np.zeros((0, candidates.score.shape[1], 3))
-    poses, gap = pair_midpoints(candidates, pairs)
-    seen = np.isfinite(gap).sum(axis=1)
-    near = (gap < 2 * settings.tolerance_m).sum(axis=1)
-    keep = (near >= _MIN_POINTS) & (near >= settings.min_share * seen)
-    return pairs[keep], poses[keep]
-
-
-def _most_convincing(candidates: Candidates, support: Array, poses: Array, settings: AssociateSettings) -> int | None:
-    """The proposal with the most support over two or more cameras, or the nearest to `near_xy_m`; None when there is none."""
-    by_camera = np.zeros((len(support), int(candidates.camera.max()) + 1))
-    for c in range(by_camera.shape[1]):
-        by_camera[:, c] = support[:, candidates.camera == c].max(axis=1, initial=0.0)
-    total = np.where((by_camera > 0).sum(axis=1) >= 2, by_camera.sum(axis=1), 0.0)
-    if not total.max() > 0:
-        return None
-    if settings.near_xy_m is None:
-        return int(np.argmax(total))
-    place = np.nanmedian(poses[..., :2], axis=1)
-    apart = np.linalg.norm(place - np.asarray(settings.near_xy_m), axis=1)
-    # among the proposals of one body the best supported one, so distance counts in steps of a body's width
-    steps = np.where(total > 0, np.round(apart / 0.5), np.inf)
-    return int(np.lexsort((-total, steps))[0])
-
-
-def _best_per_camera(candidates: Candidates, support: Array) -> Array:
-    """Indices of the best supported detection of each camera; cameras without support have none."""
-    order = np.argsort(-support, kind="stable")
-    order = order[support[order] > 0]
-    _, first = np.unique(candidates.camera[order], return_index=True)
-    return np.sort(order[first])
-
-
-def _settled(candidates: Candidates, members: Array, free: Array, settings: AssociateSettings) -> Array:
-    """Fuse the members and ask every free detection again; once more with the answer. A single member stays as it is."""
-    for _ in range(2):
-        if len(members) < 2:
-            return members
-        pose = joint_points(candidates, members, settings.tolerance_m)
-        if np.isfinite(pose[:, 0]).sum() < _MIN_POINTS:
-            return members[:0]
-        support, share = agreement(candidates, pose[None], settings.tolerance_m)
-        members = _best_per_camera(candidates, np.where((share[0] >= settings.min_share) & free, support[0], 0.0))
-    return members
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:

@@ -66,6 +66,7 @@ def settled_config(folder: Path, options: TrackOptions, settings: SettingsOption
 def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
     """Options of the command line about all that follows detection."""
     outputs = None if options.outputs is None else tuple(name for name in options.outputs.split(",") if name)
+    names = None if options.names is None else tuple(name.strip() for name in options.names.split(","))
     return {
         "--start": ("start_s", options.start),
         "--end": ("end_s", options.end),
@@ -73,6 +74,7 @@ def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
         "--raw": ("raw", options.raw or None),
         "--weights": ("fuse.weights", options.weights),
         "--people": ("associate.max_people", options.people),
+        "--names": ("names", names),
         "--person": ("associate.near_xy_m", options.person),
         "--outputs": ("outputs", outputs),
     }

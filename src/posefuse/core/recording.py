@@ -82,6 +82,14 @@ class Recording:
         )
 
     @property
+    def person_names(self) -> tuple[str, ...]:
+        """(N,) the people in words: their names where the settings have them (the first name is that of person 0), else
+        ``person 0`` and so on."""
+        config = self.provenance.get("config") or {}
+        names = (config.get("names") or ()) if isinstance(config, Mapping) else ()
+        return tuple(names[i] if 0 <= i < len(names) else f"person {i}" for i in self.poses.person_id.tolist())
+
+    @property
     def is_live(self) -> bool:
         """Whether the poses are those of a live session: its observations belong to no time step."""
         return len(self.observations.step_t_ns) == 0

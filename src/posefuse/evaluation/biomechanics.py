@@ -22,6 +22,7 @@ from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, fit_poses, fit_views
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
+from posefuse.outputs.facts import person_suffix
 from posefuse.tracking import JointCentres, views_at_joint_centres
 
 from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
@@ -102,8 +103,8 @@ def write_biomechanics(
     made = [folder / "angles.csv", folder / "angles.parquet"]
     for path in made:
         write_angles(path, joints)
-    for n, person in enumerate(poses.person_id.tolist()):
-        ending = f"_{person}" if len(poses.person_id) > 1 else ""
+    for n in range(len(poses.person_id)):
+        ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
             made += _person_files(poses, joints, n, folder, ending)
             if chosen.opensim:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ DETECTION_RGB = (255, 255, 255)
 NOTE_RGB = (255, 230, 80)
 ALARM_RGB = (255, 80, 70)
 EMPTY_RGB = (38, 40, 46)
+_PERSON_RGB = ((255, 255, 255), (255, 230, 80), (120, 240, 240), (255, 160, 220), (170, 255, 150), (200, 180, 255))
 # sixteenths of a pixel in OpenCV's drawing calls
 _SHIFT = 4
 _FONT_PX = 22.0
@@ -129,6 +131,31 @@ def draw_text(tile: Array, text: str, line: int, colour: tuple[int, int, int] = 
     cv2.putText(tile, text, (6, top + round(height * 0.75)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
 
 
+def draw_name(tile: Array, xy: Array, recording: Recording, n: int) -> None:
+    """Write who person n is above keypoints (K, 2) of the tile; nothing where there is one person without a name."""
+    import cv2
+
+    name, person = recording.person_names[n], int(recording.poses.person_id[n])
+    seen = xy[np.isfinite(xy).all(axis=-1)]
+    if not len(seen) or (len(recording.poses.person_id) == 1 and name == f"person {person}"):
+        return
+    top = seen[seen[:, 1].argmin()]
+    scale = float(np.clip(tile.shape[0] / 900, 0.4, 0.7))
+    # OpenCV's fonts have no other letters
+    shown = name if name.isascii() else f"{unicodedata.normalize('NFKD', name).encode('ascii', 'ignore').decode()} ({person})"
+    (width, height), below = cv2.getTextSize(shown, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    left = int(np.clip(top[0] - width / 2, 2, max(tile.shape[1] - width - 2, 2)))
+    line = int(np.clip(top[1] - 8, height + 2, max(tile.shape[0] - below, height + 2)))
+    ground = tile[line - height - 2 : line + below, left - 2 : left + width + 2]
+    ground[:] = ground // 3
+    cv2.putText(tile, shown, (left, line), cv2.FONT_HERSHEY_SIMPLEX, scale, person_rgb(person), 1, cv2.LINE_AA)
+
+
+def person_rgb(person: int) -> tuple[int, int, int]:
+    """The colour of a person's name, by id."""
+    return _PERSON_RGB[person % len(_PERSON_RGB)]
+
+
 def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh: tuple[int, int]) -> Array:
     """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing."""
     camera, poses = recording.rig.cameras[c], recording.poses
@@ -139,6 +166,7 @@ def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh
         # pixel centres are integers: the corner of the image is at -0.5
         projected = (camera.project(poses.xyz_world[i, n]) + 0.5) * scale - 0.5
         draw_skeleton(tile, projected, poses.kind[i, n], poses.skeleton)
+        draw_name(tile, projected, recording, n)
         draw_detections(tile, (recording.views.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.views.score[i, n, c])
     if not (recording.views.score[i, :, c] > 0).any():
         notes.append("no person seen")

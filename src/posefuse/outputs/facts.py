@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,18 @@ def sigma_m(poses: PoseSequence) -> Array:
 
 
 def person_file(recording: Recording, n: int, ending: str) -> str:
-    """``pose.trc``, or ``pose_person3.trc`` where there are several people, for formats that hold one."""
+    """``pose.trc``, or ``pose_person3.trc`` where there are several people, for formats that hold one.
+
+    Of people with names, ``pose_person3_anna.trc``: two people may have one name.
+    """
+    return f"pose{person_suffix(recording, n)}{ending}"
+
+
+def person_suffix(recording: Recording, n: int) -> str:
+    """What names of files say about their person; empty where there is one."""
     ids = recording.poses.person_id
-    return f"pose{ending}" if len(ids) == 1 else f"pose_person{ids[n]}{ending}"
+    if len(ids) == 1:
+        return ""
+    name = recording.person_names[n]
+    known = re.sub(r"[^\w-]+", "_", name.lower()).strip("_") if name != f"person {ids[n]}" else ""
+    return f"_person{ids[n]}" + (f"_{known}" if known else "")

@@ -30,6 +30,7 @@ from .rerun_scene import (
     has_display,
     log_cameras,
     log_detections,
+    log_name,
     log_person,
     log_projection,
     session_blueprint,
@@ -160,7 +161,9 @@ class _RerunWriter:
         poses = self._recording.poses
         self._stream.set_time(TIMELINE, duration=float(poses.t_ns[i]) / 1e9)
         for n, person in enumerate(poses.person_id):
-            log_person(self._stream, f"world/people/{person}", poses.skeleton, poses.xyz_world[i, n], poses.cov_world[i, n])
+            path = f"world/people/{person}"
+            log_person(self._stream, path, poses.skeleton, poses.xyz_world[i, n], poses.cov_world[i, n])
+            log_name(self._stream, path, self._recording.person_names[n], poses.xyz_world[i, n])
         for c, frame in enumerate(frames):
             self._log_view(i, c, frame)
 
@@ -183,7 +186,7 @@ class _RerunWriter:
             }
             for name, values in series.items():
                 path = f"plots/{name}/person_{person}"
-                self._stream.log(path, rr.SeriesLines(names=f"person {person}"), static=True)
+                self._stream.log(path, rr.SeriesLines(names=self._recording.person_names[n]), static=True)
                 self._stream.send_columns(path, [times], rr.Scalars.columns(scalars=values))
 
     def _log_view(self, i: int, c: int, frame: Frame | None) -> None:

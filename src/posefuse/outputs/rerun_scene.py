@@ -29,6 +29,8 @@ RGB = tuple[int, int, int]
 _MEMORY = "512MiB"
 _HALF_PX = 0.5
 _IMAGE_PLANE_M, _BONE_M, _POINT_M = 0.5, 0.012, 0.02
+# a name stands so high above the highest keypoint
+_NAME_ABOVE_M = 0.15
 _LINE_2D, _POINT_2D = -1.5, -1.5
 _ELLIPSOID_SIGMAS = 3.0
 
@@ -113,6 +115,15 @@ def log_person(
         half, quaternion = ellipsoids(cov_world[known])
         shown = rr.Ellipsoids3D(centers=xyz_world[known], half_sizes=half, quaternions=quaternion, colors=rgb[known])
         stream.log(f"{path}/uncertainty", shown)
+
+
+def log_name(stream: rr.RecordingStream, path: str, name: str, xyz_world: Array) -> None:
+    """A person's name above the highest of keypoints (K, 3)."""
+    import rerun as rr
+
+    known = xyz_world[np.isfinite(xyz_world).all(axis=-1)]
+    place = known[known[:, 2].argmax()] + [0, 0, _NAME_ABOVE_M] if len(known) else np.zeros((0, 3))
+    stream.log(f"{path}/name", rr.Points3D(place.reshape(-1, 3), labels=[name] * (len(known) > 0), radii=0.0, show_labels=True))
 
 
 def log_projection(

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core import SE3, Camera, Recording
 from posefuse.core.arrays import Array
 
-from .drawing import EMPTY_RGB, draw_skeleton, draw_text, keypoint_colours
+from .drawing import EMPTY_RGB, draw_name, draw_skeleton, draw_text, keypoint_colours
 
 _GROUND_RGB = (70, 74, 84)
 _CAMERA_RGB = (200, 205, 215)
@@ -38,7 +38,9 @@ def stage_picture(recording: Recording, i: int, size_wh: tuple[int, int]) -> Arr
     poses = recording.poses
     for n in range(len(poses.person_id)):
         _ellipses(picture, view, poses.xyz_world[i, n], poses.cov_world[i, n], keypoint_colours(poses.skeleton))
-        draw_skeleton(picture, view.project(poses.xyz_world[i, n]), poses.kind[i, n], poses.skeleton)
+        seen = view.project(poses.xyz_world[i, n])
+        draw_skeleton(picture, seen, poses.kind[i, n], poses.skeleton)
+        draw_name(picture, seen, recording, n)
     draw_text(picture, f"{len(recording.rig)} cameras, floor in metres, 3-sigma ellipses", 0)
     return picture
 

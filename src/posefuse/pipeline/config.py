@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 from posefuse.association import AssociateSettings
 from posefuse.core import ConfigError
@@ -19,6 +19,7 @@ from posefuse.fusion import FuseSettings
 from posefuse.tracking import SmoothSettings
 
 T = TypeVar("T")
+PeopleNames = Annotated[tuple[Annotated[str, MinLen(1), MaxLen(64)], ...], MaxLen(64)]
 Options = Mapping[str, tuple[str, Any]]
 CONFIG_FILE = "posefuse.toml"
 # times and offsets are int64 nanoseconds: a hundred years leave room for sums
@@ -72,6 +73,7 @@ class TrackConfig:
         associate: how detections are assigned to people.
         fuse: how views are fused.
         smooth: how a recording is smoothed.
+        names: of the people, in the order of their ids; for videos, reports and file names. The others are person 0, 1, ...
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.
@@ -92,6 +94,7 @@ class TrackConfig:
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
+    names: PeopleNames = ()
     joint_centres: bool = True
     proportions: bool = False
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2

@@ -8,7 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.association import AssociateSettings, Identity, Memory, assign, clothing_traits, persons_at, with_persons
+from posefuse.association import (
+    AssociateSettings,
+    Hints,
+    Identity,
+    Memory,
+    assign,
+    clothing_traits,
+    hints_after,
+    persons_at,
+    with_persons,
+)
 from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT
@@ -45,13 +55,14 @@ class Followed:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Seen:
-    """The result of one look; clothing (N, 9) is that of the people of `pose`."""
+    """The result of one look; clothing (N, 9) is that of the people of `pose`, hints are those for the next look."""
 
     batch: DetectionBatch
     person_ids: tuple[Array, ...]
     views: Views
     pose: Pose3D
     clothing: Array
+    hints: Hints
 
 
 class Follower:
@@ -83,6 +94,7 @@ class Follower:
         self._memory = Memory(skeleton=skeleton)
         self._identity = Identity(people_max=associating.max_people, lost_after_s=associating.lost_after_s)
         self._next_id = 0
+        self._hints: Hints = {}
         self._search_due = 0
         self._batches: list[DetectionBatch] = []
 
@@ -119,6 +131,7 @@ class Follower:
                 self._search_due = i + _SEARCH_EVERY
         self._memory = self._memory.after(seen.pose, self._associating.lost_after_s)
         self._identity = self._identity.after(seen.pose, seen.clothing)
+        self._hints = seen.hints
         self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
         chosen = self._batches.index(seen.batch)
         return Followed(batches=tuple(self._batches), chosen=chosen, person_ids=seen.person_ids, views=seen.views, pose=seen.pose)
@@ -161,13 +174,15 @@ class Follower:
                 memory.expected(step.t_ns),
                 seen_ns=memory.seen_ns,
                 next_id=self._next_id,
+                hints=self._hints,
             )
             views = assignment.views(detections, step.t_ns)
             pose = fuse(views, self._rig, self._fusing, memory.last(step.t_ns))
         place = {name: c for c, name in enumerate(self._rig.names)}
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
         clothing = clothing_traits(assignment, detections)
-        return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing)
+        hints = hints_after(self._hints, assignment, detections)
+        return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing, hints=hints)
 
 
 def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) -> Observations:
@@ -206,7 +221,7 @@ def _without(seen: _Seen, people: set[int]) -> _Seen:
     )
     ids = tuple(np.where(np.isin(one, list(people)), NOT_KEPT, one) for one in seen.person_ids)
     pose = with_persons(seen.pose, [NOT_KEPT if person in people else person for person in seen.pose.person_id.tolist()])
-    return _Seen(batch=seen.batch, person_ids=ids, views=views, pose=pose, clothing=seen.clothing[keep])
+    return replace(seen, person_ids=ids, views=views, pose=pose, clothing=seen.clothing[keep])
 
 
 def _some_view_lacks_a_person(views: Views) -> bool:

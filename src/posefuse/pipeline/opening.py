@@ -113,7 +113,7 @@ def build_source(entry: Input, config: TrackConfig) -> RecordedSource:
     offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
     if entry.kind == "videos":
         return VideoConfig(entry.path, entry.camera, offset_s, drift_ppm).build()
-    return ImagesConfig(entry.path, entry.camera, config.rate_hz or 30.0, offset_s, drift_ppm).build()
+    return ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build()
 
 
 def _times(source: Any) -> Array:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from posefuse.core import Detections2D, LookKind, Observations, Pose3D
 from posefuse.core.arrays import Array
-
-# two boxes that share more than this part of their union hold the same person
-_SAME_PERSON = 0.5
+from posefuse.core.duplicates import DUPLICATE_SHARE, duplicates
 
 
 class TimeStep(Protocol):
@@ -68,13 +66,23 @@ class StoredStep:
         return Detections2D(camera=camera, t_ns=t_ns, skeleton=log.skeleton, **log.rows(rows))
 
     def _union(self, frames: Array) -> Array:
-        """Detections of several looks at one frame, each person once, as the last look that found the person has it."""
+        """Detections of several looks at one frame, each body once, as the last look that found it has it.
+
+        Bodies are told apart by their keypoints: the boxes of two people who stand close together overlap.
+        """
         log, kept = self.observations, np.zeros(0, np.int64)
         for frame in frames[::-1]:
             rows = np.arange(log.frame_begin[frame], log.frame_begin[frame + 1])
-            new = [row for row in rows if (log.score[row] > 0).any() and not _known(log.box_img[row], log.box_img[kept])]
-            kept = np.concatenate([kept, np.array(new, np.int64)])
+            found = np.concatenate([kept, rows[(log.score[rows] > 0).any(axis=1)]])
+            # what is kept counts first, however sure it is
+            together = replace(self._answer(int(frame), found), score=_in_order(log.score[found], len(kept)))
+            kept = np.concatenate([kept, found[len(kept) :][~duplicates(together, DUPLICATE_SHARE)[len(kept) :]]])
         return kept
+
+
+def _in_order(score: Array, kept: int) -> Array:
+    """Scores (P, K) with which the first `kept` are surer than all others."""
+    return np.where(score > 0, np.where(np.arange(len(score))[:, None] < kept, 1.0, 1e-3 * score), 0.0)
 
 
 def stored_steps(observations: Observations) -> Iterator[StoredStep]:
@@ -83,10 +91,3 @@ def stored_steps(observations: Observations) -> Iterator[StoredStep]:
     begin = np.searchsorted(observations.frame_step[order], np.arange(len(observations.step_t_ns) + 1))
     for step in range(len(observations.step_t_ns)):
         yield StoredStep(observations, step, order[begin[step] : begin[step + 1]])
-
-
-def _known(box_img: Array, others: Array) -> bool:
-    low, high = np.maximum(box_img[:2], others[:, :2]), np.minimum(box_img[2:], others[:, 2:])
-    shared = np.prod(np.clip(high - low, 0, None), axis=-1)
-    areas = np.prod(others[:, 2:] - others[:, :2], axis=-1) + np.prod(box_img[2:] - box_img[:2])
-    return bool((shared > _SAME_PERSON * (areas - shared)).any())

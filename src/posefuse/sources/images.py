@@ -28,19 +28,19 @@ class ImagesConfig:
     Attributes:
         path: the folder. Times come from its ``timestamps.csv`` (columns ``file``, ``t_s``) where there is one.
         camera: name of the camera in the rig.
-        rate_hz: frame rate when the folder has no ``timestamps.csv``.
+        rate_hz: frame rate when the folder has no ``timestamps.csv``; None: unknown.
         offset_s: added to all times.
         drift_ppm: added per million of all times: positive when the camera's clock runs slow.
     """
 
     path: Path
     camera: str
-    rate_hz: float = 30.0
+    rate_hz: float | None = None
     offset_s: float = 0.0
     drift_ppm: float = 0.0
 
     def build(self) -> ImagesSource:
-        """List the folder and read its first image; raises SourceError when that cannot be done."""
+        """List the folder and read its first image; raises SourceError when that cannot be done, or no times are known."""
         return ImagesSource(self)
 
 
@@ -51,7 +51,7 @@ class ImagesSource:
         self._config = config
         self.camera = config.camera
         self.broken_frames = 0
-        if config.rate_hz <= 0:
+        if config.rate_hz is not None and config.rate_hz <= 0:
             raise SourceError(f"{self._where}: rate_hz: expected > 0, got {config.rate_hz}")
         if not Path(config.path).is_dir():
             raise SourceError(f"{self._where}: no such folder")
@@ -100,7 +100,12 @@ class ImagesSource:
         folder = Path(self._config.path)
         if not (folder / TIMES_FILE).is_file():
             images = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
-            return [(path, i / self._config.rate_hz) for i, path in enumerate(images)]
+            if images and self._config.rate_hz is None:
+                raise SourceError(
+                    f"{self._where}: images do not state their frame rate; add --rate HZ, rate_hz = HZ to posefuse.toml, "
+                    f"or {TIMES_FILE} with columns file, t_s to the folder"
+                )
+            return [(path, i / (self._config.rate_hz or 1.0)) for i, path in enumerate(images)]
         try:
             with (folder / TIMES_FILE).open(newline="", encoding="utf-8-sig") as file:
                 times = [(folder / row["file"], float(row["t_s"])) for row in csv.DictReader(file)]

@@ -22,6 +22,9 @@ Inputs = Mapping[str, str | Path] | Sequence[str | Path] | str | Path
 videos."""
 STAGE = "looking for the target"
 
+# images without times are paired by their place in the folder, for which any rate does
+_NUMBERED_HZ = 30.0
+
 
 def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
     """The recording of each camera.
@@ -58,7 +61,7 @@ def open_sources(inputs: Inputs) -> list[Source]:
         if not path.exists():
             raise InputError(f"{path}: no such video or folder of images")
         if path.is_dir():
-            sources.append(ImagesConfig(path, name).build())
+            sources.append(ImagesConfig(path, name, _NUMBERED_HZ).build())
         elif path.suffix.lower() in VIDEO_SUFFIXES:
             sources.append(VideoConfig(path, name).build())
         else:

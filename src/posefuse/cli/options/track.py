@@ -35,6 +35,8 @@ class TrackOptions:
     """Write every time step as it was fused: no smoothing, no filled gaps."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
     """How many people to follow, the best seen ones: a number, or all (default 1)."""
+    names: Annotated[str | None, Parameter(metavar="A,B,...")] = None
+    """Names of the people in the order of their ids, for videos, reports and file names."""
     person: Annotated[
         tuple[float, float] | None,
         Parameter(metavar="X,Y", n_tokens=1, converter=xy_from_text, accepts_keys=False, allow_leading_hyphen=True),

@@ -120,14 +120,15 @@ def _player(recording: Recording) -> Player:
         poses.xyz_world,
         bones=poses.skeleton.bone_indices,
         sides=sides,
-        people=[f"person {person}" for person in poses.person_id],
+        people=list(recording.person_names),
         right_left=[(names.index(a), names.index(b)) for a, b in pairs if a in names and b in names],
     )
 
 
 def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
     poses = recording.poses
-    name = f"Person {poses.person_id[n]}"
+    name = recording.person_names[n]
+    name = name[:1].upper() + name[1:]
     if not np.isfinite(poses.xyz_world[:, n]).any():
         return [Heading(name), Note("Not seen in any time step.")]
     gait = gait_from_poses(poses, n)

@@ -13,6 +13,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, InputError, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.values import NO_TRACK
 from posefuse.foundation.parsing import parse_json, read_text
 
 # a keypoint's noise grows with the person's size in the image: this part of the box diagonal at score 1, as 1 / score below
@@ -20,7 +21,7 @@ _SIGMA_OF_DIAGONAL = 0.006
 _LEAST_SIGMA_PX = 0.5
 # no image has so many pixels across; larger numbers are damage, and their squares overflow
 _FARTHEST_PX = 1e6
-UNTRACKED = -1
+UNTRACKED = NO_TRACK
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,20 +78,14 @@ class Pose2DFrames:
         place = self._place.get(number)
         if place is None:
             return Detections2D.nobody(self.camera, t_ns, self.skeleton)
-        points = self.people(place).points
+        people = self.people(place)
+        points = people.points
         far = points[..., :2][np.abs(np.nan_to_num(points[..., :2], posinf=np.inf)) > _FARTHEST_PX]
         if len(far):
             where = f"camera {self.camera}: 2D poses of frame {number}"
             raise InputError(f"{where}: expected keypoints within {_FARTHEST_PX:g} px of the image, got {far[0]:.3g}")
-        return _detections(self.camera, t_ns, self.skeleton, points)
-
-    def track_ids(self, number: int) -> Array:
-        """(P,) ids of the people of `frame`, in its order: hints for who is the same person in other frames of this camera."""
-        place = self._place.get(number)
-        if place is None:
-            return np.zeros(0, np.int64)
-        people = self.people(place)
-        return people.track_id[_shown(people.points)]
+        shown = _shown(points)
+        return _detections(self.camera, t_ns, self.skeleton, People2D(points[shown], people.track_id[shown]))
 
     def frames(self, rate_hz: float) -> Iterator[Detections2D]:
         """All frames in order, each stamped with its number at this rate."""
@@ -125,8 +120,8 @@ def _shown(points: Array) -> Array:
     return np.asarray(((score > 0) & np.isfinite(points[..., :2]).all(-1)).any(-1))
 
 
-def _detections(camera: str, t_ns: int, skeleton: Skeleton, points: Array) -> Detections2D:
-    points = points[_shown(points)]
+def _detections(camera: str, t_ns: int, skeleton: Skeleton, people: People2D) -> Detections2D:
+    points = people.points
     if not len(points):
         return Detections2D.nobody(camera, t_ns, skeleton)
     score = np.clip(np.nan_to_num(points[..., 2]), 0, 1)
@@ -135,7 +130,14 @@ def _detections(camera: str, t_ns: int, skeleton: Skeleton, points: Array) -> De
     xy = np.where(score[..., None] > 0, xy, np.nan)
     box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
     return Detections2D(
-        camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy, score=score, sigma_px=_sigma_px(score, box), box_img=box
+        camera=camera,
+        t_ns=t_ns,
+        skeleton=skeleton,
+        xy_img=xy,
+        score=score,
+        sigma_px=_sigma_px(score, box),
+        box_img=box,
+        track_id=people.track_id,
     )
 
 
