@@ -82,10 +82,10 @@ def camera_node(
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
         Groups(group_plans(rig, inputs, config, plan), board) as groups,
     ):
-        groups.wait_ready()
+        skeleton = groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
         groups.begin(time.monotonic_ns() if run.zero_s is None else round(run.zero_s * _S) - clock.offset_ns)
-        worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock)
+        worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock, skeleton)
         for centres in groups.centres():
             node.publish(topics.JOINT_CENTRES, message_from_centres(centres, clock.now_ns()), clock.now_ns())
         end_ns = None if run.duration_s is None else clock.now_ns() + round(run.duration_s * _S)
@@ -99,12 +99,16 @@ def camera_node(
 class CameraNode:
     """Sends what its groups see, and hands predictions from the network to them."""
 
-    def __init__(self, rig: Rig, cameras: Sequence[str], node: RosNode, board: Board, clock: SessionClock) -> None:
+    def __init__(
+        self, rig: Rig, cameras: Sequence[str], node: RosNode, board: Board, clock: SessionClock, skeleton: Skeleton
+    ) -> None:
         self.cameras, self.monitor, self.sent = tuple(cameras), Monitor(cameras), dict.fromkeys(cameras, 0)
         self._rig, self._node, self._board, self._clock = rig, node, board, clock
         self._poses = node.reader(topics.POSE)
         self._intake = Intake(POSE_TYPE, pose_from_message, _MAX_BYTES)
         self._told: Pose3D | None = None
+        self._fusion, self._heard_ns = "", 0
+        self._skeleton = skeleton
         self._judged_ns = 0
         self._output = RosOutput(node, None)
         # announced now: a fusion node that waits for it need not wait for the first person
@@ -137,11 +141,18 @@ class CameraNode:
             self.sent[view.camera] += 1
 
     def _hear(self) -> None:
-        samples = self._poses.take()
-        taken = self._intake.take(samples[-1].raw) if samples else None
-        if taken is None:
-            return
-        pose, _ = taken
+        for sample in self._poses.take()[-1:]:
+            now_ns = self._clock.now_ns()
+            taken = self._intake.take(sample.raw)
+            # one fusion node at a time, which goes by the same keypoints; another one only after that is gone
+            if taken is None or taken[0].skeleton != self._skeleton:
+                continue
+            if sample.sender != self._fusion and now_ns - self._heard_ns < _S:
+                continue
+            self._fusion, self._heard_ns = sample.sender, now_ns
+            self._look_for(taken[0])
+
+    def _look_for(self, pose: Pose3D) -> None:
         sigma = np.full(len(self._rig), _SIGMA_PX)
         self._board.write(pose, velocity_between(self._told, pose), expected_gain(pose, self._rig, sigma))
         if self._told is None or pose.t_ns - self._told.t_ns > 25_000_000:
@@ -169,13 +180,14 @@ def fusion_node(
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
     terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {ros_2.domain}")
     done = run_session(whole, lambda board: views, terminal.note)
-    counts = views.intake.intake.counts
+    counts, senders = views.intake.views.intake.counts, views.intake.views.senders
     figures = {
         **figures_of(done),
         **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed),
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
-        "strangers": views.intake.strangers,
+        "not_used": dict(senders.refused),
+        "strangers": dict(senders.strangers),
         "clock_offset_ms": {name: 1000 * offset for name, offset in done.clock_offset_s.items()},
     }
     show(terminal, figures)
@@ -216,8 +228,8 @@ class NetworkViews:
         return []
 
     def centres(self) -> list[Centres]:
-        """What was reported before the first view."""
-        return self.intake.centres
+        """They come with the views."""
+        return []
 
     def start(self, clock: SessionClock) -> int:
         """They come already; the session counts from when it began to wait for them."""
@@ -235,6 +247,10 @@ class NetworkViews:
         """See `NetworkIntake`."""
         return self.intake.troubles()
 
+    def notices(self) -> list[str]:
+        """Why messages are refused."""
+        return self.intake.notices()
+
     def memory_mb(self) -> float:
         """Most memory this process has held."""
         return peak_memory_mb([os.getpid()])
@@ -243,7 +259,7 @@ class NetworkViews:
         return (self.intake.clock.now_ns() - self._begun_ns) / _S
 
     def _nothing_came(self) -> str:
-        counts, strangers = self.intake.intake.counts, self.intake.strangers
+        counts, strangers = self.intake.views.intake.counts, self.intake.views.senders.strangers
         why = f"; {counts.refused} messages were refused, the last because: {counts.last_refusal}" if counts.refused else ""
         others = f"; there are views of {', '.join(sorted(strangers))}, not in the rig" if strangers else ""
         return f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?"

@@ -33,6 +33,7 @@ _LATCHED_WRITERS = 100
 _TIMEOUT = -10
 _PATIENCE_MS = 20
 _MAX_TAKE = 256
+_MOST_SENDERS = 1000
 # of one domain on one machine
 _PARTICIPANTS = 32
 
@@ -95,10 +96,12 @@ class Sample(NamedTuple):
 
     Attributes:
         raw: CDR bytes. sent_ns: when the writer sent it, by the writer's clock (Unix epoch).
+        sender: the node it came from: its participant, the same for all topics of a node.
     """
 
     raw: bytes
     sent_ns: int
+    sender: str = ""
 
 
 class Reader:
@@ -107,6 +110,7 @@ class Reader:
     def __init__(self, topic: Topic, entity: Any) -> None:
         self.topic = topic
         self.entity = entity
+        self._senders: dict[int, str] = {}
 
     def take(self) -> list[Sample]:
         """What has come since the last call, oldest first; does not wait."""
@@ -116,7 +120,20 @@ class Reader:
         found = ddspy_take(self.entity._ref, SampleState.Any | ViewState.Any | InstanceState.Any, _MAX_TAKE)
         if isinstance(found, int):
             raise SourceError(f"topic {self.topic.name}: Cyclone DDS could not read (code {found})")
-        return [Sample(bytes(raw), int(info.source_timestamp)) for raw, info in found if info.valid_data]
+        return [
+            Sample(bytes(raw), int(info.source_timestamp), self._sender(info.publication_handle))
+            for raw, info in found
+            if info.valid_data
+        ]
+
+    def _sender(self, handle: int) -> str:
+        """Participant of a writer; one that has left before it was asked for is named by its handle."""
+        if handle not in self._senders:
+            if len(self._senders) > _MOST_SENDERS:
+                self._senders.clear()
+            writer = self.entity.get_matched_publication_data(handle)
+            self._senders[handle] = str(writer.participant_key) if writer is not None else f"writer {handle}"
+        return self._senders[handle]
 
     def writers(self) -> int:
         """How many matching writers are there now."""

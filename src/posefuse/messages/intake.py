@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
@@ -27,7 +28,7 @@ def decode(raw: bytes, type_name: str, max_bytes: int) -> Any:
         raise MessageError(f"{type_name}: expected at most {max_bytes} bytes, got {len(raw)}")
     try:
         return ros2_types().deserialize_cdr(raw, type_name)
-    except (SerdeError, IndexError, OverflowError, MemoryError) as error:
+    except (SerdeError, IndexError, ValueError, OverflowError, MemoryError, struct.error) as error:
         raise MessageError(f"{type_name}: malformed message ({error})") from None
 
 

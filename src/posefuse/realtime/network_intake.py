@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from posefuse.core import Rig, Skeleton
 from posefuse.messages import topics
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import Network, RosNode, Sample
 from posefuse.messages.intake import Intake
 from posefuse.messages.joint_centre_messages import JOINT_CENTRES_TYPE
 from posefuse.messages.messages import DETECTIONS_TYPE, detections_from_message
@@ -17,35 +18,75 @@ from .channel import Channel, ChannelClosed
 from .clock import SessionClock
 from .joint_centres import centres_from_message
 from .messages import Centres, Seen
+from .senders import Senders
 
 _WAIT_S = 0.2
 _AT_ONCE = 64
-_MAX_BYTES = 2**18
+# a view has to fit one packet between two threads (`framing`)
+_MAX_BYTES = 240_000
+_MOST_NODES = 100
+
+
+class ViewIntake:
+    """Messages of camera nodes, and of strangers, to what the fusion takes; no network and no clock inside.
+
+    Attributes:
+        intake: counts what came and what could not be read, and why. senders: decides what is used, and counts the rest.
+    """
+
+    def __init__(self, cameras: tuple[str, ...]) -> None:
+        self.intake = Intake(DETECTIONS_TYPE, detections_from_message, _MAX_BYTES)
+        self.senders = Senders(cameras)
+        self._centres_intake = Intake(JOINT_CENTRES_TYPE, centres_from_message, _MAX_BYTES, self.intake.counts)
+        # what the nodes say about joint centres, by sender
+        self._centres: dict[str, Centres] = {}
+
+    def centres(self, sample: Sample) -> list[Seen | Centres]:
+        """What a node says about joint centres: of the cameras whose views are its own; of others it is kept."""
+        if (received := self._centres_intake.take(sample.raw)) is None:
+            return []
+        if len(self._centres) > _MOST_NODES:
+            self._centres.clear()
+        self._centres[sample.sender] = received
+        own = tuple(name for name in received.cameras if self.senders.sender(name) == sample.sender)
+        return [replace(received, cameras=own)] if own else []
+
+    def view(self, sample: Sample, now_ns: int) -> list[Seen | Centres]:
+        """A view that came at `now_ns`, and before the first one of a sender what it says about the camera's joint centres."""
+        if not self.senders.read(sample.sender, now_ns):
+            return []
+        if (taken := self.intake.take(sample.raw)) is None:
+            self.senders.count_refused(sample.sender)
+            return []
+        seen = _seen(*taken, sample.sent_ns, now_ns)
+        camera = seen.detections.camera
+        before = self.senders.sender(camera)
+        if not self.senders.admits(seen.detections, sample.sender, now_ns):
+            return []
+        centres = self._centres.get(sample.sender)
+        if before != sample.sender and centres is not None and camera in centres.cameras:
+            return [replace(centres, cameras=(camera,)), seen]
+        return [seen]
 
 
 class NetworkIntake:
     """Reads the topics of 2D poses, and of where joint centres lie beside them, in a thread of its own.
 
     Attributes:
-        rig: its cameras are taken. clock: of the session.
-        intake: counts what came and what was refused, and why. strangers: views of cameras the rig does not have.
-        centres: what was told of joint centres before the first view was taken.
-        dropped: views the fusion had no room for.
+        rig: its cameras are taken. clock: of the session. views: what is made of the messages.
+        dropped: messages the fusion had no room for.
     """
 
     def __init__(self, rig: Rig, network: Network, clock: SessionClock, name: str = "posefuse_fusion_intake") -> None:
-        self.intake = Intake(DETECTIONS_TYPE, detections_from_message, _MAX_BYTES)
-        self.strangers: dict[str, int] = {}
-        self.centres: list[Centres] = []
+        self.views = ViewIntake(rig.names)
         self.dropped = 0
         self.rig, self.clock = rig, clock
-        self._names = set(rig.names)
         self._node = RosNode(name, network)
         self._reader = self._node.reader(topics.DETECTIONS)
         self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
-        self._centres_intake = Intake(JOINT_CENTRES_TYPE, centres_from_message, _MAX_BYTES, self.intake.counts)
         self._ours, self._theirs = Channel.pair()
         self._stop = threading.Event()
+        self._chosen = threading.Event()
         self._thread = threading.Thread(target=self._run, name="views from the network", daemon=True)
         self._thread.start()
 
@@ -56,24 +97,25 @@ class NetworkIntake:
     def messages(self) -> Iterator[Seen | Centres]:
         """What has come; never waits."""
         for _ in range(_AT_ONCE):
-            told = self._ours.receive()
-            if told is None:
+            received = self._ours.receive()
+            if received is None:
                 return
-            yield told
+            yield received
 
     def troubles(self) -> Mapping[str, str]:
         """Nothing is known of processes on other machines; their silence is seen by the monitor."""
         return {}
 
+    def notices(self) -> list[str]:
+        """Why messages are refused, each reason once."""
+        senders = self.views.senders
+        found, senders.news = senders.news, []
+        return found
+
     def first_skeleton(self, timeout_s: float) -> Skeleton | None:
-        """Skeleton of the first view that comes; None when none does."""
-        if not self._ours.wait(timeout_s):
-            return None
-        for told in self.messages():
-            if isinstance(told, Seen):
-                return told.detections.skeleton
-            self.centres.append(told)
-        return None
+        """Skeleton of the session, which the first views decide; None when there are none yet."""
+        self._chosen.wait(timeout_s)
+        return self.views.senders.skeleton
 
     def close(self) -> None:
         """Leave the network."""
@@ -94,18 +136,13 @@ class NetworkIntake:
 
     def _hand_on(self) -> None:
         for sample in self._centres_reader.take():
-            if (told := self._centres_intake.take(sample.raw)) is not None:
-                self._theirs.send(told, _WAIT_S)
+            for found in self.views.centres(sample):
+                self.dropped += not self._theirs.send(found, _WAIT_S)
         for sample in self._reader.take():
-            taken = self.intake.take(sample.raw)
-            if taken is None:
-                continue
-            seen = _seen(*taken, sample.sent_ns, self.clock.now_ns())
-            if seen.detections.camera in self._names:
-                self.dropped += not self._theirs.send(seen)
-                continue
-            camera = seen.detections.camera if len(self.strangers) < 100 else "others"
-            self.strangers[camera] = self.strangers.get(camera, 0) + 1
+            for found in self.views.view(sample, self.clock.now_ns()):
+                self.dropped += not self._theirs.send(found)
+        if self.views.senders.skeleton is not None:
+            self._chosen.set()
 
 
 def _seen(view: Any, stages: Mapping[str, int], sent_ns: int, now_ns: int) -> Seen:

@@ -1,4 +1,4 @@
-"""What changes in a session, said at once: cameras, outputs, the rig watch."""
+"""What changes in a session, said at once: cameras, outputs, the rig watch, messages of strangers."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ T = TypeVar("T")
 
 
 class News:
-    """Says what has not been said yet; times are given from `zero_ns`, session time."""
+    """Says what has not been said yet; times are given from `zero_ns`, session time. `notices`: of where views come from."""
 
-    def __init__(self, fusion: Fusion, zero_ns: int, say: Say) -> None:
-        self._fusion, self._zero_ns, self._say = fusion, zero_ns, say
+    def __init__(self, fusion: Fusion, zero_ns: int, say: Say, notices: Callable[[], Iterable[str]] = tuple) -> None:
+        self._fusion, self._zero_ns, self._say, self._notices = fusion, zero_ns, say, notices
         self._cameras_said = self._outputs_said = 0
         self._trouble = ""
 
@@ -29,6 +29,8 @@ class News:
             who = "outputs" if output.output == PROCESS else f"output {output.output}"
             self._say_at(output.t_ns, f"{who}: {output.state}", output.text)
         self._cameras_said, self._outputs_said = monitor.event_count, outlets.event_count
+        for notice in self._notices():
+            self._say_at(now_ns, notice, "")
         if watch is not None and watch.trouble != self._trouble:
             self._trouble = watch.trouble
             self._say_at(now_ns, "rig watch", watch.trouble)

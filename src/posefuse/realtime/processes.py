@@ -164,6 +164,10 @@ class Groups:
                 found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
         return found
 
+    def notices(self) -> list[str]:
+        """Nothing: what happens to a process is a camera's trouble."""
+        return []
+
     def stop(self) -> None:
         """End them all; safe to call twice."""
         for member in self._members:

@@ -91,7 +91,7 @@ def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextMa
             for told in views.centres():
                 fusion.take(told)
             zero_ns = views.start(clock)
-            news = News(fusion, zero_ns, say)
+            news = News(fusion, zero_ns, say, views.notices)
             with punctual():
                 fusion.run(views, config.rate_hz, _until(plan.duration_s, zero_ns, fusion, news, stopped))
             restarts, memory_mb = views.restarts, views.memory_mb()

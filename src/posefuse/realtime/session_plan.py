@@ -83,6 +83,10 @@ class SessionViews(Intake, Protocol):
         """Which work is done in which process, in words."""
         ...
 
+    def notices(self) -> list[str]:
+        """What is to be said about where views come from, each line once."""
+        ...
+
     def centres(self) -> list[Centres]:
         """What is known of joint centres by now."""
         ...

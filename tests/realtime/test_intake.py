@@ -1,0 +1,253 @@
+"""Strangers on the network: their messages are refused, counted and reported once, and the session does not notice them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, Detections2D, Rig, Skeleton
+from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.messages.intake import encode
+from posefuse.messages.messages import message_from_detections
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.joint_centres import Centring, message_from_centres
+from posefuse.realtime.messages import Centres, Seen
+from posefuse.realtime.network_intake import Sample, ViewIntake
+from posefuse.realtime.output_plan import NoOutputs
+from posefuse.realtime.senders import Senders
+from posefuse.realtime.session import new_board, ready_tracker
+from posefuse.tracking import JointCentres
+from posefuse.tracking.stand_in import made_up_detections
+
+S = 1_000_000_000
+T0 = 1_700_000_000 * S
+COCO, BLAZE = SKELETONS["coco17"], BLAZEPOSE33
+
+
+def nobody(camera: str, t_ns: int = T0, skeleton: Skeleton = BLAZE) -> Detections2D:
+    return Detections2D.nobody(camera, t_ns, skeleton)
+
+
+def begun(*cameras: str) -> Senders:
+    """Senders whose session has a skeleton."""
+    senders = Senders(cameras)
+    for name in cameras:
+        senders.admits(nobody(name), "node", T0)
+    assert senders.skeleton == BLAZE
+    return senders
+
+
+# --- who may send
+
+
+def test_the_skeleton_of_most_cameras_is_the_sessions() -> None:
+    senders = Senders(("a", "b", "c"))
+    assert not senders.admits(nobody("a", skeleton=COCO), "stranger", T0)
+    assert senders.skeleton is None
+    senders.admits(nobody("a"), "node", T0 + 1)
+    senders.admits(nobody("b"), "node", T0 + 2)
+    assert senders.skeleton == BLAZE
+    alone = Senders(("a", "b", "c"))
+    alone.admits(nobody("c", skeleton=COCO), "node", T0)
+    alone.admits(nobody("c", skeleton=COCO), "node", T0 + S)
+    assert alone.skeleton == COCO
+
+
+def test_another_skeleton_is_refused_counted_and_said_once() -> None:
+    senders = begun("a", "b")
+    assert senders.admits(nobody("a"), "node", T0)
+    for _ in range(5):
+        assert not senders.admits(nobody("a", skeleton=COCO), "stranger", T0 + 1)
+    (line,) = senders.news
+    assert (
+        line == "camera a: views have the skeleton coco17 (17 keypoints), this session has blazepose33 (33 keypoints): not used"
+    )
+    assert senders.refused[line] == 5
+    assert senders.admits(nobody("a"), "node", T0 + 2)
+    # the same name with other keypoints is another one
+    senders.admits(nobody("a", skeleton=Skeleton("blazepose33", ("a", "b"))), "node", T0 + 3)
+    assert "blazepose33 (2 keypoints)" in senders.news[1]
+
+
+def test_a_camera_has_one_sender_until_that_is_silent() -> None:
+    senders = begun("a", "b")
+    assert senders.admits(nobody("a"), "node", T0)
+    assert senders.admits(nobody("b"), "other node", T0)
+    assert not senders.admits(nobody("a"), "stranger", T0 + S // 2)
+    assert senders.admits(nobody("a"), "node", T0 + S)
+    assert not senders.admits(nobody("a"), "node again", T0 + 2 * S)
+    assert senders.admits(nobody("a", T0 + 2 * S), "node again", T0 + 2 * S + 1)
+    assert senders.sender("a") == "node again"
+
+
+def test_a_sender_with_a_believable_clock_replaces_one_without() -> None:
+    senders = begun("a", "b")
+    assert senders.admits(nobody("a", t_ns=5), "stranger", T0)
+    assert senders.admits(nobody("a", t_ns=T0), "node", T0 + 1)
+    assert not senders.admits(nobody("a", t_ns=T0 + 2), "stranger", T0 + 2)
+    # alone, a camera whose clock nobody has set is still worth something
+    assert senders.admits(nobody("b", t_ns=5), "node", T0)
+
+
+def test_who_floods_with_what_is_refused_is_not_read_for_a_second() -> None:
+    senders = begun("a")
+    for i in range(1000):
+        if senders.read("stranger", T0 + i):
+            senders.admits(nobody("x"), "stranger", T0 + i)
+    assert senders.strangers["x"] == 200
+    assert sum(senders.refused.values()) == 800
+    assert senders.read("stranger", T0 + 2 * S)
+    # a node that also sends what is used is always read
+    for i in range(1000):
+        assert senders.read("node", T0 + i)
+        senders.admits(nobody("x" if i else "a"), "node", T0 + i)
+
+
+def test_memory_stays_bounded() -> None:
+    senders = begun("a")
+    for i in range(3000):
+        now_ns = T0 + i * S // 100
+        assert senders.read(f"sender {i}", now_ns)
+        senders.admits(nobody(f"camera {i}"), f"sender {i}", now_ns)
+        senders.admits(nobody("a", skeleton=Skeleton(f"s{i}", ("a",))), f"sender {i}", now_ns)
+    assert max(map(len, (senders.strangers, senders.refused, senders.news, senders._senders))) <= 102
+    assert senders.strangers["others"] == 2900
+
+
+# --- joint centres come from the node that sends the camera's views
+
+
+def sample(msg: object, sender: str) -> Sample:
+    return Sample(encode(msg), 0, sender)
+
+
+def test_joint_centres_are_taken_from_the_sender_of_the_views() -> None:
+    views = ViewIntake(("a", "b"))
+    table = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
+    theirs = replace(table, made_by="a stranger")
+    views.centres(sample(message_from_centres(Centres(("a", "b"), table), T0), "node"))
+    views.centres(sample(message_from_centres(Centres(("a",), theirs), T0), "stranger"))
+    view = sample(message_from_detections(nobody("a"), {}), "node")
+    views.view(view, T0)
+    views.view(sample(message_from_detections(nobody("b"), {}), "node"), T0)
+    first, second = views.view(view, T0), views.view(view, T0)
+    assert first[0] == Centres(("a",), table)
+    assert [type(one) for one in first[1:] + second] == [Seen, Seen]
+    assert views.centres(sample(message_from_centres(Centres(("a",), theirs), T0), "stranger")) == []
+    again = views.centres(sample(message_from_centres(Centres(("a", "b"), None), T0), "node"))
+    assert again == [Centres(("a",), None)]
+
+
+# --- 10,000 messages
+
+
+def session(rig: Rig) -> tuple[Fusion, SimpleNamespace]:
+    clock = SimpleNamespace(now=T0, now_ns=lambda: clock.now)
+    config = LiveConfig()
+    tracker = ready_tracker(rig, BLAZE, config)
+    return Fusion(rig, tracker, new_board(rig), clock, NoOutputs(), Centring(rig.names, True)), clock
+
+
+class Played:
+    """A session of some seconds, and between its messages those that `others(i)` gives: what came out, and what was counted."""
+
+    def __init__(self, rig: Rig, instants: int, others=lambda i: ()) -> None:
+        self.views = ViewIntake(rig.names)
+        self.fusion, clock = session(rig)
+        self.poses = []
+        self.fusion.outlets = SimpleNamespace(offer=self._keep, poll=lambda: None, health={})
+        for i, step in enumerate(made_up_detections(rig, BLAZE, instants, start_ns=T0)):
+            for view in step:
+                clock.now = view.t_ns + 20_000_000
+                for strange in others(i):
+                    self._feed(strange, clock.now)
+                stages = {"received": view.t_ns + 5_000_000, "started": clock.now, "detected": clock.now}
+                self._feed(sample(message_from_detections(view, stages), "node"), clock.now)
+            self.fusion.tick(clock.now + 1, 10_000_000)
+            self.fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now)
+
+    def _feed(self, message: Sample, now_ns: int) -> None:
+        for received in self.views.view(message, now_ns):
+            self.fusion.take(received)
+
+    def _keep(self, message: object) -> None:
+        if hasattr(message, "pose"):
+            self.poses.append(message.pose)
+
+
+def absurd(rng: np.random.Generator, cameras: tuple[str, ...]) -> Sample:
+    """A message whose bytes are fine and whose content is not, or bytes that are cut, changed or made up."""
+    people = int(rng.integers(0, 5))
+    skeleton = BLAZE if rng.random() < 0.8 else COCO
+    shape = (people, len(skeleton))
+    scale = 10.0 ** rng.integers(-30, 30)
+    xy = rng.normal(size=(*shape, 2)) * scale
+    score, sigma = rng.uniform(0, 1, shape), 10.0 ** rng.uniform(-30, 30, shape)
+    if rng.random() < 0.3:
+        xy, score = np.full_like(xy, np.nan), np.zeros_like(score)
+    view = Detections2D(
+        camera=str(rng.choice([*cameras, "elsewhere"])), t_ns=T0 + int(rng.normal() * 10 ** rng.integers(3, 18)) % (10**17),
+        skeleton=skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=rng.normal(size=(people, 4)) * scale,
+    )  # fmt: skip
+    msg = message_from_detections(view, {"received": int(rng.integers(-(2**60), 2**60)), "started": 0, "detected": 2**60})
+    if rng.random() < 0.3:
+        msg.people = int(rng.integers(0, 2**32))
+    if rng.random() < 0.1:
+        msg.keypoints = ["", *msg.keypoints[1:]]
+    raw = encode(msg)
+    what = rng.random()
+    if what < 0.2:
+        raw = raw[: rng.integers(0, len(raw))]
+    elif what < 0.4:
+        changed = bytearray(raw)
+        for place in rng.integers(0, len(raw), 8):
+            changed[place] = rng.integers(0, 256)
+        raw = bytes(changed)
+    elif what < 0.45:
+        raw = rng.bytes(int(rng.integers(0, 400)))
+    return Sample(raw, int(rng.integers(-(2**62), 2**62)), str(rng.integers(0, 50)))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(ring_rig) -> Played:
+    return Played(ring_rig(4), 45)
+
+
+def test_ten_thousand_strange_messages_change_nothing(undisturbed: Played, ring_rig) -> None:
+    rng, rig = np.random.default_rng(0), ring_rig(4)
+
+    def others(i: int) -> list[Sample]:
+        # beginning when the session is under way: what comes first has a right to be heard
+        return [absurd(rng, rig.names) for _ in range(57)] if i > 0 else []
+
+    disturbed = Played(rig, 45, others)
+    counts, senders = disturbed.views.intake.counts, disturbed.views.senders
+    assert counts.accepted + counts.refused > 10_000
+    assert counts.refused > 3000 and senders.strangers["elsewhere"] > 500
+    assert len(disturbed.poses) == len(undisturbed.poses) == 45
+    assert sum(len(pose.person_id) for pose in undisturbed.poses) > 40
+    for ours, theirs in zip(undisturbed.poses, disturbed.poses, strict=True):
+        np.testing.assert_array_equal(ours.person_id, theirs.person_id)
+        np.testing.assert_array_equal(ours.xyz_world, theirs.xyz_world)
+    assert {verdict.state for verdict in disturbed.fusion.verdicts.values()} == {"ok"}
+
+
+def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed: Played, ring_rig) -> None:
+    """The same content from the node that the views come from: it is taken, and poses come back when it is right again."""
+    rng, rig = np.random.default_rng(1), ring_rig(4)
+
+    def others(i: int) -> list[Sample]:
+        return [replace_sender(absurd(rng, rig.names)) for _ in range(20)] if 15 < i < 25 else []
+
+    def replace_sender(message: Sample) -> Sample:
+        return message._replace(sender="node")
+
+    played = Played(rig, 75, others)
+    assert len(played.poses) == 75
+    # shows that such messages do change poses where they are taken
+    assert any(len(a.person_id) != 1 or (a.xyz_world != b.xyz_world).any()
+               for a, b in zip(played.poses[16:30], undisturbed.poses[16:30], strict=True))  # fmt: skip
+    assert len(played.poses[-1].person_id) == 1
+    assert np.isfinite(played.poses[-1].xyz_world).all()
