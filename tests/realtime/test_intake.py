@@ -177,7 +177,7 @@ class Played:
             self.poses.append(message.pose)
 
 
-def absurd(rng: np.random.Generator, cameras: tuple[str, ...]) -> Sample:
+def absurd(rng: np.random.Generator, cameras: tuple[str, ...], near_ns: int | None = None) -> Sample:
     """A message whose bytes are fine and whose content is not, or bytes that are cut, changed or made up."""
     people = int(rng.integers(0, 5))
     skeleton = BLAZE if rng.random() < 0.8 else COCO
@@ -187,8 +187,9 @@ def absurd(rng: np.random.Generator, cameras: tuple[str, ...]) -> Sample:
     score, sigma = rng.uniform(0, 1, shape), 10.0 ** rng.uniform(-30, 30, shape)
     if rng.random() < 0.3:
         xy, score = np.full_like(xy, np.nan), np.zeros_like(score)
+    t_ns = T0 + int(rng.normal() * 10 ** rng.integers(3, 18)) % (10**17)
     view = Detections2D(
-        camera=str(rng.choice([*cameras, "elsewhere"])), t_ns=T0 + int(rng.normal() * 10 ** rng.integers(3, 18)) % (10**17),
+        camera=str(rng.choice([*cameras, "elsewhere"])), t_ns=t_ns if near_ns is None else near_ns + t_ns % 10**8,
         skeleton=skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=rng.normal(size=(people, 4)) * scale,
     )  # fmt: skip
     msg = message_from_detections(view, {"received": int(rng.integers(-(2**60), 2**60)), "started": 0, "detected": 2**60})
@@ -220,7 +221,7 @@ def test_ten_thousand_strange_messages_change_nothing(undisturbed: Played, ring_
 
     def others(i: int) -> list[Sample]:
         # beginning when the session is under way: what comes first has a right to be heard
-        return [absurd(rng, rig.names) for _ in range(57)] if i > 0 else []
+        return [absurd(rng, rig.names) for _ in range(59)] if i > 1 else []
 
     disturbed = Played(rig, 45, others)
     counts, senders = disturbed.views.intake.counts, disturbed.views.senders
@@ -239,10 +240,8 @@ def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed:
     rng, rig = np.random.default_rng(1), ring_rig(4)
 
     def others(i: int) -> list[Sample]:
-        return [replace_sender(absurd(rng, rig.names)) for _ in range(20)] if 15 < i < 25 else []
-
-    def replace_sender(message: Sample) -> Sample:
-        return message._replace(sender="node")
+        now_ns = T0 + i * S // 30
+        return [absurd(rng, rig.names, now_ns)._replace(sender="node") for _ in range(20)] if 15 < i < 25 else []
 
     played = Played(rig, 75, others)
     assert len(played.poses) == 75
