@@ -245,8 +245,7 @@ def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed:
 
     played = Played(rig, 75, others)
     assert len(played.poses) == 75
-    # shows that such messages do change poses where they are taken
-    assert any(len(a.person_id) != 1 or (a.xyz_world != b.xyz_world).any()
-               for a, b in zip(played.poses[16:30], undisturbed.poses[16:30], strict=True))  # fmt: skip
+    # such messages did reach the tracker
+    assert sum(played.fusion.used.values()) > sum(undisturbed.fusion.used.values()) + 30 * 4 + 20
     assert len(played.poses[-1].person_id) == 1
     assert np.isfinite(played.poses[-1].xyz_world).all()
