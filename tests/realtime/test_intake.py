@@ -192,7 +192,8 @@ def absurd(rng: np.random.Generator, cameras: tuple[str, ...], near_ns: int | No
         camera=str(rng.choice([*cameras, "elsewhere"])), t_ns=t_ns if near_ns is None else near_ns + t_ns % 10**8,
         skeleton=skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=rng.normal(size=(people, 4)) * scale,
     )  # fmt: skip
-    msg = message_from_detections(view, {"received": int(rng.integers(-(2**60), 2**60)), "started": 0, "detected": 2**60})
+    received_ns = int(rng.integers(-(2**60), 2**60)) if near_ns is None else near_ns
+    msg = message_from_detections(view, {"received": received_ns, "started": 0, "detected": 2**60})
     if rng.random() < 0.3:
         msg.people = int(rng.integers(0, 2**32))
     if rng.random() < 0.1:
