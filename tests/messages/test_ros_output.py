@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import CalibrationError
+from posefuse.messages import topics
 from posefuse.messages.bags import Recorder, read_mcap
 from posefuse.messages.messages import ns_from_time
 from posefuse.messages.ros_output import Health, RosOutput, body_id
@@ -39,7 +40,7 @@ def test_rep155_topics_and_types(kept, some_pose, some_joints, ring_rig):
     for one in ("p40", "p7"):
         assert types[f"/humans/bodies/{one}/joint_states"] == "sensor_msgs/msg/JointState"
         assert types[f"/humans/bodies/{one}/skeleton2d"] == "hri_msgs/msg/Skeleton2D"
-        assert types[f"/humans/bodies/{one}/roi"] == "sensor_msgs/msg/RegionOfInterest"
+        assert types[f"/humans/bodies/{one}/roi"] == "hri_msgs/msg/NormalizedRegionOfInterest2D"
     assert types["/posefuse/cam02/camera_info"] == "sensor_msgs/msg/CameraInfo"
     assert kept.on("/humans/bodies/tracked")[0].ids == ["p40", "p7"]
 
@@ -49,10 +50,8 @@ def test_who_is_tracked_is_said_when_it_changes(kept, some_pose):
     for people in (1, 1, 2, 0, 0):
         output.step(some_pose(people))
     assert [m.ids for m in kept.on("/humans/bodies/tracked")] == [["p40"], ["p40", "p7"], []]
-    assert {name for name in kept.forgotten if "p7" in name} == {
-        f"/humans/bodies/p7/{part}" for part in ("joint_states", "skeleton2d", "roi", "joint_angles")
-    }
-    assert len(kept.forgotten) == 8
+    assert {name for name in kept.forgotten if "p7" in name} == {f"/humans/bodies/p7/{part}" for part in topics.BODY_PARTS}
+    assert len(kept.forgotten) == 2 * len(topics.BODY_PARTS)
 
 
 def test_tf_frames_stand_where_the_keypoints_are(kept, standing, some_joints):
@@ -108,7 +107,9 @@ def test_skeleton2d_is_the_view_of_one_camera(kept, standing, ring_rig):
     assert neck.c == 1  # made of the shoulders
     assert (right_wrist.x, right_wrist.y, right_wrist.c) == (0, 0, 0)
     (roi,) = kept.on("/humans/bodies/p1/roi")
-    assert 0 <= roi.x_offset < nose.x * 639 < roi.x_offset + roi.width <= 640
+    assert 0 <= roi.xmin < nose.x < roi.xmax <= 1
+    assert 0 <= roi.ymin <= nose.y < roi.ymax <= 1
+    assert roi.c == 1 and roi.header.frame_id == "cam01_optical_frame"
 
 
 def test_points_far_outside_are_not_bent_back_into_the_image(kept, standing, ring_rig):
@@ -133,6 +134,23 @@ def test_markers_show_bones_seen_at_both_ends(kept, standing):
     assert len(points.points) == len(points.colors) == len(pose.skeleton) - 1
     assert text.text == "1"
     assert text.pose.position.z > 1.63
+
+
+@pytest.mark.parametrize(("rate_hz", "period_ns"), [(30, 33_333_000), (100, 10_000_000), (60, 16_666_667), (25, 40_000_000)])
+def test_markers_come_at_the_promised_rate_or_that_of_the_poses(kept, standing, rate_hz, period_ns):
+    output, seconds = RosOutput(kept), 5
+    kept.unwanted = {f"/humans/bodies/p1/{part}" for part in topics.BODY_PARTS} | {"/tf", "/posefuse/pose"}
+    pose = standing()
+    for i in range(seconds * rate_hz):
+        output.step(dataclasses.replace(pose, t_ns=10**18 + i * period_ns))
+    assert len(kept.on("/posefuse/markers")) == pytest.approx(seconds * min(rate_hz, 30), abs=1)
+
+
+def test_markers_go_on_after_a_gap_and_after_time_was_set_back(kept, standing):
+    output, pose = RosOutput(kept), standing()
+    for t_s in (100, 105, 50, 50.01):
+        output.step(dataclasses.replace(pose, t_ns=round(t_s * 1e9)))
+    assert len(kept.on("/posefuse/markers")) == 3
 
 
 def test_diagnostics(kept):
@@ -160,8 +178,10 @@ def test_ids_are_parts_of_ros_names(person):
 
 def test_what_nobody_listens_to_is_not_made(kept, standing, some_joints, ring_rig, monkeypatch):
     output = RosOutput(kept, ring_rig(2))
-    kept.unwanted = {"/tf", "/posefuse/markers", "/humans/bodies/p1/skeleton2d", "/humans/bodies/p1/roi"}
+    of_body = {f"/humans/bodies/p1/{part}" for part in topics.BODY_PARTS}
+    kept.unwanted = (of_body | {"/tf", "/posefuse/markers"}) - {"/humans/bodies/p1/joint_states"}
     monkeypatch.setattr("posefuse.messages.ros_output.person_markers", None)
+    monkeypatch.setattr("posefuse.messages.person_output.parts_from_pose", None)
     monkeypatch.setattr(RosOutput, "_links", None)
     output.step(standing())
     assert {s.topic.name for s in kept.sent} == {"/humans/bodies/tracked", "/posefuse/pose", "/humans/bodies/p1/joint_states"}

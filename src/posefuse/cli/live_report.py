@@ -53,6 +53,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "zero_ns": done.zero_ns,
         "poses": fusion.poses,
         "poses_with_people": fusion.poses_with_people,
+        "withheld": fusion.gate.figures(),
         "poses_per_s": fusion.latencies.rate_hz,
         "joint_centres": fusion.centring.made_by,
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
@@ -104,6 +105,9 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
         "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
     }
+    if any(figures["withheld"].values()):
+        cut = figures["withheld"]
+        facts["withheld"] = f"{cut['keypoints']:.1%} of keypoints, {cut['people']:.1%} of people: too unsure, or not measured"
     if figures["joint_centres"]:
         facts["joint centres"] = "; ".join(sorted(set(figures["joint_centres"].values())))
     if math.isfinite(figures["used_share"]):

@@ -33,7 +33,8 @@ JOINTS = (
 )  # fmt: skip
 _STRAIGHT = float(np.sin(np.deg2rad(10.0)))
 _PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "ear")
-_WANTED = tuple(f"{side}_{part}" for part in _PARTS for side in ("left", "right")) + ("nose",)
+# keypoints that a body is made of
+POINTS = tuple(f"{side}_{part}" for part in _PARTS for side in ("left", "right")) + ("nose",)
 # +1 left, -1 right: the URDF's `reflect`
 _SIDE = np.array([1.0, -1.0])
 
@@ -53,7 +54,11 @@ class Bodies:
 
 def bodies_from_pose(pose: Pose3D) -> Bodies:
     """Links and joints of everybody; a person whose hips or shoulders are missing has none."""
-    points = pick_keypoints(pose.xyz_world, pose.skeleton, _WANTED)
+    return bodies_from_points(pick_keypoints(pose.xyz_world, pose.skeleton, POINTS))
+
+
+def bodies_from_points(points: Array) -> Bodies:
+    """The same from the keypoints (N, len(POINTS), 3) in the order of `POINTS`."""
     at = {part: points[:, 2 * i : 2 * i + 2] for i, part in enumerate(_PARTS)}
     middle = {part: at[part].mean(axis=1) for part in ("hip", "shoulder", "ear")}
     spine = middle["shoulder"] - middle["hip"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from . import camera_messages, joint_centre_messages, messages
+from .parts import PARTS
 
 
 @dataclass(frozen=True)
@@ -95,18 +96,29 @@ def preview_info(camera: str) -> Topic:
     return Topic(f"/posefuse/{ros_name(camera)}/preview/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, reliable=False)
 
 
+# of head, wrists and hands
+PART_TOPICS = {
+    "pose": "geometry_msgs/msg/PoseStamped",
+    "pose_with_covariance": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "twist": "geometry_msgs/msg/TwistStamped",
+}
 # what each body has a topic of
 BODY_PARTS = {
     "joint_states": "sensor_msgs/msg/JointState",
     "skeleton2d": "hri_msgs/msg/Skeleton2D",
-    "roi": "sensor_msgs/msg/RegionOfInterest",
+    "roi": "hri_msgs/msg/NormalizedRegionOfInterest2D",
     "joint_angles": messages.JOINT_ANGLES_TYPE,
+    "position": "geometry_msgs/msg/PointStamped",
+    "velocity": "geometry_msgs/msg/TwistStamped",
+    "urdf": "std_msgs/msg/String",
+    **{f"{part}/{name}": type_name for part in PARTS for name, type_name in PART_TOPICS.items()},
 }
 
 
 def body(body_id: str, part: str) -> Topic:
     """A topic of one body; `part` is one of `BODY_PARTS`."""
-    return Topic(f"/humans/bodies/{body_id}/{part}", BODY_PARTS[part], depth=4)
+    name, latched = f"/humans/bodies/{body_id}/{part}", part == "urdf"
+    return Topic(name, BODY_PARTS[part], depth=1 if latched else 4, latched=latched)
 
 
 def ros_name(text: str) -> str:

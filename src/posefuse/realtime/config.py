@@ -14,6 +14,7 @@ from posefuse.fusion import FuseSettings
 from posefuse.kinematics import JointSettings
 from posefuse.tracking.online import LiveSettings
 
+from .gate import GateSettings
 from .ros_cameras import CameraInfoUse
 
 # 32 years
@@ -35,6 +36,7 @@ class LiveConfig:
         angles: compute joint angles and segment frames with every pose.
         camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
+        gate: which keypoints are sent out.
         detector: which detector finds keypoints in images.
         track: how people are followed.
         associate: how new people are found.
@@ -51,6 +53,7 @@ class LiveConfig:
     angles: bool = True
     camera_info: CameraInfoUse = "check"
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
+    gate: GateSettings = field(default_factory=GateSettings)
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     track: LiveSettings = field(default_factory=LiveSettings)
     associate: AssociateSettings = field(default_factory=AssociateSettings)

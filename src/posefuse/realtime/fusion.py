@@ -17,6 +17,7 @@ from posefuse.tracking.online import Tracker
 from .board import Board
 from .channel import Channel, wait_any
 from .clock import SessionClock
+from .gate import Gate, GateSettings
 from .joint_centres import Centring, live_centres
 from .latency import Latencies, Way
 from .messages import Centres, Seen, Status
@@ -53,7 +54,7 @@ class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
     The tracker follows what the networks mark, and by that the views are told where to look; what goes out is moved to joint
-    centres where `centring` wants it.
+    centres where `centring` wants it, and passes the `gate`.
     """
 
     def __init__(
@@ -66,12 +67,14 @@ class Fusion:
         centring: Centring,
         watch: RigWatch | None = None,
         joints: JointTracker | None = None,
+        gate: Gate | None = None,
     ) -> None:
         self.rig, self.tracker, self._board, self.clock, self.outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
         self.centring = centring
         self.watch, self._joints = watch, joints
+        self.gate = gate or Gate(GateSettings())
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
@@ -122,7 +125,7 @@ class Fusion:
         output_ns = self.clock.now_ns()
         newest = max((way.exposed_ns for way in self._waiting), default=0)
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
-        shown = self.centring.moved(pose)
+        shown = self.gate.passed(self.centring.moved(pose))
         joints = self._joints.step(shown) if self._joints is not None else None
         self.outlets.offer(LivePose(pose=shown, joints=joints, stages_ns=stages))
         self.latencies.tick_out(due_ns, output_ns, period_ns)

@@ -82,7 +82,7 @@ class Gate:
 
 def worst_sigma_m(cov: Array) -> Array:
     """(...) standard deviation along the worst known axis of covariances (..., 3, 3); infinite where NaN."""
-    known = np.isfinite(cov).all(axis=(-2, -1))
+    known = np.asarray(np.isfinite(cov).all(axis=(-2, -1)))
     variance = np.linalg.eigvalsh(np.where(known[..., None, None], cov, np.eye(3)))[..., -1]
     return np.asarray(np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.inf))
 

@@ -26,6 +26,7 @@ from .capture import LiveInput, keeping_packets
 from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
+from .gate import Gate
 from .group import GroupPlan
 from .identity import NamedTracker
 from .joint_centres import Centring
@@ -87,7 +88,7 @@ def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextMa
                 joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
                 tracker = ready_tracker(rig, skeleton, config)
             centring = Centring(rig.names, config.joint_centres)
-            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints)
+            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=Gate(config.gate))
             for told in views.centres():
                 fusion.take(told)
             zero_ns = views.start(clock)

@@ -35,6 +35,7 @@ class LiveSettings:
         shown_s: of several people, one whom no view measured for this long is not in the output, but is still expected until
             `lost_after_s`: hidden or gone.
         alone_s: a person who was measured by a single camera for this long is dropped, because one ray fits any depth.
+        alone_hold_s: a person who was measured by a single camera for this long is moved across its line of sight only.
         measured_s: a keypoint counts as measured (FUSED) when a view at most this old saw it, otherwise as PREDICTED. It covers
             the time from exposure to the tracker and one frame period.
         lag_s: out-of-order views up to this much older than the newest are still applied at their own time.
@@ -70,6 +71,7 @@ class LiveSettings:
     lost_after_s: Annotated[float, Gt(0)] = 0.7
     shown_s: Annotated[float, Gt(0)] = 0.3
     alone_s: Annotated[float, Gt(0)] = 1.5
+    alone_hold_s: Annotated[float, Gt(0)] = 0.5
     measured_s: Annotated[float, Gt(0)] = 0.16
     lag_s: Annotated[float, Gt(0), Le(5)] = 0.3
     ahead_s: Annotated[float, Gt(0)] = 0.5

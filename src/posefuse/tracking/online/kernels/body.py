@@ -14,6 +14,7 @@ _BONE_MEMORY = 600.0  # views over which a bone's length is averaged
 _BONE_SURE_M = 0.05  # only ends known as well as this teach lengths
 _BONE_LEARNT = 30.0  # views before a bone holds
 _START_M, _START_M_S = 0.35, 2.0  # of a keypoint seen for the first time, about its neighbour
+_DEPTH_STOPS_S = 0.5  # how fast motion along the line of sight of a single camera fades
 # no keypoint is further from the middle of the body, or faster against it
 _REACH_M, _FASTEST_M_S = 1.7, 20.0
 
@@ -157,3 +158,48 @@ def centre_body(x, share):
         x[k, j] += mean
         for i in range(k):
             x[i, j] -= mean
+
+
+@kernel()
+def alone(seen, c, t):
+    """Seconds since any camera but c measured a keypoint; `seen` (K, C) says when."""
+    newest = NEVER
+    for i in range(seen.shape[0]):
+        for o in range(seen.shape[1]):
+            if o != c:
+                newest = max(newest, seen[i, o])
+    return t - newest
+
+
+@kernel()
+def hold_depth(camera, dt, x_before, share_before, x, cov, share):
+    """Take back what one camera alone did to the body's depth: its rays fit any, and small errors of it add up to metres.
+
+    The body moves across the line of sight only, and its motion along it fades; by what was taken back it may be off.
+    """
+    m = len(share)
+    sight, length, moved = np.empty(3), 0.0, 0.0
+    for a in range(3):
+        sight[a] = -camera[12 + a]
+        for j in range(m):
+            sight[a] += share[j] * x[j, a]
+        length += sight[a] ** 2
+    length = math.sqrt(length)
+    if length < 1e-6:
+        return
+    for a in range(3):
+        sight[a] /= length
+        for j in range(m):
+            moved += sight[a] * (share[j] * x[j, a] - share_before[j] * x_before[j, a])
+    fades = 1.0 - math.exp(-dt / _DEPTH_STOPS_S)
+    for j in range(m):
+        fast, faster = 0.0, 0.0
+        for a in range(3):
+            fast += sight[a] * x[j, 3 + a]
+            faster += sight[a] * x[j, 6 + a]
+        for a in range(3):
+            x[j, a] -= moved * sight[a]
+            x[j, 3 + a] -= fades * fast * sight[a]
+            x[j, 6 + a] -= fades * faster * sight[a]
+            for d in range(3):
+                cov[j, a, d] += moved * moved * sight[a] * sight[d]

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.foundation.compiled import kernel
 
-from .body import centre_body, learn_bones, let_go_of_strays, start_missing
+from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
 from .motion import all_models, combined, forward, learn_liveliness, mix
 from .rays import expected, ray, squared, whitened
 from .sides import exchange_person, flipped_groups
@@ -31,7 +31,7 @@ def step(
         c: camera. z (K, 2) ideal points, NaN where unseen; white (K, 2, 2); late (K,) how much after t a row was exposed.
         px_scale: (K,) pixels per sigma. cameras: (C, 15). mirror, group: (K,). neighbours: (K, n), -1 for none.
         ends: (B, 2). sizes: (K, M, C, B). models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
-        rules: outlier, gate, switch_s, lost_after_s, learnt_share, learnt_s. figures: (FIGURES,) filled.
+        rules: outlier, gate, switch_s, lost_after_s, learnt_share, learnt_s, alone_hold_s. figures: (FIGURES,) filled.
     """
     k, m, count, b = sizes
     after[:] = before
@@ -62,6 +62,9 @@ def step(
     learn_bones(bones, ends, means, spreads)
     learn_liveliness(lively, share, models, dt)
     centre_body(x, share)
+    if alone(seen, c, t) > rules[6]:
+        old = parts(before, k, m, count, b)
+        hold_depth(cameras[c], dt, old[0][k], old[2][k], x[k], cov[k], share[k])
     figures[4] = _body_speed(x[k], share[k])
 
 
