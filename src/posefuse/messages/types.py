@@ -36,7 +36,12 @@ def optional_module(name: str) -> ModuleType:
 @cache
 def ros2_types() -> Typestore:
     """ROS 2 (Jazzy) types with ours added. CDR bytes are the same in every ROS 2."""
-    return _store("ROS2_JAZZY", ours())
+    store = _store("ROS2_JAZZY", ours())
+    # rosidl makes uint8 of the `char` of a .msg file, and hashes that; rosbags hashes `char`
+    fielddefs: Any = store.fielddefs
+    for name, (constants, fields) in list(fielddefs.items()):
+        fielddefs[name] = constants, [(field, _with_uint8(desc)) for field, desc in fields]
+    return store
 
 
 @cache
@@ -53,6 +58,14 @@ def ours() -> dict[str, str]:
     return {
         f"{path.parent.name}/msg/{path.stem}": path.read_text(encoding="utf-8") for path in sorted(DEFINITIONS.glob("*/*.msg"))
     }
+
+
+def _with_uint8(desc: Any) -> Any:
+    """A field's type with `char` replaced, at any depth."""
+    kind, detail = desc
+    if detail == ("char", 0):
+        return kind, ("uint8", 0)
+    return (kind, (_with_uint8(detail[0]), detail[1])) if isinstance(detail[0], tuple) else desc
 
 
 def _store(name: str, texts: Mapping[str, str]) -> Typestore:
