@@ -45,7 +45,7 @@ def test_instants_are_matched_by_time():
     every_second = joints_of(truth[::2], step_ns=20_000_000)
     assert angle_errors(every_second, joints_of(truth))[0].rmse_deg == pytest.approx(0, abs=1e-9)
     later = dataclasses.replace(every_second, t_ns=every_second.t_ns + 10**12)
-    with pytest.raises(InputError, match="no instant in common"):
+    with pytest.raises(InputError, match="no time step in common"):
         angle_errors(later, joints_of(truth))
 
 

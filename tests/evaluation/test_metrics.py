@@ -85,7 +85,7 @@ def test_another_skeleton_is_compared_by_names(ring_rig, moving: np.ndarray) -> 
 
 
 def test_no_common_time_is_an_error_not_a_zero(ring_rig, moving: np.ndarray) -> None:
-    with pytest.raises(InputError, match="no instant in common"):
+    with pytest.raises(InputError, match="no time step in common"):
         joint_errors(sequence(np.arange(T) + 1000, moving), truth_of(ring_rig(3), moving))
 
 

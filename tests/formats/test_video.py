@@ -65,7 +65,7 @@ def test_wrong_frames_and_times_are_refused(tmp_path: Path):
 def test_files_that_cannot_be_are_named(tmp_path: Path):
     with pytest.raises(InputError, match="nowhere"):
         VideoWriter(tmp_path / "nowhere" / "a.mp4", (96, 64), 30.0)
-    with pytest.raises(InputError, match=r"absent\.mp4: cannot be read as a film"):
+    with pytest.raises(InputError, match=r"absent\.mp4: cannot be read as a video"):
         next(read_video(tmp_path / "absent.mp4"))
     (tmp_path / "text.mp4").write_text("no film")
     with pytest.raises(InputError, match="cannot be joined"):
