@@ -12,7 +12,8 @@ from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import person_tracks
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.extrinsics.world import beside_others
-from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person
+from posefuse.calibration.person.scale import KnownLength
+from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked

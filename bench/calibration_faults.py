@@ -35,12 +35,13 @@ _CLAIM_S = 900.0
 
 
 def chosen_runs(only: str, seeds: list[int], quick: bool) -> list[Run]:
-    """Faults seed by seed, then good sessions, of the first seed only."""
+    """Faults seed by seed, and good sessions, of the first seed only, after its faults."""
     cases = [case for case in CASES if only in case.group or only in case.name]
     goods = [good for good in good_sessions.SESSIONS if only in good.name or only == "good"]
     if quick:
         cases, goods, seeds = cases[::_QUICK_EACH], goods[::_QUICK_GOOD], seeds[:1]
-    return [Run(case, seed) for seed in seeds for case in cases] + [Run(good, seeds[0]) for good in goods]
+    first = [Run(case, seeds[0]) for case in cases] + [Run(good, seeds[0]) for good in goods]
+    return first + [Run(case, seed) for seed in seeds[1:] for case in cases]
 
 
 def show(run: Run, outcome: Outcome, words: bool) -> None:

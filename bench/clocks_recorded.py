@@ -22,8 +22,9 @@ from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_
 from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
-from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
+from posefuse.calibration.person.solve import calibrate_from_person
 from posefuse.calibration.person.views import person_views
 from posefuse.core import CalibrationError, Rig
 from posefuse.detection.build import DetectorChoice, build_detector

@@ -163,7 +163,7 @@ CASES = (
     _case("images of all cameras mirrored", r"mirrored", Look(mirrored=(0, 1, 2))),
     _case("wrong dictionary said", r"DICT_5X5_100", Look(dictionary="DICT_5X5_100")),
     _case("print with colours exchanged", r"colours", Look(inverted=True)),
-    _case("ids that are not on the prop", r"ids? .*0, 1|markers \[?0, 1", Look(), ("--ids", "20", "21", "22")),
+    _case("ids that are not on the prop", r"the target has ids 20, 21, 22", Look(), ("--ids", "20", "21", "22")),
     _case("one camera out of focus", r"cam01.{0,80}blur", Look(blurred=(1,))),
     _case("all images blurred by motion", r"blur", Look(exposure_s=0.35)),
     _case("old posefuse.toml beside a synchronised rig", r"posefuse\.toml", Look(), settings=STALE),

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.calibration.clocks.person_tracks import PersonTrack
+from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
-from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
+from posefuse.calibration.person.solve import calibrate_from_person
 from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker, watch_walker
 from posefuse.calibration.person.views import PersonViews
 from posefuse.core import CalibrationError, Camera, Rig

@@ -25,8 +25,8 @@ def room(seed: int) -> Rig:
 
 
 def held_board(rig: Rig, seed: int, noise_px: float = 0.15, **faults: object) -> Observations:
-    """A board carried through the room for 20 s."""
-    motion = Waving(seconds=20.0, rate_hz=10.0, seed=seed, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
+    """A board carried through the room for a minute: in less, a camera at the end of the row may hardly meet its face."""
+    motion = Waving(seconds=60.0, rate_hz=10.0, seed=seed, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
     return observe_prop(rig, board(), TARGET, motion, Faults(noise_px=noise_px, seed=seed, **faults))  # type: ignore[arg-type]
 
 

@@ -1,5 +1,6 @@
 """A rig from a person alone: somebody who walks before four known cameras, as keypoints with noise."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -9,15 +10,17 @@ import pytest
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
+from posefuse.calibration.person.bundle import freed, solve_person
+from posefuse.calibration.person.scale import KnownLength, stature_m
 from posefuse.calibration.person.settle import _ahead, calibrate_out_of_step, unplaced_clocks
-from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person, rough_rig, stature_m
+from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person, rough_rig
 from posefuse.calibration.person.start import turned_inside_out
 from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker
 from posefuse.calibration.person.synthetic_walk import watch_walker as watched
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.core import SE3, CalibrationError, Detections2D, Rig
+from posefuse.core import SE3, CalibrationError, Camera, Detections2D, Rig
 
 
 def errors(rig: Rig, found: Rig, scaled: bool) -> tuple[float, float]:
@@ -52,6 +55,38 @@ def test_the_distance_of_two_cameras_gives_the_scale(lab: Any) -> None:
     assert errors(lab.rig, rig, scaled=False)[0] < 10
     with pytest.raises(CalibrationError, match=r"no camera 'cam09'.*cam00"):
         calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(cameras=("cam00", "cam09"), distance_m=apart_m))
+
+
+def refused(lab: Any, views: PersonViews, cameras: tuple[Camera, ...]) -> str:
+    with pytest.raises(RefusedCalibration) as error:
+        calibrate_from_person(views, cameras, KnownLength(stature_m=STATURE_M))
+    return str(error.value)
+
+
+def test_a_wrong_focal_length_a_late_clock_and_a_mirrored_image_are_named(lab: Any) -> None:
+    views, cameras = watched(lab.rig), lab.rig.cameras
+    longer = replace(cameras[1], K=cameras[1].K * np.array([[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]]))
+    assert "cam01's focal length would rather be -20" in refused(lab, views, (cameras[0], longer, *cameras[2:]))
+    late = views.xy_img.copy()
+    late[2] = lab.rig.cameras[2].project(walker(views.t_ns / 1e9 - 0.1))
+    assert re.search(r"clock of cam02 is \+(9|1[012])\d ms late", refused(lab, replace(views, xy_img=late), cameras))
+    for sides in (False, True):
+        mirrored = views.xy_img.copy()
+        mirrored[1] = mirrored[1] * [-1, 1] + [cameras[1].size_wh[0] - 1, 0]
+        mirrored[1] = mirrored[1][:, BODY.mirror] if sides else mirrored[1]
+        assert "cause: the image of cam01 is mirrored" in refused(lab, replace(views, xy_img=mirrored), cameras)
+
+
+def test_focal_lengths_and_clocks_let_free_scatter_as_their_standard_errors_say(lab: Any) -> None:
+    off = []
+    for seed in range(4):
+        views = watched(lab.rig, seconds=10.0, seed=seed)
+        free = freed(lab.rig.cameras, solve_person(views, lab.rig.cameras))
+        held = free.terms_sigma > 0
+        assert held.sum() == 2 * len(lab.rig) - 1
+        off.append((free.state.terms / np.where(held, free.terms_sigma, 1.0))[held])
+    # 28 standardised errors; few stretches of time make their standard errors too large rather than too small
+    assert 0.3 < float(np.sqrt(np.mean(np.square(off)))) < 1.6
 
 
 def test_exchanged_sides_and_wild_keypoints_do_little_harm(lab: Any) -> None:

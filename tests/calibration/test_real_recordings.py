@@ -14,7 +14,8 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import beside_others
-from posefuse.calibration.person.solve import KnownLength, calibrate_from_person
+from posefuse.calibration.person.scale import KnownLength
+from posefuse.calibration.person.solve import calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked

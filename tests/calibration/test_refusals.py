@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.causes import Cause, Hypothesis, Trial, Tro
 from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
-from posefuse.calibration.person.solve import KnownLength
+from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.bundle import clustered_covariance
 from posefuse.calibration.targets.kinds import Charuco, Markers

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from posefuse.calibration.checks.point_noise import point_covariance
 from posefuse.calibration.checks.verify import check_stature, verify
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import (
@@ -114,6 +115,29 @@ def test_verification_measures_millimetres_and_finds_a_bumped_camera_and_a_wrong
     assert "scale is right" in {check.name for check in verify(big, seen, target).report.failed}
     assert not check_stature(1.5, 1.75).passed
     assert check_stature(1.72, 1.75).passed
+
+
+def test_noise_of_the_corners_neither_refuses_a_rig_nor_changes_its_scale(lab: Any) -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
+    noisy = verify(
+        lab.rig, observe_prop(lab.rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.8, seed=4)), target
+    )
+    assert noisy.report.failed == ()
+    # two per cent of a usual length alone would refuse it
+    assert noisy.length_rms_m > 0.02 * np.median(noisy.length_true_m)
+    assert noisy.report.numbers["length_noise_mm"] == pytest.approx(noisy.length_rms_m * 1e3, rel=0.25)
+    assert noisy.scale == pytest.approx(1, abs=2e-3)
+
+
+def test_a_point_scatters_as_its_covariance_says(lab: Any) -> None:
+    xyz = np.array([[0.2, -0.1, 1.0], [-0.5, 0.4, 1.4]])
+    random, true = np.random.default_rng(3), lab.rig.project(xyz)
+    true[3, 1] = np.nan
+    found = np.stack([triangulate(lab.rig, true + random.normal(0, 0.5, true.shape)) for _ in range(400)])
+    stated = point_covariance(lab.rig, xyz, true, 0.5)
+    for point in range(len(xyz)):
+        seen = np.cov(found[:, point].T)
+        assert np.trace(np.linalg.solve(stated[point], seen)) / 3 == pytest.approx(1, abs=0.15)
 
 
 def walk(t_s: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.intrinsics import board
-from posefuse.calibration.person.solve import KnownLength
+from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import Observations
 from posefuse.calibration.targets.description import read_target

@@ -10,8 +10,9 @@ import numpy as np
 
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
-from posefuse.calibration.person.solve import KnownLength, PersonCalibration, calibrate_from_person
+from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array

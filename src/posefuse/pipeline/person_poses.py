@@ -15,8 +15,9 @@ import numpy as np
 from posefuse.association import AssociateSettings
 from posefuse.calibration.clocks.person_tracks import person_tracks, prominent
 from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import unplaced_clocks
-from posefuse.calibration.person.solve import KnownLength, rough_rig
+from posefuse.calibration.person.solve import rough_rig
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.core import (
     Camera,

@@ -15,8 +15,10 @@ from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import SE3, Rig
+from posefuse.core.arrays import Array
 
-_MOST_VIEWS, _ONE_OTHER = 80, 4.0
+# time steps that are measured: of all cameras, and of each at least
+_MOST_VIEWS, _LEAST_VIEWS, _ONE_OTHER = 80, 25, 4.0
 # intrinsics besides the focal length are taken as given (px, and distortion coefficients)
 _HELD_PX, _HELD_BEND, _FREE_FOCAL = 0.01, 1e-6, 0.2
 
@@ -51,6 +53,7 @@ class CameraError:
         name, views: shared with other cameras. others: cameras it is measured against.
         turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
         effect: what they do together to the image, in px (rms) per 1000 px of width.
+        noise_px: spread of a corner coordinate that is left.
     """
 
     name: str
@@ -65,6 +68,7 @@ class CameraError:
     late_s: float = np.nan
     late_sigma: float = np.nan
     effect: float = np.nan
+    noise_px: float = np.nan
 
     def excess(self, limits: VerifyLimits) -> float:
         """The largest error over its limit; more than 1 is wrong, NaN is not known."""
@@ -113,12 +117,21 @@ def _each_patch_alone(seen: Snapshots) -> Snapshots:
     present = np.zeros((len(used), int(seen.camera.max(initial=0)) + 1), bool)
     present[place, seen.camera] = True
     several = np.flatnonzero(present.sum(axis=1) >= 2)
-    chosen = several[np.unique(np.linspace(0, len(several) - 1, min(len(several), _MOST_VIEWS)).astype(np.int64))]
+    chosen = _spread(several, _MOST_VIEWS)
+    for c in range(present.shape[1]):
+        # a camera that seldom sees the target needs more than its share
+        if present[chosen, c].sum() < _LEAST_VIEWS:
+            chosen = np.union1d(chosen, _spread(several[present[several, c]], _LEAST_VIEWS))
     number = np.full(len(used), -1)
     number[chosen] = np.arange(len(chosen))
     t_s = seen.t_s[used[chosen] // len(seen.patches)]
     alone = replace(seen, t_s=t_s, instant=number[place], patch=np.zeros(len(place), np.int64), patches=seen.patches[:1])
     return alone.rows(number[place] >= 0)
+
+
+def _spread(items: Array, most: int) -> Array:
+    """So many of them at most, evenly."""
+    return np.asarray(items[np.unique(np.linspace(0, len(items) - 1, min(len(items), most)).astype(np.int64))])
 
 
 def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterable[int], limits: VerifyLimits) -> CameraError:
@@ -200,4 +213,5 @@ def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c:
         late_s=float(solution.state.delay_s[c, 0]),
         late_sigma=float(solution.delay_sigma_s[c, 0]),
         effect=_effect(rig, solution, seen, target, c),
+        noise_px=solution.sigma_px,
     )

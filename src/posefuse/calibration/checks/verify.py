@@ -17,9 +17,12 @@ from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
 from .camera_errors import CameraError, VerifyLimits, camera_errors
+from .point_noise import point_covariance
 
 _MOST_LENGTH_RMS_SHARE = 0.02
 _MOST_SCALE_ERROR = 0.01
+# the noise of corners is known to some ten per cent, and a linear triangulation is not the best there is
+_NOISE_FACTOR = 1.5
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
 VERIFY_LIMITS = VerifyLimits()
@@ -82,7 +85,10 @@ def verify(
     xy[seen.camera, point] = seen.xy_img
     xyz = triangulate(rig, xy)
     off = rig.project(xyz) - xy
-    error, at, true = _lengths(key, xyz, np.stack([target.corners(int(patch)) for patch in seen.patches]))
+    found = camera_errors(rig, seen, target, limits)
+    noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0
+    corners = np.stack([target.corners(int(patch)) for patch in seen.patches])
+    error, at, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
     if len(error) < _LEAST_LENGTHS:
         raise CalibrationError(
             f"verification: {len(error)} lengths measured, at least {_LEAST_LENGTHS} are needed;"
@@ -92,8 +98,8 @@ def verify(
     square = (off**2).sum(axis=-1)
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
-    found = camera_errors(rig, seen, target, limits)
-    report = _report(rig, error, true, scale=scale, reprojection_px=reprojection_px, found=found, limits=limits)
+    noise_m = float(np.sqrt((noise_m**2).mean()))
+    report = _report(rig, error, true, scale=scale, noise_m=noise_m, reprojection_px=reprojection_px, found=found, limits=limits)
     return Verification(
         xyz_world=xyz[good],
         t_ns=times[key[good, 0]],
@@ -108,25 +114,33 @@ def verify(
     )
 
 
-def _lengths(key: Array, xyz: Array, corners: Array) -> tuple[Array, Array, Array]:
-    """Errors, places and true values of all distances between corners of one patch at one instant."""
+def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
+    """Errors, places, true values and standard errors of all distances between corners of one patch at one time step.
+
+    Noise across a short distance makes it longer by the variance over twice the distance; that is taken away.
+    """
     good = np.isfinite(xyz).all(axis=1)
-    key, xyz = key[good], xyz[good]
+    key, xyz, covariance = key[good], xyz[good], covariance[good]
     image = np.unique(key[:, :2], axis=0, return_inverse=True)[1].ravel()
     order = np.argsort(image, kind="stable")
     cuts = np.flatnonzero(np.diff(image[order])) + 1
-    error, at, true = [], [], []
+    error, at, true, sigma = [], [], [], []
     for rows in np.split(order, cuts) if len(order) else []:
         i, j = np.triu_indices(len(rows), 1)
         nominal = corners[key[rows[0], 1], key[rows, 2]]
         wanted = np.linalg.norm(nominal[i] - nominal[j], axis=1)
-        found = np.linalg.norm(xyz[rows[i]] - xyz[rows[j]], axis=1)
-        error.append(found - wanted)
+        between = xyz[rows[i]] - xyz[rows[j]]
+        found = np.linalg.norm(between, axis=1)
+        both = covariance[rows[i]] + covariance[rows[j]]
+        along = np.einsum("ni,nij,nj->n", between, both, between) / np.maximum(found, 1e-9) ** 2
+        across = np.trace(both, axis1=1, axis2=2) - along
+        error.append(found - across / (2 * np.maximum(found, 1e-9)) - wanted)
         at.append((xyz[rows[i]] + xyz[rows[j]]) / 2)
         true.append(wanted)
+        sigma.append(np.sqrt(np.maximum(along, 0.0)))
     if not error:
-        return np.zeros(0), np.zeros((0, 3)), np.zeros(0)
-    return np.concatenate(error), np.concatenate(at), np.concatenate(true)
+        return np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    return np.concatenate(error), np.concatenate(at), np.concatenate(true), np.concatenate(sigma)
 
 
 def _cells(rig: Rig, xy: Array, square: Array) -> Array:
@@ -161,10 +175,10 @@ def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tupl
     worst = max(known, key=lambda one: one.excess(limits), default=None)
     detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
     return (
-        Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
-              "hold the target where this camera and another see it, or leave the camera out"),
         Check("cameras are where the rig says", not wrong, detail,
               "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again"),
+        Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
+              "hold the target where this camera and another see it, or leave the camera out"),
     )  # fmt: skip
 
 
@@ -173,16 +187,20 @@ def _report(
     error: Array,
     true: Array,
     scale: float,
+    noise_m: float,
     reprojection_px: Array,
     found: tuple[CameraError, ...],
     limits: VerifyLimits,
 ) -> CalibrationReport:
-    rms, limit = float(np.sqrt((error**2).mean())), _MOST_LENGTH_RMS_SHARE * float(np.median(true))
+    rms = float(np.sqrt((error**2).mean()))
+    limit = float(np.hypot(_MOST_LENGTH_RMS_SHARE * np.median(true), _NOISE_FACTOR * noise_m))
     worst = int(np.nanargmax(reprojection_px))
     limit_px = _MOST_REPROJECTION_PX_PER_1000 * max(rig.cameras[worst].size_wh) / 1000
     checks = (
         *_camera_checks(found, limits),
-        Check("lengths are right", rms <= limit, f"rms {rms * 1e3:.2f} mm over {len(error)} lengths (limit {limit * 1e3:.2f} mm)",
+        Check("lengths are right", rms <= limit,
+              f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
+              f" {limit * 1e3:.2f} mm)",
               "a camera moved since the calibration, or the target is not as described"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
               f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.0%} off)",
@@ -191,7 +209,7 @@ def _report(
               f"{rig.names[worst]} is worst with {reprojection_px[worst]:.2f} px rms (limit {limit_px:.2f})",
               "this camera moved, or its intrinsics are wrong"),
     )  # fmt: skip
-    numbers = {"length_rms_mm": rms * 1e3, "scale": scale, "lengths": float(len(error))}
+    numbers = {"length_rms_mm": rms * 1e3, "length_noise_mm": noise_m * 1e3, "scale": scale, "lengths": float(len(error))}
     for one in found:
         numbers |= {f"{one.name}_turn_deg": float(np.rad2deg(one.turn_rad)), f"{one.name}_shift_mm": one.shift_m * 1e3,
                     f"{one.name}_focal_percent": 1e2 * one.focal, f"{one.name}_late_ms": 1e3 * one.late_s}  # fmt: skip

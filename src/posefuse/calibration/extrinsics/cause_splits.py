@@ -83,14 +83,14 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[Tria
     cameras = (*trouble.cameras, replace(trouble.cameras[c], name=f"{trouble.cameras[c].name} later"))
     t_s = float(solved.seen.t_s[step])
     start_s = middle_ns(trouble.observations) / 1e9 - trouble.observations.t_ns.min() / 1e9
-    apart, solution = _solve_split(trouble, solved, cameras, c, t_s, 0.0)
+    apart, solution = _solve_split(trouble, solved, cameras, c, t_s, None)
     mine = np.isin(apart.seen.camera, (c, len(trouble.cameras)))
     if _size(solution, mine) > _STILL_LARGER * _size(solution, ~mine):
         # a jump of the clock beyond what the motion of the corners extrapolates to
-        apart, solution = min(
-            ((apart, solution), _solve_split(trouble, solved, cameras, c, t_s, _rough_jump_s(trouble, c, t_s))),
-            key=lambda one: _size(one[1]),
-        )
+        clocks_s = _rough_clocks_s(trouble, solved, c, t_s)
+        if clocks_s is not None:
+            again = _solve_split(trouble, solved, cameras, c, t_s, clocks_s)
+            apart, solution = min(((apart, solution), again), key=lambda one: _size(one[1]))
     words, remedy, frees = _split_story(trouble, solution, c, t_s + start_s, apart)
     camera = np.where(apart.seen.camera == len(trouble.cameras), c, apart.seen.camera)
     yield Trial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees)
@@ -101,22 +101,20 @@ def _size(solution: PropSolution, rows: Array | slice = slice(None)) -> float:
     return float(np.nanmean(np.log1p((solution.residual_px[rows] ** 2).sum(axis=1))))
 
 
-def _rough_jump_s(trouble: Trouble, c: int, t_s: float) -> float:
-    """By how much the camera's clock jumps, from the paths of the target; 0 where they do not tell."""
+def _rough_clocks_s(trouble: Trouble, solved: Solved, c: int, t_s: float) -> tuple[float, float] | None:
+    """The camera's clock before and after a time, from the paths of the target; None where they do not tell."""
     seen = trouble.observations
     late = seen.t_ns - middle_ns(seen) >= t_s * 1e9
-    other = int(
-        np.argmax(np.where(np.arange(len(trouble.cameras)) == c, -1, np.bincount(seen.camera, minlength=len(trouble.cameras))))
-    )
-    offsets = []
+    views = np.bincount(seen.camera, minlength=len(trouble.cameras))
+    other = int(np.argmax(np.where(np.arange(len(trouble.cameras)) == c, -1, views)))
+    clocks_s = []
     for part in (~late, late):
         pair = seen.rows(part & np.isin(seen.camera, (c, other)))
         if len(pair) == 0:
-            return 0.0
+            return None
         found = rough_offsets(pair, trouble.cameras, trouble.target, _LONGEST_JUMP_S)
-        offsets.append(found[c] - found[other])
-    jump = offsets[1] - offsets[0]
-    return float(jump) if np.isfinite(jump) else 0.0
+        clocks_s.append(float(solved.solution.state.delay_s[other, 0] + found[c] - found[other]))
+    return (clocks_s[0], clocks_s[1]) if np.isfinite(clocks_s).all() else None
 
 
 def _solve_split(
@@ -125,11 +123,13 @@ def _solve_split(
     cameras: tuple[Camera, ...],
     c: int,
     t_s: float,
-    jump_s: float,
+    clocks_s: tuple[float, float] | None,
 ) -> tuple[Solved, PropSolution]:
+    """With the clocks of the camera before and after `t_s`; None starts from the clock that it has."""
     seen, state, count = solved.seen, solved.solution.state, len(trouble.cameras)
-    delay = np.concatenate([state.delay_s, state.delay_s[c : c + 1] + [[jump_s, 0.0]]])
-    if jump_s:
+    delay = np.concatenate([state.delay_s, state.delay_s[c : c + 1]])
+    if clocks_s is not None:
+        delay[[c, count], 0] = clocks_s
         seen = _read_again(trouble, solved, delay, c, t_s)
     else:
         seen = replace(seen, camera=np.where((seen.camera == c) & (seen.t_s[seen.instant] >= t_s), count, seen.camera))

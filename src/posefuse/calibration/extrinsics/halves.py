@@ -84,16 +84,21 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float
     apart_m, turned_rad = camera_differences(first.state.cam_from_world, second.state.cam_from_world)
     sigma_m = np.hypot(*(position_sigma_m(one) for one in halves.solved))
     sigma_rad = np.sqrt(sum(np.trace(one.camera_covariance[:, :3, :3], axis1=1, axis2=2) for one in (first, second)))
-    shifted = apart_m > np.maximum(limits.moved_share * distance_m, limits.moved_sigma * _shared(sigma_m))
-    turned = turned_rad > np.maximum(limits.moved_rad, limits.moved_sigma * _shared(sigma_rad))
-    wrong = (ratio > limits.spread_ratio) & (shifted | turned)
+    sigma_m, sigma_rad = _shared(sigma_m), _shared(sigma_rad)
+
+    def moved(sigma: float, share: float, angle_rad: float) -> Array:
+        shifted = apart_m > np.maximum(share * distance_m, sigma * sigma_m)
+        return np.asarray(shifted | (turned_rad > np.maximum(angle_rad, sigma * sigma_rad)))
+
+    wrong = (ratio > limits.spread_ratio) & moved(limits.moved_sigma, limits.moved_share, limits.moved_rad)
+    wrong |= (ratio > limits.certain_ratio) & moved(limits.certain_sigma, limits.certain_share, limits.certain_rad)
     c = int(np.argmax(np.where(wrong, 1e3, 1.0) * ratio))
     return Check(
         "one place per camera", not wrong.any(),
         f"{cameras[c].name}'s corners spread {ratio[c]:.2f} times as far in one rig for the whole recording as in one for each"
-        f" half (limit {limits.spread_ratio:.2f} where poses differ too), and its pose differs between the halves by"
-        f" {apart_m[c] * 1e3:.1f} ± {_shared(sigma_m)[c] * 1e3:.1f} mm and"
-        f" {np.rad2deg(turned_rad[c]):.2f} ± {np.rad2deg(_shared(sigma_rad)[c]):.2f} deg",
+        f" half (limit {limits.spread_ratio:.2f} where poses differ too, {limits.certain_ratio:.2f} where they clearly do), and"
+        f" its pose differs between the halves by {apart_m[c] * 1e3:.1f} ± {sigma_m[c] * 1e3:.1f} mm and"
+        f" {np.rad2deg(turned_rad[c]):.2f} ± {np.rad2deg(sigma_rad[c]):.2f} deg",
         "it was moved during the recording: calibrate again, or use the part before or after",
     )  # fmt: skip
 

@@ -25,6 +25,8 @@ class Limits:
         spread_ratio: of residuals in one rig to those in a rig for each half. Bench: 1.1 in good sessions.
         moved_sigma, moved_share, moved_rad: a spread ratio above its limit refuses only with a pose that differs between the
             halves by so many standard errors, and by this share of the distance or this angle. The webcams: 2 sigma.
+        certain_ratio, certain_sigma, certain_share, certain_rad: and so does a smaller spread ratio with poses that differ this
+            clearly and by this much, which is what a camera that was moved does to a user. Bench: 1.1 in good sessions.
         focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
         centre_rad: and the principal point by this angle. Judgement: a smaller one is taken up by the
             camera's rotation; good webcams of `caliscope` show up to 2.2 deg.
@@ -53,6 +55,10 @@ class Limits:
     moved_sigma: float = 5.0
     moved_share: float = 0.0005
     moved_rad: float = float(np.deg2rad(0.03))
+    certain_ratio: float = 1.12
+    certain_sigma: float = 8.0
+    certain_share: float = 0.0025
+    certain_rad: float = float(np.deg2rad(0.1))
     focal_share: float = 0.005
     centre_rad: float = float(np.deg2rad(3.0))
     bend_px_per_1000: float = 1.0

@@ -23,7 +23,8 @@ from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
-from .solve import KnownLength, PersonCalibration, calibrate_from_person, rough_rig
+from .scale import KnownLength
+from .solve import PersonCalibration, calibrate_from_person, rough_rig
 from .views import person_views
 
 _MOST_ROUNDS = 6

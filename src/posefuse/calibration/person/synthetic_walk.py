@@ -7,6 +7,7 @@ import numpy as np
 from posefuse.core import SKELETONS, Rig
 from posefuse.core.arrays import Array
 
+from .scale import STATURE_SHARES
 from .views import PersonViews
 
 BODY, STATURE_M = SKELETONS["coco17"], 1.75
@@ -23,18 +24,18 @@ def walker(t_s: Array, middle_m: tuple[float, float] = (0.0, 0.0), lap_rad_s: fl
     def at(forward: float, left: float, height: float) -> Array:
         return place + forward * ahead + left * aside + height * up
 
-    def limb(share: float, swing: Array) -> Array:
-        return np.asarray(share * STATURE_M * (np.sin(swing)[:, None] * ahead - np.cos(swing)[:, None] * up))
+    def limb(name: str, swing: Array) -> Array:
+        return np.asarray(STATURE_SHARES[name] * STATURE_M * (np.sin(swing)[:, None] * ahead - np.cos(swing)[:, None] * up))
 
     points = {"nose": at(0.1, 0, 1.62)}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         step = sign * np.sin(5.5 * t_s)
         points |= {f"{side}_eye": at(0.09, sign * 0.03, 1.66), f"{side}_ear": at(0, sign * 0.07, 1.63)}
         points |= {f"{side}_shoulder": at(0, sign * 0.19, 1.42), f"{side}_hip": at(0, sign * 0.14, 0.91)}
-        points[f"{side}_elbow"] = points[f"{side}_shoulder"] + limb(0.186, -0.5 * step)
-        points[f"{side}_wrist"] = points[f"{side}_elbow"] + limb(0.146, -0.5 * step + 0.4)
-        points[f"{side}_knee"] = points[f"{side}_hip"] + limb(0.245, 0.45 * step + 0.1)
-        points[f"{side}_ankle"] = points[f"{side}_knee"] + limb(0.246, 0.45 * step - 0.1 - 0.4 * np.maximum(step, 0))
+        points[f"{side}_elbow"] = points[f"{side}_shoulder"] + limb("upper_arm", -0.5 * step)
+        points[f"{side}_wrist"] = points[f"{side}_elbow"] + limb("forearm", -0.5 * step + 0.4)
+        points[f"{side}_knee"] = points[f"{side}_hip"] + limb("thigh", 0.45 * step + 0.1)
+        points[f"{side}_ankle"] = points[f"{side}_knee"] + limb("shank", 0.45 * step - 0.1 - 0.4 * np.maximum(step, 0))
     return np.stack([points[name] for name in BODY.keypoints], axis=1)
 
 

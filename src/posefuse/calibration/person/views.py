@@ -13,6 +13,8 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 
+_LEAST_SCORE = 0.35
+
 
 @dataclass(frozen=True, eq=False)
 class PersonViews:
@@ -33,6 +35,11 @@ class PersonViews:
     def __post_init__(self) -> None:
         freeze_fields(self, {"t_ns": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
         check_fields(self, {"t_ns": "T", "xy_img": "C T K 2", "score": "C T K", "sigma_px": "C T K"})
+
+    @property
+    def usable(self) -> Array:
+        """(C, T, K) whether a keypoint is seen well enough to be used."""
+        return np.isfinite(self.xy_img).all(axis=-1) & (self.score >= _LEAST_SCORE) & (self.sigma_px > 0)
 
     def at(self, instants: Array) -> PersonViews:
         """Only the instants of a mask or of indices."""

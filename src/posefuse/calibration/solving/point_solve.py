@@ -9,13 +9,16 @@ import numpy as np
 from posefuse.core import Camera
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
-from .bundle import Block, Linearised, Problem, solve
+from .bundle import Block, Linearised, Problem, Solution, clustered_covariance, solve
 from .projection import Lenses
 from .rotations import Poses, hat
 
 _CAUCHY = 2.0
 _ROUGH_SIGMA_PX = 8.0
 _LEAST_SIGMA_PX = 0.05
+# what is known of a camera's focal length (share) and clock (s) before they are let free
+_TERM_SIGMA = np.array([0.5, 0.5])
+FOCAL, LATE = 0, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +28,8 @@ class PointViews:
     Attributes:
         camera, point: (N,). xy_img: (N, 2) px. point_count: P.
         relative_sigma: (N,) how much noisier a row is than the common spread.
+        velocity_px_s: (N, 2) of the seen points, needed where clocks are let free. block: (P,) number of the stretch of time of
+            each point: errors within one are not independent.
     """
 
     camera: Array
@@ -32,14 +37,21 @@ class PointViews:
     xy_img: Array
     point_count: int
     relative_sigma: Array
+    velocity_px_s: Array
+    block: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PointState:
-    """Unknowns: cam_from_world (C,), xyz (P, 3)."""
+    """Unknowns.
+
+    Attributes:
+        cam_from_world: (C,). xyz: (P, 3). terms: (C, 2) share by which focal lengths are longer, s by which clocks are late.
+    """
 
     cam_from_world: Poses
     xyz: Array
+    terms: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +60,32 @@ class PointSolution:
 
     Attributes:
         state: unknowns; the scale is that of the start. sigma_px: robust spread of a coordinate.
-        residual_px: (N, 2) predicted minus observed.
+        residual_px: (N, 2) predicted minus observed. terms_sigma: (C, 2) standard errors; 0 where held.
     """
 
     state: PointState
     sigma_px: float
     residual_px: Array
+    terms_sigma: Array
 
 
 @dataclass(frozen=True)
 class PointFreedom:
-    """All cameras move except `reference`, and except the translation component `scale` (camera, axis)."""
+    """All cameras move except `reference`, and except the translation component `scale` (camera, axis).
+
+    Attributes:
+        focal: let every focal length free. clocks: and every clock but the reference's.
+    """
 
     reference: int
     scale: tuple[int, int]
+    focal: bool = False
+    clocks: bool = False
+
+
+def start_state(poses: Poses, xyz: Array) -> PointState:
+    """Poses and points with the intrinsics and clocks as they are given."""
+    return PointState(poses, xyz, np.zeros((len(poses), len(_TERM_SIGMA))))
 
 
 def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointState, freedom: PointFreedom) -> PointSolution:
@@ -70,7 +94,9 @@ def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointSta
     sigma = _spread(first.residual * _ROUGH_SIGMA_PX)
     second = solve(_problem(views, cameras, freedom, sigma), first.state)
     residual = second.residual * sigma
-    return PointSolution(second.state, _spread(residual), residual * views.relative_sigma[:, None])
+    found = _spread(residual)
+    terms_sigma = _terms_sigma(second, views, freedom, (found / sigma) ** 2)
+    return PointSolution(second.state, found, residual * views.relative_sigma[:, None], terms_sigma)
 
 
 def _spread(residual: Array) -> float:
@@ -78,31 +104,58 @@ def _spread(residual: Array) -> float:
     return max(float(SIGMA_PER_MAD * np.median(np.abs(good))), _LEAST_SIGMA_PX) if len(good) else _ROUGH_SIGMA_PX
 
 
+def _free(count: int, freedom: PointFreedom) -> tuple[Array, Array]:
+    poses, terms = np.zeros((count, 6), bool), np.zeros((count, len(_TERM_SIGMA)), bool)
+    others = np.arange(count) != freedom.reference
+    poses[others] = True
+    poses[freedom.scale[0], 3 + freedom.scale[1]] = False
+    terms[:, FOCAL] = freedom.focal
+    terms[:, LATE] = others & freedom.clocks
+    return poses, terms
+
+
+def _terms_sigma(solution: Solution[PointState], views: PointViews, freedom: PointFreedom, scale: float) -> Array:
+    poses, terms = _free(len(solution.state.terms), freedom)
+    sigma = np.zeros(terms.shape)
+    if terms.any():
+        covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, views.block)
+        sigma[terms] = np.sqrt(np.diag(covariance)[np.count_nonzero(poses) :])
+    return sigma
+
+
 def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreedom, sigma_px: float) -> Problem[PointState]:
     lenses, count = Lenses(cameras), len(cameras)
     scale = (sigma_px * views.relative_sigma)[:, None]
-    free = np.zeros((count, 6), bool)
-    free[np.arange(count) != freedom.reference] = True
-    free[freedom.scale[0], 3 + freedom.scale[1]] = False
+    centre = np.stack([camera.K[:2, 2] for camera in cameras])[views.camera]
+    prior = np.broadcast_to(1 / _TERM_SIGMA**2, (count, len(_TERM_SIGMA)))
 
     def in_cameras(state: PointState) -> Array:
         return state.cam_from_world[views.camera].move(state.xyz[views.point])
 
     def residual(state: PointState) -> Array:
-        return np.asarray((lenses.px(views.camera, in_cameras(state)) - views.xy_img) / scale)
+        longer, late_s = state.terms[views.camera].T
+        away = lenses.px(views.camera, in_cameras(state)) - centre
+        # a frame stamped late shows an earlier moment
+        predicted = centre + away * (1 + longer)[:, None] - views.velocity_px_s * late_s[:, None]
+        return np.asarray((predicted - views.xy_img) / scale)
 
     def linearise(state: PointState) -> Linearised:
         cam = in_cameras(state)
-        d_cam = lenses.px_jacobian(views.camera, cam) / scale[..., None]
+        longer = (1 + state.terms[views.camera, FOCAL])[:, None, None]
+        d_cam = lenses.px_jacobian(views.camera, cam) * longer / scale[..., None]
         turned = cam - state.cam_from_world.t[views.camera]
         pose = np.concatenate([-d_cam @ hat(turned), d_cam], axis=2)
         in_world = d_cam @ state.cam_from_world.R[views.camera]
-        return Linearised(residual(state), (Block(pose, views.camera, count),), in_world, views.point)
+        away = lenses.px(views.camera, cam) - centre
+        terms = np.stack([away, -views.velocity_px_s], axis=2) / scale[..., None]
+        blocks = (Block(pose, views.camera, count), Block(terms, views.camera, count, prior, state.terms))
+        return Linearised(residual(state), blocks, in_world, views.point)
 
     def step(state: PointState, blocks: list[Array], local: Array) -> PointState:
-        return PointState(state.cam_from_world.stepped(blocks[0]), state.xyz + local)
+        return PointState(state.cam_from_world.stepped(blocks[0]), state.xyz + local, state.terms + blocks[1])
 
     return Problem(
-        residual=residual, linearise=linearise, step=step, free=(free,), local_count=views.point_count,
+        residual=residual, linearise=linearise, step=step, free=_free(count, freedom), local_count=views.point_count,
         group=np.arange(len(views.camera)), group_count=len(views.camera), cauchy=_CAUCHY,
+        prior_cost=lambda state: float((prior * state.terms**2).sum()),
     )  # fmt: skip

@@ -118,15 +118,24 @@ def why_nothing(grey_images: Sequence[Array], target: Target) -> str:
         return _other_chessboard(grey_images, target)
     if isinstance(target, Charuco) and _found_in(grey_images, TargetDetector(replace(target, legacy=not target.legacy)), None):
         return f"it is there with legacy = {not target.legacy}"
-    for name in DICTIONARIES:
+    own = getattr(target, "dictionary", "")
+    # its own first: larger dictionaries of the same size begin with the same markers
+    for name in sorted(DICTIONARIES, key=lambda name: name != own):
         ids = _ids_in(grey_images, name)
         if ids:
             known = f"markers of {name} are there (ids {', '.join(map(str, ids[:8]))}), the target says {target.dictionary}"
-            return known if name != target.dictionary else f"markers {ids[:8]} of its dictionary are there, but not as described"
+            return known if name != target.dictionary else _other_ids(ids, target)
     widths_px = [_edge_width_px(image) for image in grey_images]
     if widths_px and min(widths_px) > _BLURRED_EDGE_PX:
         return f"the images are blurred, the sharpest edges are {min(widths_px):.0f} px wide: focus, or shorten the exposure"
     return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?"
+
+
+def _other_ids(ids: list[int], target: Target) -> str:
+    there = f"markers {', '.join(map(str, ids[:8]))} of its dictionary are there"
+    if isinstance(target, Markers) and target.ids and not set(ids) & set(target.ids):
+        return f"{there}, the target has ids {', '.join(map(str, target.ids))}"
+    return f"{there}, but not as described"
 
 
 def _edge_width_px(grey: Array) -> float:

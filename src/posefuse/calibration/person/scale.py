@@ -1,0 +1,64 @@
+"""What sets the scale of a rig from a person: the person's stature, or the distance of two cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import CalibrationError, Rig, Skeleton
+from posefuse.core.arrays import Array
+
+# of people who can be asked to walk through a room
+_STATURES_M = (0.8, 2.4)
+# limb -> its ends on each side, and its length as a share of the person's height, as networks mark it
+LIMBS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"), "shank": ("knee", "ankle")}
+STATURE_SHARES = {"upper_arm": 0.1591, "forearm": 0.1464, "thigh": 0.2283, "shank": 0.2361}
+_SIDES = ("left", "right")
+
+
+@dataclass(frozen=True)
+class KnownLength:
+    """What sets the scale: the person's stature, or the distance of two cameras, in metres; exactly one of them."""
+
+    stature_m: float | None = None
+    cameras: tuple[str, str] | None = None
+    distance_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.stature_m is None) == (self.distance_m is None) or (self.cameras is None) != (self.distance_m is None):
+            raise CalibrationError("scale: give either the person's stature, or two cameras and their distance")
+        metres = self.distance_m if self.stature_m is None else self.stature_m
+        if not (metres is not None and np.isfinite(metres) and metres > 0):
+            raise CalibrationError(f"scale: expected a length > 0 m, got {metres}")
+        least_m, most_m = _STATURES_M
+        if self.stature_m is not None and not least_m <= self.stature_m <= most_m:
+            centimetres = f"; did you mean {metres / 100:g} m?" if least_m <= metres / 100 <= most_m else ""
+            raise CalibrationError(f"height of the person: expected {least_m:g} to {most_m:g} m, got {metres:g}{centimetres}")
+
+    def scale(self, rig: Rig, skeleton: Skeleton, xyz: Array) -> float:
+        """By how much a rig of any scale, and the person's keypoints (T, K, 3) in it, have to grow."""
+        if self.stature_m is not None:
+            return self.stature_m / stature_m(skeleton, xyz)
+        assert self.cameras is not None and self.distance_m is not None
+        ends = [rig[name].centre_world for name in self.cameras]
+        return self.distance_m / float(np.linalg.norm(ends[1] - ends[0]))
+
+
+def limb_lengths_m(skeleton: Skeleton, xyz: Array) -> Array:
+    """(4,) usual length of each of `LIMBS`, both sides, of keypoints (T, K, 3); NaN where none was seen."""
+    out = np.full(len(LIMBS), np.nan)
+    for i, ends in enumerate(LIMBS.values()):
+        sides = [[f"{side}_{end}" for end in ends] for side in _SIDES]
+        known = [[skeleton.index(name) for name in names] for names in sides if all(name in skeleton.keypoints for name in names)]
+        lengths = np.array([np.linalg.norm(xyz[:, a] - xyz[:, b], axis=1) for a, b in known])
+        if np.isfinite(lengths).any():
+            out[i] = np.nanmedian(lengths)
+    return out
+
+
+def stature_m(skeleton: Skeleton, xyz: Array) -> float:
+    """A person's height from the limbs of keypoints (T, K, 3); NaN when no limb is there. How well: `bench/fit_stature.py`."""
+    lengths, shares = limb_lengths_m(skeleton, xyz), np.array(list(STATURE_SHARES.values()))
+    known = np.isfinite(lengths)
+    return float(lengths[known].sum() / shares[known].sum()) if known.any() else float("nan")
