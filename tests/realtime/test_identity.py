@@ -7,6 +7,7 @@ import numpy as np
 from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.core.skeleton import COCO17
 from posefuse.realtime.identity import NamedTracker
+from posefuse.realtime.scheduling import search_slot
 from posefuse.tracking.online import CameraHealth, LiveSettings
 
 PERIOD_NS = 33_333_333
@@ -111,3 +112,20 @@ def test_with_one_person_tracks_and_persons_are_the_same() -> None:
     session.tracks.here = {0: 0.0}
     session.tracks.last_seen[0] = Kind.PREDICTED
     assert session.frames(30, {0: RED}) == [0]
+
+
+def test_cameras_that_look_when_they_can_search_together() -> None:
+    """Somebody new is born from two views of one moment: each camera counting for itself would drift away from the others."""
+    rng = np.random.default_rng(5)
+    every_s, slowest_s = 0.5, 0.09
+    together, by_itself = [], []
+    for _ in range(4):
+        looks_s = np.cumsum(rng.uniform(0.03, slowest_s, 600))
+        slots = np.array([search_slot(round(at_s * 1e9), every_s) for at_s in looks_s])
+        together.append(looks_s[np.flatnonzero(np.diff(slots, prepend=-1))][:40])
+        own = [0.0]
+        for at_s in looks_s:
+            own += [at_s] if at_s - own[-1] > every_s else []
+        by_itself.append(own[:40])
+    assert np.ptp(together, axis=0).max() <= slowest_s
+    assert np.ptp(by_itself, axis=0).max() > 3 * slowest_s

@@ -25,7 +25,7 @@ from .channel import Channel, ChannelClosed
 from .clock import SessionClock
 from .faults import before_bump, seen_by_bumped
 from .messages import Failed, Go, Ready, Seen, Status, Stop
-from .scheduling import LEAST_EVERY_S
+from .scheduling import LEAST_EVERY_S, search_slot
 from .video_keeping import VideoKeeper
 
 _STATUS_S = 0.25
@@ -104,7 +104,7 @@ class Group:
             capture.open()
         self.detector: Detector = build_detector(plan.detector, plan.rig)
         self._looked_s = dict.fromkeys((entry.camera for entry in plan.inputs), 0.0)
-        self._searched_s = dict(self._looked_s)
+        self._searched_slot = dict.fromkeys(self._looked_s, -1)
         self._previewed_s = dict(self._looked_s)
         self._status_s = 0.0
         self._shift_ns: dict[str, int] = {}
@@ -182,8 +182,9 @@ class Group:
         people = len(expected.xyz_world)
         if people == 0 or now_ns - expected.t_ns > _STALE_NS:
             return None
-        if people < self._plan.most_people and time.monotonic() - self._searched_s[camera.name] > self._plan.search_every_s:
-            self._searched_s[camera.name] = time.monotonic()
+        slot = search_slot(now_ns, self._plan.search_every_s)
+        if people < self._plan.most_people and slot != self._searched_slot[camera.name]:
+            self._searched_slot[camera.name] = slot
             return None
         from posefuse.detection import region_from_pose
 

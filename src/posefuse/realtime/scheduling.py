@@ -12,6 +12,14 @@ LEAST_EVERY_S = 0.4
 _EDGE_PX = 4.0
 
 
+def search_slot(now_ns: int, every_s: float) -> int:
+    """The number of the stretch of time in which every camera searches its whole image once, at its first look.
+
+    It is the same for all cameras: somebody new is found where two of them see them at about the same time.
+    """
+    return now_ns // round(every_s * 1e9)
+
+
 def expected_gain(pose: Pose3D, rig: Rig, sigma_px: Array) -> Array:
     """(C,) information one frame of each camera would add to a predicted pose, in nats.
 
