@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .api.recording import Recording, read
     from .api.rig import Rig, read_rig
     from .api.simulate import simulate
+    from .api.teleoperate import teleoperate
     from .api.track import track
     from .core import Camera, Detections2D, JointAngles, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate
@@ -46,6 +47,7 @@ _HOMES = {
     "read": "api.recording",
     "read_rig": "api.rig",
     "simulate": "api.simulate",
+    "teleoperate": "api.teleoperate",
     "track": "api.track",
     "triangulate": "fusion",
     "verify": "api.calibrate",
@@ -54,7 +56,8 @@ _HOMES = {
 __all__ = [
     "Camera", "Detections2D", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError", "Progress", "Recording",
     "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics",
-    "calibrate_person", "compare", "detector", "live", "read", "read_rig", "simulate", "track", "triangulate", "verify",
+    "calibrate_person", "compare", "detector", "live", "read", "read_rig", "simulate", "teleoperate", "track",
+    "triangulate", "verify",
 ]  # fmt: skip
 
 

@@ -13,10 +13,10 @@ import pytest
 
 from posefuse.cli.live_report import write_report
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime.board import Board
 from posefuse.realtime.capture import Capture, Caught, LiveInput, pick
-from posefuse.realtime.channel import Channel, ChannelClosed
 from posefuse.realtime.faults import Fault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, Way
@@ -291,7 +291,7 @@ PAIRS = {"packets": None, "unix stream": lambda: (*socket.socketpair(), False), 
 @pytest.fixture(params=PAIRS)
 def channels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[Channel, Channel]:
     if PAIRS[request.param]:
-        monkeypatch.setattr("posefuse.realtime.channel.message_sockets", PAIRS[request.param])
+        monkeypatch.setattr("posefuse.foundation.channel.message_sockets", PAIRS[request.param])
     return Channel.pair()
 
 

@@ -10,21 +10,40 @@ import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, Listener
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from posefuse import core
-from posefuse.core import CameraHealth, JointAngles, LiveHealth, LivePose, Pose3D, PosefuseError, Progress, SourceError
+from posefuse.core import CameraHealth, JointAngles, LiveHealth, LivePose, LiveStart, Pose3D, PosefuseError, Progress, SourceError
 
 from .progress import shown
 
 if TYPE_CHECKING:
+    from posefuse.realtime.capture import LiveInput
+    from posefuse.realtime.config import LiveConfig
     from posefuse.realtime.serve import ServePlan
 
 _START_S = 180.0
 _END_S = 10.0
 _NAME = "python"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Newest:
+    """The newest pose with its times on the clock of `time.monotonic_ns`.
+
+    Attributes:
+        message: pose and joint angles. t_ns: what time the pose is for. measured_ns: mid-exposure of the newest image in it.
+        cameras, cameras_ns: state of every camera, and when it was told.
+    """
+
+    message: LivePose
+    t_ns: int
+    measured_ns: int
+    cameras: Mapping[str, CameraHealth]
+    cameras_ns: int
 
 
 class LiveSession:
@@ -44,6 +63,8 @@ class LiveSession:
         self.news: list[str] = []
         self._changed = threading.Condition()
         self._newest: LivePose | None = None
+        self._offset_ns: int | None = None
+        self._measured_ns = self._told_ns = 0
         self._given_ns: int | None = None
         self._ended = False
         self._error: PosefuseError | None = None
@@ -95,6 +116,36 @@ class LiveSession:
         while (message := self._wait(None)) is not None:
             self.angles, self._given_ns = message.joints, message.pose.t_ns
             yield message.pose
+
+    def wait_newer(self, t_ns: int, timeout_s: float) -> None:
+        """Wait until there is a pose for another time than `t_ns`, the session has ended, or so long."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._ended or (self._newest is not None and self._newest.pose.t_ns != t_ns), timeout_s
+            )
+
+    def newest(self) -> Newest | None:
+        """The newest pose at once, given or not; None before the first."""
+        with self._changed:
+            if self._newest is None or self._offset_ns is None:
+                return None
+            return Newest(
+                message=self._newest,
+                t_ns=self._newest.pose.t_ns - self._offset_ns,
+                measured_ns=self._measured_ns - self._offset_ns,
+                cameras=self.cameras,
+                cameras_ns=self._told_ns - self._offset_ns,
+            )
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more poses will come."""
+        return self._ended or (self._process is not None and self._process.poll() is not None)
+
+    @property
+    def pid(self) -> int | None:
+        """Of the session's process; None before it begins."""
+        return self._process.pid if self._process is not None else None
 
     def close(self) -> None:
         """End the session and free its port; safe to call twice."""
@@ -178,8 +229,11 @@ class LiveSession:
                 with self._changed:
                     if isinstance(message, LivePose):
                         self._newest = message
+                        self._measured_ns = message.stages_ns.get("exposed", self._measured_ns)
                     elif isinstance(message, LiveHealth):
-                        self.cameras = message.cameras
+                        self.cameras, self._told_ns = message.cameras, message.t_ns
+                    elif isinstance(message, LiveStart):
+                        self._offset_ns = message.clock_offset_ns
                     self._changed.notify_all()
 
 
@@ -222,12 +276,9 @@ def live(
     """
     from posefuse.detection.build import network_settings
     from posefuse.formats.rig import read_placed_rig, refusal_note
-    from posefuse.foundation.output_file import check_output_file
-    from posefuse.foundation.plugins import plugin_config
     from posefuse.pipeline.config import changed_config
     from posefuse.realtime.config import LiveConfig
     from posefuse.realtime.inputs import inputs_from_arguments
-    from posefuse.realtime.serve import ServePlan
 
     cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
     if note := refusal_note("live" if isinstance(rig, core.Rig) else rig, cameras):
@@ -237,6 +288,25 @@ def live(
     changes = {key: value for key, value in options.items() if value is not None}
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
     config = changed_config(LiveConfig(), changes)
+    inputs = inputs_from_arguments(arguments, cameras)
+    return session_of(cameras, inputs, config, duration_s=duration_s, record=record, outputs=outputs, progress=progress)
+
+
+def session_of(
+    rig: core.Rig,
+    inputs: Sequence[LiveInput],
+    config: LiveConfig,
+    *,
+    duration_s: float | None = None,
+    record: str | Path | None = None,
+    outputs: Mapping[str, Mapping[str, Any]] | None = None,
+    progress: Progress | bool | None = None,
+) -> LiveSession:
+    """A live session whose inputs and settings are ready; the rest as for `live`."""
+    from posefuse.foundation.output_file import check_output_file
+    from posefuse.foundation.plugins import plugin_config
+    from posefuse.realtime.serve import ServePlan
+
     chosen: dict[str, dict[str, Any]] = {name: dict(one) for name, one in {**config.outputs, **(outputs or {})}.items()}
     if record is not None:
         check_output_file(Path(record), option="record")
@@ -244,8 +314,8 @@ def live(
     if duration_s is not None and not duration_s > 0:
         raise core.ConfigError(f"live: duration_s: expected more than 0, got {duration_s:g}")
     plan = ServePlan(
-        rig=cameras,
-        inputs=inputs_from_arguments(arguments, cameras),
+        rig=rig,
+        inputs=inputs,
         config=config,
         outputs={name: plugin_config("live_outputs", name, one) for name, one in chosen.items()},
         duration_s=duration_s,

@@ -27,6 +27,7 @@ COMMANDS = (
     "track",
     "record",
     "live",
+    "teleoperate",
     "node",
     "batch",
     "calibrate",

@@ -14,6 +14,7 @@ from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, Ou
 from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import CameraHealth, ConfigError, LiveHealth, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.foundation.channel import Channel, wait_any
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.platform import peak_memory_mb
 from posefuse.health.cameras import Monitor
@@ -24,7 +25,6 @@ from posefuse.messages.messages import POSE_TYPE, message_from_detections, pose_
 from posefuse.messages.ros_output import RosOutput
 from posefuse.outputs.live.ros import Ros2Config, health_lines, publish_preview
 from posefuse.realtime.board import Board
-from posefuse.realtime.channel import Channel, wait_any
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import velocity_between

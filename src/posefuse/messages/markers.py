@@ -13,6 +13,7 @@ from .messages import header
 from .types import message
 
 _LINE_LIST, _SPHERE_LIST, _TEXT = 5, 7, 9
+_SOLIDS = {"cube": 1, "sphere": 2}
 _FORGET_AFTER_NS = 500_000_000
 _KEYPOINT_M, _BONE_M, _LINE_M, _TEXT_M = 0.045, 0.02, 0.006, 0.12
 _PYRAMID_DEPTH_M = 0.25
@@ -71,6 +72,28 @@ def camera_markers(rig: Rig, t_ns: int, world_frame: str) -> Any:
         label = tip + [0, 0, 1.5 * _TEXT_M]
         markers.append(_text(t_ns, world_frame, "camera_names", c, label, camera.name, forget=False))
     return message("visualization_msgs/msg/MarkerArray", markers=markers)
+
+
+def solid_marker(
+    t_ns: int, frame: str, ns: str, number: int, *, shape: str, xyz: Array, size_m: Array, rgba: tuple[float, float, float, float]
+) -> Any:
+    """One ``cube`` or ``sphere`` with edges or diameters `size_m` (3,)."""
+    kind, scale = _SOLIDS[shape], tuple(map(float, size_m))
+    made = _plain(
+        t_ns,
+        frame,
+        ns,
+        number=number,
+        kind=kind,
+        scale=(scale[0], scale[1], scale[2]),
+        xyz=xyz,
+        points=[],
+        colours=[],
+        text="",
+        forget=True,
+    )
+    made.color = _colour(*rgba)
+    return made
 
 
 def _marker(

@@ -10,12 +10,12 @@ import numpy as np
 
 from posefuse.core import CameraHealth, LiveDetections, LiveHealth, LivePose, LivePreview, Pose3D, Rig
 from posefuse.core.arrays import Array
+from posefuse.foundation.channel import Channel, wait_any
 from posefuse.health.cameras import Monitor, Verdict
 from posefuse.kinematics import JointTracker
 from posefuse.tracking.online import Tracker
 
 from .board import Board
-from .channel import Channel, wait_any
 from .clock import SessionClock
 from .gate import Gate, GateSettings
 from .joint_centres import Centring, live_centres

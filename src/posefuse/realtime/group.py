@@ -17,11 +17,11 @@ import numpy as np
 from posefuse.core import Camera, Detections2D, Detector, Frame, InputError, LivePreview, PosefuseError, Region, Rig
 from posefuse.detection import with_clothing
 from posefuse.detection.build import DetectorChoice
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 
 from .board import Board, Expected
 from .capture import Capture, Caught, LiveInput, pick
-from .channel import Channel, ChannelClosed
 from .clock import SessionClock
 from .faults import before_bump, seen_by_bumped
 from .messages import Failed, Go, Ready, Seen, Status, Stop

@@ -8,13 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 from posefuse.core import Rig, Skeleton
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.messages import topics
 from posefuse.messages.dds import Network, RosNode, Sample
 from posefuse.messages.intake import Intake
 from posefuse.messages.joint_centre_messages import JOINT_CENTRES_TYPE
 from posefuse.messages.messages import DETECTIONS_TYPE, detections_from_message
 
-from .channel import Channel, ChannelClosed
 from .clock import SessionClock
 from .joint_centres import centres_from_message
 from .messages import Centres, Seen

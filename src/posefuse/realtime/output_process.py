@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 from posefuse.core import LiveMessage, LiveOutput, LiveOutputConfig, LiveStart, OutputHealth, PosefuseError
 from posefuse.core.live_messages import FAILED, OK
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 
-from .channel import Channel, ChannelClosed
 from .kept_messages import KeptMessages
 
 END_S = 1.5

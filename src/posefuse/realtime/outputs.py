@@ -11,8 +11,8 @@ from typing import Any
 
 from posefuse.core import InputError, LiveMessage, OutputHealth
 from posefuse.core.live_messages import FAILED, OK
+from posefuse.foundation.channel import Channel, ChannelClosed
 
-from .channel import Channel, ChannelClosed
 from .kept_messages import KeptMessages
 from .output_plan import PROCESS, OutputEvent, OutputPlan
 from .output_process import END_S, HANGS, OutputsEnd, OutputsFailed, OutputsHealth, OutputsReady, run_outputs

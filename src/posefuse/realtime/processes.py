@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 from posefuse.core import Skeleton, SourceError
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import peak_memory_mb
 
 from .board import Board
-from .channel import Channel, ChannelClosed
 from .group import GroupPlan, run_group
 from .messages import Centres, Failed, Go, Ready, Status, Stop
 from .video_keeping import FINISH_S

@@ -18,13 +18,13 @@ from posefuse.calibration.clocks.paths import APART_S
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.common_times import CommonInstants
 
-from .channel import Channel, ChannelClosed
 from .processes import ended, spawned
 
 _S = 1e9

@@ -44,6 +44,7 @@ class ConnectionOutput:
         if isinstance(message, LiveStart):
             self._connection = Client(("127.0.0.1", self._config.port), authkey=bytes.fromhex(self._config.authkey))
             self._connection.send(POSES)
+            self._connection.send(message)
         elif self._connection is not None:
             self._connection.send(message)
 

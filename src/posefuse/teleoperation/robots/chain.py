@@ -64,6 +64,11 @@ class Chain:
         self._lengths = [self._length(chain, s) for chain, s in zip(chains, self._shoulders, strict=True)]
         self.place(self.home)
 
+    @property
+    def hands(self) -> int:
+        """How many end effectors."""
+        return len(self._sites)
+
     def place(self, q: Array) -> None:
         """Put the joints (n,) in place."""
         self._data.qpos[self.qpos] = q

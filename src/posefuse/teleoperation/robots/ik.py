@@ -22,6 +22,9 @@ from .chain import Chain
 _TURN_LENGTH_M = 0.3
 _DAMPING, _BASE_DAMPING, _POSTURE, _CHANGE = 1e-4, 3e-2, 2e-3, 2e-3
 _POSTURE_PER_S = 0.5
+# end effectors may be so far from their poses before the joints count as unable to follow
+_ERROR_M = 0.005
+_SLOWEST = 0.1
 # the arm works alone while it is stretched to between the inner shares of its length and its condition number is below the first;
 # from the outer ones on the base moves freely
 _FOLDED, _COMFORTABLE, _STRETCHED = (0.25, 0.35), 0.55, 0.7
@@ -45,7 +48,7 @@ class WholeBodyIk:
         self.chain, self._limits = chain, limits
         self.q = chain.home.copy()
         self._comfort = chain.home.copy()
-        self._dq = np.zeros(len(self.q))
+        self._dq = self._next = np.zeros(len(self.q))
         self.error_m, self.condition = 0.0, 1.0
 
     def solve(self, xyz: Array, wxyz: Array, dt_s: float) -> bool:
@@ -80,15 +83,31 @@ class WholeBodyIk:
         after = max(_condition(j[:, chain.arm]) for j in chain.jacobians())
         return after <= max(self._limits.stop_condition, self.condition)
 
+    def begin(self, q: Array) -> None:
+        """The joints are at (n,); that is the comfortable posture from now on."""
+        self.q, self._comfort, self._dq = q.copy(), q.copy(), np.zeros(len(q))
+
+    @property
+    def follows(self) -> bool:
+        """Whether the joints kept up with the end effectors in the last `solve`."""
+        return self.error_m <= _ERROR_M
+
+    def pace(self) -> float:
+        """Share of the speed limit: falls with the condition number, never to nothing, so that a singularity can be left."""
+        limits = self._limits
+        share = (limits.stop_condition - self.condition) / (limits.stop_condition - limits.slow_condition)
+        return float(np.clip(share, _SLOWEST, 1.0))
+
     def take(self) -> Array:
-        """(n,) joint velocities per step of the last `solve`; the commanded joints are now there."""
+        """(n,) joint steps of the last `solve`; the commanded joints are now there."""
         self._dq = self._next
         self.q = self.q + self._dq
         return self._dq
 
-    def rest(self) -> None:
-        """The joints stand where they are."""
+    def rest(self) -> Array:
+        """The joints stand where they are: (n,) zeros."""
         self._dq = np.zeros(len(self.q))
+        return self._dq
 
     def _base_share(self) -> float:
         """How freely the base may move, 0..1: not at all while the arm is comfortable."""

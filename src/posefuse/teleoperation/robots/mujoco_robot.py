@@ -19,10 +19,6 @@ from .ik import WholeBodyIk
 from .mobile_manipulator import mobile_manipulator
 from .protocol import Goal, Posture
 
-# joints may be so far behind before the robot counts as unable to follow
-_ERROR_M = 0.005
-_SLOWEST = 0.1
-
 
 class MujocoRobot:
     """A simulated robot (`protocol.Robot`).
@@ -44,7 +40,7 @@ class MujocoRobot:
         chain = Chain(model, sites)
         self._place = world_from_model or SE3.identity()
         self._back = self._place.inverse()
-        self.ik, self._limits, self._sites = WholeBodyIk(chain, limits), limits, [model.site(s).id for s in sites]
+        self.ik, self._sites = WholeBodyIk(chain, limits), [model.site(s).id for s in sites]
         self._drives = [_drive(model, joint, name) for joint, name in zip(chain.joints, chain.names, strict=True)]
         self._cups = [a for a in range(model.nu) if int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_BODY)]
         self.data = mujoco.MjData(model)
@@ -54,6 +50,7 @@ class MujocoRobot:
         self._command(self.ik.q, np.zeros(len(self.ik.q)))
         mujoco.mj_forward(model, self.data)
         self._found = True
+        self._viewer: Any = None
 
     def posture(self) -> Posture:
         """See `Robot`."""
@@ -72,16 +69,14 @@ class MujocoRobot:
         )
 
     def pace(self) -> float:
-        """See `Robot`: falls with the condition number, never to nothing, so that a singularity can be left."""
-        limits = self._limits
-        share = (limits.stop_condition - self.ik.condition) / (limits.stop_condition - limits.slow_condition)
-        return float(np.clip(share, _SLOWEST, 1.0))
+        """See `Robot`."""
+        return self.ik.pace()
 
     def reaches(self, goal: Goal, dt_s: float) -> bool:
         """See `Robot`."""
         wxyz = quaternion_product(conjugate(self._place.wxyz), goal.wxyz)
         self._found = self.ik.solve(self._back @ goal.xyz_world, wxyz, dt_s)
-        return self._found and self.ik.error_m <= _ERROR_M
+        return self._found and self.ik.follows
 
     def carry_out(self, goal: Goal, dt_s: float) -> None:
         """See `Robot`; physics for `dt_s`."""
@@ -97,9 +92,19 @@ class MujocoRobot:
         for i in range(1, steps + 1):
             self._command(before + (self.ik.q - before) * (i / steps), velocity)
             self._mj.mj_step(self.model, self.data)
+        if self._viewer is not None:
+            self._viewer.sync()
+
+    def open_viewer(self) -> None:
+        """MuJoCo's own window beside the physics."""
+        import mujoco.viewer
+
+        self._viewer = mujoco.viewer.launch_passive(self.model, self.data, show_left_ui=False, show_right_ui=False)
 
     def close(self) -> None:
         """See `Robot`."""
+        if self._viewer is not None:
+            self._viewer.close()
 
     def _command(self, q: Array, velocity: Array) -> None:
         """Position servos get the velocity ahead, so that their damping does not make them lag."""
@@ -120,18 +125,20 @@ def _drive(model: Any, joint: int, name: str) -> tuple[int, float]:
     raise ConfigError(f"robot: joint {name!r} has no actuator; expected <position joint={name!r} .../>")
 
 
-def read_model(file: Path | None, hands: Sequence[str]) -> Any:
-    """The MuJoCo model of a file, gravity compensated; our own robot without one. Raises ConfigError for a file that is none."""
+def model_of(file: Path | None, hands: Sequence[str], text: str | None = None) -> Any:
+    """The MuJoCo model of an MJCF file or text; of our own robot without one. Raises ConfigError for what is none."""
     try:
         import mujoco
     except ImportError as error:
         raise DependencyError(f"teleoperate: {error}; install it with: pip install 'posefuse[teleop]'") from None
-
+    if file is not None and not file.is_file():
+        raise ConfigError(f"--robot {file}: there is no such file")
     try:
-        spec = mujoco.MjSpec.from_file(str(file)) if file else mujoco.MjSpec.from_string(mobile_manipulator(hands))
-        return spec.compile()
+        if file is not None:
+            return mujoco.MjSpec.from_file(str(file)).compile()
+        return mujoco.MjSpec.from_string(text or mobile_manipulator(hands)).compile()
     except (ValueError, OSError) as error:
-        raise ConfigError(f"{file}: not a usable MJCF model ({' '.join(str(error).split())})") from None
+        raise ConfigError(f"{file or 'robot'}: not a usable MJCF model ({' '.join(str(error).split())})") from None
 
 
 def placed(position_xy_m: tuple[float, float], heading_deg: float) -> SE3:

@@ -10,9 +10,8 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from posefuse.foundation.platform import message_sockets
-
 from .framing import PacketFraming, StreamFraming
+from .platform import message_sockets
 
 # what the kernel may hold for a reader; it caps this at its own limit
 _BUFFER_BYTES = 1 << 20

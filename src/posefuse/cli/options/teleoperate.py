@@ -1,0 +1,96 @@
+"""Options of `posefuse teleoperate`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+
+from .shared import OUTPUTS, positive
+
+HAND, ROBOT = Group.create_ordered("Hand"), Group.create_ordered("Robot")
+ROBOT_ROS = Group.create_ordered("Robot over ROS")
+
+
+def _numbers(count: int, what: str) -> Any:
+    """Converter of `count` numbers separated by commas or spaces."""
+
+    def convert(_: object, tokens: Any) -> tuple[float, ...]:
+        text = tokens[0].value
+        try:
+            found = tuple(float(part) for part in text.replace(",", " ").split())
+        except ValueError:
+            found = ()
+        if len(found) != count or not all(abs(one) < 1e6 for one in found):
+            raise ValueError(f"expected {what}, got {text!r}")
+        return found
+
+    return convert
+
+
+@Parameter(name="*", group=HAND)
+@dataclass(frozen=True, kw_only=True)
+class HandOptions:
+    """Whose hand, and how it counts."""
+
+    hand: Literal["right", "left", "both"] = "right"
+    """The hand that the robot follows; both move a robot with two arms."""
+    deadman: Annotated[str, Parameter(metavar="SWITCH")] = "key"
+    """key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button), gesture (the other hand raised)."""
+    scale: Annotated[float, positive(10)] = 1.0
+    """Metres of the robot per metre of the hand."""
+    turn: Annotated[float, Parameter(metavar="DEG")] = 0.0
+    """Turn of the robot's motion about the vertical, e.g. 180 for an operator who faces the robot."""
+    orientation: Literal["none", "forearm"] = "none"
+    """Turn the end effector as the forearm turns."""
+    i_have_an_emergency_stop: bool = False
+    """An emergency stop of the robot is within reach: lets a gesture move a robot over ROS."""
+
+
+@Parameter(name="*", group=ROBOT)
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions:
+    """Which robot, where it stands and what it may do."""
+
+    robot: Annotated[str, Parameter(metavar="sim|FILE.xml")] = "sim"
+    """Our own mobile manipulator, or an MJCF model with position actuators."""
+    frame: Annotated[tuple[str, ...], Parameter(metavar="SITE")] = ()
+    """Site (with --command pose or twist: tf frame) of the end effector, one per hand (default right_hand, left_hand)."""
+    robot_at: Annotated[
+        tuple[float, float, float], Parameter(metavar="X,Y,DEG", converter=_numbers(3, "X,Y,DEG"), n_tokens=1, accepts_keys=False)
+    ] = (0.0, 0.0, 0.0)
+    """Where the robot's base frame stands in the world of the rig, m and degrees."""
+    elsewhere: bool = False
+    """The robot is not in the operator's room: no separation is kept. Wrong for a robot that anybody can reach."""
+    box: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        Parameter(metavar="X0,Y0,Z0,X1,Y1,Z1", converter=_numbers(6, "X0,Y0,Z0,X1,Y1,Z1"), n_tokens=1, accepts_keys=False),
+    ] = None
+    """Corners of the workspace of the end effector, world axes, m."""
+    speed: Annotated[float | None, Parameter(metavar="M/S"), positive(2)] = None
+    """Speed limit of the end effector (default 0.5)."""
+    limits: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
+    """All settings of teleoperation, see docs/teleoperation.md; the options above come on top."""
+    view: bool = False
+    """Open MuJoCo's viewer."""
+    record: Annotated[Path | None, Parameter(metavar="FILE.mcap", group=OUTPUTS)] = None
+    """Record views and poses; the robot's commands and states go to FILE.robot.mcap."""
+
+
+@Parameter(name="*", group=ROBOT_ROS)
+@dataclass(frozen=True, kw_only=True)
+class RosRobotOptions:
+    """A real robot over ROS 2, and what is shown there."""
+
+    ros: bool = False
+    """Publish state, target, box and keep-out in ROS 2; with --command, drive a robot."""
+    command: Literal["pose", "twist", "joints"] | None = None
+    """What the robot is sent: target poses, velocities, or joints by our own inverse kinematics (with --robot FILE.xml)."""
+    base_frame: Annotated[str, Parameter(metavar="FRAME")] = "base_link"
+    """tf frame that commands are given in."""
+    controller: Annotated[str, Parameter(metavar="TOPIC")] = "/joint_trajectory_controller/joint_trajectory"
+    """Topic of the joints: trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray where it ends in /commands."""
+    cmd_vel: Annotated[str, Parameter(metavar="TOPIC")] = ""
+    """Topic of the mobile base."""
+    cmd_vel_twist: bool = False
+    """The mobile base takes Twist (ROS 2 Humble and older), not TwistStamped."""

@@ -1,0 +1,150 @@
+"""What `posefuse teleoperate` does around the session: settings of the command line, news while it runs, tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from posefuse.api.live import session_of
+from posefuse.api.teleoperate import teleoperate
+from posefuse.cli.options.live import LiveSettingsOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.shared import Ros2Options
+from posefuse.cli.options.teleoperate import HandOptions, RobotOptions, RosRobotOptions
+from posefuse.core import ConfigError
+from posefuse.formats.rig import read_placed_rig
+from posefuse.foundation.settings import read_settings, settings_from_mapping
+from posefuse.teleoperation.robots.reports import RosPlan
+from posefuse.teleoperation.settings import TeleoperationSettings
+
+from .live import run_options, settled_config, settled_inputs
+from .terminal import Terminal
+
+if TYPE_CHECKING:
+    from posefuse.teleoperation.operator import Operator
+    from posefuse.teleoperation.session import Summary
+    from posefuse.teleoperation.values import Order
+
+
+def run_teleoperation(
+    rig: Path,
+    sources: SourceOptions,
+    timing: TimingOptions,
+    hand: HandOptions,
+    robot: RobotOptions,
+    *,
+    ros: RosRobotOptions,
+    ros_2: Ros2Options,
+    settings: LiveSettingsOptions,
+    terminal: Terminal,
+) -> Mapping[str, Any]:
+    """Teleoperate; returns the figures of the tables."""
+    if ros.command and not ros.ros:
+        raise ConfigError(f"--command {ros.command}: needs --ros")
+    if not sources.source:
+        raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
+    cameras = read_placed_rig(rig)
+    session = session_of(
+        cameras,
+        settled_inputs(sources, timing, ros_2, cameras),
+        settled_config(settings),
+        duration_s=run_options(timing).duration_s,
+        record=robot.record,
+    )
+    with terminal.stages() as report:
+        done = teleoperate(
+            session,
+            deadman=hand.deadman,
+            settings=settings_of(hand, robot),
+            robot=robot.robot,
+            frames=robot.frame,
+            command=ros.command,
+            ros=_ros_plan(ros, ros_2) if ros.ros else None,
+            emergency_stop=hand.i_have_an_emergency_stop,
+            view=robot.view,
+            record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
+            watch=_News(terminal),
+            progress=report,
+        )
+    return _shown(done, terminal)
+
+
+def settings_of(hand: HandOptions, robot: RobotOptions) -> TeleoperationSettings:
+    """The settings file with the command line's options on top, all of it checked alike."""
+    base = read_settings(robot.limits, TeleoperationSettings) if robot.limits else TeleoperationSettings()
+    low, high = base.limits.box_low_m, base.limits.box_high_m
+    if robot.box is not None:
+        x0, y0, z0, x1, y1, z1 = robot.box
+        low, high = (x0, y0, z0), (x1, y1, z1)
+    x, y, heading_deg = robot.robot_at
+    changed = replace(
+        base,
+        hands=("right", "left") if hand.hand == "both" else (hand.hand,),
+        mapping=replace(base.mapping, scale=hand.scale, turn_deg=hand.turn, orientation=hand.orientation),
+        limits=replace(base.limits, box_low_m=low, box_high_m=high, speed_mps=robot.speed or base.limits.speed_mps),
+        robot=replace(
+            base.robot, position_xy_m=(x, y), heading_deg=heading_deg, shared=base.robot.shared and not robot.elsewhere
+        ),
+    )
+    return settings_from_mapping(asdict(changed), TeleoperationSettings, where="options")
+
+
+def _ros_plan(ros: RosRobotOptions, ros_2: Ros2Options) -> RosPlan:
+    return RosPlan(
+        domain_id=ros_2.domain,
+        local_only=ros_2.local_only,
+        interface=ros_2.interface,
+        peers=ros_2.peer,
+        base_frame=ros.base_frame,
+        controller=ros.controller,
+        cmd_vel=ros.cmd_vel,
+        stamped=not ros.cmd_vel_twist,
+    )
+
+
+class _News:
+    """A line whenever the phase or its reason changes."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self._terminal, self._told = terminal, ""
+
+    def __call__(self, operator: Operator, order: Order | None) -> None:
+        gate = operator.gate
+        reason = "".join("#" if c.isdigit() else c for c in gate.reason)
+        if (line := f"{gate.phase.value} {reason}") != self._told:
+            self._told = line
+            self._terminal.note(f"{gate.phase.value.upper():8} {gate.reason}")
+
+
+def _shown(done: Summary, terminal: Terminal) -> Mapping[str, Any]:
+    total = max(1, sum(done.ticks.values()))
+    shares = {phase: count / total for phase, count in done.ticks.items()}
+    latency = np.array(done.latency_ms)
+    p50, p95 = np.percentile(latency, [50, 95]) if len(latency) else (None, None)
+    terminal.table("time", ["phase", "share %"], [[phase, 100 * share] for phase, share in shares.items()])
+    if done.reasons:
+        rows = [[reason, count] for reason, count in done.reasons.most_common(8)]
+        terminal.table("what slowed it down or held it", ["reason", "steps"], rows)
+    facts = {
+        "seconds": done.seconds,
+        "times engaged": done.engagements,
+        "mid-exposure to command, p50 ms": p50,
+        "p95 ms": p95,
+        "late control steps of the robot": done.robot_late,
+    }
+    terminal.facts("session", facts)
+    if done.fault:
+        terminal.warn(done.fault)
+    return {
+        "phases": shares,
+        "reasons": dict(done.reasons),
+        "engagements": done.engagements,
+        "latency_p50_ms": p50,
+        "latency_p95_ms": p95,
+        "robot_late": done.robot_late,
+        "seconds": done.seconds,
+        "failed": bool(done.fault),
+    }

@@ -1,0 +1,124 @@
+"""The robot's process: control steps on time, with its own watchdog. It goes on until the robot stands, even alone."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from posefuse.core import PosefuseError
+from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.foundation.platform import punctual
+from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import Order, RobotState
+
+from .driver import Driver
+from .protocol import Robot
+from .reports import Reporter, RosPlan, open_reporters
+
+_S = 1_000_000_000
+# a step that is later than this is left out, so that the robot does not hurry after a pause
+_MOST_BEHIND = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotPlan:
+    """What the process is to drive.
+
+    Attributes:
+        settings: limits and rates. model: MJCF file; None: our own robot. frames: site of each hand.
+        command: None drives the model in MuJoCo; ``pose``, ``twist`` or ``joints`` drives a robot over ROS.
+        ros: where ROS is; None: none. record: .mcap file of commands and states; None: none. view: open MuJoCo's viewer.
+        scene: MJCF text instead of a file, e.g. with boxes to move.
+    """
+
+    settings: TeleoperationSettings
+    model: Path | None = None
+    frames: tuple[str, ...] = ("right_hand",)
+    command: str | None = None
+    ros: RosPlan | None = None
+    record: Path | None = None
+    view: bool = False
+    scene: str | None = None
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The robot cannot be driven."""
+
+    error: PosefuseError
+
+
+class Leave:
+    """End: brake, then leave."""
+
+
+def run_robot(channel: Channel, plan: RobotPlan) -> None:
+    """Entry point of the process; the other end of `channel` gives orders and takes states."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        robot = built(plan)
+        reporters = open_reporters(plan.ros, plan.record, plan.settings)
+    except PosefuseError as error:
+        channel.send(Failed(error), wait_s=1.0)
+        return
+    try:
+        with punctual():
+            _drive(channel, robot, Driver(robot, plan.settings), plan, reporters)
+    finally:
+        robot.close()
+        for reporter in reporters:
+            reporter.close()
+
+
+def built(plan: RobotPlan) -> Robot:
+    """The robot of a plan."""
+    from .mujoco_robot import MujocoRobot, model_of, placed
+
+    if plan.command is not None:
+        from .ros_robot import open_ros_robot
+
+        return open_ros_robot(plan.command, plan.ros or RosPlan(), plan.model, plan.frames, plan.settings)
+    place = placed(plan.settings.robot.position_xy_m, plan.settings.robot.heading_deg)
+    robot = MujocoRobot(model_of(plan.model, plan.settings.hands, plan.scene), plan.frames, plan.settings.limits, place)
+    if plan.view:
+        robot.open_viewer()
+    return robot
+
+
+def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, reporters: Sequence[Reporter]) -> None:
+    period_ns = round(_S / plan.settings.robot.rate_hz)
+    due_ns, late, link, leaving = time.monotonic_ns() + period_ns, 0, True, False
+    gc.collect()
+    gc.freeze()
+    while True:
+        time.sleep(max(0, due_ns - time.monotonic_ns()) / _S)
+        orders: list[Order] = []
+        try:
+            while link and (message := channel.receive()) is not None:
+                if isinstance(message, Order):
+                    orders.append(message)
+                leaving = leaving or isinstance(message, Leave)
+        except ChannelClosed:
+            link = False
+        state = driver.step(orders, time.monotonic_ns(), link=link and not leaving, late=late)
+        link = link and _told(channel, state)
+        for reporter in reporters:
+            reporter.take(state, driver.follower.order)
+        if (leaving or not link) and driver.follower.stands:
+            return
+        due_ns += period_ns
+        late = max(0, (time.monotonic_ns() - due_ns) // period_ns)
+        if late > _MOST_BEHIND:
+            due_ns = time.monotonic_ns()
+
+
+def _told(channel: Channel, state: RobotState) -> bool:
+    try:
+        channel.send(state)
+    except ChannelClosed:
+        return False
+    return True

@@ -1,0 +1,126 @@
+"""State, target, box and keep-out of a teleoperated robot as ROS messages. Pure functions of values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+from posefuse.messages.markers import solid_marker
+from posefuse.messages.messages import header
+from posefuse.messages.topics import DIAGNOSTICS, Topic
+from posefuse.messages.types import message
+from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import Order, Phase, RobotState
+
+if TYPE_CHECKING:
+    from .reports import RosPlan
+
+_OK, _WARNING, _ERROR = 0, 1, 2
+_LEVELS = {Phase.ENGAGED: _OK, Phase.READY: _OK, Phase.IDLE: _OK, Phase.HOLD: _WARNING, Phase.STOPPED: _ERROR}
+_MARKERS_EVERY_NS, _DIAGNOSTICS_EVERY_NS = 50_000_000, 200_000_000
+
+
+class StateMessages:
+    """Messages of each control step; markers and diagnostics not at every one."""
+
+    def __init__(self, settings: TeleoperationSettings, plan: RosPlan) -> None:
+        self._settings, self._frame = settings, plan.world_frame
+        name = plan.namespace.rstrip("/")
+        self._targets = [Topic(f"{name}/{side}/target_pose", "geometry_msgs/msg/PoseStamped", depth=1) for side in settings.hands]
+        self._commanded = [Topic(f"{name}/{side}/commanded", "geometry_msgs/msg/PoseStamped", depth=1) for side in settings.hands]
+        self._measured = [Topic(f"{name}/{side}/measured", "geometry_msgs/msg/PointStamped", depth=1) for side in settings.hands]
+        self._engaged = Topic(f"{name}/engaged", "std_msgs/msg/Bool", depth=1)
+        self._markers = Topic(f"{name}/markers", "visualization_msgs/msg/MarkerArray", depth=1)
+        self._marked_ns = self._diagnosed_ns = 0
+
+    def of(
+        self, state: RobotState, order: Order | None, t_ns: int, wanted: Callable[[Topic], bool]
+    ) -> Iterator[tuple[Topic, Any]]:
+        """Topics and messages of one step that somebody wants; `t_ns` in Unix time."""
+        phase = order.phase if order is not None else Phase.IDLE
+        if wanted(self._engaged):
+            yield self._engaged, message("std_msgs/msg/Bool", data=phase is Phase.ENGAGED)
+        for h in range(len(self._targets)):
+            if order is not None and phase is Phase.ENGAGED and wanted(self._targets[h]):
+                yield self._targets[h], pose_stamped(order.xyz_world[h], order.wxyz[h], t_ns, self._frame)
+            if wanted(self._commanded[h]):
+                yield self._commanded[h], pose_stamped(state.xyz_world[h], state.wxyz[h], t_ns, self._frame)
+            if wanted(self._measured[h]):
+                place = message(
+                    "geometry_msgs/msg/PointStamped", header=header(t_ns, self._frame), point=point(state.measured_xyz_world[h])
+                )
+                yield self._measured[h], place
+        if t_ns - self._marked_ns >= _MARKERS_EVERY_NS and wanted(self._markers):
+            self._marked_ns = t_ns
+            yield self._markers, self._marker_array(state, order, t_ns)
+        if t_ns - self._diagnosed_ns >= _DIAGNOSTICS_EVERY_NS and wanted(DIAGNOSTICS):
+            self._diagnosed_ns = t_ns
+            yield DIAGNOSTICS, self._diagnostics(state, order, phase, t_ns)
+
+    def _marker_array(self, state: RobotState, order: Order | None, t_ns: int) -> Any:
+        low, high = np.array(self._settings.limits.box_low_m), np.array(self._settings.limits.box_high_m)
+        found = [
+            solid_marker(
+                t_ns, self._frame, "box", 0, shape="cube", xyz=(low + high) / 2, size_m=high - low, rgba=(0.2, 0.6, 1.0, 0.08)
+            )
+        ]
+        keep_out_m = 2 * self._settings.separation.stop_m
+        for i, sphere in enumerate(state.spheres_world):
+            size, rgba = np.full(3, keep_out_m + 2 * sphere[3]), (1.0, 0.3, 0.1, 0.03)
+            found.append(solid_marker(t_ns, self._frame, "keep_out", i, shape="sphere", xyz=sphere[:3], size_m=size, rgba=rgba))
+        if order is not None and order.phase is Phase.ENGAGED:
+            for h, target in enumerate(order.xyz_world):
+                size, rgba = np.full(3, 0.05), (0.1, 0.8, 0.2, 0.9)
+                found.append(solid_marker(t_ns, self._frame, "target", h, shape="sphere", xyz=target, size_m=size, rgba=rgba))
+        return message("visualization_msgs/msg/MarkerArray", markers=found)
+
+    def _diagnostics(self, state: RobotState, order: Order | None, phase: Phase, t_ns: int) -> Any:
+        values = {
+            "reason": order.reason if order is not None else "no order yet",
+            "speed limit m/s": f"{order.speed_mps:.3f}" if order is not None else "0",
+            "robot": state.fault or state.limited or "follows",
+            "late control steps": str(state.late),
+        }
+        status = message(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=_ERROR if state.fault else _LEVELS[phase],
+            name="posefuse: teleoperation",
+            message=phase.value,
+            hardware_id="",
+            values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+        )
+        return message("diagnostic_msgs/msg/DiagnosticArray", header=header(t_ns, ""), status=[status])
+
+
+def pose_stamped(xyz: Array, wxyz: Array, t_ns: int, frame: str) -> Any:
+    """`geometry_msgs/PoseStamped` of (3,) and (4,)."""
+    pose = message("geometry_msgs/msg/Pose", position=point(xyz), orientation=quaternion(wxyz))
+    return message("geometry_msgs/msg/PoseStamped", header=header(t_ns, frame), pose=pose)
+
+
+def twist(velocity: Array, turn_rate: Array) -> Any:
+    """`geometry_msgs/Twist` of (3,) m/s and (3,) rad/s."""
+    return message("geometry_msgs/msg/Twist", linear=vector(velocity), angular=vector(turn_rate))
+
+
+def twist_stamped(velocity: Array, turn_rate: Array, t_ns: int, frame: str) -> Any:
+    """`geometry_msgs/TwistStamped`."""
+    return message("geometry_msgs/msg/TwistStamped", header=header(t_ns, frame), twist=twist(velocity, turn_rate))
+
+
+def point(xyz: Any) -> Any:
+    """`geometry_msgs/Point` of three numbers."""
+    return message("geometry_msgs/msg/Point", x=float(xyz[0]), y=float(xyz[1]), z=float(xyz[2]))
+
+
+def vector(xyz: Any) -> Any:
+    """`geometry_msgs/Vector3` of three numbers."""
+    return message("geometry_msgs/msg/Vector3", x=float(xyz[0]), y=float(xyz[1]), z=float(xyz[2]))
+
+
+def quaternion(wxyz: Any) -> Any:
+    """`geometry_msgs/Quaternion` of a wxyz quaternion."""
+    return message("geometry_msgs/msg/Quaternion", x=float(wxyz[1]), y=float(wxyz[2]), z=float(wxyz[3]), w=float(wxyz[0]))
