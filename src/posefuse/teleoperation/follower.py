@@ -115,6 +115,8 @@ def _why_brake(follower: Follower, now_ns: int, settings: TeleoperationSettings,
 
 
 def _turned(wxyz: Array, turns: tuple[Motion, ...]) -> Array:
+    if not any(any(turn.position) for turn in turns):
+        return wxyz
     turned = quaternion_product(wxyz_from_rotvec(np.array([turn.position for turn in turns])), wxyz)
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 

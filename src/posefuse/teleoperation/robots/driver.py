@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +38,8 @@ class Driver:
             follower = replace(follower, order=None)
         self._late += late
         wanted = stepped(self._paced(follower), now_ns, dt_s, settings, may_move=not self.posture.fault)
-        wanted = replace(wanted, order=follower.order)
+        if wanted.order is not follower.order:
+            wanted = replace(wanted, order=follower.order)
         if not self._robot.reaches(_goal(wanted), dt_s) and not wanted.limited:
             wanted = stepped(follower, now_ns, dt_s, settings, may_move=False)
             self._robot.reaches(_goal(wanted), dt_s)
@@ -68,11 +70,17 @@ class Driver:
             limited=follower.limited,
         )
 
+    def copied(self, robot: Robot) -> Driver:
+        """The same state with another robot, which is where this one is."""
+        other = copy(self)
+        other._robot = robot
+        return other
+
     def _paced(self, follower: Follower) -> Follower:
-        order = follower.order
-        if order is None:
+        order, pace = follower.order, self._robot.pace()
+        if order is None or pace >= 1.0:
             return follower
-        return replace(follower, order=replace(order, speed_mps=order.speed_mps * self._robot.pace()))
+        return replace(follower, order=replace(order, speed_mps=order.speed_mps * pace))
 
 
 def _at(follower: Follower, posture: Posture) -> Follower:

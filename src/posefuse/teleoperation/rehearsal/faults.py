@@ -1,0 +1,303 @@
+"""Random sequences of faults through mapping, gate, link and limits, and a judge that knows what is true.
+
+Each sequence begins with an operator whose hand moves the robot, and goes on with faults that begin and end at random: frozen,
+late, jumping and dead cameras, exchanged people, NaN, clocks that jump, a lost network, late or repeated heartbeats, missing robot
+state, an operator who walks to the robot. The judge looks at the true motion of the robot only, at the true time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+from posefuse.teleoperation.gate import CameraReport
+from posefuse.teleoperation.heartbeats import Beat
+from posefuse.teleoperation.operator import News, Operator, step
+from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.separation import Body, remembered, separation_m
+from posefuse.teleoperation.settings import SeparationSettings, TeleoperationSettings
+from posefuse.teleoperation.values import Order, RobotState
+
+from .person import person_view, sine
+from .robot import ExactRobot
+
+TICK_S = 0.01
+_TICK_NS = 10_000_000
+_START_NS = 10**13
+_LONG_S = 0.5
+_WARM_TICKS = 55
+# sequences go on from so many worlds; in half of them the operator has come nearer, by up to so much
+_WORLDS = 32
+_NEARER_M = 0.45
+# the paths of hands begin with a second of acceleration, which is over when sequences begin
+_PATH_S = 2.0
+FAULTS = (
+    "frozen pose", "late pose", "jumping pose", "dead cameras", "one camera left", "exchanged person", "NaN", "infinite",
+    "exchanged sides", "unsure", "pose clock jumps", "gate clock jumps", "gate stalls", "lost network", "late network",
+    "late heartbeats", "repeated heartbeats", "no heartbeats", "no robot state", "robot state not finite", "order not finite",
+    "huge hand motion", "operator walks", "robot process late",
+)  # fmt: skip
+# the true distance counts as kept while the robot brakes: pose age, watchdog and braking from full speed
+REACTION_S = 0.45
+# a robot that nobody gives orders stands after so long
+STANDING_S = 0.35
+
+
+@dataclass(frozen=True, kw_only=True)
+class Breach:
+    """What was broken: sequence, time since its start, and by how much."""
+
+    sequence: int
+    t_s: float
+    what: str
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault and when it is there, s."""
+
+    kind: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(eq=False)
+class World:
+    """All that is true in one sequence, and what each side knows of it."""
+
+    settings: TeleoperationSettings
+    rng: np.random.Generator
+    operator: Operator = field(default_factory=Operator)
+    robot: ExactRobot = field(default_factory=lambda: ExactRobot([1.9, -0.2, 0.9]))
+    t_s: float = 0.0
+    seq: int = 0
+    walked_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.driver = Driver(self.robot, self.settings)
+        self.state: RobotState | None = self.driver.state(self.now_ns)
+        self.waiting: deque[tuple[float, Order]] = deque()
+        self.frozen: Any = None
+        self.clock_ns = 0
+        self.reached_s = 0.0
+        self._path = sine(float(self.rng.uniform(0.2, 0.9)), period_s=float(self.rng.uniform(1.5, 4.0)))
+
+    def hand(self, t_s: float) -> Array:
+        """(3,) where the hand truly is."""
+        return self._path(t_s + _PATH_S)
+
+    def copied(self, rng: np.random.Generator) -> World:
+        """The same world, to go another way."""
+        other = copy(self)
+        other.rng, other.waiting, other.robot = rng, self.waiting.copy(), copy(self.robot)
+        other.driver = self.driver.copied(other.robot)
+        return other
+
+    @property
+    def now_ns(self) -> int:
+        """True time."""
+        return _START_NS + round(self.t_s * 1e9)
+
+
+def faults_of(rng: np.random.Generator, seconds: float) -> list[Fault]:
+    """One to four faults."""
+    found = []
+    for kind in rng.choice(FAULTS, size=rng.integers(1, 5), replace=False):
+        start_s = float(rng.uniform(0.0, 0.5 * seconds))
+        found.append(Fault(str(kind), start_s, start_s + float(rng.uniform(0.01, 0.7 * seconds))))
+    return found
+
+
+def tick(world: World, active: set[str]) -> Array:
+    """One control period of both sides under the active faults; the robot's true position (3,)."""
+    rng = world.rng
+    world.t_s += TICK_S
+    world.seq += 1
+    if "operator walks" in active:
+        world.walked_m = min(world.walked_m + 1.6 * TICK_S, 1.0)
+    now_ns, gate_ns = world.now_ns, world.now_ns
+    if "gate clock jumps" in active:
+        gate_ns += world.clock_ns
+    if "gate stalls" not in active or rng.random() < 0.05:
+        news = _news(world, active, now_ns)
+        world.operator, order = step(world.operator, news, gate_ns, world.settings)
+        if order is not None:
+            if "order not finite" in active:
+                order = replace(order, xyz_world=order.xyz_world * rng.choice([np.nan, np.inf, 1e300]))
+            delay_s = float(rng.uniform(0, 0.3)) if "late network" in active else 0.0
+            if "lost network" not in active:
+                world.waiting.append((world.t_s + delay_s, order))
+    if "robot process late" not in active or rng.random() < 0.5:
+        # the robot's process has a clock of its own, that of the machine
+        due = [order for due_s, order in world.waiting if due_s <= world.t_s]
+        world.reached_s = world.t_s if due else world.reached_s
+        world.waiting = deque(entry for entry in world.waiting if entry[0] > world.t_s)
+        world.state = world.driver.step(due, now_ns)
+    return np.array(world.driver.follower.moves[0].position)
+
+
+def _news(world: World, active: set[str], now_ns: int) -> News:
+    rng = world.rng
+    exposed_s = world.t_s - 0.04
+    view = person_view(
+        world.hand(exposed_s) + 1e-4 * rng.normal(size=3), now_ns, measured_ns=now_ns - 40_000_000, shift_m=_shift(world)
+    )
+    for kind, change in _VIEW_FAULTS.items():
+        if kind in active:
+            view = change(view, world)
+    if "frozen pose" in active:
+        world.frozen = view if world.frozen is None else world.frozen
+        # a pipeline that hangs behind the tracker goes on stamping
+        view = replace(world.frozen, t_ns=view.t_ns, measured_ns=view.measured_ns) if rng.random() < 0.5 else world.frozen
+    else:
+        world.frozen = None
+    healthy = 0 if "dead cameras" in active else 1 if "one camera left" in active else 4
+    return News(
+        view=None if "dead cameras" in active and rng.random() < 0.9 else view,
+        beats=_beats(world, active, now_ns),
+        cameras=CameraReport(t_ns=now_ns, healthy=healthy, total=4),
+        robot=_state(world, active),
+    )
+
+
+def _shift(world: World) -> Array:
+    return np.array([world.walked_m, 0.0, 0.0])
+
+
+def _beats(world: World, active: set[str], now_ns: int) -> tuple[Beat, ...]:
+    if "no heartbeats" in active:
+        return ()
+    if "repeated heartbeats" in active:
+        return (Beat(seq=world.seq - int(world.rng.integers(0, 30)), sent_ns=now_ns),) * 2
+    if "late heartbeats" in active:
+        return (Beat(seq=world.seq, sent_ns=now_ns - int(world.rng.integers(0, 400_000_000))),)
+    return (Beat(seq=world.seq, sent_ns=now_ns),)
+
+
+def _state(world: World, active: set[str]) -> RobotState | None:
+    if world.state is None or "no robot state" in active:
+        return None
+    if "robot state not finite" in active:
+        return replace(world.state, xyz_world=np.full((1, 3), np.nan))
+    return world.state
+
+
+_VIEW_FAULTS: dict[str, Callable[[Any, World], Any]] = {
+    "late pose": lambda view, world: replace(view, measured_ns=view.measured_ns - int(world.rng.integers(0, 10**9))),
+    "jumping pose": lambda view, world: replace(
+        view, xyz_world=view.xyz_world + world.rng.normal(size=(1, 3)) * world.rng.choice([0.02, 0.3, 5.0])
+    ),
+    "exchanged person": lambda view, world: replace(view, person_id=int(world.rng.integers(1, 4))),
+    "NaN": lambda view, world: replace(view, xyz_world=np.where(world.rng.random((1, 3)) < 0.5, np.nan, view.xyz_world)),
+    "infinite": lambda view, world: replace(view, xyz_world=np.full((1, 3), np.inf), sigma_m=np.array([np.inf])),
+    "exchanged sides": lambda view, world: replace(view, xyz_world=view.other_xyz_world, other_xyz_world=view.xyz_world),
+    "unsure": lambda view, world: replace(view, sigma_m=np.abs(world.rng.normal(size=1)) * 0.1),
+    "pose clock jumps": lambda view, world: replace(
+        view, t_ns=view.t_ns + int(world.rng.choice([-(10**10), -(10**7), 10**7, 10**8, 3600 * 10**9]))
+    ),
+    "huge hand motion": lambda view, world: replace(view, xyz_world=view.xyz_world + 0.5 * np.sin(25 * world.t_s)),
+}
+
+
+def engaged_world(settings: TeleoperationSettings, seed: int) -> World:
+    """A world whose robot has just begun to move."""
+    world = World(settings, np.random.default_rng([seed, 3]))
+    world.t_s = -_WARM_TICKS * TICK_S
+    world.walked_m = float(world.rng.uniform(0, _NEARER_M)) if seed % 2 else 0.0
+    for k in range(_WARM_TICKS):
+        tick(world, {"no heartbeats"} if k < 25 else set())
+    return world
+
+
+def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None = None) -> tuple[list[Breach], bool]:
+    """One sequence that goes on from a world: what it broke of `limits` (default: its own), and whether the robot moved at all."""
+    rng = np.random.default_rng([seed, 7])
+    world = begin.copied(rng)
+    # most are short; the long ones see what takes its time: losses, new engagements, people who walk
+    seconds = float(rng.choice([0.15, 1.0], p=[0.9, 0.1]))
+    faults, judge = faults_of(rng, seconds), Judge(limits or world.settings, seed)
+    if seconds > _LONG_S and rng.random() < 0.5:
+        faults.append(Fault("operator walks", 0.0, seconds))
+    moved = False
+    for _ in range(round(seconds / TICK_S)):
+        active = {fault.kind for fault in faults if fault.start_s <= world.t_s < fault.end_s}
+        if "gate clock jumps" in active and rng.random() < 0.1:
+            world.clock_ns = int(rng.choice([-(10**10), -(10**7), 10**7, 2 * 10**8, 10**12]))
+        xyz = tick(world, active)
+        moved = moved or world.driver.follower.moves[0].speed > 0.05
+        judge.look(xyz, world)
+    return judge.breaches, moved
+
+
+class Judge:
+    """Looks at the true motion of the robot only. breaches: what was broken, in words."""
+
+    def __init__(self, settings: TeleoperationSettings, sequence: int) -> None:
+        self._limits, self._stop_m, self._sequence = settings.limits, settings.separation.stop_m, sequence
+        self._xyz: deque[Array] = deque(maxlen=3)
+        self._exact = SeparationSettings(sigmas=0.0, approach_mps=0.0)
+        self._near_s = 0.0
+        self.breaches: list[Breach] = []
+
+    def look(self, xyz: Array, world: World) -> None:
+        """Judge one more control period."""
+        self._xyz.append(xyz)
+        limits, t_s = self._limits, world.t_s
+        low, high = np.array(limits.box_low_m), np.array(limits.box_high_m)
+        if not np.isfinite(xyz).all() or (xyz < low - 1e-9).any() or (xyz > high + 1e-9).any():
+            self._note(t_s, f"box {xyz}")
+        if len(self._xyz) < 3:
+            return
+        before, last, now = self._xyz
+        speed = float(np.linalg.norm(now - last)) / TICK_S
+        if speed > limits.speed_mps * (1 + 1e-6):
+            self._note(t_s, f"velocity {speed:.3f} m/s")
+        change = float(np.linalg.norm(now - 2 * last + before)) / TICK_S**2
+        # a step that was left out by a late process changes the mean velocity of the next
+        if change > limits.acceleration_mps2 * (1 + 1e-6) and not self._left_out(now, last, before):
+            self._note(t_s, f"acceleration {change:.2f} m/s2")
+        silent_s = t_s - world.reached_s
+        if silent_s > STANDING_S and speed > 1e-6:
+            self._note(t_s, f"watchdog: moves at {speed:.3f} m/s {silent_s:.2f} s after the last order")
+        near = world.walked_m > 0 and self._distance_m(world) < self._stop_m
+        self._near_s = self._near_s + TICK_S if near else 0.0
+        if self._near_s > REACTION_S and speed > 1e-6:
+            self._note(t_s, f"separation: moves at {speed:.3f} m/s within {self._stop_m} m for {self._near_s:.2f} s")
+
+    def _left_out(self, now: Array, last: Array, before: Array) -> bool:
+        return np.array_equal(now, last) or np.array_equal(last, before)
+
+    def _distance_m(self, world: World) -> float:
+        view = person_view(world.hand(world.t_s), world.now_ns, shift_m=_shift(world))
+        body = remembered(Body.unknown(), view)
+        return separation_m(body, world.driver.posture.spheres_world, world.now_ns, self._exact)
+
+    def _note(self, t_s: float, what: str) -> None:
+        self.breaches.append(Breach(sequence=self._sequence, t_s=t_s, what=what))
+
+
+def run_many(
+    first: int, count: int, settings: TeleoperationSettings | None = None, limits: TeleoperationSettings | None = None
+) -> tuple[list[Breach], int]:
+    """Sequences `first` to `first + count - 1`: all breaches of `limits` (default: the settings), and in how many the robot moved."""
+    settings = settings or rehearsal_settings()
+    worlds = [engaged_world(settings, seed) for seed in range(_WORLDS)]
+    breaches, moved = [], 0
+    with np.errstate(all="ignore"):
+        for seed in range(first, first + count):
+            found, went = run_sequence(worlds[seed % _WORLDS], seed, limits)
+            breaches += found
+            moved += went
+    return breaches, moved
+
+
+def rehearsal_settings() -> TeleoperationSettings:
+    """A box so small that the hand drives the robot against its walls."""
+    settings = TeleoperationSettings()
+    return replace(settings, limits=replace(settings.limits, box_low_m=(1.7, -0.4, 0.75), box_high_m=(2.05, 0.05, 1.05)))
