@@ -120,7 +120,7 @@ def tick(world: World, active: set[str]) -> Array:
     world.t_s += TICK_S
     world.seq += 1
     if "operator walks" in active:
-        world.walked_m = min(world.walked_m + 1.6 * TICK_S, 1.0)
+        world.walked_m = min(world.walked_m + 1.6 * TICK_S, 1.6)
     now_ns, gate_ns = world.now_ns, world.now_ns
     if "gate clock jumps" in active:
         gate_ns += world.clock_ns
@@ -287,11 +287,11 @@ def run_many(
 ) -> tuple[list[Breach], int]:
     """Sequences `first` to `first + count - 1`: all breaches of `limits` (default: the settings), and in how many the robot moved."""
     settings = settings or rehearsal_settings()
-    worlds = [engaged_world(settings, seed) for seed in range(_WORLDS)]
+    worlds = [engaged_world(settings, seed) for seed in range(min(count, _WORLDS))]
     breaches, moved = [], 0
     with np.errstate(all="ignore"):
         for seed in range(first, first + count):
-            found, went = run_sequence(worlds[seed % _WORLDS], seed, limits)
+            found, went = run_sequence(worlds[seed % len(worlds)], seed, limits)
             breaches += found
             moved += went
     return breaches, moved

@@ -1,0 +1,86 @@
+"""Real processes: whatever is killed or stopped, the robot stands soon after. Times are measured in the bench, not here."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+pytest.importorskip("daqp")
+
+from posefuse.core import ConfigError, SourceError
+from posefuse.teleoperation.robots.process import RobotPlan
+from posefuse.teleoperation.session import RobotLink
+from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import Order, Phase
+
+PLAN = RobotPlan(settings=TeleoperationSettings())
+
+
+def order(seq, state, ahead_m=0.1):
+    return Order(
+        seq=seq,
+        sent_ns=time.monotonic_ns(),
+        phase=Phase.ENGAGED,
+        xyz_world=state.xyz_world + [0.0, 0.0, ahead_m],
+        wxyz=state.wxyz,
+        speed_mps=0.5,
+        grip=np.array([False]),
+    )
+
+
+def wait_for(link, condition, wait_s=20.0):
+    end_s = time.monotonic() + wait_s
+    while time.monotonic() < end_s:
+        link.poll()
+        if condition(link.state):
+            return True
+        time.sleep(0.005)
+    return False
+
+
+@pytest.fixture
+def link():
+    made = RobotLink(PLAN)
+    try:
+        made.wait_ready()
+        yield made
+    finally:
+        made.close()
+
+
+def speed(state):
+    return np.linalg.norm(state.velocity_world)
+
+
+def test_the_robot_moves_by_orders_and_stands_without_them(link):
+    start = link.state.xyz_world
+    seq = 0
+    end_s = time.monotonic() + 20.0
+    while speed(link.state) < 0.1 and time.monotonic() < end_s:
+        seq += 1
+        link.send(order(seq, link.state))
+        time.sleep(0.01)
+        link.poll()
+    assert speed(link.state) >= 0.1
+    assert wait_for(link, lambda state: speed(state) == 0.0)
+    assert "watchdog" in link.state.limited and np.abs(link.state.xyz_world - start).max() > 1e-3
+
+
+def test_a_robot_process_that_is_killed_is_said(link):
+    os.kill(link.pid, signal.SIGKILL)
+    with pytest.raises(SourceError, match="its process has ended"):
+        for _ in range(400):
+            link.poll()
+            time.sleep(0.01)
+
+
+def test_a_robot_that_cannot_be_driven_is_said_in_one_line():
+    made = RobotLink(RobotPlan(settings=TeleoperationSettings(), frames=("tool",)))
+    try:
+        with pytest.raises(ConfigError, match="no site 'tool'"):
+            made.wait_ready()
+    finally:
+        made.close()
