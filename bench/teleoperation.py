@@ -26,9 +26,7 @@ def faults(first: int, count: int, workers: int) -> int:
     moved = sum(went for _, went in done)
     kinds = dict(Counter(breach.what.split()[0] for breach in breaches))
     seconds = time.monotonic() - begun_s
-    print(
-        f"fault sequences {first} to {first + count - 1}: {len(breaches)} breaches {kinds}; the robot moved in {moved}; {seconds:.0f} s"
-    )
+    print(f"fault sequences {first} to {first + count - 1}: {len(breaches)} breaches {kinds}; moved in {moved}; {seconds:.0f} s")
     for breach in breaches[:10]:
         print(f"  sequence {breach.sequence} at {breach.t_s:.2f} s: {breach.what}")
     return len(breaches)

@@ -1,8 +1,8 @@
 """Random sequences of faults through mapping, gate, link and limits, and a judge that knows what is true.
 
 Each sequence begins with an operator whose hand moves the robot, and goes on with faults that begin and end at random: frozen,
-late, jumping and dead cameras, exchanged people, NaN, clocks that jump, a lost network, late or repeated heartbeats, missing robot
-state, an operator who walks to the robot. The judge looks at the true motion of the robot only, at the true time.
+late, jumping and dead cameras, exchanged people, NaN, clocks that jump, a lost network, late or repeated heartbeats, no robot state,
+an operator who walks to the robot. The judge looks at the true motion of the robot only, at the true time.
 """
 
 from __future__ import annotations
@@ -216,7 +216,7 @@ def engaged_world(settings: TeleoperationSettings, seed: int) -> World:
 
 
 def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None = None) -> tuple[list[Breach], bool]:
-    """One sequence that goes on from a world: what it broke of `limits` (default: its own), and whether the robot moved at all."""
+    """One sequence that goes on from a world: what it broke of `limits` (default: its own), and whether the robot moved."""
     rng = np.random.default_rng([seed, 7])
     world = begin.copied(rng)
     # most are short; the long ones see what takes its time: losses, new engagements, people who walk
@@ -285,7 +285,7 @@ class Judge:
 def run_many(
     first: int, count: int, settings: TeleoperationSettings | None = None, limits: TeleoperationSettings | None = None
 ) -> tuple[list[Breach], int]:
-    """Sequences `first` to `first + count - 1`: all breaches of `limits` (default: the settings), and in how many the robot moved."""
+    """Sequences `first` to `first + count - 1`: breaches of `limits` (default: the settings), and in how many the robot moved."""
     settings = settings or rehearsal_settings()
     worlds = [engaged_world(settings, seed) for seed in range(min(count, _WORLDS))]
     breaches, moved = [], 0
