@@ -1,7 +1,7 @@
 """Random sequences of faults through mapping, gate, link and limits, and a judge that knows what is true.
 
 Each sequence begins with an operator whose hand moves the robot, and goes on with faults that begin and end at random: frozen,
-late, jumping and dead cameras, exchanged people, NaN, clocks that jump, a lost network, late or repeated heartbeats, no robot state,
+late, jumping and dead cameras, exchanged people, NaN, clocks that jump, a lost network, late or repeated heartbeats, no state,
 an operator who walks to the robot. The judge looks at the true motion of the robot only, at the true time.
 """
 
