@@ -90,7 +90,7 @@ class Identity:
             pose: of this frame. clothing: (N, 9) of its people, NaN where unknown, see `clothing.clothing_traits`; None: all
                 unknown.
         """
-        found = np.isfinite(pose.xyz_world[..., 0]).any(axis=1)
+        found = np.any(np.isfinite(pose.xyz_world[..., 0]), axis=1)
         lengths = body_lengths_m(pose.xyz_world, pose.skeleton)
         worn = np.full((len(found), CLOTHING_TRAITS), np.nan) if clothing is None else clothing
         measured = np.concatenate([lengths, worn], axis=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -46,9 +47,11 @@ def _kept(observations: Observations, frames: Sequence[int]) -> Detections2D:
     rows = np.concatenate([np.arange(observations.frame_begin[i], observations.frame_begin[i + 1]) for i in frames])
     rows = rows[observations.person_id[rows] != NOT_KEPT]
     one = observations.detections(frames[0])
-    kept = replace(one, **observations.rows(rows))
+    arrays: dict[str, Any] = observations.rows(rows)
+    kept = replace(one, **arrays)
     return replace(kept, score=np.where(kept.score > 0, 1.0, 0.0))
 
 
 def _joined(one: Detections2D, other: Detections2D) -> Detections2D:
-    return replace(other, **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in DETECTION_ARRAYS})
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in DETECTION_ARRAYS}
+    return replace(other, **arrays)

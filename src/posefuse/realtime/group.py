@@ -219,7 +219,7 @@ def _keeper(plan: GroupPlan, entry: LiveInput) -> VideoKeeper | None:
 
 def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:
     """Session time, and only people who were seen."""
-    there = (found.score > 0).any(axis=-1)
+    there = np.any(found.score > 0, axis=-1)
     return replace(found.people(there), t_ns=found.t_ns + shift_ns)
 
 

@@ -15,7 +15,7 @@ def point_covariance(rig: Rig, xyz_world: Array, xy_img: Array, noise_px: float)
 
     By the inverse of the normal equations of least squares (Gauss-Markov); slopes by central differences.
     """
-    seen = np.isfinite(xy_img).all(axis=-1)
+    seen = np.all(np.isfinite(xy_img), axis=-1)
     slope = np.empty((*xy_img.shape, 3))
     for axis in range(3):
         step = _STEP_M * np.eye(3)[axis]

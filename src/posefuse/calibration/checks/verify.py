@@ -98,8 +98,8 @@ def verify(
     square = (off**2).sum(axis=-1)
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
-    noise_m = float(np.sqrt((noise_m**2).mean()))
-    report = _report(rig, error, true, scale=scale, noise_m=noise_m, reprojection_px=reprojection_px, found=found, limits=limits)
+    rms_m = float(np.sqrt((noise_m**2).mean()))
+    report = _report(rig, error, true, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px, found=found, limits=limits)
     return Verification(
         xyz_world=xyz[good],
         t_ns=times[key[good, 0]],

@@ -74,7 +74,7 @@ class World:
     settings: TeleoperationSettings
     rng: np.random.Generator
     operator: Operator = field(default_factory=Operator)
-    robot: ExactRobot = field(default_factory=lambda: ExactRobot([1.9, -0.2, 0.9]))
+    robot: ExactRobot = field(default_factory=lambda: ExactRobot(np.array([1.9, -0.2, 0.9])))
     t_s: float = 0.0
     seq: int = 0
     walked_m: float = 0.0
