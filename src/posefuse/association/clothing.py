@@ -27,7 +27,7 @@ def clothing_traits(assignment: Assignment, detections: Sequence[Detections2D]) 
 
 def median_clothing(clothing_lab: Array) -> Array:
     """(9,) medians over views (V, 3, 3) of L*, a*, b* of trunk, thighs and shanks; NaN where fewer than two views know."""
-    known = np.isfinite(clothing_lab).all(axis=-1)
+    known = np.asarray(np.isfinite(clothing_lab).all(axis=-1))
     enough = known.sum(axis=0) >= _LEAST_VIEWS
     median = np.full((3, 3), np.nan)
     for part in np.flatnonzero(enough):
