@@ -9,7 +9,8 @@ from posefuse import __version__
 from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import write_report
-from posefuse.evaluation.report.normal import RANGES, SOURCES
+from posefuse.evaluation.report.normal import SOURCES
+from posefuse.evaluation.report.parameters import RANGES
 from posefuse.evaluation.report.quality import keypoint_quality
 from posefuse.formats.page.packing import unpacked
 from posefuse.kinematics import JOINTS, joints_from_poses
@@ -72,7 +73,21 @@ def test_the_page_says_what_it_is_about(read_page, tmp_path, ring_rig):
     assert "1 & <2>" in page.text and "cam <1>" in page.text and len(page.images) == 2
 
 
-def test_gait_parameters_stand_beside_published_ones(read_page, tmp_path, ring_rig):
+@pytest.mark.parametrize(
+    ("provenance", "shown"),
+    [
+        ({"recorded": "2026-03-01T09:30:00Z"}, "2026-03-01 09:30:00 UTC"),
+        ({"start_ns": 1_772_357_400 * 10**9}, "2026-03-01 09:30:00 UTC"),
+        ({"start_ns": 5 * 10**9}, "not stated by the files"),
+        ({}, "not stated by the files"),
+    ],
+)
+def test_the_date_of_the_recording_is_the_one_that_its_files_state(read_page, tmp_path, ring_rig, provenance, shown):
+    page = reported(read_page, tmp_path, recording_of(ring_rig, *walker(), provenance))
+    assert dict(page.tables[0])["date of the recording"] == shown
+
+
+def test_gait_parameters_stand_next_to_published_ones(read_page, tmp_path, ring_rig):
     recording = recording_of(ring_rig, *walker())
     page = reported(read_page, tmp_path, recording)
     rows = {(row[0], row[1]): row for row in page.tables[1]}

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .angle_aliases import OPENSIM
 from .arrays import Array, check_fields, freeze_fields
 from .errors import InputError, ShapeError, choices
 from .se3 import SE3
@@ -90,12 +91,14 @@ class JointAngles:
     def __repr__(self) -> str:
         return f"JointAngles({len(self)} time steps, {len(self.person_id)} people, {len(self.joints)} joints of 3 angles)"
 
-    def __getitem__(self, key: tuple[str, str]) -> AngleSeries:
-        """The angle (joint, angle name) of the one person in it.
+    def __getitem__(self, key: tuple[str, str] | str) -> AngleSeries:
+        """The angle (joint, angle name) of the one person in it, or the angle of a name of OpenSim, e.g. ``"pelvis_tilt"``.
 
         Raises:
             InputError: no such joint or angle (the message lists those that exist), or several people: choose one with `of`.
         """
+        if isinstance(key, str):
+            return self._opensim(key)
         if not (isinstance(key, tuple) and len(key) == 2):
             raise InputError(f'joint angles: expected [joint, angle], e.g. ["left_knee", "flexion"], got {key!r}')
         if len(self.person_id) != 1:
@@ -112,6 +115,13 @@ class JointAngles:
         a = self.angle_names[j].index(angle)
         t_s = (self.t_ns - self.t_ns[:1]) * 1e-9
         return AngleSeries(name=f"{joint} {angle}", t_s=t_s, rad=self.angle_rad[:, 0, j, a], sigma_rad=self.sigma_rad[:, 0, j, a])
+
+    def _opensim(self, name: str) -> AngleSeries:
+        if name not in OPENSIM:
+            raise InputError(f"joint angles: no angle {name!r} of OpenSim; there are: {choices(OPENSIM)}")
+        joint, angle, sign = OPENSIM[name]
+        found = self[joint, angle]
+        return replace(found, name=name, rad=sign * found.rad)
 
     def of(self, person_id: int) -> JointAngles:
         """The angles of one person; raises InputError for an id that is not there."""

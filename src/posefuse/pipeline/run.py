@@ -18,6 +18,7 @@ from posefuse.foundation.compiled import compiling
 from posefuse.foundation.plain_values import plain
 from posefuse.health.recorded import rig_findings
 from posefuse.health.rig_monitor import OUT_OF_STEP, Finding
+from posefuse.sources.video import recorded_at
 from posefuse.tracking import JointCentres, proportional_joint_centres
 
 from .clock import StageClock
@@ -170,11 +171,13 @@ def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store |
 def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[str]) -> dict[str, Any]:
     """How a result is made, in plain values; nothing that differs between two runs of the same command."""
     session = opened.session
+    recorded = recorded_at(session.inputs[0].path) if session.inputs[0].kind == "videos" else None
     return {
         "posefuse": __version__,
         "rig_id": opened.rig.id,
         "rig_file": session.rig_path.name,
         "session": session.folder.name,
+        **({} if recorded is None else {"recorded": recorded}),
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
         "config": plain(dataclasses.asdict(opened.config)),
         "joint_centres": plain(dataclasses.asdict(settings.centres)) if settings.centres else None,

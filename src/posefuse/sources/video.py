@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
 
@@ -24,6 +25,7 @@ VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpe
 # these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
 _ARBITRARY_START = ("mpegts", "avi", "mpeg")
 _MOST_BROKEN_IN_A_ROW = 30
+_FIRST_YEAR = 2000
 # FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
 _CONTAINERS = "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc"
 
@@ -49,6 +51,18 @@ class VideoConfig:
     def build(self) -> VideoSource:
         """Open the file and look at its first frame; raises SourceError when that cannot be done."""
         return VideoSource(self)
+
+
+def recorded_at(path: Path) -> str | None:
+    """When a video was recorded, in UTC as ``2026-03-01T09:30:00Z``, if its camera wrote that into the file."""
+    try:
+        with av.open(str(path), metadata_errors="replace", container_options={"format_whitelist": _CONTAINERS}) as container:
+            stated = container.metadata.get("creation_time", "")
+        when = datetime.fromisoformat(stated).astimezone(UTC)
+    except (av.error.FFmpegError, OSError, ValueError):
+        return None
+    # cameras whose clock was never set write the first second of their calendar
+    return when.strftime("%Y-%m-%dT%H:%M:%SZ") if when.year >= _FIRST_YEAR else None
 
 
 class VideoSource:

@@ -9,7 +9,11 @@ SOURCES = {
         "R. W. Bohannon, Comfortable and maximum walking speed of adults aged 20-79 years: reference values and determinants, "
         "Age and Ageing 26 (1997) 15-19; comfortable speed, means of men and women of each decade of age"
     ),
-    "Perry & Burnfield 2010": "J. Perry, J. M. Burnfield, Gait Analysis: Normal and Pathological Function, 2nd ed., SLACK, 2010",
+    "Murray 1964, 1970": (
+        "M. P. Murray, A. B. Drought, R. C. Kory, Walking patterns of normal men, J. Bone Joint Surg. 46A (1964) 335-360; "
+        "M. P. Murray, R. C. Kory, S. B. Sepic, Walking patterns of normal women, Arch. Phys. Med. Rehabil. 51 (1970) 637-650"
+    ),
+    "Loudon 2008": ("J. Loudon et al., The Clinical Orthopedic Assessment Guide, 2nd ed., Human Kinetics, 2008, 395-408"),
 }
 CAUTION = (
     "Normal values are of healthy adults who walk at a speed they choose. They change with age, sex, height and speed, and other "
@@ -28,12 +32,6 @@ class Normal:
 
 NONE = Normal()
 SPEED = Normal("1.27 to 1.46 m/s, by age and sex", "Bohannon 1997")
-CADENCE = Normal("113 steps/min", "Perry & Burnfield 2010")
-STRIDE_LENGTH = Normal("1.41 m", "Perry & Burnfield 2010")
-STANCE = Normal("62 %", "Perry & Burnfield 2010")
-# range over the gait cycle
-RANGES = {
-    ("hip", "flexion"): Normal("about 40°", "Perry & Burnfield 2010"),
-    ("knee", "flexion"): Normal("about 60°", "Perry & Burnfield 2010"),
-    ("ankle", "dorsiflexion"): Normal("about 30° (20° to 40°)", "Perry & Burnfield 2010"),
-}
+CADENCE = Normal("117 steps/min", "Murray 1964, 1970")
+STRIDE_LENGTH = Normal("1.58 m (men), 1.32 m (women)", "Murray 1964, 1970")
+STANCE = Normal("60 %", "Loudon 2008")

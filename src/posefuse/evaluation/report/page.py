@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,8 @@ BAND_SIGMAS = 2.0
 _SHORT_ID = 12
 _COLOURS = "Blue: left; orange: right; green: trunk."
 _PAIRS = ("hip", "shoulder")
+# 2000-01-01; sessions of videos and of the simulator may count from zero
+_FIRST_YEAR_NS = 946_684_800 * 10**9
 
 
 def write_report(
@@ -85,10 +87,21 @@ def _origin(recording: Recording) -> dict[str, str]:
     rig = recording.rig
     return {
         "session": str(recording.provenance.get("session", "unnamed")),
+        "date of the recording": _recorded(recording.provenance),
         "date of this report": date.today().isoformat(),
         "rig": f"{len(rig)} cameras ({', '.join(rig.names)}), id {rig.id[:_SHORT_ID]}, world frame: {rig.world_set_by}",
         "version": f"posefuse {__version__}",
     }
+
+
+def _recorded(provenance: Mapping[str, Any]) -> str:
+    """The date that the camera or the live session stated, in UTC."""
+    if "recorded" in provenance:
+        return str(provenance["recorded"]).replace("T", " ").replace("Z", " UTC")
+    start_ns = provenance.get("start_ns")
+    if isinstance(start_ns, int) and start_ns > _FIRST_YEAR_NS:
+        return datetime.fromtimestamp(start_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    return "not stated by the files"
 
 
 def _cards(recording: Recording) -> Cards:

@@ -12,11 +12,13 @@ from posefuse.formats.page import MISSING, Block, Cell, Details, Facts, Note, Ta
 from posefuse.kinematics.gait import Gait, Spread
 
 from .angles import title_of
-from .normal import CADENCE, CAUTION, NONE, RANGES, SOURCES, SPEED, STANCE, STRIDE_LENGTH, Normal
+from .normal import CADENCE, CAUTION, NONE, SOURCES, SPEED, STANCE, STRIDE_LENGTH, Normal
 
 # a space at which a line does not break
 _KEPT = "\N{NO-BREAK SPACE}"
 _SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
+# angles whose range over the gait cycle is in the table; definitions differ too much between systems to cite a normal value
+RANGES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
 _COLUMNS = ("parameter", "side", "value", "normal for adults", "source")
 
 
@@ -52,15 +54,14 @@ def spread_text(spread: Spread, unit: str, scale: float = 1.0, digits: int = 2) 
 
 
 def _ranges(cycles: list[CycleAngles]) -> list[list[Any]]:
-    """Range over the gait cycle of the angles for which a normal value is cited."""
+    """Range over the gait cycle of `RANGES`."""
     return [
         _row(
             f"{title_of(part, angle)}, range over the gait cycle",
             spread_text(_spread(np.degrees(one.ranges_rad)), "°", digits=0),
-            normal,
-            one.side,
+            side=one.side,
         )
-        for (part, angle), normal in RANGES.items()
+        for part, angle in RANGES
         for one in cycles
         if (one.joint, one.angle) == (f"{one.side}_{part}", angle)
     ]

@@ -1,0 +1,43 @@
+"""Names of OpenSim give the same angles, with OpenSim's signs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.core import InputError, JointAngles
+from posefuse.core.angle_aliases import OPENSIM
+from posefuse.formats.truth import read_truth
+from posefuse.kinematics import joints_from_poses
+from posefuse.kinematics.definitions import JOINTS
+
+
+def test_every_alias_is_a_defined_angle() -> None:
+    defined = {(joint.name, angle) for joint in JOINTS for angle in joint.angle_names}
+    assert not [name for name, (joint, angle, _) in OPENSIM.items() if (joint, angle) not in defined]
+
+
+@pytest.fixture(scope="module")
+def angles() -> JointAngles:
+    from posefuse.core import PoseSequence
+
+    truth = read_truth(Path(__file__).resolve().parents[2] / "examples" / "demo" / "truth" / "truth.npz")
+    shape = truth.xyz_world.shape[:3]
+    poses = PoseSequence(
+        t_ns=truth.t_ns, skeleton=truth.skeleton, person_id=truth.person_id, xyz_world=truth.xyz_world,
+        cov_world=np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3)), reproj_px=np.ones(shape), n_views=np.full(shape, 4),
+        kind=np.ones(shape),
+    )  # fmt: skip
+    return joints_from_poses(poses)
+
+
+@pytest.mark.parametrize(("name", "joint", "angle", "sign"), [(name, *meaning) for name, meaning in OPENSIM.items()])
+def test_an_alias_is_the_angle_with_its_sign(angles: JointAngles, name: str, joint: str, angle: str, sign: int) -> None:
+    np.testing.assert_array_equal(angles[name].rad, sign * angles[joint, angle].rad)
+    np.testing.assert_array_equal(angles[name].sigma_rad, angles[joint, angle].sigma_rad)
+    assert angles[name].name == name
+
+
+def test_an_unknown_name_lists_those_that_exist(angles: JointAngles) -> None:
+    with pytest.raises(InputError, match=r"no angle 'pelvis_lean' of OpenSim; there are: .*ankle_angle_l"):
+        angles["pelvis_lean"]
