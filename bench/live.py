@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Rig
+from posefuse.core.se3 import SE3
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.detection.build import build_detector
 from posefuse.evaluation.metrics import true_xyz_at, typical_nees
@@ -43,6 +44,8 @@ _SETTLED_S = 1.5
 # joints that have a covariance of their own
 _ASKED = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))
 TWIN = "_twin"
+# by so much a twin stands beside its camera, as a rig file takes no two cameras at one place
+_ASIDE_M = 0.005
 
 
 def live(rig: Path, sources: list[str], seconds: float, *options: str) -> dict:
@@ -161,9 +164,11 @@ def main() -> None:
 
 
 def twins(session: Path, path: Path) -> list[str]:
-    """A rig with every camera twice, and the films as its sources."""
+    """A rig with every camera twice, and the videos as its sources; a rig file refuses two cameras at one place."""
     rig = read_rig(session / "rig.toml")
-    write_rig(path, replace(rig, cameras=(*rig.cameras, *(replace(c, name=f"{c.name}{TWIN}") for c in rig.cameras))))
+    aside = SE3(np.array([1.0, 0.0, 0.0, 0.0]), np.array([_ASIDE_M, 0.0, 0.0]))
+    twins = (replace(c, name=f"{c.name}{TWIN}", cam_from_world=aside @ c.cam_from_world) for c in rig.cameras)
+    write_rig(path, replace(rig, cameras=(*rig.cameras, *twins)))
     films = {camera.name: session / "videos" / f"{camera.name}.mp4" for camera in rig}
     return [f"{name}{twin}=video:{film}" for name, film in films.items() for twin in ("", TWIN)]
 

@@ -1,6 +1,7 @@
 """Arrays that are checked once and can no longer be written."""
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,26 @@ Array = NDArray[Any]
 
 
 def frozen(value: Any, dtype: DTypeLike, name: str) -> Array:
-    """`value` as a read-only, contiguous array of its own; raises ShapeError when it is not numeric."""
+    """`value` as a read-only, contiguous array of its own; raises ShapeError when it is not numeric.
+
+    An array that this function returned before is not copied again: nobody writes to it any more.
+    """
+    if _is_frozen(value, dtype):
+        return np.asarray(value)
     try:
         array = np.array(value, dtype=dtype, order="C")
     except (TypeError, ValueError) as error:
         raise ShapeError(f"{name}: expected an array of {np.dtype(dtype)}, got {type(value).__name__} ({error})") from None
     array.setflags(write=False)
     return array
+
+
+def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
+    # not a view: the array behind it may still be written
+    if type(value) is not np.ndarray or value.dtype != dtype:
+        return False
+    flags = value.flags
+    return flags.owndata and flags.c_contiguous and not flags.writeable
 
 
 # standard deviation of a normal distribution from its median absolute deviation
@@ -43,11 +57,17 @@ def check_axes(owner: str, arrays: Mapping[str, tuple[Array, str]]) -> dict[str,
     """
     sizes: dict[str, int] = {}
     for field, (array, axes) in arrays.items():
-        wanted = axes.split()
+        wanted = _parsed(axes)
         if array.ndim != len(wanted):
-            raise ShapeError(f"{owner}.{field}: expected axes ({', '.join(wanted)}), got shape {array.shape}")
-        for axis, size in zip(wanted, array.shape, strict=True):
-            expected = int(axis) if axis.isdigit() else sizes.setdefault(axis, size)
+            raise ShapeError(f"{owner}.{field}: expected axes ({', '.join(axes.split())}), got shape {array.shape}")
+        for (axis, exact), size in zip(wanted, array.shape, strict=True):
+            expected = sizes.setdefault(axis, size) if exact is None else exact
             if size != expected:
                 raise ShapeError(f"{owner}.{field}: expected axis {axis} of size {expected}, got shape {array.shape}")
     return sizes
+
+
+@cache
+def _parsed(axes: str) -> tuple[tuple[str, int | None], ...]:
+    """Each axis with its exact size, None where a letter stands for it."""
+    return tuple((axis, int(axis) if axis.isdigit() else None) for axis in axes.split())

@@ -14,6 +14,8 @@ from av.container import OutputContainer
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
+from .pixels import PixelConverter
+
 TIME_BASE = Fraction(1, 1_000_000)
 # the start of a video is stored in the file's own ticks, 1000 per second unless asked otherwise
 _CONTAINER = {"movie_timescale": str(TIME_BASE.denominator)}
@@ -96,10 +98,11 @@ def read_video(path: Path) -> Iterator[tuple[int, Array]]:
     """(time in ns, RGB image (H, W, 3)) of every frame of a video `VideoWriter` made; raises InputError when it cannot."""
     try:
         with av.open(str(path), metadata_errors="replace") as container:
+            converter = PixelConverter()
             for frame in container.decode(video=0):
                 yield (
                     round((frame.pts or 0) * Fraction(frame.time_base or TIME_BASE) * 1_000_000_000),
-                    frame.to_ndarray(format="rgb24"),
+                    converter.rgb(frame),
                 )
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(f"{path}: cannot be read as a video ({error})") from None

@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from statistics import median
 from typing import Protocol
-
-import numpy as np
 
 from posefuse.core import Detections2D
 
@@ -245,7 +244,7 @@ class Monitor:
         """Mid-exposure by a clock that agrees with arrival; None while that has to be found out."""
         t_ns = seen.detections.t_ns + watch.shift_ns
         age_ns = seen.received_ns - t_ns
-        usual_ns = int(np.median(watch.ages_ns)) if watch.ages_ns else _AGE_UNTIL_KNOWN_NS
+        usual_ns = int(median(watch.ages_ns)) if watch.ages_ns else _AGE_UNTIL_KNOWN_NS
         if abs(age_ns - usual_ns) <= JUMP_NS:
             watch.ages_ns.append(age_ns)
             watch.strange_ns.clear()
@@ -254,7 +253,7 @@ class Monitor:
         watch.late = 0 < age_ns - usual_ns < _LATE_NS
         needed = _AGREEING_LATE if watch.late else _AGREEING
         recent = list(watch.strange_ns)[-needed:]
-        jump_ns = int(np.median(recent)) - usual_ns
+        jump_ns = int(median(recent)) - usual_ns
         watch.jumped_at_ns = now_ns
         agreed = len(recent) == needed and max(recent) - min(recent) <= _AGREE_NS
         watch.late = watch.late and not agreed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Mapping
+from statistics import median
 from typing import Any, Protocol
 
 import numpy as np
@@ -79,6 +80,7 @@ class Fusion:
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
         self.sigma_px = np.full(len(rig), _SIGMA_PX)
+        self._places = {name: c for c, name in enumerate(rig.names)}
         self._waiting: list[Way] = []
         self._last_told: Pose3D | None = None
         self._followed = 0
@@ -160,10 +162,10 @@ class Fusion:
         self.outlets.offer(LiveDetections(detections=view, stages_ns=stages))
 
     def _learn_noise(self, camera: str, sigma_px: Array) -> None:
-        stated = sigma_px[np.isfinite(sigma_px)]
-        if len(stated):
-            c = self.rig.names.index(camera)
-            self.sigma_px[c] += _SIGMA_FORGET * (float(np.median(stated)) - self.sigma_px[c])
+        stated = sigma_px[np.isfinite(sigma_px)].tolist()
+        if stated:
+            c = self._places[camera]
+            self.sigma_px[c] += _SIGMA_FORGET * (median(stated) - self.sigma_px[c])
 
     def _listen(self, intake: Intake, due_ns: int) -> None:
         channels = intake.channels()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from posefuse.core import Camera, Pose3D, Rig
@@ -9,7 +11,6 @@ from posefuse.core.arrays import Array
 
 # a view is looked at this often whatever it is worth: only a look tells that somebody can be seen again
 LEAST_EVERY_S = 0.4
-_EDGE_PX = 4.0
 
 
 def search_slot(now_ns: int, every_s: float) -> int:
@@ -31,27 +32,19 @@ def expected_gain(pose: Pose3D, rig: Rig, sigma_px: Array) -> Array:
         pose: predicted to the time of the next frames. rig: the cameras.
         sigma_px: (C,) usual noise of each camera's keypoints.
     """
-    known = np.isfinite(pose.xyz_world).all(axis=-1) & np.isfinite(pose.cov_world).all(axis=(-1, -2))
-    xyz, cov = pose.xyz_world[known], pose.cov_world[known]
-    if not len(xyz):
-        return np.zeros(len(rig))
-    return np.array([_gain(camera, xyz, cov, sigma) for camera, sigma in zip(rig, sigma_px, strict=True)])
+    from . import kernels
+
+    out = np.empty(len(rig))
+    kernels.gain(_packed(rig), np.asarray(sigma_px, np.float64), pose.xyz_world, pose.cov_world, out)
+    return out
 
 
-def _gain(camera: Camera, xyz: Array, cov: Array, sigma_px: float) -> float:
-    xyz_cam = camera.cam_from_world @ xyz
-    z = xyz_cam[:, 2]
-    front = z > 0.1
-    if not front.any():
-        return 0.0
-    xyz_cam, cov, z = xyz_cam[front], cov[front], z[front]
-    x, y = xyz_cam[:, 0] / z, xyz_cam[:, 1] / z
-    u, v = camera.K[0, 0] * x + camera.K[0, 2], camera.K[1, 1] * y + camera.K[1, 2]
-    width, height = camera.size_wh
-    inside = (u > _EDGE_PX) & (u < width - _EDGE_PX) & (v > _EDGE_PX) & (v < height - _EDGE_PX)
-    zero = np.zeros_like(z)
-    by_cam = np.stack([np.stack([1 / z, zero, -x / z], -1), np.stack([zero, 1 / z, -y / z], -1)], axis=-2)
-    jacobian = (camera.K[[0, 1], [0, 1]][:, None] / sigma_px) * by_cam @ camera.cam_from_world.matrix()
-    inner = jacobian @ cov @ np.swapaxes(jacobian, -1, -2)
-    determinant = (1 + inner[:, 0, 0]) * (1 + inner[:, 1, 1]) - inner[:, 0, 1] * inner[:, 1, 0]
-    return float(0.5 * np.log(np.maximum(determinant[inside], 1.0)).sum())
+@lru_cache(maxsize=4)
+def _packed(rig: Rig) -> Array:
+    """(C, CAMERA_SIZE) as the kernel reads them."""
+    return np.array([_columns(camera) for camera in rig])
+
+
+def _columns(camera: Camera) -> Array:
+    pose, focal, centre = camera.cam_from_world, camera.K[[0, 1], [0, 1]], camera.K[:2, 2]
+    return np.concatenate([pose.matrix().ravel(), pose.xyz, focal, centre, camera.size_wh])

@@ -17,6 +17,7 @@ from posefuse.core import LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceEr
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.kinematics import JointTracker
+from posefuse.tracking import JointCentres, at_joint_centres
 from posefuse.tracking.online import Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
@@ -36,6 +37,7 @@ from .outputs import OutputProcess
 from .processes import Groups
 from .provenance import notes_of
 from .rig_watch import watching
+from .scheduling import expected_gain
 from .session_plan import Finished, SessionPlan, SessionViews
 
 LEAST_CAMERAS = 2
@@ -196,11 +198,14 @@ def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
 
 
 def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
-    """Show it a made-up person in front of the cameras for a moment."""
+    """Show it a made-up person in front of the cameras for a moment, and do with the poses what the output rate does."""
+    no_offsets = JointCentres(made_by="", offsets={})
     for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
         for view in detections:
             tracker.add(view)
-            tracker.at(view.t_ns + 20_000_000)
+            pose = tracker.at(view.t_ns + 20_000_000)
+        at_joint_centres(pose, no_offsets, no_offsets.usual)
+        expected_gain(pose, rig, np.ones(len(rig)))
 
 
 def new_board(rig: Rig) -> Board:

@@ -17,6 +17,7 @@ from av.video.stream import VideoStream
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.encoded import EncodedImage
+from posefuse.formats.pixels import PixelConverter
 
 from .packets import PendingPackets
 
@@ -130,6 +131,7 @@ class VideoSource:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             start_s = Fraction(0)
+            converter = PixelConverter()
             seq = 0
             for decoded, encoded in self._decoded_frames(container, stream):
                 if decoded.pts is None:
@@ -139,7 +141,8 @@ class VideoSource:
                 if seq == 0 and container.format.name in _ARBITRARY_START:
                     start_s = time_s
                 t_ns = self._session_ns(time_s - start_s)
-                yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=_upright(decoded), encoded=encoded)
+                image = _upright(converter.rgb(decoded), decoded)
+                yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=image, encoded=encoded)
                 seq += 1
 
     def _decoded_frames(
@@ -200,8 +203,7 @@ def _ticks(container: av.container.InputContainer, stream: VideoStream) -> set[i
     return ticks
 
 
-def _upright(decoded: VideoFrame) -> Array:
-    """RGB image (H, W, 3), turned by the file's display rotation."""
-    image = decoded.to_ndarray(format="rgb24")
+def _upright(image: Array, decoded: VideoFrame) -> Array:
+    """The image (H, W, 3) turned by the file's display rotation."""
     turns = round(decoded.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image

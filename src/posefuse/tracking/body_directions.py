@@ -1,7 +1,8 @@
-"""Directions of the body at its joints, from keypoints: both sides at once in few operations, fast enough for every pose."""
+"""Directions of the body at its joints, from keypoints."""
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
@@ -39,7 +40,9 @@ _VECTORS = {
     "foot": ("heel", "foot_index"),
     "palm": ("pinky", "index"),
 }
-_FROM, _TO = (np.array([_POINTS.index(ends[i]) for ends in _VECTORS.values()]) for i in (0, 1))
+# (V, 2), in the order of which the kernels know
+_ENDS = np.array([[_POINTS.index(end) for end in ends] for ends in _VECTORS.values()])
+_COUNT = sum(len(names) for names in JOINT_DIRECTIONS.values())
 
 
 def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
@@ -54,39 +57,13 @@ def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
     ``lowering``, normal to the arm and the chest's forward, down from an arm held out sideways: nothing when it hangs, one
     long when it is level. NaN where keypoints are missing.
     """
-    points = _points(xyz, skeleton)
-    vectors = points[..., _TO, :] - points[..., _FROM, :]
-    unit = dict(zip(_VECTORS, np.moveaxis(_unit(vectors), -2, 0), strict=True))
-    spine, chest_out, pelvis_out, arm, forearm, hand, thigh, shank, foot, _ = unit.values()
-    # the second of each pair normal to the first: up of chest and pelvis, outward of knee and ankle
-    axes = np.stack([chest_out, pelvis_out, thigh, shank], axis=-2)
-    others = np.stack([spine, spine, pelvis_out, pelvis_out], axis=-2)
-    normal = _unit(others - (others * axes).sum(axis=-1, keepdims=True) * axes)
-    chest_up, pelvis_up, knee_out, ankle_out = np.moveaxis(normal, -2, 0)
-    ups = np.stack([chest_up, pelvis_up, -thigh, -shank], axis=-2)
-    ahead = _ahead(ups, np.stack([chest_out, pelvis_out, knee_out, ankle_out], axis=-2))
-    chest_ahead, pelvis_ahead, knee_ahead, ankle_ahead = np.moveaxis(ahead, -2, 0)
-    outward, upward = ((arm * axis).sum(axis=-1, keepdims=True) for axis in (chest_out, chest_up))
-    raising = chest_out * outward
-    lowering = _ahead(chest_ahead[..., None, :], arm[..., None, :])[..., 0, :] * outward * (1 + upward)
-    return np.stack(
-        [
-            chest_ahead, chest_up, chest_out, arm, raising,
-            arm, forearm, forearm - arm, lowering,
-            forearm, hand, vectors[..., -1, :] / _PALM_M,
-            pelvis_ahead, pelvis_up, pelvis_out, thigh, thigh + spine,
-            thigh, shank - thigh, knee_out, knee_ahead,
-            shank, foot, ankle_out, ankle_ahead,
-        ],
-        axis=-2,
-    )  # fmt: skip
+    from . import direction_kernels as kernels
 
-
-def _points(xyz: Array, skeleton: Skeleton) -> Array:
-    """(..., 2, P, 3) of `_POINTS` on each side, each the middle of two keypoints (or of one and the same)."""
-    one, other = _columns(skeleton)
-    known = np.concatenate([xyz, np.full_like(xyz[..., :1, :], np.nan)], axis=-2)
-    return np.asarray((known[..., one, :] + known[..., other, :]) / 2)
+    leading = np.shape(xyz)[:-2]
+    given = np.array(xyz, np.float64).reshape(math.prod(leading), len(skeleton), 3)
+    found = np.empty((len(given), len(SIDES), _COUNT, 3))
+    kernels.directions(given, *_columns(skeleton), _ENDS, _PALM_M, found)
+    return found.reshape(*leading, *found.shape[1:])
 
 
 @cache
@@ -108,16 +85,3 @@ def _named(point: str, side: str, other: str) -> str:
     if point in _MIDDLE:
         return point
     return f"{other}_{point.removeprefix('other_')}" if point.startswith("other_") else f"{side}_{point}"
-
-
-def _ahead(up: Array, outward: Array) -> Array:
-    """Forward (..., 2, n, 3): left x up for the left side's outward, up x right for the right side's."""
-    x, y, z = np.moveaxis(outward, -1, 0)
-    a, b, c = np.moveaxis(up, -1, 0)
-    crossed = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
-    return np.asarray(crossed * np.array([1.0, -1.0])[:, None, None])
-
-
-def _unit(vector: Array) -> Array:
-    length = np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
-    return np.asarray(vector / np.where(length > 1e-6, length, np.nan))

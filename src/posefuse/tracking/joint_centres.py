@@ -8,6 +8,7 @@ The table is fitted elsewhere; see `bench/fit_joint_centres.py`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
 from functools import cache, cached_property
@@ -27,7 +28,8 @@ from .segments import SEGMENTS, segment_lengths
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
 _DIRECTIONS = tuple((joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names)
-_FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])[:-1]
+# where each joint's directions begin, and the end
+_FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])
 # each round of the inverse leaves two fifths of the error or less: micrometres after these
 _INVERSE_ROUNDS = 12
 # people further from the average than those of the fit count as no further than this
@@ -125,18 +127,15 @@ def _lengths(landmarks: Array, skeleton: Skeleton, table: JointCentres) -> Array
 
 def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres, lengths: Array) -> Array:
     """(..., K, 3) from landmarks (..., K, 3) to joint centres; nothing where a direction is unknown."""
+    from . import direction_kernels as kernels
+
     longer = np.clip(np.nan_to_num(lengths - table.usual), -MOST_LONGER_M, MOST_LONGER_M)
-    return _moves_along(body_directions(xyz, skeleton), table.metres + longer @ table.slopes.T, skeleton)
-
-
-def _moves_along(known: Array, metres: Array, skeleton: Skeleton) -> Array:
-    """(..., K, 3) of directions (..., 2, D, 3) and metres (D,) or, of people, (N, D)."""
-    metres = metres[..., None, :, None]
-    along = np.where(metres == 0.0, 0.0, known * metres)
-    move = np.add.reduceat(along, _FIRST_DIRECTION, axis=-2)
-    moves = np.zeros((*known.shape[:-3], len(skeleton) + 1, 3))
-    moves[..., _columns(skeleton), :] = np.where(np.isfinite(move), move, 0.0)
-    return moves[..., :-1, :]
+    known = body_directions(xyz, skeleton)
+    flat = known.reshape(math.prod(known.shape[:-3]), *known.shape[-3:])
+    metres = np.broadcast_to(table.metres + longer @ table.slopes.T, (*known.shape[:-3], known.shape[-2]))
+    moves = np.empty((len(flat), len(skeleton), 3))
+    kernels.moves(flat, metres.reshape(len(flat), metres.shape[-1]).copy(), _FIRST_DIRECTION, _columns(skeleton), moves)
+    return moves.reshape(np.shape(xyz))
 
 
 @cache

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import av
-import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
+from posefuse.formats.pixels import PixelConverter
 from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
 from posefuse.sources.packets import decoded_with_packets
 
@@ -67,6 +67,7 @@ class StreamSource:
         self.camera = config.camera
         self._container: Any = _connected(config)
         self._decoded = decoded_with_packets(self._container, self._container.streams.video[0], config.keep_encoded)
+        self._converter = PixelConverter()
         self._times = StampClock(round(config.delay_s * 1e9))
         self._seq = 0
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
@@ -112,7 +113,7 @@ class StreamSource:
             seq=self._seq - 1,
             t_ns=t_ns,
             received_ns=now_ns,
-            image=np.ascontiguousarray(decoded.to_ndarray(format="rgb24")),
+            image=self._converter.rgb(decoded),
             encoded=encoded,
         )
 
