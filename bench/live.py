@@ -142,16 +142,16 @@ def main() -> None:
     args = parser.parse_args()
     session = args.session
     rig = session / "rig.toml"
-    small = ("--set", "detector.options.landmarks=blazepose_lite")
+    full, small = (("--set", f"detector.options.landmarks=blazepose_{size}") for size in ("full", "lite"))
     with tempfile.TemporaryDirectory() as scratch:
         doubled = Path(scratch) / "rig.toml"
         twin_sources = twins(session, doubled)
         scenarios = {
-            "4 cameras": (rig, [f"sim:{session}"]),
+            "4 cameras": (rig, [f"sim:{session}"], *full),
             "4, small network": (rig, [f"sim:{session}"], *small),
-            "4, latest": (rig, [f"sim:{session}"], "--set", "track.tracker=latest"),
-            "4, as the network marks": (rig, [f"sim:{session}"], "--set", "joint_centres=false"),
-            "8 cameras": (doubled, twin_sources),
+            "4, latest": (rig, [f"sim:{session}"], *full, "--set", "track.tracker=latest"),
+            "4, as the network marks": (rig, [f"sim:{session}"], *full, "--set", "joint_centres=false"),
+            "8 cameras": (doubled, twin_sources, *full),
             "8, small network": (doubled, twin_sources, *small),
         }
         chosen = [name for name in scenarios if not args.only or any(word in name for word in args.only)]

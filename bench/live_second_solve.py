@@ -51,6 +51,7 @@ def played(session: Path, seconds: float, scratch: Path) -> tuple[Recording, dic
     recording = scratch / f"{session.name}.mcap"
     sources = [f"{path.stem}=video:{path}" for path in sorted((session / "videos").glob("*.mp4"))]
     command = [sys.executable, "-m", "posefuse.cli.main", "live", str(session / "rig.toml"), "--json", "--record", str(recording)]
+    command += ["--networks", "blazepose_full"]
     command += ["--duration", str(seconds + 1), *(part for source in sources for part in ("--source", source))]
     figures = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     found = read_result(recording)

@@ -22,6 +22,8 @@ from rich.table import Table
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.sources.video import VideoConfig
 
+NETWORK = "blazepose_full"
+
 
 def writing(video: Path, encoded: bool, folder: Path) -> dict:
     """Milliseconds of processor time per frame, and kilobytes."""
@@ -41,7 +43,8 @@ def writing(video: Path, encoded: bool, folder: Path) -> dict:
 
 def session(folder: Path, seconds: float, videos: Path | None) -> dict:
     """Frames used, processor time, frames written and dropped of one `posefuse live`."""
-    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(folder / "rig.toml"), "--json", "--duration", str(seconds)]
+    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(folder / "rig.toml"), "--json", "--networks", NETWORK]
+    command += ["--duration", str(seconds)]
     for path in sorted((folder / "videos").glob("*.mp4")):
         command += ["--source", f"{path.stem}=video:{path}"]
     command += ["--videos", str(videos)] if videos else []

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import ModelError
+from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs, share_of_frames
 
 COSTS = [NetworkCost("small", 0.003), NetworkCost("middle", 0.006), NetworkCost("large", 0.02)]
@@ -41,4 +42,4 @@ def test_costs_are_seconds_per_image_by_the_clock_given():
 
 def test_networks_that_are_not_there_are_named(tmp_path: Path):
     with pytest.raises(ModelError, match="blazepose_lite"):
-        measured_costs(cache=tmp_path)
+        measured_costs(config=BlazePoseConfig(cache=tmp_path))

@@ -395,8 +395,8 @@ def test_the_frame_worth_most_is_taken_and_only_the_newest_waits(ring_rig) -> No
         Frame(camera="cam00", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.zeros((4, 4, 3), np.uint8)) for i in range(3)
     ]
     for frame in frames:
-        captures[0].put(Caught(frame, 0))
-    captures[1].put(Caught(replace(frames[0], camera="cam01"), 0))
+        captures[0].put(Caught(frame, 0, frame.image))
+    captures[1].put(Caught(replace(frames[0], camera="cam01"), 0, frames[0].image))
     order = [pick(captures, lambda capture: float(capture.entry.camera == "cam01")) for _ in range(2)]
     assert [taken[1].frame.camera for taken in order if taken] == ["cam01", "cam00"]
     assert order[1][1].frame is frames[2]

@@ -80,8 +80,8 @@ class LiveSession:
         """
         from dataclasses import replace
 
-        from posefuse.detection.downloading import fetch_networks
         from posefuse.outputs.live.connection import ConnectionConfig
+        from posefuse.realtime.networks import fetch_networks
 
         # once and here: every camera process would download what is missing for itself
         with shown(self._progress) as report:

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.networks import fetch_networks
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import LiveOutputConfig, Rig
+from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_placed_rig, refusal_note
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable
@@ -22,6 +22,7 @@ from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.faults import faults_from_arguments
 from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
@@ -52,7 +53,7 @@ def run_session(
     rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
     terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
-    fetch_networks(config.detector, terminal)
+    fetch_chosen(config.detector, terminal)
     duration_s = run_options(timing).duration_s
     if videos:
         check_replaceable(videos, command="live", replace=False)
@@ -76,6 +77,12 @@ def session_rig(rig_file: Path, terminal: Terminal) -> Rig:
     if note := refusal_note(rig_file, rig):
         terminal.warn(note)
     return rig
+
+
+def fetch_chosen(choice: DetectorChoice, terminal: Terminal) -> None:
+    """Download the networks of a session, announced and with a bar; raises ModelError when none can be had."""
+    with terminal.stages() as progress:
+        fetch_networks(choice, progress)
 
 
 def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False) -> dict[str, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,11 @@ from posefuse.realtime.board import Board
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import velocity_between
+from posefuse.realtime.group_views import GroupViews
 from posefuse.realtime.joint_centres import message_from_centres
 from posefuse.realtime.messages import Centres, Seen, Status
 from posefuse.realtime.network_intake import NetworkIntake
+from posefuse.realtime.networks import settled_network
 from posefuse.realtime.news import Say
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.processes import Groups
@@ -40,7 +43,7 @@ from posefuse.realtime.scheduling import expected_gain
 from posefuse.realtime.session import group_plans, new_board, ready_tracker, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 
-from .live import how_it_ended, output_configs, run_options, session_rig, settled_config, settled_inputs
+from .live import fetch_chosen, how_it_ended, output_configs, run_options, session_rig, settled_config, settled_inputs
 from .live_report import figures_of, show, write_report
 from .terminal import Terminal
 
@@ -74,13 +77,16 @@ def camera_node(
     if config.camera_info == "use":
         raise ConfigError("--camera-info use: the fusion node needs these intrinsics, too; put them into the rig file")
     rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
+    fetch_chosen(config.detector, terminal)
+    detector, chooser = settled_network(config.detector, len(inputs), terminal.note)
+    config = replace(config, detector=detector)
     clock = SessionClock.begin()
     # the whole rig stands on the board, so that gains and regions have one order on all machines
     board = new_board(rig)
     plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
     with (
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
-        Groups(group_plans(rig, inputs, config, plan), board) as groups,
+        GroupViews(group_plans(rig, inputs, config, plan), board, chooser, terminal.note) as groups,
     ):
         skeleton = groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
@@ -124,6 +130,9 @@ class CameraNode:
             elif isinstance(message, Status):
                 for state in message.cameras:
                     self.monitor.told(state, message.t_ns)
+            elif isinstance(message, Centres):
+                now_ns = self._clock.now_ns()
+                self._node.publish(topics.JOINT_CENTRES, message_from_centres(message, now_ns), now_ns)
             elif isinstance(message, LivePreview):
                 publish_preview(self._node, message, self._rig)
         now_ns = self._clock.now_ns()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,22 +42,32 @@ class NetworkCost:
 
 
 def measured_costs(
-    names: Sequence[str] = BUNDLED, cache: Path | None = None, clock_s: Callable[[], float] = time.perf_counter
+    names: Sequence[str] = BUNDLED,
+    config: BlazePoseConfig | None = None,
+    clock_s: Callable[[], float] = time.perf_counter,
+    until: Callable[[NetworkCost], bool] = lambda _: False,
 ) -> list[NetworkCost]:
-    """Cost of each of the networks whose files are there; a few seconds.
+    """Cost of each of the networks whose files are there; about a second each.
 
     Args:
-        names: bundled networks. cache: where their files are; None: the user's cache folder.
+        names: bundled networks, from the smallest to the largest. config: of the detector; its network does not count.
         clock_s: for tests.
+        until: larger networks are not measured after one for which this is true.
 
     Raises:
         ModelError: none of them is there.
     """
-    folder = cache or default_cache_dir()
+    config = config or BlazePoseConfig()
+    folder = config.cache or default_cache_dir()
     ready = [name for name in names if _is_ready(name, folder)]
     if not ready:
         raise ModelError(f"none of the networks {', '.join(names)} is in {folder}; fetch them with: posefuse models")
-    return [NetworkCost(name, _image_s(name, cache, clock_s)) for name in ready]
+    costs: list[NetworkCost] = []
+    for name in ready:
+        costs.append(NetworkCost(name, _image_s(replace(config, landmarks=name), clock_s)))
+        if until(costs[-1]):
+            break
+    return costs
 
 
 def largest_sustained(costs: Sequence[NetworkCost], cameras: int, rate_hz: float) -> NetworkCost:
@@ -85,8 +95,8 @@ def _cards(name: str) -> list[ModelCard]:
     return chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
 
 
-def _image_s(name: str, cache: Path | None, clock_s: Callable[[], float]) -> float:
-    detector = BlazePoseConfig(landmarks=name, cache=cache).build()
+def _image_s(config: BlazePoseConfig, clock_s: Callable[[], float]) -> float:
+    detector = config.build()
     noise = np.random.default_rng(0).integers(0, 256, (_IMAGE_WH[1], _IMAGE_WH[0], 3), dtype=np.uint8)
     count = 2 * usable_cores()
     frames = [Frame(camera=f"cam{i}", seq=0, t_ns=0, received_ns=0, image=noise) for i in range(count)]

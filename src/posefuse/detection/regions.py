@@ -56,8 +56,13 @@ def region_from_pose(camera: Camera, xyz_world: Any, skeleton: Skeleton) -> Regi
         Region: None when the person is behind the camera, out of the picture, or hardly known.
     """
     xyz = np.asarray(xyz_world, np.float64)
-    xy = camera.project(xyz)
-    region = region_from_keypoints(xy, skeleton, _gravity_up(camera, xyz))
+    known = np.isfinite(xyz).all(-1)
+    if not known.any():
+        return None
+    foot = xyz[known].mean(0)
+    xy = camera.project(np.vstack([xyz, foot, foot + [0.0, 0.0, _UP_STEP_M]]))
+    up = xy[-1] - xy[-2]
+    region = region_from_keypoints(xy[:-2], skeleton, up if np.isfinite(up).all() and up.any() else None)
     if region is None:
         return None
     half = region.side_px / 2
@@ -73,15 +78,6 @@ def up_angle_rad(camera: Camera) -> float:
     axis_world = camera.cam_from_world.inverse().matrix() @ np.array([0.0, 0.0, 1.0])
     up_cam = camera.cam_from_world.matrix() @ (np.array([0.0, 0.0, 1.0]) - axis_world[2] * axis_world)
     return float(np.arctan2(up_cam[0], -up_cam[1])) if np.hypot(up_cam[0], up_cam[1]) > _UP_STEP_M else 0.0
-
-
-def _gravity_up(camera: Camera, xyz_world: Array) -> Array | None:
-    known = np.isfinite(xyz_world).all(-1)
-    if not known.any():
-        return None
-    foot = xyz_world[known].mean(0)
-    up = camera.project(foot + [0.0, 0.0, _UP_STEP_M]) - camera.project(foot)
-    return up if np.isfinite(up).all() and up.any() else None
 
 
 def _middle(xy: Array, skeleton: Skeleton, names: tuple[str, str]) -> Array:

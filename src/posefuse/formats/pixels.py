@@ -1,7 +1,7 @@
 """Decoded frames as RGB images, converted in the thread that asks.
 
-A frame that converts itself (`to_ndarray`) prepares FFmpeg's scaler anew each time and starts a thread per core in it: for images of
-640 x 480 px that takes four times as much processor time as the conversion (`bench/live_cost.py`).
+A frame that converts itself (`to_ndarray`) prepares FFmpeg's scaler anew each time and starts a thread per core in it. For images
+of 640 x 480 px that takes four times as much processor time as the conversion (`bench/live_cost.py`).
 """
 
 from __future__ import annotations

@@ -100,30 +100,42 @@ def solve_untangled(
 def _untangle(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
     """Exchange what is exchanged, limb group by limb group; says whether anything was."""
     touched = False
+    exchanged = _exchanged_squares(person, xyz)
     for group in limb_groups(person.skeleton):
-        if not _suspicious(person, xyz, square, group):
+        if not _suspicious(square[:, group], exchanged[:, group]):
             continue
         flips = _best_flips(person, group, before)
         if flips.any():
             touched = True
             person.exchange(flips, group)
             again = solve_robust(person.rig, person.xy[None], person.score[None], person.sigma[None], person.settings)
-            xyz, square = again.points.xyz[0], again.square[0]
+            square = again.square[0]
+            exchanged = _exchanged_squares(person, again.points.xyz[0])
     return touched
 
 
-def _suspicious(person: _Person, xyz: Array, square: Array, group: Array) -> bool:
-    """Whether in some view `group` misfits and, exchanged, would fit the points of the others in good part."""
+def _exchanged_squares(person: _Person, xyz: Array) -> Array:
+    """(C, K) squared residuals of points (K, 3) in views whose sides are exchanged; NaN where either is missing."""
     from .kernels import robust
 
-    every = np.ones((1, len(person.rig)), bool)
-    xy, score, sigma = person.exchanged(every, group)
-    exchanged = np.empty(sigma.shape)
-    there = np.ascontiguousarray(xyz[None, group])
-    robust.squares_of(packed_rig(person.rig), xy, np.where(score > 0, sigma, np.nan), there, exchanged)
-    seen = np.isfinite(square[:, group])
-    misfits = (seen & (square[:, group] > robust.USED)).sum(axis=1)
-    fits = (exchanged[0] < robust.USED).sum(axis=1)
+    mirror = person.skeleton.mirror
+    xy, score, sigma = (np.ascontiguousarray(plane[None, :, mirror]) for plane in (person.xy, person.score, person.sigma))
+    square = np.empty(sigma.shape)
+    there = np.ascontiguousarray(xyz[None])
+    robust.squares_of(packed_rig(person.rig), xy, np.where(score > 0, sigma, np.nan), there, square)
+    return square[0]
+
+
+def _suspicious(square: Array, exchanged: Array) -> bool:
+    """Whether in some view a limb misfits and, exchanged, would fit the points of the others in good part.
+
+    square, exchanged: (C, k) squared residuals of its keypoints as they are and exchanged.
+    """
+    from .kernels import robust
+
+    seen = np.isfinite(square)
+    misfits = (seen & (square > robust.USED)).sum(axis=1)
+    fits = (exchanged < robust.USED).sum(axis=1)
     count = seen.sum(axis=1)
     return bool(((misfits >= np.maximum(2, _MISFIT * count)) & (fits >= np.maximum(2, _FIT * count))).any())
 

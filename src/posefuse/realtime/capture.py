@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
+from posefuse.core.arrays import Array
 from posefuse.health.cameras import CameraState
 
 from .faults import Fault, Wrong, disturbed
@@ -65,13 +66,14 @@ class Caught:
     """A frame in the source's own time.
 
     Attributes:
-        still: for how many frames in a row the image has not changed.
+        still: for how many frames in a row the image has not changed. sample: (h, w, 3) some of its pixels.
         later_ns: when this showing of the source began, after the session's zero.
         wrong: what is wrong with it on purpose.
     """
 
     frame: Frame
     still: int
+    sample: Array
     later_ns: int = 0
     wrong: Wrong = field(default_factory=Wrong)
 
@@ -184,7 +186,7 @@ class Capture:
                 self._state, self._text = "running", ""
                 if self._keeper is not None:
                     self._keeper.offer(frame, frame.t_ns + later_ns - self._zero_ns)
-                self.put(Caught(frame, still, later_ns, wrong))
+                self.put(Caught(frame, still, sample, later_ns, wrong))
         finally:
             self._source.close()
             self._source = None

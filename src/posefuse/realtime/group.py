@@ -10,22 +10,23 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from posefuse.core import Camera, Detections2D, Detector, Frame, InputError, LivePreview, PosefuseError, Region, Rig
+from posefuse.core import Camera, Detections2D, Frame, InputError, PosefuseError, Region, Rig
 from posefuse.detection import with_clothing
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
+from posefuse.tracking import JointCentres
 
 from .board import Board, Expected
 from .capture import Capture, Caught, LiveInput, pick
+from .changeable_detector import ChangeableDetector
 from .clock import SessionClock
 from .faults import before_bump, seen_by_bumped
-from .messages import Failed, Go, Ready, Seen, Status, Stop
+from .messages import Centres, Failed, Go, Ready, Seen, Status, Stop, Use
+from .preview import preview
 from .scheduling import LEAST_EVERY_S, search_slot
+from .searching import SearchSchedule
 from .video_keeping import VideoKeeper
 
 _STATUS_S = 0.25
@@ -33,8 +34,6 @@ _IDLE_S = 0.05
 _SEND_S = 0.5
 # a prediction older than this says nothing about where to look
 _STALE_NS = 1_000_000_000
-_PREVIEW_PX = 320
-_PREVIEW_QUALITY = 70
 # leaves the processor to the fusion loop whenever both want it
 _NICENESS = 5
 
@@ -81,13 +80,9 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
 def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
     import cv2
 
-    from posefuse.tracking import joint_centres_of
-
     cv2.setNumThreads(1)
     group = Group(plan, channel, board)
-    channel.send(
-        Ready(plan.group, group.detector.skeleton, joint_centres_of(group.detector, proportions=plan.proportions)), _SEND_S
-    )
+    channel.send(Ready(plan.group, group.detector.now.skeleton, group.joint_centres()), _SEND_S)
     return group
 
 
@@ -95,18 +90,18 @@ class Group:
     """Captures and the 2D estimator of one process."""
 
     def __init__(self, plan: GroupPlan, channel: Channel, board: Board) -> None:
-        from posefuse.detection.build import build_detector
-
         self._plan, self._channel, self._board = plan, channel, board
         self._news = threading.Condition()
         self._captures = [Capture(entry, plan.rig[entry.camera], self._news, _keeper(plan, entry)) for entry in plan.inputs]
         for capture in self._captures:
             capture.open()
-        self.detector: Detector = build_detector(plan.detector, plan.rig)
+        self.detector = ChangeableDetector(plan.detector, plan.rig)
         self._looked_s = dict.fromkeys((entry.camera for entry in plan.inputs), 0.0)
         self._searched_slot = dict.fromkeys(self._looked_s, -1)
         self._previewed_s = dict(self._looked_s)
-        self._status_s = 0.0
+        self._searches = {entry.camera: SearchSchedule() for entry in plan.inputs}
+        self._status_s = self._busy_s = 0.0
+        self._whole_images = 0
         self._shift_ns: dict[str, int] = {}
 
     def run(self) -> None:
@@ -118,11 +113,22 @@ class Group:
             zero = go.zero_ns + self._plan.clock.offset_ns if capture.entry.from_zero else 0
             self._shift_ns[capture.entry.camera] = zero
             capture.begin(go.zero_ns, go.zero_ns + self._plan.clock.offset_ns)
-        while not isinstance(self._channel.receive(), Stop):
+        while not isinstance(message := self._channel.receive(), Stop):
+            if isinstance(message, Use):
+                self.detector.load(message.network)
+            if self.detector.exchanged():
+                cameras = tuple(entry.camera for entry in self._plan.inputs)
+                self._channel.send(Centres(cameras, self.joint_centres()), _SEND_S)
             self._tell_status()
             self._look_at_best(self._board.read())
         for capture in self._captures:
             capture.close()
+
+    def joint_centres(self) -> JointCentres | None:
+        """How joint centres lie beside what the detector marks; None: they are the same, or nobody knows."""
+        from posefuse.tracking import joint_centres_of
+
+        return joint_centres_of(self.detector.now, proportions=self._plan.proportions)
 
     def _look_at_best(self, expected: Expected) -> None:
         with self._news:
@@ -130,7 +136,9 @@ class Group:
             if chosen is None:
                 self._news.wait(_IDLE_S)
                 return
+        begun_s = time.monotonic()
         self._look(*chosen, expected)
+        self._busy_s += time.monotonic() - begun_s
 
     def _wait_for_go(self) -> Go | None:
         while True:
@@ -155,9 +163,12 @@ class Group:
         shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
         started_ns = clock.now_ns()
         self._looked_s[name] = time.monotonic()
-        regions = self._regions(camera, frame.t_ns + shift_ns + caught.wrong.off_ns, expected, started_ns)
+        regions = self._regions(camera, caught, frame.t_ns + shift_ns + caught.wrong.off_ns, expected, started_ns)
         found = self._detected(camera, caught, regions)
         shown = _in_session(found, shift_ns + caught.wrong.off_ns)
+        if regions is None:
+            self._whole_images += 1
+            self._searches[name].searched(caught.sample, time.monotonic(), found=len(shown) > 0)
         seen = Seen(
             detections=shown,
             state=capture.state(),
@@ -172,23 +183,22 @@ class Group:
 
     def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
         if not caught.wrong.bumped:
-            [found] = self.detector.detect([caught.frame], [regions])
+            [found] = self.detector.now.detect([caught.frame], [regions])
             return with_clothing(found, caught.frame.image) if self._plan.most_people > 1 else found
-        [found] = self.detector.detect([caught.frame], [regions and [before_bump(region, camera) for region in regions]])
+        [found] = self.detector.now.detect([caught.frame], [regions and [before_bump(region, camera) for region in regions]])
         return seen_by_bumped(found, camera)
 
-    def _regions(self, camera: Camera, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
+    def _regions(self, camera: Camera, caught: Caught, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
         """Where the people that are followed should be seen; None asks for a search of the whole image."""
-        people = len(expected.xyz_world)
-        if people == 0 or now_ns - expected.t_ns > _STALE_NS:
-            return None
+        if len(expected.xyz_world) == 0 or now_ns - expected.t_ns > _STALE_NS:
+            return None if self._searches[camera.name].due(caught.sample, time.monotonic()) else []
         slot = search_slot(now_ns, self._plan.search_every_s)
-        if people < self._plan.most_people and slot != self._searched_slot[camera.name]:
+        if len(expected.xyz_world) < self._plan.most_people and slot != self._searched_slot[camera.name]:
             self._searched_slot[camera.name] = slot
             return None
         from posefuse.detection import region_from_pose
 
-        skeleton = self.detector.skeleton
+        skeleton = self.detector.now.skeleton
         looks = [region_from_pose(camera, xyz, skeleton) for xyz in expected.at(t_ns)]
         return [look for look in looks if look is not None]
 
@@ -198,14 +208,17 @@ class Group:
         now = time.monotonic()
         if now - self._previewed_s[frame.camera] >= 1 / self._plan.preview_hz:
             self._previewed_s[frame.camera] = now
-            self._channel.send(_preview(frame, t_ns))
+            self._channel.send(preview(frame, t_ns))
 
     def _tell_status(self) -> None:
         now = time.monotonic()
         if now - self._status_s >= _STATUS_S:
             self._status_s = now
             states = tuple(capture.state() for capture in self._captures)
-            self._channel.send(Status(self._plan.group, self._plan.clock.now_ns(), states), _SEND_S)
+            status = Status(
+                self._plan.group, self._plan.clock.now_ns(), states, self.detector.network, self._whole_images, self._busy_s
+            )
+            self._channel.send(status, _SEND_S)
 
 
 def _keeper(plan: GroupPlan, entry: LiveInput) -> VideoKeeper | None:
@@ -221,13 +234,3 @@ def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:
     """Session time, and only people who were seen."""
     there = np.any(found.score > 0, axis=-1)
     return replace(found.people(there), t_ns=found.t_ns + shift_ns)
-
-
-def _preview(frame: Frame, t_ns: int) -> LivePreview:
-    import cv2
-
-    factor = min(1.0, _PREVIEW_PX / max(frame.size_wh))
-    size = (max(1, round(frame.size_wh[0] * factor)), max(1, round(frame.size_wh[1] * factor)))
-    small: Any = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
-    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _PREVIEW_QUALITY])
-    return LivePreview(camera=frame.camera, t_ns=t_ns, jpeg=np.asarray(jpeg).tobytes(), size_wh=size)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
@@ -24,24 +23,23 @@ from posefuse.tracking.stand_in import made_up_detections
 from .assignment import dealt
 from .board import Board
 from .capture import LiveInput, keeping_packets
-from .clock import SessionClock
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
 from .gate import Gate
 from .group import GroupPlan
+from .group_views import GroupViews
 from .identity import NamedTracker
 from .joint_centres import Centring
+from .networks import settled_network
 from .news import News, Say
 from .output_plan import NoOutputs, OutputPlan
 from .outputs import OutputProcess
-from .processes import Groups
 from .provenance import notes_of
 from .rig_watch import watching
 from .scheduling import expected_gain
 from .session_plan import Finished, SessionPlan, SessionViews
 
 LEAST_CAMERAS = 2
-_LEAD_NS = 300_000_000
 _WARM_UP_INSTANTS = 15
 
 
@@ -66,9 +64,12 @@ def run_live(
     if len(inputs) < LEAST_CAMERAS:
         raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
     rig = rig.only(entry.camera for entry in inputs)
+    detector, chooser = settled_network(config.detector, len(inputs), say)
+    config = replace(config, detector=detector)
     plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
+    plans = group_plans(rig, inputs, config, plan, videos)
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-    return run_session(whole, lambda board: GroupViews(group_plans(rig, inputs, config, plan, videos), board), say)
+    return run_session(whole, lambda board: GroupViews(plans, board, chooser, say), say)
 
 
 def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextManager[SessionViews]], say: Say) -> Finished:
@@ -129,16 +130,6 @@ def _until(duration_s: float | None, zero_ns: int, fusion: Fusion, news: News, s
         return over or bool(stopped) or fusion.monitor.all_ended()
 
     return until
-
-
-class GroupViews(Groups):
-    """Camera groups as the views of a session."""
-
-    def start(self, clock: SessionClock) -> int:
-        """Recorded sources show their time 0 a moment from now, when all groups know it."""
-        zero_ns = time.monotonic_ns() + _LEAD_NS
-        self.begin(zero_ns)
-        return zero_ns + clock.offset_ns
 
 
 def group_plans(

@@ -41,6 +41,7 @@ class VideoConfig:
         offset_s: added to the file's times; positive when this file began later than the session clock.
         drift_ppm: added per million of the file's times: positive when its clock runs slow.
         keep_encoded: give every frame in the file's own encoding too; none of a file whose packets are not in the order of time.
+        threads: decode several frames at once, where there are cores for it; costs more processor time, and delays frames.
     """
 
     path: Path
@@ -48,6 +49,7 @@ class VideoConfig:
     offset_s: float = 0.0
     drift_ppm: float = 0.0
     keep_encoded: bool = False
+    threads: bool = True
 
     def build(self) -> VideoSource:
         """Open the file and look at its first frame; raises SourceError when that cannot be done."""
@@ -129,7 +131,7 @@ class VideoSource:
     def _decode(self) -> Iterator[Frame]:
         with _opened(self._config) as container:
             stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
+            stream.thread_type = "AUTO" if self._config.threads else "SLICE"
             start_s = Fraction(0)
             converter = PixelConverter()
             seq = 0

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .shared import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions, people_from_text
+from .shared import CAMERAS, OUTPUTS, SETTINGS, TIMING, SettingsOptions, check_networks, people_from_text
 
 SOURCE_HELP = (
     "One per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
@@ -80,6 +80,16 @@ class OutputOptions:
 class LiveSettingsOptions(SettingsOptions):
     """How the session works."""
 
+    networks: Annotated[
+        tuple[str, ...],
+        Parameter(
+            metavar="auto|NAME|CARD.toml",
+            help="2D network: auto (default: the largest that processes every frame on this machine, measured at the start and "
+            "reconsidered under load), blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card "
+            "(see docs/networks.md).",
+            validator=check_networks,
+        ),
+    ] = ()
     tracker: Literal["asynchronous", "latest"] | None = None
     """How views become poses (default asynchronous)."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None

@@ -55,7 +55,8 @@ def settings_of_networks(text: str) -> list[str]:
         raise ValueError(str(error)) from None
 
 
-def _check_networks(_: object, names: tuple[str, ...]) -> None:
+def check_networks(_: object, names: tuple[str, ...]) -> None:
+    """For `--networks`; raises ValueError for a card that cannot be read."""
     for name in names:
         settings_of_networks(name)
 
@@ -71,7 +72,7 @@ class NetworkOptions:
             metavar="NAME|CARD.toml",
             help="2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, "
             "or your own model card (see docs/networks.md).",
-            validator=_check_networks,
+            validator=check_networks,
         ),
     ] = ()
 

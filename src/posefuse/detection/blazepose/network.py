@@ -1,4 +1,4 @@
-"""One network run by OpenVINO on the CPU: uint8 crops in, named outputs out, one stream per core."""
+"""One network run by OpenVINO on the CPU: uint8 crops in, named outputs out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Network:
         outputs: names of the outputs to keep; what only other outputs need is never computed.
         takes: size and value range of its input.
         precision: ``auto`` is bf16 where the CPU computes it natively, else f32.
-        streams: crops worked on at once, one thread each.
+        streams: crops worked on at once, one thread each; a single one is worked on in the thread that asks.
 
     Raises:
         ModelError: a file that is no such network.
@@ -45,16 +45,23 @@ class Network:
             "CPU",
             {"NUM_STREAMS": streams, "INFERENCE_NUM_THREADS": streams, "INFERENCE_PRECISION_HINT": precision},
         )
-        self._queue = ov.AsyncInferQueue(compiled, streams)
-        self._queue.set_callback(self._collect)
+        self._request = compiled.create_infer_request() if streams == 1 else None
+        self._queue = ov.AsyncInferQueue(compiled, streams) if streams > 1 else None
+        if self._queue is not None:
+            self._queue.set_callback(self._collect)
         self._shapes = [tuple(port.shape) for port in compiled.outputs]
 
     def __call__(self, crops: Sequence[Array]) -> list[Array]:
         """One array (B, ...) float32 per output, for B crops (side_px, side_px, 3) uint8."""
         results = [np.empty((len(crops), *shape[1:]), np.float32) for shape in self._shapes]
         for i, crop in enumerate(crops):
-            self._queue.start_async({0: crop[None]}, userdata=(results, i))
-        self._queue.wait_all()
+            if self._queue is not None:
+                self._queue.start_async({0: crop[None]}, userdata=(results, i))
+            elif self._request is not None:
+                self._request.infer({0: crop[None]}, share_inputs=True)
+                self._collect(self._request, (results, i))
+        if self._queue is not None:
+            self._queue.wait_all()
         return results
 
     @staticmethod

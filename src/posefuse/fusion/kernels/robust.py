@@ -15,6 +15,7 @@ from .precision import fast_kernel
 from .start import GATE, consensus, linear_start
 
 USED = 28.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
+FAR = 20.0 * USED  # squared residual of a linear start beyond which not all views show one point
 PRIOR_DOF = 8.0  # how many residuals the stated sigma is worth when residuals contradict it
 RESCALE = 2.0  # squared ratio of seen to stated noise from which the stated sigma is taken as wrong
 MIN_POINTS = 5  # of three or more views, to judge the stated sigma by
@@ -28,19 +29,41 @@ LAST_SCALE = 20.0  # of 1.5 % of a body: a third of it, beyond which views do no
 def robust_point(cams, views, n, p, other, work):
     """Minimum of the robust loss over n >= 2 views into p; returns the loss, infinity when the rays define no point."""
     best = math.inf
-    if linear_start(cams, views, n, p, work[0]):
+    linear = linear_start(cams, views, n, p, work[0])
+    # far from some views, the start is rarely near the minimum, and to refine it takes longest
+    near = linear and (n == 2 or worst_residual(cams, views, n, p) < FAR)
+    if near:
         best = refine(cams, views, n, p, work)
-        worst = 0.0
-        for i in range(n):
-            worst = max(worst, squared_residual(cams, views, i, p))
-        if worst < GATE:
+        if worst_residual(cams, views, n, p) < GATE:
             return best
     if n > 2 and consensus(cams, views, n, other, work[2]) < math.inf:
         found = refine(cams, views, n, other, work)
+        if linear and not near and 2 * agreeing(cams, views, n, other) < n:
+            best = refine(cams, views, n, p, work)
         if found < best:
             p[:] = other
             best = found
+    elif linear and not near:
+        best = refine(cams, views, n, p, work)
     return best
+
+
+@fast_kernel()
+def worst_residual(cams, views, n, p):
+    """Largest squared residual of a point in n views."""
+    worst = 0.0
+    for i in range(n):
+        worst = max(worst, squared_residual(cams, views, i, p))
+    return worst
+
+
+@fast_kernel()
+def agreeing(cams, views, n, p):
+    """How many of n views a point fits."""
+    count = 0
+    for i in range(n):
+        count += squared_residual(cams, views, i, p) < USED
+    return count
 
 
 @fast_kernel()
@@ -115,11 +138,18 @@ def has_rival(cams, views, n, p, rest, q, other, work):
             for j in range(7):
                 rest[left, j] = views[i, j]
             left += 1
-    if left < 2 or 2 * left < n or robust_point(cams, rest, left, q, other, work) == math.inf:
+    if left < 2 or 2 * left < n:
         return False
-    agree = 0
-    for i in range(left):
-        agree += squared_residual(cams, rest, i, q) < USED
+    # where all of them must agree, they do so near the point where all their rays meet
+    if (
+        2 * left == n
+        and left > 2
+        and not (linear_start(cams, rest, left, q, work[0]) and worst_residual(cams, rest, left, q) < FAR)
+    ):
+        return False
+    if robust_point(cams, rest, left, q, other, work) == math.inf:
+        return False
+    agree = agreeing(cams, rest, left, q)
     return agree >= 2 and agree >= n - left
 
 

@@ -50,7 +50,7 @@ class PacedVideoSource:
         self._config = config
         self.camera = config.camera
         self._video: VideoSource = VideoConfig(
-            config.path, config.camera, config.offset_s, keep_encoded=config.keep_encoded
+            config.path, config.camera, config.offset_s, keep_encoded=config.keep_encoded, threads=False
         ).build()
         self.size_wh = self._video.size_wh
 

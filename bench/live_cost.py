@@ -1,0 +1,232 @@
+"""Where the processor time of a live session goes: per frame captured, per image used and per output tick.
+
+    python bench/live_cost.py [--networks blazepose_lite] [--cameras 8] [--seconds 6] [--session examples/demo] [--only-alone]
+
+*Alone* times each stage by itself in one thread. *In a session* counts what the threads of a running `posefuse live` take (Linux:
+/proc), the start-up left out; several programs on the machine lengthen that, as they share caches and cores. Milliseconds of
+processor time, not of the clock. Tables on stderr, one JSON object on stdout.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from live import TWIN, twins
+from rich.console import Console
+from rich.table import Table
+
+from posefuse.core import Camera, Detections2D, Frame, Rig
+from posefuse.detection import region_from_pose
+from posefuse.detection.build import DetectorChoice, build_detector
+from posefuse.detection.regions import cut
+from posefuse.formats.pixels import PixelConverter
+from posefuse.formats.rig import read_rig
+from posefuse.foundation.channel import Channel
+from posefuse.health.cameras import CameraState
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.joint_centres import Centring
+from posefuse.realtime.messages import Centres, Seen
+from posefuse.realtime.output_plan import NoOutputs
+from posefuse.realtime.session import new_board, ready_joints, ready_tracker
+from posefuse.tracking import joint_centres_of
+from posefuse.tracking.stand_in import made_up_detections
+
+FRAMES, VIEW_DELAY_NS, PERIOD_NS = 60, 45_000_000, 10_000_000
+BEGIN_NS = 10**18
+
+
+class Spent:
+    """Milliseconds of processor time per call of each stage."""
+
+    def __init__(self) -> None:
+        self.total_s: dict[str, float] = {}
+        self.calls: dict[str, int] = {}
+
+    def of(self, stage: str, work: Callable[[], object]) -> object:
+        """What `work` returns; its time counts for the stage."""
+        begun_s = time.process_time()
+        result = work()
+        self.total_s[stage] = self.total_s.get(stage, 0.0) + time.process_time() - begun_s
+        self.calls[stage] = self.calls.get(stage, 0) + 1
+        return result
+
+    def ms(self) -> dict[str, float]:
+        """By stage."""
+        return {stage: 1000 * total_s / self.calls[stage] for stage, total_s in self.total_s.items()}
+
+
+def capture_stages(video: Path, spent: Spent) -> list[Frame]:
+    """Decode and convert the first frames of a video."""
+    import av
+
+    frames, converter = [], PixelConverter()
+    with av.open(str(video)) as container:
+        container.streams.video[0].thread_type = "SLICE"
+        decoded = container.decode(video=0)
+        for i in range(FRAMES):
+            frame = spent.of("decode", lambda: next(decoded))
+            image = spent.of("convert to RGB", lambda frame=frame: converter.rgb(frame))
+            spent.of("sample, to tell whether it changes", lambda image=image: image[::12, ::12].copy())
+            frames.append(Frame(camera=video.stem, seq=i, t_ns=i, received_ns=i, image=image))
+    return frames
+
+
+def image_stages(frames: list[Frame], camera: Camera, network: str, rig: Rig, spent: Spent) -> None:
+    """Region, crop, network and message of each frame; the person is where the detector finds one in the first frame."""
+    detector = build_detector(DetectorChoice(options={"landmarks": network, "streams": 1}), rig)
+    ours, theirs = Channel.pair()
+    [landmarks] = detector._landmarks
+    [found] = detector.detect(frames[:1], [None])
+    xyz = pose_in_front(camera, found)
+    for frame in frames:
+        region = spent.of("region from the expected pose", lambda: region_from_pose(camera, xyz, detector.skeleton))
+        crop = spent.of("cut the crop", lambda frame=frame, region=region: cut(frame.image, region, landmarks.network.side_px))
+        spent.of(f"network {network}", lambda crop=crop: landmarks.network([crop]))
+        [seen] = spent.of("whole detector", lambda frame=frame, region=region: detector.detect([frame], [[region]]))
+        message = Seen(detections=seen, state=state_of(seen.camera), received_ns=0, started_ns=0, detected_ns=0)
+        spent.of("message to the fusion", lambda message=message: (ours.send(message), theirs.receive()))
+    for end in (ours, theirs):
+        end.close()
+
+
+def pose_in_front(camera: Camera, found: Detections2D) -> np.ndarray:
+    """(K, 3) a flat person that is seen where the detector found one."""
+    rays = camera.rays_world(found.xy_img[0].astype(float))
+    return camera.centre_world + 4.0 * rays
+
+
+def state_of(camera: str) -> CameraState:
+    """Of a camera that is well."""
+    return CameraState(camera=camera, state="running", text="", captured=1, used=1, replaced=0, missing=0)
+
+
+class Clock:
+    """Session time that is set."""
+
+    now = BEGIN_NS
+
+    def now_ns(self) -> int:
+        """As `SessionClock.now_ns`."""
+        return self.now
+
+
+def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
+    """Views of all cameras at 30 frames/s through the fusion, and an output tick every 10 ms."""
+    config, clock = LiveConfig(), Clock()
+    detector = build_detector(DetectorChoice(options={"landmarks": "blazepose_lite"}), rig)
+    skeleton = detector.skeleton
+    centring = Centring(rig.names, wanted=True)
+    centring.learn(Centres(rig.names, joint_centres_of(detector, proportions=False)))
+    tracker, joints = ready_tracker(rig, skeleton, config), ready_joints(skeleton, config)
+    fusion = Fusion(rig, tracker, new_board(rig), clock, NoOutputs(), centring, joints=joints)
+    views = [view for moment in made_up_detections(rig, skeleton, round(30 * seconds), start_ns=BEGIN_NS) for view in moment]
+    events = [(view.t_ns + VIEW_DELAY_NS + i % len(rig) * 2_000_000, view) for i, view in enumerate(views)]
+    events += [(BEGIN_NS + i * PERIOD_NS, None) for i in range(round(seconds * 1e9 / PERIOD_NS))]
+    for clock.now, view in sorted(events, key=lambda event: event[0]):
+        if view is None:
+            spent.of("output tick: pose, joint centres, angles, where to look", lambda: fusion.tick(clock.now, PERIOD_NS))
+            continue
+        times = {"received_ns": clock.now - 20_000_000, "started_ns": clock.now - 10_000_000, "detected_ns": clock.now}
+        seen = Seen(detections=replace(view, t_ns=view.t_ns), state=state_of(view.camera), **times)
+        spent.of("view into the tracker", lambda seen=seen: fusion.take(seen))
+
+
+def thread_seconds(pid: int) -> dict[tuple[int, int], float]:
+    """Processor seconds of every thread of a process and of the processes it started, by (process, thread)."""
+    found = {}
+    for thread in os.listdir(f"/proc/{pid}/task"):
+        with contextlib.suppress(OSError):
+            folder = Path(f"/proc/{pid}/task/{thread}")
+            found[pid, int(thread)] = int((folder / "schedstat").read_text().split()[0]) / 1e9
+            for child in (folder / "children").read_text().split():
+                found |= thread_seconds(int(child))
+    return found
+
+
+def roles(pids: set[int], parent: int) -> dict[int, str]:
+    """What each process does: by the order in which the session starts them, see `realtime.session`."""
+    names = {parent: "fusion"}
+    for pid in pids - {parent}:
+        with contextlib.suppress(OSError):
+            niceness = int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
+            names[pid] = {5: "cameras", 10: "rig watch"}.get(niceness, "other")
+    return names
+
+
+def session(rig: Path, sources: list[str], network: str, seconds: float) -> dict:
+    """Processor time of a live session of these sources by what the threads do, and the session's own figures."""
+    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(rig), "--json", "--networks", network]
+    command += ["--duration", str(seconds + 2.5), *(part for source in sources for part in ("--source", source))]
+    live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while (line := live.stderr.readline()) and ": ok" not in line:
+        pass
+    time.sleep(1.5)
+    before, begun_s = thread_seconds(live.pid), time.monotonic()
+    time.sleep(seconds)
+    after, took_s = thread_seconds(live.pid), time.monotonic() - begun_s
+    role = roles({pid for pid, _ in after}, live.pid)
+    figures = json.loads(live.communicate()[0])
+    spent: dict[str, float] = {}
+    for (pid, thread), total_s in after.items():
+        name = role.get(pid, "other")
+        name += {"cameras": ": detection" if thread == pid else ": capture"}.get(name, "")
+        spent[name] = spent.get(name, 0.0) + total_s - before.get((pid, thread), 0.0)
+    captured, used = (sum(camera[key] for camera in figures["cameras"].values()) for key in ("captured", "used"))
+    per_s = {"frame captured": captured / figures["seconds"], "image used": used / figures["seconds"]}
+    whole = sum(spent.values()) / took_s
+    return {
+        "cores": {name: total_s / took_s for name, total_s in spent.items()},
+        "cores_in_all": whole,
+        "ms_per_frame_captured": 1000 * spent.get("cameras: capture", 0.0) / took_s / per_s["frame captured"],
+        "ms_per_image_used": 1000 * whole / per_s["image used"],
+        "ms_per_tick_of_fusion": 1000 * spent["fusion"] / took_s / figures["poses_per_s"],
+        "used_share": figures["used_share"],
+        "latency_ms": figures["latency"]["all_cameras_total_ms"],
+        "tick_late_p99_ms": figures["latency"]["output"]["behind_due_ms"]["p99"],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--networks", default="blazepose_lite")
+    parser.add_argument("--cameras", type=int, choices=(4, 8), default=8)
+    parser.add_argument("--seconds", type=float, default=6.0)
+    parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
+    parser.add_argument("--only-alone", action="store_true")
+    args = parser.parse_args()
+    console, spent = Console(stderr=True, width=120), Spent()
+    with tempfile.TemporaryDirectory() as scratch:
+        rig_file = Path(scratch) / "rig.toml"
+        sources = [source for source in twins(args.session, rig_file) if args.cameras == 8 or TWIN not in source]
+        rig = read_rig(rig_file)
+        rig = rig.only(source.partition("=")[0] for source in sources)
+        video = sorted((args.session / "videos").glob("*.mp4"))[0]
+        image_stages(capture_stages(video, spent), rig[video.stem], args.networks, rig, spent)
+        fusion_stages(rig, spent)
+        alone = spent.ms()
+        table = Table("stage, alone", "ms of processor time")
+        for stage, ms in alone.items():
+            table.add_row(stage, f"{ms:.3f}")
+        console.print(table)
+        measured = {} if args.only_alone else session(rig_file, sources, args.networks, args.seconds)
+    if measured:
+        table = Table("in a session", "cores")
+        for name, cores in measured["cores"].items():
+            table.add_row(name, f"{cores:.3f}")
+        console.print(table)
+        console.print({key: value for key, value in measured.items() if key != "cores"})
+    print(json.dumps({"cameras": args.cameras, "networks": args.networks, "alone_ms": alone, "session": measured}, indent=2))
+
+
+if __name__ == "__main__":
+    main()

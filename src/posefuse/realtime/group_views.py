@@ -1,0 +1,55 @@
+"""Camera groups of this machine as the views of a session."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from posefuse.foundation.channel import ChannelClosed
+
+from .board import Board
+from .clock import SessionClock
+from .group import GroupPlan
+from .messages import Status, Use
+from .networks import NetworkChooser
+from .news import Say
+from .processes import Groups
+
+_LEAD_NS = 300_000_000
+
+
+class GroupViews(Groups):
+    """Tells the groups which network to detect with, where `chooser` is given.
+
+    Args:
+        plans: one per group. board: what they look for. say: takes one line when the network changes.
+    """
+
+    def __init__(self, plans: Sequence[GroupPlan], board: Board, chooser: NetworkChooser | None, say: Say) -> None:
+        super().__init__(plans, board)
+        self._chooser, self._say = chooser, say
+
+    def start(self, clock: SessionClock) -> int:
+        """Recorded sources show their time 0 a moment from now, when all groups know it."""
+        zero_ns = time.monotonic_ns() + _LEAD_NS
+        self.begin(zero_ns)
+        return zero_ns + clock.offset_ns
+
+    def messages(self) -> Iterator[Any]:
+        """See `Groups.messages`."""
+        for message in super().messages():
+            if isinstance(message, Status) and self._chooser is not None:
+                self._consider(message, self._chooser)
+            yield message
+
+    def _consider(self, status: Status, chooser: NetworkChooser) -> None:
+        if chooser.step(status, time.monotonic()):
+            self._say(f"network {chooser.name} from now on: {chooser.why}")
+        if status.network != chooser.name:
+            for member in self._members:
+                if member.plan.group == status.group:
+                    # a process that has died begins again, and its status tells that it needs the message
+                    with contextlib.suppress(ChannelClosed):
+                        member.channel.send(Use(chooser.name))
