@@ -10,7 +10,6 @@ processor time, not of the clock. Tables on stderr, one JSON object on stdout.
 import argparse
 import contextlib
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -144,10 +143,9 @@ def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
 def thread_seconds(pid: int) -> dict[tuple[int, int], float]:
     """Processor seconds of every thread of a process and of the processes it started, by (process, thread)."""
     found = {}
-    for thread in os.listdir(f"/proc/{pid}/task"):
+    for folder in Path(f"/proc/{pid}/task").iterdir():
         with contextlib.suppress(OSError):
-            folder = Path(f"/proc/{pid}/task/{thread}")
-            found[pid, int(thread)] = int((folder / "schedstat").read_text().split()[0]) / 1e9
+            found[pid, int(folder.name)] = int((folder / "schedstat").read_text().split()[0]) / 1e9
             for child in (folder / "children").read_text().split():
                 found |= thread_seconds(int(child))
     return found
