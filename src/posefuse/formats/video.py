@@ -33,12 +33,15 @@ class VideoWriter:
         rate_hz: nominal rate, for players and rate control; times need not follow it.
         crf: x264's constant rate factor, 0 (lossless) to 51.
         preset: x264's name for how hard it works: ``ultrafast`` to ``veryslow``.
+        threads: of the encoder; another number makes another file.
 
     Raises:
         InputError: the file cannot be written, naming it.
     """
 
-    def __init__(self, path: Path, size_wh: tuple[int, int], rate_hz: float, crf: int = 23, preset: str = "veryfast") -> None:
+    def __init__(
+        self, path: Path, size_wh: tuple[int, int], rate_hz: float, crf: int = 23, preset: str = "veryfast", threads: int = 1
+    ) -> None:
         self._path, self._size_wh = path, size_wh
         self._last_pts = -1
         if not path.parent.is_dir():
@@ -47,8 +50,7 @@ class VideoWriter:
             self._container: OutputContainer | None = av.open(str(path), "w", format="mp4", options=_CONTAINER)
         except (av.error.FFmpegError, OSError) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
-        # one thread: several writers share the machine, and the bytes do not depend on the number of cores
-        options = {"crf": str(crf), "preset": preset, "threads": "1"}
+        options = {"crf": str(crf), "preset": preset, "threads": str(threads)}
         stream = self._container.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=options)
         stream.width, stream.height = size_wh
         stream.pix_fmt = "yuv444p" if size_wh[0] % 2 or size_wh[1] % 2 else "yuv420p"

@@ -11,11 +11,15 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Recording
 from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.background import Background
 from posefuse.foundation.settings import settings
 
 from .drawing import EMPTY_RGB, grid_for, view_tile
 from .facts import rate_hz
 from .frames import Frames, FrameSink, FrameWriter, write_without_frames
+
+# of the encoder; the same on every machine, so that the file does not depend on the number of cores
+_THREADS = 2
 
 
 @settings
@@ -56,11 +60,13 @@ class _OverlayWriter:
 
         staged = self._whole.enter_context(atomic_file(self._path))
         rate = rate_hz(self._recording.poses)
-        self._video = VideoWriter(staged, self._grid.size_wh, rate, self._config.crf, preset="superfast")
+        self._video = VideoWriter(staged, self._grid.size_wh, rate, self._config.crf, preset="superfast", threads=_THREADS)
+        self._whole.callback(self._video.close)
+        self._encoding = Background(self._video.write, "encode overlay")
+        self._whole.callback(self._encoding.close)
         return self
 
     def __exit__(self, *problem: Any) -> None:
-        self._video.close()
         self._whole.__exit__(*problem)
 
     @property
@@ -76,4 +82,4 @@ class _OverlayWriter:
             tile = view_tile(self._recording, i, c, None if frame is None else frame.image, self._grid.tile_wh)
             picture[top : top + tile_height, left : left + tile_width] = tile
         t_ns = self._recording.poses.t_ns
-        self._video.write(picture, int(t_ns[i] - t_ns[0]))
+        self._encoding.call(picture, int(t_ns[i] - t_ns[0]))
