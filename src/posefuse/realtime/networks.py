@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -71,8 +72,9 @@ def settled_network(
     if not is_auto(choice):
         return choice, None
     config: BlazePoseConfig = plugin_config("detectors", choice.name, choice.options)
-    # in a process of its own, whose memory is free afterwards
-    with ProcessPoolExecutor(1, get_context("spawn")) as other:
+    # in a process of its own, whose memory is free afterwards, and which Ctrl-C in the terminal does not reach
+    ignored = (signal.SIGINT, signal.SIG_IGN)
+    with ProcessPoolExecutor(1, get_context("spawn"), initializer=signal.signal, initargs=ignored) as other:
         costs = other.submit(measured_costs, config=config, until=partial(_too_slow, cameras)).result()
     best = largest_sustained(costs, cameras, _RATE_HZ)
     every = "processes every frame of" if best.sustains(cameras, _RATE_HZ) else "the fastest for"
