@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from posefuse.core import ModelError
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.choosing import NetworkCost
 from posefuse.health.cameras import CameraState
+from posefuse.realtime.changeable_detector import ChangeableDetector
 from posefuse.realtime.messages import Status
 from posefuse.realtime.networks import NetworkChooser, fetch_networks, is_auto
 
@@ -117,3 +120,34 @@ def test_of_the_networks_to_choose_from_one_is_enough(monkeypatch: pytest.Monkey
     there.clear()
     with pytest.raises(ModelError, match="blazepose_full"):
         fetch_networks(DetectorChoice())
+
+
+def test_a_network_is_exchanged_between_two_frames_and_one_that_cannot_be_built_changes_nothing(
+    ring_rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def build(choice: DetectorChoice, _: object) -> str:
+        if choice.options["landmarks"] == "broken":
+            raise ModelError("cannot be built")
+        return f"detector of {choice.options['landmarks']}"
+
+    def exchanged_within(detector: ChangeableDetector, seconds: float) -> bool:
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            if detector.exchanged():
+                return True
+            time.sleep(0.01)
+        return False
+
+    monkeypatch.setattr("posefuse.realtime.changeable_detector.build_detector", build)
+    detector = ChangeableDetector(DetectorChoice(options={"landmarks": "small"}), ring_rig(2))
+    detector.load("small")
+    assert not detector.exchanged()
+    detector.load("large")
+    assert detector.now == "detector of small"
+    assert exchanged_within(detector, 60)
+    assert (detector.now, detector.network) == ("detector of large", "large")
+    detector.load("broken")
+    assert not exchanged_within(detector, 0.3)
+    detector.load("small")
+    assert exchanged_within(detector, 60)
+    assert detector.network == "small"
