@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from posefuse.core import Camera, Detections2D, Frame, InputError, PosefuseError, Region, Rig
 from posefuse.detection import with_clothing
 from posefuse.detection.build import DetectorChoice
