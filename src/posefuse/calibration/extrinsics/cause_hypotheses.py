@@ -101,9 +101,10 @@ def image_turned(trouble: Trouble) -> Iterator[Trial]:
             pose, turned = solved.solution.state.cam_from_world, replace(solved, seen=seen)
             roll = np.where((np.arange(len(pose)) == c)[:, None, None], _TURN, np.eye(3))
             state = replace(solved.solution.state, cam_from_world=Poses(roll @ pose.R, (roll @ pose.t[..., None])[..., 0]))
-            if solved.links.reference == c:
-                continue
-            yield trial(words, remedy, turned, near_solve(turned, trouble.cameras, state), 0)
+            # the camera itself has to move: another one holds the world
+            reference = solved.links.reference if solved.links.reference != c else int(c == 0)
+            freedom = Freedom(reference=reference, patch=solved.links.shape.root)
+            yield trial(words, remedy, turned, near_solve(turned, trouble.cameras, state, freedom), 0)
 
 
 def image_mirrored(trouble: Trouble) -> Iterator[Trial]:
