@@ -50,8 +50,9 @@ ACCEPTED = {
         f"--every 2, --json, --force, --report text, {TARGET}",
     ),
     "calibrate extrinsics a=a.mp4 b=b.mp4": (
-        "--intrinsics text --out text",
-        "--every 2, --clocks drift, --floor-marker 7, --floor-side-mm 80, --floor-points text, --any-size, --keep-refused, "
+        "--out text",
+        "--intrinsics text, --every 2, --clocks drift, --floor-marker 7, --floor-side-mm 80, --floor-points text, --any-size, "
+        "--keep-refused, "
         "--refine-lenses 0.5, --upside-down one --upside-down two, --json, --force, --report text, "
         f"{TARGET}",
     ),

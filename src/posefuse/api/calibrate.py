@@ -16,6 +16,7 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, lens_sigma, world_rule
 from posefuse.calibration.extrinsics.limits import LIMITS
+from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.intrinsics import board
@@ -112,7 +113,7 @@ def calibrate_intrinsics(
 def calibrate_extrinsics(
     inputs: Inputs | Observations,
     *,
-    intrinsics: RigLike,
+    intrinsics: RigLike | None = None,
     target: TargetLike,
     every: int = 1,
     clocks: ClockMode = "auto",
@@ -144,21 +145,26 @@ def calibrate_extrinsics(
         CalibrationError: input that cannot be used.
         InputError: unusable recordings.
     """
-    lenses, kind = _rig(intrinsics), target_of(target)
+    lenses, kind = None if intrinsics is None else _rig(intrinsics), target_of(target)
+    if lenses is None and focal_known_to_percent is not None:
+        raise InputError("--refine-lenses: needs intrinsics to refine (--intrinsics); without them all are found anew")
     check_floor(floor, kind)
     if isinstance(inputs, Observations):
         seen = inputs
     else:
         sources = open_sources(inputs)
-        for source in sources:
-            lenses[source.camera]
+        if lenses is not None:
+            for source in sources:
+                lenses[source.camera]
         with shown(progress) as report:
             seen = observe_sources(sources, kind, every, report)
         check_seen(seen, sources, kind)
-    cameras = tuple(lenses[name] for name in seen.cameras)
     observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
-    options = Options(clocks=clocks, lens_sigma=lens_sigma(focal_known_to_percent, cameras), limits=limits)
+    options = Options(clocks=clocks, limits=limits, own_intrinsics=lenses is None)
+    cameras = cameras_of(observations, kind, options) if lenses is None else tuple(lenses[name] for name in seen.cameras)
+    sigma = start_sigma(cameras) if lenses is None else lens_sigma(focal_known_to_percent, cameras)
+    options = replace(options, lens_sigma=sigma)
     try:
         found = moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down))
     except RefusedCalibration as refused:

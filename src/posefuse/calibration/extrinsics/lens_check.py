@@ -69,7 +69,7 @@ def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolutio
     delta = free.state.lens_delta - held.state.lens_delta
     covariance = free.lens_covariance
     mean = np.array([0.5, 0.5, 0, 0, 0, 0])
-    rim = np.array([_rim(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
+    rim = np.array([rim_radius(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
     bend = np.zeros((len(cameras), 6))
     bend[:, 4], bend[:, 5] = focal_px * rim**3, focal_px * rim**5
     centre_px, centre_sigma = delta[:, 2:4], np.sqrt(np.diagonal(covariance[:, 2:4, 2:4], axis1=1, axis2=2))
@@ -84,7 +84,7 @@ def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolutio
     )
 
 
-def _rim(camera: Camera, xy_img: Array) -> float:
+def rim_radius(camera: Camera, xy_img: Array) -> float:
     """Radius on the ideal image plane within which most of the points lie."""
     if len(xy_img) == 0:
         return 0.0

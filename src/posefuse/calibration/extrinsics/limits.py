@@ -33,6 +33,9 @@ class Limits:
         bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.
         stretch_share: a board may be longer in one direction by this: printers are true to 0.5 %.
         lens_sigma: none of the four refuses below so many standard errors.
+        own_depth_ratio, own_focal_sigma, own_bend_px_per_1000: intrinsics from the recording of the extrinsics need a target that
+            was so much farther away at times, and standard errors of focal length (share) and distortion at the rim below these.
+            Judgement: what a board gives (0.1 to 0.3 %), and the limits above.
         late_s, late_sigma: clocks of synchronised cameras. 4 ms is 4 mm at 1 m/s.
         apart_m: two cameras nearer than this share a body. Judgement.
         facing_share: of marker views that must show the printed face. Judgement; a mirrored board has 0.
@@ -64,6 +67,9 @@ class Limits:
     bend_px_per_1000: float = 1.0
     stretch_share: float = 0.01
     lens_sigma: float = 6.0
+    own_depth_ratio: float = 1.3
+    own_focal_sigma: float = 0.003
+    own_bend_px_per_1000: float = 0.5
     late_s: float = 0.004
     late_sigma: float = 5.0
     apart_m: float = 0.03

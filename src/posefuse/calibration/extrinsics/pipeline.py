@@ -41,6 +41,7 @@ class Options:
             ``auto`` (taken as synchronised, and estimated when they turn out not to be).
         most_offset_s: largest clock offset searched for.
         lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the intrinsics by; None keeps them.
+        own_intrinsics: the intrinsics come from the same recording, which has to carry them.
         limits: what refuses the result.
     """
 
@@ -48,6 +49,7 @@ class Options:
     clocks: str = "auto"
     most_offset_s: float = 0.3
     lens_sigma: tuple[float, ...] | None = None
+    own_intrinsics: bool = False
     limits: Limits = LIMITS
 
     def __post_init__(self) -> None:

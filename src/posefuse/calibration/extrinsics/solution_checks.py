@@ -14,6 +14,7 @@ from . import self_checks as checks
 from .board_shape import check_board_shape
 from .halves import Halves, half_checks, solve_halves
 from .lens_check import LensChange, check_lenses, lens_change
+from .own_intrinsics import check_carried
 from .pipeline import Options, Solved, thinned
 from .prop_solve import Freedom, PropSolution, solve_prop
 from .size_check import check_rig_size
@@ -35,6 +36,8 @@ def solution_checks(
         checks.check_apart(cameras, state.cam_from_world, limits),
         check_rig_size(target, cameras, state.cam_from_world.se3(), distance_m, limits),
     ]
+    if options.own_intrinsics:
+        quick.insert(0, check_carried(cameras, observations, solved, limits))
     CalibrationReport("extrinsics", (*before, *quick)).require()
     halves = solve_halves(observations, cameras, target, options, solved)
     done = [

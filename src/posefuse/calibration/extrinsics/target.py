@@ -36,6 +36,7 @@ SAID_BY_ITSELF = (
     "videos differ",
     "target has a plausible size",
     "rig has a plausible size",
+    "recording carries the intrinsics",
 )
 
 

@@ -31,7 +31,7 @@ from .checks import (
     solution_checks,
     spread_m,
 )
-from .scale import KnownLength
+from .scale import STATURE_SIGMA, KnownLength
 from .views import PersonViews
 
 _SUBJECT = "extrinsics from a person"
@@ -93,7 +93,8 @@ def calibrate_from_person(
     done += world_checks(rig, rule.has_floor, upside_down)
     report = CalibrationReport(
         _SUBJECT, tuple(done),
-        numbers={"sigma_px": solution.sigma_px, "points": float(rows.point_count), "residual_px": rig.residual_px},
+        numbers={"sigma_px": solution.sigma_px, "points": float(rows.point_count), "residual_px": rig.residual_px}
+        | ({} if length.stature_m is None else {"scale_sigma_percent": 100 * STATURE_SIGMA}),
     )  # fmt: skip
     report.require()
     return PersonCalibration(rig, report, (new_from_old @ xyz.reshape(-1, 3)).reshape(xyz.shape))

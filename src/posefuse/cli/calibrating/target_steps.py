@@ -68,11 +68,13 @@ def extrinsics(
     outputs = (("--out", files.out), ("--report", files.report), ("--out", picture))
     check_files((*inputs, options.intrinsics, floor.floor_points), outputs, force=files.force)
     # everything that may be wrong with the command line, before minutes of work
-    kind, lenses = target_of(target), read_rig(options.intrinsics)
+    kind = target_of(target)
+    lenses = None if options.intrinsics is None else read_rig(options.intrinsics)
     world = _floor(floor, kind)
     recordings = recordings_of(inputs)
-    for name in recordings:
-        lenses[name]
+    if lenses is not None:
+        for name in recordings:
+            lenses[name]
     with terminal.stages() as progress:
         seen = observe_target(recordings, target=kind, every=options.every, progress=progress)
     # before the solve: it is needed most when that refuses

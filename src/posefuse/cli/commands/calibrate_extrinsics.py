@@ -16,7 +16,7 @@ def calibrate_extrinsics(
     *inputs: CameraRecordings,
     target: MarkerTargetOptions = MarkerTargetOptions(),
     floor: FloorOptions = FloorOptions(),
-    options: ExtrinsicsOptions,
+    options: ExtrinsicsOptions = ExtrinsicsOptions(),
     files: RigOptions,
     terminal: Shown,
 ) -> Figures:

@@ -125,8 +125,8 @@ class FloorOptions:
 class ExtrinsicsOptions:
     """How the camera poses are found."""
 
-    intrinsics: RigFile
-    """Rig file with the intrinsics."""
+    intrinsics: OptionalFile = None
+    """Rig file with the intrinsics; without it, they are found from the same recording, if that carries them."""
     every: Every = 1
     clocks: Clocks = "auto"
     refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None

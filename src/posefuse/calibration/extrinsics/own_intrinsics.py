@@ -1,0 +1,121 @@
+"""Intrinsics from the very recording that gives the camera poses: where they start, and whether the recording carries them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from posefuse.calibration.report import Check
+from posefuse.calibration.solving.projection import Lenses
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
+from posefuse.calibration.targets.kinds import Target
+from posefuse.core import SE3, CalibrationError, Camera
+from posefuse.core.arrays import Array
+
+from .lens_check import rim_radius
+from .limits import Limits
+from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked, starting_clocks
+
+# views of one patch that start a camera, and the least that can
+_VIEWS, _LEAST_VIEWS, _LEAST_CORNERS = 120, 12, 4
+# how wrong a start may be: share of the focal length, of the image width, and k1, k2
+_FOCAL, _CENTRE, _K1, _K2 = 0.1, 0.05, 0.3, 0.3
+
+
+def starting_cameras(observations: Observations, target: Target) -> tuple[Camera, ...]:
+    """Cameras at the origin whose intrinsics are roughly right, one by one: each view of a patch is a view of a flat board.
+
+    Zhang's method (2000) with one focal length, the principal point in the middle and no distortion.
+
+    Raises:
+        CalibrationError: a camera with too few views of the target.
+    """
+    return tuple(_start(observations, c, target) for c in range(len(observations.cameras)))
+
+
+def start_sigma(cameras: Sequence[Camera]) -> tuple[float, ...]:
+    """Standard errors of fx, fy, cx, cy (px), k1, k2 of such a start."""
+    focal_px = float(np.mean([camera.K[0, 0] for camera in cameras]))
+    width = float(np.mean([max(camera.size_wh) for camera in cameras]))
+    return (_FOCAL * focal_px,) * 2 + (_CENTRE * width,) * 2 + (_K1, _K2)
+
+
+def cameras_of(observations: Observations, target: Target, options: Options) -> tuple[Camera, ...]:
+    """Intrinsics of all cameras together from a moving target: those of `starting_cameras`, refined with the poses.
+
+    Raises:
+        CalibrationError: a camera with too few views of the target.
+    """
+    cameras = starting_cameras(observations, target)
+    free = replace(options, lens_sigma=start_sigma(cameras), instants=min(options.instants, 2 * TIME_STEPS))
+    delay_s = starting_clocks(observations, cameras, target, free)
+    seen = key_snapshots(observations, free, delay_s)
+    if len(seen.camera) == 0:
+        return cameras
+    links, in_images = link(observations, cameras, target, seen)
+    if len(links.placed) < len(cameras):
+        # the calibration itself says which camera, and why
+        return cameras
+    solved = solve_linked(
+        observations, cameras, target, options=free, seen=seen, links=links, in_images=in_images, delay_s=delay_s
+    )
+    lenses = Lenses(cameras, solved.solution.state.lens_delta)
+    return tuple(replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(cameras))
+
+
+def check_carried(cameras: Sequence[Camera], observations: Observations, solved: Solved, limits: Limits) -> Check:
+    """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
+    seen, solution = solved.seen, solved.solution
+    share = coverage(observations).share
+    in_cam = solution.state.cam_from_world[seen.camera].move(solution.state.world_from_prop.t[seen.instant])
+    distance_m = np.linalg.norm(in_cam, axis=1)
+    problems = []
+    for c, camera in enumerate(cameras):
+        sigma = np.sqrt(np.diag(solution.lens_covariance[c]))
+        focal = float(np.hypot(sigma[0], sigma[1]) / np.sqrt(2) / camera.K[0, 0])
+        rim = rim_radius(camera, seen.xy_img[seen.camera == c])
+        slope = camera.K[0, 0] * np.array([rim**3, rim**5])
+        bend_px = float(np.sqrt(slope @ solution.lens_covariance[c][4:, 4:] @ slope)) * 1000 / max(camera.size_wh)
+        near, far = np.quantile(distance_m[seen.camera == c], [0.05, 0.95])
+        told = (
+            (share[c] < ENOUGH_SHARE, f"its image is covered by {share[c]:.0%} (needed {ENOUGH_SHARE:.0%})"),
+            (far < limits.own_depth_ratio * near,
+             f"the target was {near:.1f} to {far:.1f} m away (needed a range of 1 to {limits.own_depth_ratio:g})"),
+            (focal > limits.own_focal_sigma,
+             f"its focal length is known to {focal:.2%} (needed {limits.own_focal_sigma:.2%})"),
+            (bend_px > limits.own_bend_px_per_1000,
+             f"its distortion is known to {bend_px:.1f} px per 1000 at the rim (needed {limits.own_bend_px_per_1000:g})"),
+        )  # fmt: skip
+        problems += [f"{camera.name}: {words}" for wrong, words in told if wrong]
+    return Check(
+        "recording carries the intrinsics", not problems, "; ".join(problems) or "near and far, over all images",
+        "move the target near and far, into all corners, tilted this way and that; or calibrate the intrinsics with a board",
+    )  # fmt: skip
+
+
+def _start(observations: Observations, c: int, target: Target) -> Camera:
+    name, size = observations.cameras[c], observations.sizes_wh[c]
+    mine = observations.rows(observations.camera == c)
+    key = np.stack([mine.t_ns, mine.patch], axis=1)
+    place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+    count = np.bincount(place)
+    views = np.flatnonzero(count >= _LEAST_CORNERS)
+    if len(views) < _LEAST_VIEWS:
+        raise CalibrationError(f"camera {name}: {len(views)} views of the target, its intrinsics need at least {_LEAST_VIEWS}")
+    # large views know more of the perspective
+    spread = np.array([np.ptp(mine.xy_img[place == view], axis=0).sum() for view in views])
+    chosen = views[np.argsort(-spread)[:_VIEWS]]
+    points, pixels = [], []
+    for view in chosen:
+        rows = place == view
+        points.append(target.corners(int(mine.patch[rows][0]))[mine.corner[rows]].astype(np.float32))
+        pixels.append(mine.xy_img[rows].astype(np.float32))
+    K = np.array([[0.9 * size[0], 0, (size[0] - 1) / 2], [0, 0.9 * size[0], (size[1] - 1) / 2], [0, 0, 1]])
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
+    flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+    found: Array = cv2.calibrateCamera(points, pixels, size, K, np.zeros(5), flags=flags)[1]
+    return Camera(name=name, size_wh=size, K=found, cam_from_world=SE3.identity(), distortion=np.zeros(5))

@@ -1,0 +1,47 @@
+"""Intrinsics and extrinsics from one recording of a moving target: near the truth, or refused where it cannot carry them."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.api.calibrate import calibrate_extrinsics
+from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.targets.kinds import Charuco
+from posefuse.calibration.targets.synthetic import Faults, board, observe_prop
+from posefuse.core import CalibrationError, InputError
+
+
+def test_one_recording_gives_intrinsics_and_poses(lab: Any) -> None:
+    seen = lab.watch()
+    start = starting_cameras(seen, lab.target)
+    assert max(abs(one.K[0, 0] / true.K[0, 0] - 1) for one, true in zip(start, lab.rig, strict=True)) < 0.12
+    found = calibrate_extrinsics(seen, target=lab.target, clocks="together")
+    for camera in lab.rig:
+        assert found.rig[camera.name].K[0, 0] == pytest.approx(camera.K[0, 0], rel=0.003)
+    millimetres, degrees = lab.errors(found.rig)
+    # with known intrinsics it is 2 mm and 0.03 deg
+    assert millimetres.max() < 25
+    assert degrees.max() < 0.25
+
+
+def test_a_recording_that_does_not_carry_them_is_refused_by_name(lab: Any) -> None:
+    here = replace(lab.motion, reach_m=(0.25, 0.25, 0.2))
+    with pytest.raises(RefusedCalibration, match=r"recording carries the intrinsics: cam00: its image is covered by \d+% "):
+        calibrate_extrinsics(lab.watch(motion=here), target=lab.target, clocks="together")
+    few = lab.watch()
+    few = few.rows((few.camera != 1) | (few.t_ns < np.unique(few.t_ns[few.camera == 1])[3]))
+    with pytest.raises(CalibrationError, match=r"camera cam01: \d+ views of the target, its intrinsics need at least 12"):
+        calibrate_extrinsics(few, target=lab.target, clocks="together")
+    with pytest.raises(InputError, match="needs intrinsics to refine"):
+        calibrate_extrinsics(lab.watch(), target=lab.target, focal_known_to_percent=1.0)
+
+
+@pytest.mark.slow
+def test_a_board_does_as_well(lab: Any) -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
+    near = lab.rig.only(lab.rig.names[:3])
+    found = calibrate_extrinsics(observe_prop(near, board(), target, lab.motion, Faults()), target=target, clocks="together")
+    assert found.rig["cam00"].K[0, 0] == pytest.approx(near["cam00"].K[0, 0], rel=0.004)
