@@ -4,8 +4,8 @@
 
 A ChArUco board is moved before four cameras on one side of a room for 40 s at 15 Hz; corners are projected, with noise of
 0.25 px, and intrinsics are known. OpenCV: `stereoCalibrate` of every camera with the first, intrinsics held. aniposelib starts
-from OpenCV's answer (`bundle_adjust`, poses only, with the board's geometry); it is measured where it is installed. Errors are of the
-worst camera against the truth, after the best rigid motion; scale counts. JSON on stdout, a table on stderr.
+from OpenCV's answer (`bundle_adjust`, poses only, with the board's geometry); it is measured where it is installed. Errors are
+of the worst camera against the truth, after the best rigid motion; scale counts. JSON on stdout, a table on stderr.
 """
 
 from __future__ import annotations

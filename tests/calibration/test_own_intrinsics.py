@@ -9,8 +9,6 @@ import pytest
 from posefuse.api.calibrate import calibrate_extrinsics
 from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.targets.kinds import Charuco
-from posefuse.calibration.targets.synthetic import Faults, board, observe_prop
 from posefuse.core import CalibrationError, InputError
 
 
@@ -37,11 +35,3 @@ def test_a_recording_that_does_not_carry_them_is_refused_by_name(lab: Any) -> No
         calibrate_extrinsics(few, target=lab.target, clocks="together")
     with pytest.raises(InputError, match="needs intrinsics to refine"):
         calibrate_extrinsics(lab.watch(), target=lab.target, focal_known_to_percent=1.0)
-
-
-@pytest.mark.slow
-def test_a_board_does_as_well(lab: Any) -> None:
-    target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
-    near = lab.rig.only(lab.rig.names[:3])
-    found = calibrate_extrinsics(observe_prop(near, board(), target, lab.motion, Faults()), target=target, clocks="together")
-    assert found.rig["cam00"].K[0, 0] == pytest.approx(near["cam00"].K[0, 0], rel=0.004)

@@ -170,7 +170,13 @@ def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, 
     depth = np.abs(pose[apart.seen.camera].move(solution.state.world_from_prop.t[apart.seen.instant])[:, 2])
     moved_px = focal * (turn_rad + shift_m / max(float(np.median(depth)), 0.1))
     speed = np.linalg.norm(apart.seen.velocity_px_s[np.isin(apart.seen.camera, (c, count))], axis=1)
-    jumped_px = abs(jump_s) * float(np.median(speed)) if len(speed) else 0.0
+    px_per_s = float(np.median(speed)) if len(speed) else 0.0
+    jumped_px = abs(jump_s) * px_per_s
+    others_s = np.delete(solution.state.delay_s[:, 0], [c, count])
+    late_s = float(solution.state.delay_s[[c, count], 0].mean() - np.median(others_s)) if len(others_s) else 0.0
+    if abs(late_s) > max(_LEAST_JUMP_S, _SIGMA * sigma_s) and abs(late_s) * px_per_s > 2 * max(moved_px, jumped_px):
+        return (f"the clock of {name} is off by {late_s * 1e3:+.0f} ms",
+                "the cameras are not synchronised: calibrate with --clocks offset", 1)  # fmt: skip
     if abs(jump_s) > max(_LEAST_JUMP_S, _SIGMA * sigma_s) and jumped_px > moved_px:
         return (f"the clock of {name} jumps by {jump_s * 1e3:+.0f} ms at {at_s:.0f} s",
                 "frames were lost: give each frame its true time stamp, or use the part before or after", 2)  # fmt: skip
