@@ -173,9 +173,11 @@ def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:
     """Outputs that options of their own choose, and their options."""
     yield from ((name, {}) for name in outputs.output)
     if outputs.record:
-        yield "record", {"path": outputs.record.absolute()}
+        yield "record", {"path": outputs.record.absolute(), **({"images": True} if outputs.record_images else {})}
     if outputs.ros:
-        yield "ros2", {}
+        yield "ros2", {"base_frame": outputs.base}
+    if outputs.ros1:
+        yield "ros1", {}
     if outputs.osc:
         yield "osc", {"to": list(outputs.osc)}
     if outputs.json_udp:

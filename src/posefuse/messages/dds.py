@@ -201,6 +201,11 @@ class RosNode:
         self._peers: dict[bytes, tuple[str, ...]] = {}
         self._announce()
 
+    @property
+    def sender(self) -> str:
+        """This node as `Sample.sender` names it."""
+        return str(self._participant.guid)
+
     def writer(self, topic: Topic) -> Writer:
         """The writer of `topic`, made and announced on first use."""
         if topic.name not in self._writers:

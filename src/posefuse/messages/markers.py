@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,15 @@ _LEFT, _RIGHT, _MIDDLE = (0.16, 0.47, 0.84), (0.87, 0.33, 0.19), (0.93, 0.93, 0.
 _PREDICTED_ALPHA = 0.45
 
 
+def side_colours(keypoints: Sequence[str]) -> Array:
+    """(K, 3) red, green, blue: left blue, right red, the middle light."""
+    return np.array([_LEFT if n.startswith("left_") else _RIGHT if n.startswith("right_") else _MIDDLE for n in keypoints])
+
+
 def person_markers(pose: Pose3D, world_frame: str) -> Any:
     """`MarkerArray`: bones and keypoints of everybody (left blue, right red, predicted see-through), ids above heads."""
     k = pose.skeleton.keypoints
-    colours = np.array([_LEFT if n.startswith("left_") else _RIGHT if n.startswith("right_") else _MIDDLE for n in k])
+    colours = side_colours(k)
     markers = []
     for n, person in enumerate(map(int, pose.person_id)):
         xyz = pose.xyz_world[n]

@@ -200,12 +200,5 @@ class RosOutput:
         self.outlet.publish(topics.body(one, "roi"), region_of_interest(xy[inside], camera, pose.t_ns), pose.t_ns)
 
 
-def publish_pose(outlet: Outlet, pose: Pose3D, joints: JointAngles | None, stages: Stages) -> None:
-    """The topics a replay needs and nothing else: the pose, and everybody's joint angles."""
-    outlet.publish(topics.POSE, message_from_pose(pose, stages, "world"), pose.t_ns)
-    for msg in messages_from_joints(joints, "world", pose.t_ns) if joints is not None else ():
-        outlet.publish(topics.body(body_id(msg.person_id), "joint_angles"), msg, pose.t_ns)
-
-
 def _at(pose: Pose3D, t_ns: int) -> Pose3D:
     return pose if t_ns == pose.t_ns else replace(pose, t_ns=t_ns)

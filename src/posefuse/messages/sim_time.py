@@ -9,12 +9,13 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from posefuse.core import SourceError
 
-from .dds import Reader, RosNode, Sample
+from .dds import Sample
 from .intake import Intake
 from .messages import ns_from_time
 from .topics import CLOCK
@@ -77,11 +78,11 @@ class SimulatedClock:
 class ClockReader:
     """Keeps a `SimulatedClock` up to date with a node's `/clock`."""
 
-    def __init__(self, node: RosNode) -> None:
+    def __init__(self, node: Any) -> None:
         self.clock = SimulatedClock()
         self._intake: Intake[int] = Intake(CLOCK.type_name, lambda msg: ns_from_time(msg.clock), max_bytes=1024)
         # a simulator may send it 1000 times a second, which is no reason to wake up
-        self._reader: Reader = node.reader(CLOCK, wakes=False)
+        self._reader = node.reader(CLOCK, wakes=False)
         self._ways_ns: deque[int] = deque(maxlen=_KEPT)
 
     def update(self) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from . import camera_messages, joint_centre_messages, messages
+from .annotations import ANNOTATIONS_TYPE
 from .parts import PARTS
 
 
@@ -94,6 +95,11 @@ def preview(camera: str) -> Topic:
 def preview_info(camera: str) -> Topic:
     """Intrinsics of the small images, where `image_transport` looks for them: beside the image, one per image."""
     return Topic(f"/posefuse/{ros_name(camera)}/preview/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, reliable=False)
+
+
+def preview_annotations(camera: str) -> Topic:
+    """2D keypoints over the small images."""
+    return Topic(f"/posefuse/{ros_name(camera)}/preview/annotations", ANNOTATIONS_TYPE, depth=1, reliable=False)
 
 
 # of head, wrists and hands

@@ -51,8 +51,14 @@ class OutputOptions:
 
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap")] = None
     """Record views and poses."""
+    record_images: bool = False
+    """Record small images of the cameras, too."""
     ros: bool = False
     """Publish in ROS 2."""
+    ros1: bool = False
+    """Publish in ROS 1, at the master of ROS_MASTER_URI."""
+    base: Annotated[str, Parameter(metavar="FRAME")] = ""
+    """Express hands and head in this tf frame of a robot, instead of the world."""
     osc: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
     """Send poses as OSC. May be given several times."""
     json_udp: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()

@@ -7,33 +7,82 @@ import shutil
 from pathlib import Path
 from typing import Any, ClassVar
 
-from posefuse.core import InputError, LiveDetections, LiveHealth, LiveJointCentres, LiveMessage, LiveOutput, LivePose, LiveStart
+from posefuse.core import (
+    Detections2D,
+    InputError,
+    LiveDetections,
+    LiveHealth,
+    LiveJointCentres,
+    LiveMessage,
+    LiveOutput,
+    LivePose,
+    LivePreview,
+    LiveStart,
+)
 from posefuse.foundation.settings import settings
 from posefuse.messages import topics
+from posefuse.messages.annotations import annotations_of_view
 from posefuse.messages.messages import message_from_detections
-from posefuse.messages.ros_output import RosOutput, publish_pose
+from posefuse.messages.ros_output import RosOutput
 
 from .parts import part_path
-from .ros import health_lines, message_from_live_centres
+from .ros import health_lines, message_from_live_centres, publish_preview
 
 NOTES = "posefuse_live"
 # a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
 
 
+_TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveHealth)
+# what viewers draw is recorded so often
+_SHOWN_NS = 1_000_000_000 // 30
+# topics of a body that follow from others
+_NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
+
+
+class _Chosen:
+    """An outlet that records what a replay needs, and what viewers draw while it is `shown`."""
+
+    def __init__(self, recorder: topics.Outlet) -> None:
+        self._recorder = recorder
+        self.shown = True
+
+    def publish(self, topic: topics.Topic, msg: Any, t_ns: int) -> None:
+        """See `topics.Outlet`."""
+        self._recorder.publish(topic, msg, t_ns)
+
+    def wanted(self, topic: topics.Topic) -> bool:
+        """See `topics.Outlet`."""
+        if topic.name == topics.POSE.name or topic.name.endswith("/joint_angles") or topic.latched:
+            return True
+        return self.shown and topic.name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
+
+    def forget(self, name: str) -> None:
+        """See `topics.Outlet`."""
+
+
 @settings
 class RecordConfig:
     """Detections and poses in the order the tracker took and gave them, so that a replay reproduces the session.
+
+    Frames, joint states and markers go with them 30 times a second, so that viewers draw the people. The file of a session that
+    did not start is removed.
 
     After a failure recording goes on in ``NAME.2.mcap``, then ``.3`` and so on; no file is written over.
 
     Attributes:
         path: the .mcap file; must not exist.
+        images: record the cameras' small images, too, with the 2D keypoints to draw over them.
     """
 
     path: Path
-    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LiveDetections, LivePose, LiveJointCentres, LiveHealth)
+    images: bool = False
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = _TAKES
     keeps_all: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        # an instance may take more than its class says
+        object.__setattr__(self, "takes", (*_TAKES, LivePreview) if self.images else _TAKES)
 
     def build(self) -> LiveOutput:
         """Not yet opened; raises DependencyError without the extra `ros`."""
@@ -52,6 +101,11 @@ class RecordOutput:
         self._config = config
         self._recorder: Any = None
         self._ros: Any = None
+        self._chosen: Any = None
+        self._shown_ns = -_SHOWN_NS
+        self._views: dict[str, Detections2D] = {}
+        # whether the session got as far as a view or a pose
+        self._filled = False
 
     @property
     def where(self) -> str:
@@ -64,9 +118,13 @@ class RecordOutput:
             case LiveStart():
                 self._open(message)
             case LiveDetections(detections=view):
+                self._filled, self._views[view.camera] = True, view
                 self._recorder.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
             case LivePose():
-                publish_pose(self._recorder, message.pose, message.joints, message.stages_ns)
+                self._filled = True
+                self._pose(message)
+            case LivePreview():
+                self._preview(message)
             case LiveJointCentres():
                 self._recorder.publish(topics.JOINT_CENTRES, message_from_live_centres(message), message.t_ns)
             case LiveHealth():
@@ -76,6 +134,24 @@ class RecordOutput:
         """Finish the file."""
         if self._recorder is not None:
             self._recorder.close()
+            if not self._filled:
+                self._recorder.path.unlink(missing_ok=True)
+
+    def _pose(self, message: LivePose) -> None:
+        t_ns = message.pose.t_ns
+        self._chosen.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
+        if self._chosen.shown:
+            # due times, so that the rate does not fall to that of every fourth pose
+            went_on = t_ns - self._shown_ns < 2 * _SHOWN_NS
+            self._shown_ns = self._shown_ns + _SHOWN_NS if went_on and t_ns > self._shown_ns else t_ns
+        self._ros.step(message.pose, message.joints, message.stages_ns)
+
+    def _preview(self, preview: LivePreview) -> None:
+        publish_preview(self._recorder, preview, self._ros.rig)
+        view = self._views.get(preview.camera)
+        if view is not None and view.t_ns == preview.t_ns:
+            msg = annotations_of_view(view, preview.size_wh, self._ros.rig[preview.camera].size_wh)
+            self._recorder.publish(topics.preview_annotations(preview.camera), msg, preview.t_ns)
 
     def _open(self, start: LiveStart) -> None:
         from posefuse.messages.bags import Recorder
@@ -86,7 +162,8 @@ class RecordOutput:
         self._recorder = Recorder(path)
         if start.notes:
             self._recorder.note(NOTES, {**start.notes, "part": str(start.part)})
-        self._ros = RosOutput(self._recorder, start.rig)
+        self._chosen = _Chosen(self._recorder)
+        self._ros = RosOutput(self._chosen, start.rig)
         self._ros.start(start.t_ns)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -44,6 +44,9 @@ class Ros2Config:
         domain_id: ROS_DOMAIN_ID. local_only: nothing leaves this machine. interface: network card; empty: the library chooses.
         peers: other machines, where multicast is off. detections: publish 2D poses too; not where they came from ROS.
         sim_time: stamps are simulated time, as `/clock` says it (ROS: `use_sim_time`).
+        base_frame: tf frame of a robot in which hands and head are expressed; other nodes say where it is in ``world``.
+            Empty: the world.
+        middleware: ``auto`` takes rclpy where a ROS 2 environment is sourced and no network option is given, else DDS.
     """
 
     domain_id: Annotated[int, Ge(0), Le(232)] = 0
@@ -52,16 +55,22 @@ class Ros2Config:
     peers: tuple[str, ...] = ()
     detections: bool = True
     sim_time: bool = False
+    base_frame: str = ""
+    middleware: Literal["auto", "dds", "rclpy"] = "auto"
     takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
     keeps_all: ClassVar[bool] = False
 
     def build(self) -> LiveOutput:
         """Not yet opened; raises DependencyError without the extra `ros`."""
-        return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self.detections, self.sim_time)
+        return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self)
 
     def _node(self) -> Any:
         from posefuse.messages.dds import Network, RosNode
+        from posefuse.messages.rclpy_node import RclpyNode, ros2_is_sourced
 
+        plain = not (self.local_only or self.interface or self.peers)
+        if self.middleware == "rclpy" or (self.middleware == "auto" and plain and ros2_is_sourced()):
+            return RclpyNode("posefuse", self.domain_id)
         return RosNode(
             "posefuse", Network(domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=self.peers)
         )
@@ -76,7 +85,7 @@ class Ros1Config:
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
-        return RosLiveOutput("ros1", _ros1_node, "ROS 1", detections=True, sim_time=False)
+        return RosLiveOutput("ros1", _ros1_node, "ROS 1", Ros2Config())
 
 
 def _ros1_node() -> Any:
@@ -91,12 +100,14 @@ class RosLiveOutput:
     Stamps of detections are always real time: they are for other machines of the session.
     """
 
-    def __init__(self, name: str, node: Callable[[], Any], where: str, detections: bool, sim_time: bool) -> None:
+    def __init__(self, name: str, node: Callable[[], Any], where: str, config: Ros2Config) -> None:
         self.name, self.where = name, where
-        self._make_node, self._detections, self._sim_time = node, detections, sim_time
+        self._make_node, self._config = node, config
         self._node: Any = None
         self._ros: Any = None
+        # simulated time, and frames of robots, where they are wanted
         self._clock: Any = None
+        self._frames: Any = None
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
@@ -105,6 +116,7 @@ class RosLiveOutput:
                 self._open(message)
             case LivePose():
                 self._follow_clock(message.pose.t_ns)
+                self._follow_base()
                 self._ros.step(message.pose, message.joints, message.stages_ns)
             case LiveHealth():
                 self._follow_clock(message.t_ns)
@@ -112,9 +124,9 @@ class RosLiveOutput:
             case LivePreview():
                 self._follow_clock(message.t_ns)
                 publish_preview(self._node, replace(message, t_ns=message.t_ns + self._ros.epoch_offset_ns), self._ros.rig)
-            case LiveJointCentres() if self._detections:
+            case LiveJointCentres() if self._config.detections:
                 self._node.publish(topics.JOINT_CENTRES, message_from_live_centres(message), message.t_ns)
-            case LiveDetections(detections=view) if self._detections and self._node.wanted(topics.DETECTIONS):
+            case LiveDetections(detections=view) if self._config.detections and self._node.wanted(topics.DETECTIONS):
                 self._node.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
 
     def close(self) -> None:
@@ -124,14 +136,23 @@ class RosLiveOutput:
 
     def _open(self, start: LiveStart) -> None:
         self._node = self._make_node()
-        self._ros = RosOutput(self._node, start.rig)
-        if self._sim_time:
+        self._ros = RosOutput(self._node, start.rig, base_frame=self._config.base_frame)
+        if self._config.base_frame:
+            from posefuse.messages.frames import FrameReader
+
+            self._frames = FrameReader(self._node)
+        if self._config.sim_time:
             from posefuse.messages.sim_time import ClockReader
 
             self._clock = ClockReader(self._node)
             self._clock.wait(_CLOCK_WITHIN_S)
             self._follow_clock(start.t_ns)
         self._ros.start(start.t_ns)
+
+    def _follow_base(self) -> None:
+        if self._frames is not None:
+            self._frames.update()
+            self._ros.people.base_from_world = self._frames.frames.find(self._config.base_frame, self._ros.world_frame)
 
     def _follow_clock(self, t_ns: int) -> None:
         if self._clock is not None:

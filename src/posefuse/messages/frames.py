@@ -1,0 +1,73 @@
+"""Frames of other nodes: where one tf frame is in another, by the newest transforms of `/tf` and `/tf_static`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import SE3, MessageError, ShapeError
+
+from .intake import Intake
+from .topics import TF, TF_STATIC
+
+_MOST_FRAMES = 2000
+_MAX_BYTES = 2**20
+
+
+class Frames:
+    """The tree of frames as far as it was heard; a frame has one parent, the newest."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, SE3]] = {}
+
+    def add(self, parent: str, child: str, parent_from_child: SE3) -> None:
+        """One transform."""
+        if child in self._parents or len(self._parents) < _MOST_FRAMES:
+            self._parents[child] = parent, parent_from_child
+
+    def find(self, target: str, source: str) -> SE3 | None:
+        """target_from_source, or None where no chain of transforms joins them."""
+        up, down = self._to_root(source), self._to_root(target)
+        for frame, root_from_source in up.items():
+            if frame in down:
+                return down[frame].inverse() @ root_from_source
+        return None
+
+    def _to_root(self, frame: str) -> dict[str, SE3]:
+        """From a frame up: every frame on the way, and where the first one is in it."""
+        found, here = {frame: SE3.identity()}, SE3.identity()
+        while frame in self._parents and self._parents[frame][0] not in found:
+            frame, step = self._parents[frame]
+            here = step @ here
+            found[frame] = here
+        return found
+
+
+class FrameReader:
+    """Keeps `Frames` up to date with what other nodes say; a node's own transforms are left out."""
+
+    def __init__(self, node: Any) -> None:
+        self.frames = Frames()
+        self._own = node.sender
+        self._readers = [node.reader(topic, wakes=False) for topic in (TF, TF_STATIC)]
+        self._intake: Intake[Any] = Intake(TF.type_name, lambda msg: msg, _MAX_BYTES)
+
+    def update(self) -> None:
+        """Take in what has come; never waits."""
+        for reader in self._readers:
+            for sample in reader.take():
+                msg = self._intake.take(sample.raw) if sample.sender != self._own else None
+                for tf in msg.transforms if msg is not None else ():
+                    self._add(tf)
+
+    def _add(self, tf: Any) -> None:
+        q, p = tf.transform.rotation, tf.transform.translation
+        values = np.array([q.w, q.x, q.y, q.z, p.x, p.y, p.z])
+        try:
+            if not np.isfinite(values).all():
+                raise MessageError(f"tf of {tf.child_frame_id}: not finite")
+            self.frames.add(tf.header.frame_id, tf.child_frame_id, SE3(values[:4], values[4:]))
+        except (MessageError, ShapeError) as error:
+            self._intake.counts.refused += 1
+            self._intake.counts.last_refusal = str(error)
