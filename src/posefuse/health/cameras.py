@@ -30,6 +30,8 @@ _AGE_UNTIL_KNOWN_NS = 40_000_000
 SILENT_NS = _S
 # so many cameras make a pose
 _ENOUGH = 2
+# where less of a camera's frames is used, over so long, the machine is overloaded: what is left says too little about the rig
+_OVERLOAD_SHARE, _SHARE_NS = 0.7, 2 * _S
 # one camera may deliver so many frames a second
 FLOOD_HZ = 250
 _WINDOW_NS = _S // 2
@@ -86,7 +88,7 @@ class Verdict:
 
     Attributes:
         state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``;
-            or what `rig_watch` found: ``bumped``, ``out of step`` or ``swapped``.
+            ``overload`` (the machine is too slow to tell), or what `rig_watch` found: ``bumped``, ``out of step`` or ``swapped``.
         text: in words.
     """
 
@@ -125,6 +127,8 @@ class _Watch:
     before: tuple[int, int, int] = (0, 0, 0)
     counted_ns: int = 0
     counted: int = 0
+    share_of: tuple[int, int, int] = (0, 0, 0)
+    used_share: float = 1.0
     refused: dict[str, int] = field(default_factory=dict)
 
 
@@ -169,6 +173,11 @@ class Monitor:
             if rate_hz > FLOOD_HZ:
                 watch.flooding_ns, watch.flood_hz = now_ns, rate_hz
             watch.counted_ns, watch.counted = now_ns, state.captured
+        since_ns, captured, used = watch.share_of
+        if now_ns - since_ns >= _SHARE_NS:
+            came = state.captured - captured
+            watch.used_share = (state.used - used) / came if came > 0 and since_ns else 1.0
+            watch.share_of = now_ns, state.captured, state.used
         if watch.source is not None and state.captured < watch.source.captured:
             # its process was started again and counts from 0
             captured, replaced, missing = watch.before
@@ -185,6 +194,10 @@ class Monitor:
                 self.event_count += 1
             self._verdicts[name] = verdict
         return dict(self._verdicts)
+
+    def overloaded(self, camera: str) -> bool:
+        """Whether too few of its frames are used to judge where it stands and how its clock runs."""
+        return self._watches[camera].used_share < _OVERLOAD_SHARE
 
     def does_without(self, camera: str) -> bool:
         """Whether enough other cameras are well to leave this one's views out; one more is counted as refused."""
@@ -229,6 +242,8 @@ class Monitor:
             return Verdict("opening", "no frame yet")
         if now_ns - watch.heard_ns > SILENT_NS:
             return Verdict("silent", f"no frame for {(now_ns - watch.heard_ns) / _S:.1f} s")
+        if otherwise.state != OK and watch.used_share < _OVERLOAD_SHARE:
+            return Verdict("overload", f"only {watch.used_share:.0%} of its frames are used: too few to watch the rig")
         return otherwise
 
     def _floods(self, watch: _Watch, now_ns: int) -> bool:

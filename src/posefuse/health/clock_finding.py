@@ -57,6 +57,10 @@ class ClockFinder:
         while self._views[0][1] < t_s - _LONGEST_S - 2 * _MARGIN_S:
             self._views.popleft()
 
+    def cut(self) -> None:
+        """What comes next does not go on from what came: nothing is compared across."""
+        self._views.clear()
+
     def find(self) -> dict[str, float] | None:
         """Offset of each camera that is known well enough; None while there is nothing new."""
         heard = [s for s in self._newest_s if np.isfinite(s)]

@@ -13,8 +13,8 @@ from posefuse.core.arrays import Array
 _PERIOD_NS = 100_000_000
 # an instant is given when views this much newer are there: those of a slower camera should have come
 _PATIENCE_NS = 500_000_000
-# two views of a camera further apart than this are not interpolated between
-_REACH_NS = 250_000_000
+# two views of a camera further apart than this are not interpolated between: a hand leaves the straight line by centimetres
+_REACH_NS = 125_000_000
 # after a gap this long instants go on where views do
 _GAP_NS = 2_000_000_000
 _MOST_VIEWS = 256

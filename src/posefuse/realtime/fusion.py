@@ -84,7 +84,7 @@ class Fusion:
         self._waiting: list[Way] = []
         self._last_told: Pose3D | None = None
         self._followed = 0
-        self._judged_ns = 0
+        self._judged_ns = self._showing_ns = 0
 
     def run(self, intake: Intake, rate_hz: float, until: Callable[[int], bool]) -> None:
         """Work until `until(now)` says so."""
@@ -147,8 +147,10 @@ class Fusion:
         if view is None:
             return
         if self.watch is not None:
-            view = self.watch.timed(view, self._followed)
-            if view.camera in self.watch.known.astray and self.monitor.does_without(view.camera):
+            self._tell_of_cut(seen.showing_ns)
+            view = self.watch.timed(view, self._followed) if seen.showing_ns == self._showing_ns else view
+            astray = view.camera in self.watch.known.astray and not self.monitor.overloaded(view.camera)
+            if astray and self.monitor.does_without(view.camera):
                 return
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()
@@ -160,6 +162,12 @@ class Fusion:
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
         }  # fmt: skip
         self.outlets.offer(LiveDetections(detections=view, stages_ns=stages))
+
+    def _tell_of_cut(self, showing_ns: int) -> None:
+        """A looped clip that begins again goes on from nothing."""
+        if showing_ns > self._showing_ns and self.watch is not None:
+            self._showing_ns = showing_ns
+            self.watch.cut()
 
     def _learn_noise(self, camera: str, sigma_px: Array) -> None:
         stated = sigma_px[np.isfinite(sigma_px)].tolist()

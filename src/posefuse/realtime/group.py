@@ -179,6 +179,7 @@ class Group:
             detected_ns=clock.now_ns(),
             still=caught.still,
             searched=regions is None,
+            showing_ns=caught.later_ns,
         )
         self._channel.send(seen, _SEND_S)
         self._preview(frame, shown.t_ns)

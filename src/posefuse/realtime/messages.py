@@ -56,6 +56,7 @@ class Seen:
         received_ns: the frame reached its process. started_ns: the 2D estimator began. detected_ns: it had finished.
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
         searched: the whole image was searched for people.
+        showing_ns: when this showing of a looped source began, after the session's zero; 0 for all others.
     """
 
     detections: Detections2D
@@ -65,6 +66,7 @@ class Seen:
     detected_ns: int
     still: int = 0
     searched: bool = False
+    showing_ns: int = 0
 
 
 @dataclass(frozen=True)

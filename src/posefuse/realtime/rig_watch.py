@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 from posefuse.calibration.clocks.paths import APART_S
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
@@ -30,6 +31,7 @@ from .processes import ended, spawned
 _S = 1e9
 _NICENESS = 10
 _WAIT_S = 0.2
+CUT = "cut"
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 # of a camera's views, those closer than this to the one before tell nothing new
 _APART_NS = round(APART_S * 1e9)
@@ -96,6 +98,10 @@ class RigWatch:
         offset_s = self.known.offset_s.get(view.camera, 0.0)
         return replace(view, t_ns=view.t_ns - round(offset_s * _S)) if offset_s else view
 
+    def cut(self) -> None:
+        """What the cameras show next does not go on from what they showed, e.g. a clip begins again."""
+        self._send(CUT)
+
     def hear(self) -> None:
         """Take in what was found since the last time."""
         if self.trouble:
@@ -107,12 +113,15 @@ class RigWatch:
             self._lost()
 
     def _tell(self, view: Detections2D) -> None:
-        if self.trouble:
-            return
         self._told_ns[view.camera] = view.t_ns
         points = _limb_keypoints(view.skeleton)
+        self._send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
+
+    def _send(self, message: Any) -> None:
+        if self.trouble:
+            return
         try:
-            self._channel.send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
+            self._channel.send(message)
         except ChannelClosed:
             self._lost()
 
@@ -148,7 +157,10 @@ def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
         while True:
             channel.wait(_WAIT_S)
             while (view := channel.receive()) is not None:
-                watcher.add(*view)
+                if view == CUT:
+                    watcher.cut()
+                else:
+                    watcher.add(*view)
             found = watcher.look()
             if found != told and channel.send(found):
                 told = found
@@ -171,6 +183,13 @@ class Watcher:
             self._finder.add(camera, t_ns, xy_img, score)
         later_ns = round(self._offset_s.get(camera, 0.0) * _S)
         self._instants.add(camera, t_ns - later_ns, xy_img, score >= MIN_SCORE)
+
+    def cut(self) -> None:
+        """Nothing is compared across this point of time."""
+        if self._finder is not None:
+            self._finder.cut()
+        self._instants = CommonInstants(self._rig.names)
+        self._state = replace(self._state, before=(), recent=())
 
     def look(self) -> Watched:
         """What is known by now."""

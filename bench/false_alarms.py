@@ -1,0 +1,100 @@
+"""False alarms about healthy cameras, per camera-hour of simulated time.
+
+    python bench/false_alarms.py [--hours 10] [--seed 0]
+
+Four healthy cameras look at a person who walks, hurries or stands in turn; what they see goes through the rig watch as in a live
+session (`realtime.rig_watch.Watcher`), as fast as the processor can. Frames come at a rate of 5 to 60 a second, jitter, are lost,
+half of them are not used (overload), or the clip is cut (a loop) every 4.3 s, announced as a session announces it. Noise
+is the default network's on the demo clip. Table on stderr, one JSON object on stdout.
+"""
+
+import argparse
+import json
+import sys
+
+import numpy as np
+from live_tracking import noise, scene_of_person
+from rich.console import Console
+from rich.table import Table
+
+from posefuse.calibration.keypoints import limb_keypoints
+from posefuse.core import Rig
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.realtime.rig_watch import Watcher
+
+LIMBS = limb_keypoints(ANATOMICAL23.keypoints)
+SIGMA_PX = 2.4
+BLOCK_S = 60.0
+MOTIONS = {
+    "walk": {"kind": "walk", "path": {"shape": "circle", "radius_m": 1.4}, "speed_mps": 1.35},
+    "hurry": {"kind": "walk", "path": {"shape": "circle", "radius_m": 1.6}, "speed_mps": 1.9},
+    "stand": {"kind": "idle"},
+}
+# rate, jitter of the exposure in periods, share that is lost, seconds between cuts
+CASES = {
+    "30/s": (30.0, 0.0, 0.0, None),
+    "30/s, jitter, 10 % lost": (30.0, 0.3, 0.1, None),
+    "60/s": (60.0, 0.05, 0.02, None),
+    "10/s": (10.0, 0.05, 0.0, None),
+    "10/s, jitter, 10 % lost": (10.0, 0.3, 0.1, None),
+    "5/s": (5.0, 0.05, 0.0, None),
+    "30/s, overload": (30.0, 0.05, 0.5, None),
+    "30/s, loop": (30.0, 0.05, 0.02, 4.3),
+}
+
+
+def alarms(rig: Rig, place, case: tuple, seed: int) -> list[str]:
+    """What is said of healthy cameras in one block of time."""
+    rate_hz, jitter, lost, cut_s = case
+    events = []
+    for c, camera in enumerate(rig):
+        rng = np.random.default_rng([seed, c])
+        t_s = rng.uniform(0, 1 / rate_hz) + np.arange(int(BLOCK_S * rate_hz) - 1) / rate_hz
+        t_s = np.sort(t_s + rng.uniform(-jitter / 2, jitter / 2, len(t_s)) / rate_hz)
+        t_s = t_s[rng.random(len(t_s)) >= lost]
+        exact = camera.project(place(t_s if cut_s is None else t_s % cut_s))
+        xy = exact + SIGMA_PX * noise(rng, t_s, exact.shape[1])
+        events += [(t, camera.name, one[LIMBS]) for t, one in zip(t_s, xy, strict=True)]
+    watcher, said, before, showing, looked_s = Watcher(rig, clocks=False), [], set(), 0, 0.0
+    for t, name, xy in sorted(events, key=lambda one: one[0]):
+        if cut_s is not None and int(t / cut_s) > showing:
+            showing = int(t / cut_s)
+            watcher.cut()
+        watcher.add(name, 10**15 + round(t * 1e9), xy, np.full(len(xy), 0.9))
+        if t - looked_s > 0.25:
+            looked_s = t
+            ill = {(camera, verdict.state) for camera, verdict in watcher.look().ill.items()}
+            said += [f"{camera}: {state}" for camera, state in sorted(ill - before)]
+            before = ill
+    return said
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--hours", type=float, default=10.0, help="of simulated time, over all cases")
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    scenes = {name: scene_of_person(motion, 4, BLOCK_S, args.seed) for name, motion in MOTIONS.items()}
+    blocks = max(len(MOTIONS), round(args.hours * 3600 / BLOCK_S / len(CASES)))
+    rows = {}
+    for case, content in CASES.items():
+        said = []
+        for block in range(blocks):
+            rig, place = scenes[list(MOTIONS)[block % len(MOTIONS)]]
+            said += alarms(rig, place, content, args.seed + block)
+        hours = blocks * BLOCK_S / 3600 * 4
+        rows[case] = {"camera_hours": hours, "alarms": len(said), "per_camera_hour": len(said) / hours, "said": sorted(set(said))}
+        print(case, rows[case]["alarms"], file=sys.stderr, flush=True)
+    table = Table(title="False alarms about healthy cameras", title_justify="left")
+    for column in ("case", "camera-hours", "alarms", "per camera-hour", "said"):
+        table.add_column(column)
+    for case, row in rows.items():
+        table.add_row(
+            case, f"{row['camera_hours']:.1f}", str(row["alarms"]), f"{row['per_camera_hour']:.2f}", "; ".join(row["said"])
+        )
+    Console(stderr=True, width=130).print(table)
+    print(json.dumps(rows, indent=2))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
