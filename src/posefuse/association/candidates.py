@@ -73,12 +73,12 @@ def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Arr
     of the body. `tolerance_m` is one for all or (H,). A detection with left and right exchanged still is this person, but
     less so: of two people who face each other the one is nearly the other with left and right exchanged.
     """
-    from .kernels.agreement import agreement as kernel
+    from .kernels import agreement as kernels
 
     size = (len(xyz_world), len(candidates))
     support, share = np.empty(size), np.empty(size)
     reach = np.broadcast_to(np.asarray(tolerance_m, np.float64), len(xyz_world))
-    kernel(
+    kernels.agreement(
         candidates.rotation, candidates.translation, candidates.xy_norm, candidates.score, np.ascontiguousarray(xyz_world),
         np.ascontiguousarray(reach), candidates.mirror, _TURNED_SHARE, support, share,
     )  # fmt: skip

@@ -123,7 +123,7 @@ def track_into(
             if tracked.interrupted:
                 steps = len(tracked.recording.poses)
                 warn(f"stopped early; the first {steps} time steps are finished and kept; --resume continues from them")
-            written = _write(tracked, opened, prepared.sinks, folder, clock, progress, warn)
+            written = _write(tracked, opened, prepared.sinks, folder, clock, progress=progress, warn=warn)
             if not tracked.interrupted:
                 store.discard()
             return written
