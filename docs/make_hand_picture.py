@@ -1,6 +1,6 @@
 """Make docs/images/ros_hands.png: the frames of head, wrists and hands of a person with the hands forward, palms down.
 
-    python docs/make_hand_picture.py
+python docs/make_hand_picture.py
 """
 
 from pathlib import Path
