@@ -21,6 +21,7 @@ from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
 
 from .clothing import CLOTHING_TRAITS
+from .memory import median_known
 from .traits import Traits, body_lengths_m, plausible_share, sameness
 
 UNNAMED = -1
@@ -28,8 +29,8 @@ UNNAMED = -1
 _NAMING_FRAMES, _SURE_FRAMES, _SURE_EVIDENCE = 8, 4, 4.0
 # tracks closer than this touch, and have parted beyond that: middles of bodies
 _TOUCH_M, _PARTED_M = 0.6, 0.75
-# frames after parting from which an exchange can be seen, and the log-likelihood ratio it takes
-_EXCHANGE_FRAMES, _EXCHANGE_EVIDENCE = 10, 6.0
+# frames after parting from which an exchange can be seen, how often it is looked for, and the log-likelihood ratio it takes
+_EXCHANGE_FRAMES, _EXCHANGE_EVERY, _EXCHANGE_EVIDENCE = 10, 5, 6.0
 # after so many frames apart without such evidence, nothing was exchanged
 _STRAIGHT_FRAMES = 30
 
@@ -147,7 +148,8 @@ class Identity:
     def _decided(self, a: int, b: int) -> Identity:
         one, two = self.tracks[a], self.tracks[b]
         frames = min(one.traits.frames.max(initial=0), two.traits.frames.max(initial=0))
-        if frames < _EXCHANGE_FRAMES or UNNAMED in (one.person, two.person):
+        # frame by frame the answer hardly changes
+        if frames < _EXCHANGE_FRAMES or frames % _EXCHANGE_EVERY or UNNAMED in (one.person, two.person):
             return self
         mine, theirs = self.people[one.person], self.people[two.person]
         straight = sameness(one.traits, mine) + sameness(two.traits, theirs)
@@ -241,5 +243,4 @@ def _seen(track: Track | None, t_ns: int, traits: Array, middle: Array, usable: 
 
 def _middles(xyz_world: Array) -> Array:
     """(N, 3) median of the keypoints that are known."""
-    with np.errstate(all="ignore"):
-        return np.array([np.nanmedian(xyz, axis=0) if np.isfinite(xyz).any() else np.full(3, np.nan) for xyz in xyz_world])
+    return np.array([median_known(xyz) for xyz in xyz_world]).reshape(-1, 3)

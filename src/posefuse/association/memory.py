@@ -18,6 +18,12 @@ _SPEED_S = 0.15
 _FASTEST_M_S = 6.0
 
 
+def median_known(points: Array) -> Array:
+    """(3,) median of the points (K, 3) that are known; NaN where none is. Much faster than `numpy.nanmedian`."""
+    known = points[np.isfinite(points[:, 0])]
+    return np.asarray(np.median(known, axis=0)) if len(known) else np.full(3, np.nan)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LastSeen:
     """One person as last measured.
@@ -52,7 +58,8 @@ class LastSeen:
         step_s = max(t_ns - self.t_ns, 1) * 1e-9
         known = np.isfinite(xyz_world[:, 0])
         moved = (xyz_world - self.xyz_world) / step_s
-        body = np.nanmedian(moved, axis=0) if np.isfinite(moved).any() else self.body_velocity_m_s
+        middle = median_known(moved)
+        body = middle if np.isfinite(middle).all() else self.body_velocity_m_s
         body = body * min(1.0, _FASTEST_M_S / max(float(np.linalg.norm(body)), 1e-9))
         weight = 1 - np.exp(-step_s / _SPEED_S)
         return LastSeen(

@@ -127,7 +127,8 @@ def _found_again(candidates: Candidates, members: Array, lost: list[_Known], set
 
 def _middle_distance_m(one: Array, other: Array) -> float:
     apart = np.linalg.norm(one - other, axis=-1)
-    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else np.inf
+    known = apart[np.isfinite(apart)]
+    return float(np.median(known)) if len(known) else np.inf
 
 
 def _reach_m(age_s: float, settings: AssociateSettings) -> float:

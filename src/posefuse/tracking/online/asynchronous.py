@@ -233,7 +233,8 @@ class AsynchronousTracker:
 
 def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
     distances = np.linalg.norm(person.expected(t_ns)[0] - xyz, axis=-1)
-    return float(np.nanmedian(distances)) if np.isfinite(distances).any() else np.inf
+    known = distances[np.isfinite(distances)]
+    return float(np.median(known)) if len(known) else np.inf
 
 
 def _surest(detections: Detections2D, share: float, most: int) -> Array:
