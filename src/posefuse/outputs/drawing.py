@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,8 +140,8 @@ def draw_name(tile: Array, xy: Array, recording: Recording, n: int) -> None:
         return
     top = seen[seen[:, 1].argmin()]
     scale = float(np.clip(tile.shape[0] / 900, 0.4, 0.7))
-    # OpenCV's fonts have no other letters
-    shown = name if name.isascii() else f"{unicodedata.normalize('NFKD', name).encode('ascii', 'ignore').decode()} ({person})"
+    # before version 5, OpenCV's fonts have no other letters
+    shown = name if name.isascii() or int(cv2.__version__.split(".")[0]) >= 5 else f"person {person}"
     (width, height), below = cv2.getTextSize(shown, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
     left = int(np.clip(top[0] - width / 2, 2, max(tile.shape[1] - width - 2, 2)))
     line = int(np.clip(top[1] - 8, height + 2, max(tile.shape[0] - below, height + 2)))
@@ -162,12 +161,13 @@ def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh
     size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
     tile, scale = fitted(image, size_wh, tile_wh)
     notes = [] if image is not None else ["no frame"]
+    # pixel centres are integers: the corner of the image is at -0.5
+    projected = (camera.project(poses.xyz_world[i]) + 0.5) * scale - 0.5
     for n in range(len(poses.person_id)):
-        # pixel centres are integers: the corner of the image is at -0.5
-        projected = (camera.project(poses.xyz_world[i, n]) + 0.5) * scale - 0.5
-        draw_skeleton(tile, projected, poses.kind[i, n], poses.skeleton)
-        draw_name(tile, projected, recording, n)
+        draw_skeleton(tile, projected[n], poses.kind[i, n], poses.skeleton)
         draw_detections(tile, (recording.views.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.views.score[i, n, c])
+    for n in range(len(poses.person_id)):
+        draw_name(tile, projected[n], recording, n)
     if not (recording.views.score[i, :, c] > 0).any():
         notes.append("no person seen")
     gone = int((poses.kind[i] == Kind.MISSING).sum())

@@ -38,9 +38,9 @@ def stage_picture(recording: Recording, i: int, size_wh: tuple[int, int]) -> Arr
     poses = recording.poses
     for n in range(len(poses.person_id)):
         _ellipses(picture, view, poses.xyz_world[i, n], poses.cov_world[i, n], keypoint_colours(poses.skeleton))
-        seen = view.project(poses.xyz_world[i, n])
-        draw_skeleton(picture, seen, poses.kind[i, n], poses.skeleton)
-        draw_name(picture, seen, recording, n)
+        draw_skeleton(picture, view.project(poses.xyz_world[i, n]), poses.kind[i, n], poses.skeleton)
+    for n in range(len(poses.person_id)):
+        draw_name(picture, view.project(poses.xyz_world[i, n]), recording, n)
     draw_text(picture, f"{len(recording.rig)} cameras, floor in metres, 3-sigma ellipses", 0)
     return picture
 
