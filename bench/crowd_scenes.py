@@ -26,7 +26,7 @@ from posefuse.simulation.visibility import FLESH_M, hidden_by_shapes, in_image
 
 RATE_HZ, SECONDS, VISIBLE_EVERY = 30.0, 11.0, 3
 # seeds of what is reported were drawn once the code was done
-DEVELOPMENT_SEED, REPORTED_SEEDS = 11, (47,)
+DEVELOPMENT_SEED, REPORTED_SEEDS = 11, (483, 46254)
 # no person walks through another
 LEAST_APART_M = 0.18
 # the network finds a person of whom it sees this share of the keypoints, in most frames
