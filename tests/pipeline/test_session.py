@@ -8,6 +8,7 @@ import pytest
 from posefuse.core import CalibrationError, InputError
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.config import CameraInput, TrackConfig
+from posefuse.pipeline.opening import open_session
 from posefuse.pipeline.session import find_session
 
 
@@ -48,6 +49,15 @@ def test_images_and_pose_folders(session: Path) -> None:
     assert {entry.kind for entry in find_session(session, TrackConfig()).inputs} == {"images"}
     poses = find_session(session, TrackConfig(input="pose2d"))
     assert [entry.path.name for entry in poses.inputs] == ["cam_01_json", "cam_02_json", "cam_10_json"]
+
+
+def test_the_rate_of_images_is_asked_for_in_one_line(session: Path) -> None:
+    for name in ("cam_01", "cam_02", "cam_10"):
+        touch(session / "images" / name, ["0001.jpg", "0002.jpg"])
+    said: list[str] = []
+    with pytest.raises(InputError, match=r"images of cam_01, cam_02, cam_10 do not state their frame rate; add --rate HZ"):
+        open_session(find_session(session, TrackConfig()), TrackConfig(), said.append)
+    assert said == []
 
 
 def test_a_calibrated_camera_without_data_is_left_aside_and_said(session: Path) -> None:

@@ -14,7 +14,7 @@ from posefuse.core.errors import choices
 from posefuse.sources import RecordedSource
 from posefuse.tracking import JointCentres
 
-from .config import TrackConfig
+from .config import CONFIG_FILE, TrackConfig
 from .images import ImageInstants, Timeline, common_timeline
 from .session import LEAST_CAMERAS, Input, Session, fitted_camera
 from .time_steps import TimeStep
@@ -86,6 +86,7 @@ def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
 def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageInstants, Timeline]:
     from posefuse.detection.build import build_detector
 
+    _check_rate(session, config)
     sources, cameras = [], []
     for entry in session.inputs:
         try:
@@ -104,6 +105,18 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     detector = build_detector(config.detector, rig)
     lost = lambda name, error: warn(f"{error}; goes on without camera {name} from here")  # noqa: E731
     return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline
+
+
+def _check_rate(session: Session, config: TrackConfig) -> None:
+    """Raise InputError for images of which nothing says when they were taken."""
+    from posefuse.sources.images import TIMES_FILE
+
+    untimed = [one.camera for one in session.inputs if one.kind == "images" and not (one.path / TIMES_FILE).is_file()]
+    if untimed and config.rate_hz is None:
+        raise InputError(
+            f"{session.folder}: the images of {choices(untimed)} do not state their frame rate; add --rate HZ, rate_hz = HZ to "
+            f"{CONFIG_FILE}, or {TIMES_FILE} (columns file, t_s) to each folder"
+        )
 
 
 def build_source(entry: Input, config: TrackConfig) -> RecordedSource:
