@@ -1,0 +1,63 @@
+"""Where the machine is too slow to watch the rig, that is said, and not that cameras were moved or are late."""
+
+import numpy as np
+
+from posefuse.health.cameras import CameraState, Monitor, Verdict
+from posefuse.health.clock_finding import ClockFinder
+from posefuse.health.common_times import CommonInstants
+from posefuse.realtime.rig_watch import Watcher
+
+S = 1_000_000_000
+ILL = {"a": Verdict("bumped", "a sees everything 21 mm beside where the others do")}
+
+
+def told(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
+    state = CameraState(camera="a", state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0)
+    monitor.told(state, round(t_s * S))
+
+
+def test_overload_is_said_instead_of_a_finding() -> None:
+    monitor = Monitor(("a", "b"))
+    for t_s in range(1, 9):
+        told(monitor, t_s, 30 * t_s, 15 * t_s)
+        monitor._watches["a"].heard_ns = t_s * S
+    verdict = monitor.judge(8 * S, {}, ILL)["a"]
+    assert verdict.state == "overload" and "only 50% of its frames are used" in verdict.text
+    assert monitor.overloaded("a") and not monitor.overloaded("b")
+    # as long as nothing seems to be wrong there is nothing to say
+    assert monitor.judge(8 * S, {}, {})["a"].state == "ok"
+
+
+def test_a_finding_stands_where_frames_are_used() -> None:
+    monitor = Monitor(("a", "b"))
+    for t_s in range(1, 9):
+        told(monitor, t_s, 30 * t_s, 28 * t_s)
+        monitor._watches["a"].heard_ns = t_s * S
+    assert monitor.judge(8 * S, {}, ILL)["a"] == ILL["a"]
+
+
+def test_views_far_apart_are_not_read_between() -> None:
+    for apart_s, there in ((0.1, True), (0.2, False)):
+        instants, read = CommonInstants(("a", "b")), []
+        for i in range(60):
+            for name in "ab":
+                instants.add(name, round((i * apart_s + 0.03 * (name == "b")) * S), np.full((2, 2), float(i)), np.ones(2, bool))
+            read += list(instants.ready())
+        assert (len(read) > 10) == there
+
+
+def test_nothing_is_compared_across_a_cut(ring_rig) -> None:
+    rig = ring_rig(4)
+    watcher, finder = Watcher(rig, clocks=True), ClockFinder(rig)
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(12, 3)) * 0.4 + [0, 0, 1]
+    for i in range(60):
+        for camera in rig:
+            xy = camera.project(points + [0.01 * i, 0, 0])
+            watcher.add(camera.name, i * S // 30, xy, np.full(12, 0.9))
+            finder.add(camera.name, i * S // 30, xy, np.full(12, 0.9))
+    watcher.look()
+    assert watcher._state.before and finder._views
+    watcher.cut()
+    finder.cut()
+    assert not watcher._state.before and not finder._views and not list(watcher._instants.ready())
