@@ -1,8 +1,8 @@
 """Calibration measured against the truth: errors, clocks and seconds.
 
 Run: python bench/calibrate.py [--seeds N]                markers projected, noise added
-     python bench/calibrate.py --rendered [SESSION]       real detection in rendered films; renders the scene when it is missing
-     python bench/calibrate.py --person                   from a walking person alone, the real 2D network on rendered films
+     python bench/calibrate.py --rendered [SESSION]       real detection in rendered videos; renders the scene when it is missing
+     python bench/calibrate.py --person                   from a walking person alone, the real 2D network on rendered videos
      python bench/calibrate.py --person-real [DATA]       the same on pose2sim_single: estimates against each other
 """
 
@@ -94,7 +94,7 @@ def errors(rig: Rig, found: Calibration, late: np.ndarray) -> dict[str, float]:
 
 
 def rendered(session: Path) -> dict[str, float]:
-    """The same from films of a simulated session, which is rendered first when it is not there or not finished."""
+    """The same from videos of a simulated session, which is rendered first when it is not there or not finished."""
     paths = SessionPaths(session)
     if not paths.rig.exists() or paths.incomplete.exists():
         simulate(read_scene(SCENE), session)

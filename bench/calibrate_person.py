@@ -48,7 +48,7 @@ def after_similarity(reference: Rig, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0) -> Path:
-    """A session with the films of a walk, rendered when it is not there."""
+    """A session with the videos of a walk, rendered when it is not there."""
     scene = replace(walking_scene(seed, seconds), rate_hz=rate_hz)
     paths = SessionPaths(SESSIONS / scene_name(f"walking-{seed}", scene))
     if not paths.rig.exists() or paths.incomplete.exists():
@@ -57,7 +57,7 @@ def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0) -> Path:
 
 
 def simulated() -> dict:
-    """Worst camera against the truth, for walks of some lengths; the real network on rendered films."""
+    """Worst camera against the truth, for walks of some lengths; the real network on rendered videos."""
     figures: dict = {}
     for seed, longest_s, rate_hz in WALKS:
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz))
@@ -83,10 +83,10 @@ def halves_of(found: PersonCalibration) -> str:
 
 
 def real(data: Path) -> dict:
-    """`pose2sim_single`: rigs from several 2D estimators, compared with each other and with the marker system's rig.
+    """`pose2sim_single`: rigs from several detectors, compared with each other and with the marker system's rig.
 
-    And, in both kinds of rig, by how much all keypoints of a camera together lie beside where the other cameras see them:
-    what a 2D estimator gets wrong differs from keypoint to keypoint, what a camera's pose gets wrong does not.
+    And, in both kinds of rig, by how much all keypoints of a camera together lie next to where the other cameras see them:
+    what a detector gets wrong differs from keypoint to keypoint, what a camera's pose gets wrong does not.
     """
     reference = read_rig(data / "calibration" / "Calib_qualisys.toml")
     length, rigs, figures = KnownLength(stature_m=STATURE_M), {"reference": reference}, {}
@@ -110,7 +110,7 @@ def real(data: Path) -> dict:
 
 
 def beside_px(rig: Rig, views: PersonViews) -> dict:
-    """Per camera, median (x, y) over all keypoints and instants from what it saw to where the others' rays meet."""
+    """Per camera, median (x, y) over all keypoints and time steps from what it saw to where the others' rays meet."""
     xy = np.where((views.score >= LEAST_SCORE)[..., None], views.xy_img, np.nan)
     off = beside_others(rig, xy.reshape(len(rig), -1, 2))
     return dict(zip(rig.names, np.nanmedian(off, axis=1).round(1).tolist(), strict=True))

@@ -48,7 +48,7 @@ SHIFTED_FRAMES = (0, 0, 12, 0)
 
 
 def tracks_of(rig: Rig, session: Path) -> tuple[PersonTrack, ...]:
-    """The person in every frame of the films, as the first look of `posefuse calibrate` has it."""
+    """The person in every frame of the videos, as the first look of `posefuse calibrate` has it."""
     sources = [VideoConfig(session / "videos" / f"{name}.mp4", name).build() for name in rig.names]
     found = poses_apart(sources, build_detector(DetectorChoice(), rig), timeline_of(sources, 10**6))
     return person_tracks(found)
@@ -102,7 +102,7 @@ def alone(rig: Rig, tracks: Sequence[PersonTrack], late_s: Sequence[float]) -> d
     except CalibrationError as refused:
         return {"refused": str(refused)}
     millimetres, degrees = after_similarity(rig, found.rig)
-    taken = "in step" if start is None else "estimated"
+    taken = "synchronised" if start is None else "estimated"
     return {"clocks": taken, "position_mm": float(millimetres.max()), "rotation_deg": float(degrees.max()), **figures}
 
 
@@ -119,7 +119,7 @@ def simulated(seeds: Sequence[int]) -> dict:
         told(figures["rig known"], f"{walk}, and 50 ppm", with_rig(rig, cut, LATE_S["within 0.3 s"], DRIFT))
         walk = f"seed {seed}, {alone_s:.0f} s"
         for name, phases, late_s in (
-            ("in step", (0, 0, 0, 0), np.zeros(4)),
+            ("synchronised", (0, 0, 0, 0), np.zeros(4)),
             ("within 0.3 s", PHASES, LATE_S["within 0.3 s"]),
             ("one 3.7 s", PHASES, LATE_S["one 3.7 s"]),
         ):

@@ -274,7 +274,7 @@ def worn_by(seed: int, people: int) -> np.ndarray:
 
 def _clothing(truth: Truth, c: int, worn: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(T, N, 3, 3) colours as a camera sees them: its own white balance, light that changes with the body's pose and place, and
-    the clothes of whoever stands before the person."""
+    the clothes of the person in front."""
     view = truth.views[c]
     frames, people, _ = view.visible.shape
     shape = (frames, people, 3, 3)

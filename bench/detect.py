@@ -1,9 +1,9 @@
-"""Time of the default 2D estimator per image: a table on stderr, one JSON object on stdout.
+"""Time of the default detector per image: a table on stderr, one JSON object on stdout.
 
     python bench/detect.py [--repeat 50]
 
 Batches of four views with one person each, where the region is known (the usual case), and the worst case of the search: images
-in which nobody is found. The time of the networks does not depend on what is in the image.
+in which no person is found. The time of the networks does not depend on what is in the image.
 """
 
 import argparse
@@ -60,7 +60,7 @@ def main() -> None:
     cases = [(usual, streams, size, True, repeat) for streams in sorted({1, CORES}) for size in SIZES_WH]
     cases += [(name, CORES, SIZES_WH[0], True, repeat) for name in OTHERS]
     rows = [measure(*case) for case in [*cases, (usual, CORES, SIZES_WH[0], False, max(3, repeat // 10))]]
-    table = Table(title="2D estimation per image, four views at once")
+    table = Table(title="detection per image, four views at once")
     for heading in ("landmarks", "streams", "image width", "region", "wall ms", "CPU ms"):
         table.add_column(heading, justify="right")
     for row in rows:

@@ -1,4 +1,5 @@
-"""Fit where joint centres lie beside what the BlazePose network marks, on rendered people whose joint centres are known exactly.
+"""Fit the offsets of joint centres from what the BlazePose network marks, on rendered people whose joint centres are known
+exactly.
 
     python bench/fit_joint_centres.py render OUT            draw people moving all their joints about (minutes; resumes)
     python bench/fit_joint_centres.py fit OUT [MORE ...] [--card NAME]
@@ -31,7 +32,7 @@ PARTS = 4
 
 
 def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
-    """What the pipeline makes of a scene, instant by instant and uncorrected, and the truth."""
+    """What the pipeline makes of a scene, time step by time step and uncorrected, and the truth."""
     from posefuse.detection.build import DetectorChoice
     from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.config import CameraInput, TrackConfig
@@ -88,7 +89,7 @@ def fit(folders: list[Path], card_name: str) -> None:
         table = fitted([run for i, run in enumerate(runs) if i % PARTS != part])
         found |= {scenes[i]: errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part}
     instants = sum(len(poses) for poses, _ in runs)
-    made_by = f"bench/fit_joint_centres.py: {len(runs)} rendered scenes of as many bodies, {instants} instants"
+    made_by = f"bench/fit_joint_centres.py: {len(runs)} rendered scenes of as many bodies, {instants} time steps"
     table = fitted(runs, made_by)
     print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
     for joint in JOINTS:

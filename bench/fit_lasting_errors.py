@@ -44,7 +44,7 @@ def render(out: Path, scenes: int) -> None:
 
 
 def whitened_errors(session: Path) -> np.ndarray:
-    """(T, J, 3) errors of the fused joints, instant by instant, in units of their stated covariance."""
+    """(T, J, 3) errors of the fused joints, time step by time step, in units of their stated covariance."""
     out = session / "fused"
     command = [sys.executable, "-m", "posefuse.cli.main", "track", str(session), "--out", str(out), "--force", "--raw"]
     subprocess.run([*command, "--outputs", ""], check=True, capture_output=True)

@@ -1,6 +1,6 @@
 """Accuracy of the weightings on synthetic people with outliers: a table on stderr, one JSON object on stdout.
 
-    python bench/fuse_accuracy.py [--instants 300]
+    python bench/fuse_accuracy.py [--steps 300]
 
 26 points of a body, pixel noise that follows the score (as in real detections: sigma = 3 px / score, scores 0.3 to 1),
 and a share of views that are simply elsewhere with a score of 0.2 to 0.9. `exclusion` is the idea of dropping the subset
@@ -93,11 +93,11 @@ def measure(cameras: int, wrong: float, instants: int) -> list[dict[str, float |
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--instants", type=int, default=300)
-    instants = parser.parse_args().instants
+    parser.add_argument("--steps", type=int, default=300)
+    instants = parser.parse_args().steps
     rows = [row for cameras, wrong in ((4, 0.0), (4, 0.05), (8, 0.1)) for row in measure(cameras, wrong, instants)]
     table = Table(title=f"{POINTS} points, millimetres")
-    for column in ("cameras", "outliers", "weights", "mean", "median", "p99", "missing", "NEES", "ms/instant"):
+    for column in ("cameras", "outliers", "weights", "mean", "median", "p99", "missing", "NEES", "ms/time step"):
         table.add_column(column, justify="right")
     for row in rows:
         table.add_row(

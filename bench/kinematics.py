@@ -106,7 +106,7 @@ def speed(exact: Truth) -> dict:
         began = time.perf_counter()
         whole(sequence)
         figures[name] = {"us_per_instant": 1e6 * (time.perf_counter() - began) / len(sequence)}
-        say(f"{name}: {figures[name]['us_per_instant']:.0f} us per instant")
+        say(f"{name}: {figures[name]['us_per_instant']:.0f} us per time step")
     return figures
 
 

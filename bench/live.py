@@ -1,9 +1,9 @@
-"""The live pipeline on this machine, as a user runs it: latencies, beat, frames used, and the error at output time.
+"""The live pipeline on this machine, as a user runs it: latencies, output tick, frames used, and the error at output time.
 
     python bench/live.py [--only WORD ...] [--repeat 3] [--seconds 9] [--session examples/demo]
 
 A simulated session is played at the pace of the clock. Medians over the runs; tables on stderr, one JSON object on stdout.
-Scenarios: four cameras; eight (each film given twice, as two cameras at one place); both also with the small network; the
+Scenarios: four cameras; eight (each video given twice, as two cameras at one place); both also with the small network; the
 paper's ``latest`` tracker; the network's landmarks as they are, not moved to joint centres. *every frame* is what a machine that
 never gives up a frame would say after the same delay: 2D poses of all frames, made beforehand, through the same tracker.
 """
@@ -44,7 +44,7 @@ _SETTLED_S = 1.5
 # joints that have a covariance of their own
 _ASKED = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))
 TWIN = "_twin"
-# by so much a twin stands beside its camera, as a rig file takes no two cameras at one place
+# by so much a twin stands next to its camera, as a rig file takes no two cameras at one place
 _ASIDE_M = 0.005
 
 
@@ -61,7 +61,7 @@ def recorded_poses(recording: Path, zero_ns: int) -> list[Pose3D]:
 
 
 def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tuple[str, ...]) -> list[Pose3D]:
-    """What the tracker says at every beat when each frame's 2D poses reach it `delay_ms` after exposure."""
+    """What the tracker says at every output tick when each frame's 2D poses reach it `delay_ms` after exposure."""
     config = read_overridden(None, settings, LiveConfig)
     track = replace(TrackConfig(), detector=config.detector, outputs=())
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)

@@ -1,4 +1,4 @@
-"""Where live poses lie beside recorded ones: how fast the lengths of somebody's segments are learnt, and what that is worth.
+"""Where live poses lie next to recorded ones: how fast the lengths of the person's segments are learnt, and what that is worth.
 
     python bench/live_centres.py [SESSION ...] [--seconds 12] [--usual-s S ...]
 
@@ -40,7 +40,7 @@ from posefuse.tracking.learnt_lengths import USUAL_S
 from posefuse.tracking.segments import segment_lengths
 
 NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS)
-# seconds since somebody was found
+# seconds since a person was found
 SINCE_S = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 
@@ -57,7 +57,7 @@ def recorded_lengths(done: Tracked, table: JointCentres) -> np.ndarray:
 
 
 def live_poses(done: Tracked) -> Iterator[Pose3D]:
-    """Landmarks at every beat, from every frame of the recording at once."""
+    """Landmarks at every output tick, from every frame of the recording at once."""
     views, rig, config = done.recording.views, done.recording.rig, LiveConfig()
     tracker = ready_tracker(rig, views.skeleton, config)
     period_ns, due_ns = round(1e9 / config.rate_hz), int(views.t_ns[0])

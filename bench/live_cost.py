@@ -2,12 +2,12 @@
 
     python bench/live_cost.py [--networks blazepose_lite] [--cameras 8] [--seconds 6] [--session examples/demo]
     python bench/live_cost.py --alone
-    python bench/live_cost.py --nobody --seconds 20
+    python bench/live_cost.py --no person --seconds 20
 
 *Alone* times each stage by itself in one thread. *In a session* counts what the threads of a running `posefuse live` take (Linux:
 /proc), the start-up left out; several programs on the machine lengthen that, as they share caches and cores. Milliseconds of
-processor time, not of the clock. ``--nobody`` shows the cameras their own rooms without the person, with a camera's noise. Tables
-on stderr, one JSON object on stdout.
+processor time, not of the clock. ``--no person`` shows the cameras their own rooms without the person, with a camera's noise.
+Tables on stderr, one JSON object on stdout.
 """
 
 import argparse
@@ -224,7 +224,7 @@ def main() -> None:
     parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--alone", action="store_true", help="no session")
-    which.add_argument("--nobody", action="store_true", help="a session with nobody in view, and nothing else")
+    which.add_argument("--nobody", action="store_true", help="a session with no person in view, and nothing else")
     args = parser.parse_args()
     console, spent = Console(stderr=True, width=120), Spent()
     with tempfile.TemporaryDirectory() as scratch:

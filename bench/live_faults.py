@@ -35,7 +35,7 @@ from posefuse.messages.bags import read_detections, read_poses
 
 _START_S, _END_S = 180.0, 40.0
 _BEFORE_S, _LEAST_S = 2.0, 3.0
-# the person jumps back where the film begins again
+# the person jumps back where the video begins again
 _JUMP_S = 1.5
 _DOMAIN = 50 + os.getpid() % 100
 
@@ -70,8 +70,8 @@ ONE_MACHINE = (
     Case("1200 frames/s", "flood", ("cam01",), fault="flood"),
     Case("says nothing", "silent", ("cam01",), fault="hang"),
     Case("unplugged", "lost", ("cam01",), fault="unplug"),
-    Case("turned by 1.5 deg", "bumped", ("cam01",), end_s=16.0, last_s=24.0, fault="bump"),
-    Case("clock 50 ms ahead", "out of step", ("cam01",), end_s=16.0, last_s=24.0, fault="skew"),
+    Case("turned by 1.5 deg", "moved", ("cam01",), end_s=16.0, last_s=24.0, fault="bump"),
+    Case("clock 50 ms ahead", "unsynchronised", ("cam01",), end_s=16.0, last_s=24.0, fault="skew"),
     Case("kill -9 of two cameras", "dead", ("cam02", "cam03"), end_s=6.0, last_s=20.0, fault="kill"),
 )
 _NEAR, _FAR = ("cam00", "cam01"), ("cam02", "cam03")
@@ -123,7 +123,7 @@ class Program:
 
 @dataclass(frozen=True)
 class Ran:
-    """What a case left: figures, when the film showed its beginning, and when the fault began and ended after that."""
+    """What a case left: figures, when the video showed its beginning, and when the fault began and ended after that."""
 
     figures: dict
     zero_ns: int
@@ -259,7 +259,7 @@ def longest_gap_s(recording: Path, cameras: Sequence[str], ran: Ran) -> float:
 
 
 def errors(recording: Path, session: Path, zero_ns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times after zero in s, and mean error of the 14 joints in mm of the first person; NaN where nobody is shown."""
+    """Times after zero in s, and mean error of the 14 joints in mm of the first person; NaN where no person is shown."""
     truth = read_truth(session / "truth" / "truth.npz")
     times, found, skeleton = [], [], None
     for pose, _ in read_poses(recording):

@@ -1,6 +1,6 @@
 """What people do whom the live tracker is measured and fitted on: arms that swing, knees that give way, jumps.
 
-A `Place` gives the ANATOMICAL23 keypoints (T, 23, 3) of one person at times (T,) in seconds. Each function takes somebody and
+A `Place` gives the ANATOMICAL23 keypoints (T, 23, 3) of one person at times (T,) in seconds. Each function takes a person and
 gives the same person doing something else; segments keep their lengths.
 """
 

@@ -68,7 +68,7 @@ def scene_of(motion: str, cameras: int, seconds: float, seed: int) -> tuple[Rig,
 
 
 def scene_of_person(motion: dict, cameras: int, seconds: float, seed: int) -> tuple[Rig, Place]:
-    """Cameras on a ring, and the keypoints (T, 23, 3) at any times (T,) in seconds of somebody who moves like that."""
+    """Cameras on a ring, and the keypoints (T, 23, 3) at any times (T,) in seconds of a person who moves like that."""
     content = {"duration_s": seconds, "seed": seed, "cameras": {"kind": "ring", "count": cameras}, "people": [{"motion": motion}]}
     live = live_scene(settings_from_mapping(content, Scene, "bench"))
     return live.rig, lambda t_s: live.keypoints(t_s)[:, 0]
@@ -124,7 +124,7 @@ def view_of(camera: str, t_ns: int, skeleton: Skeleton, xy: np.ndarray, sigma_px
 
 
 def solver(rig: Rig) -> Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]:
-    """Association and fusion of one instant, as the live pipeline has them."""
+    """Association and fusion of one time step, as the live pipeline has them."""
 
     def solve(detections: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
         return fuse(associate(detections, rig, AssociateSettings(), previous), rig, FuseSettings(), previous)

@@ -87,7 +87,7 @@ def main() -> None:
 def show(figures: dict) -> None:
     console = Console(stderr=True, width=120)
     table = Table(title="Demo clip: speed (start-up not counted)", title_justify="left")
-    for column in ("run", "instants/s", "images/s", "2D ms/image", "ms per instant and stage"):
+    for column in ("run", "time steps/s", "images/s", "2D ms/image", "ms per time step and stage"):
         table.add_column(column)
     for run in ("track", "everything"):
         row = figures[run]
@@ -98,7 +98,7 @@ def show(figures: dict) -> None:
     console.print(table)
     console.print(f"peak memory {figures['peak_memory_mb']:.0f} MB")
     table = Table(title="Demo clip: error against the truth, mm (14 joints)", title_justify="left")
-    for column in ("weights", "every instant by itself", "smoothed", "worst joint, smoothed"):
+    for column in ("weights", "every time step by itself", "smoothed", "worst joint, smoothed"):
         table.add_column(column)
     for weights, row in figures["accuracy"].items():
         table.add_row(weights, f"{row['raw_mpjpe_mm']:.1f}", f"{row['mpjpe_mm']:.1f}", f"{row['worst_joint_mm']:.1f}")

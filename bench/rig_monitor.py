@@ -58,9 +58,9 @@ class Fault:
 
 
 FAULTS = (
-    *(Fault(f"turned by {deg:g} deg", "bumped", turn_deg=deg) for deg in (0.25, 0.5, 1.0, 2.0, 5.0)),
-    *(Fault(f"moved by {100 * m:g} cm", "bumped", move_m=m) for m in (0.01, 0.03, 0.1)),
-    *(Fault(f"{1000 * s:g} ms late", "out of step", late_s=s) for s in (0.02, 0.05, 0.1)),
+    *(Fault(f"turned by {deg:g} deg", "moved", turn_deg=deg) for deg in (0.25, 0.5, 1.0, 2.0, 5.0)),
+    *(Fault(f"moved by {100 * m:g} cm", "moved", move_m=m) for m in (0.01, 0.03, 0.1)),
+    *(Fault(f"{1000 * s:g} ms late", "unsynchronised", late_s=s) for s in (0.02, 0.05, 0.1)),
     Fault("two exchanged", "swapped"),
 )
 
@@ -91,7 +91,7 @@ class Clip:
         return replace(self, name=name, rig=rig, **parts)
 
     def lasting(self, seconds: float, begin_s: float = 0.0) -> "Clip":
-        """To and fro until it is long enough, so that nobody jumps."""
+        """To and fro until it is long enough, so that no person jumps."""
         period_s = float(np.median(np.diff(self.t_s)))
         there = np.arange(len(self.t_s))
         both = np.concatenate([there, there[-2:0:-1]])
@@ -288,7 +288,7 @@ def displaced_mm(clip: Clip, xy_img: np.ndarray, c: int) -> float:
 
 
 def error_mm(clip: Clip, xy_img: np.ndarray, left_out: int | None = None) -> float:
-    """Of the robust fusion of every fifth instant."""
+    """Of the robust fusion of every fifth time step."""
     assert clip.true14_world is not None
     score = np.where(np.isfinite(xy_img[..., 0]), clip.score, 0.0)
     if left_out is not None:

@@ -20,7 +20,7 @@ _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Real data beside the checkout; a fresh clone has none and skips, by name."""
+    """Real data next to the checkout; a fresh clone has none and skips, by name."""
     if not _SHARED.is_dir():
         pytest.skip("real data ../shared/data is not on this machine")
     return _SHARED

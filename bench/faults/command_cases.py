@@ -166,7 +166,7 @@ CASES = (
     _case("ids that are not on the prop", r"the target has ids 20, 21, 22", Look(), ("--ids", "20", "21", "22")),
     _case("one camera out of focus", r"cam01.{0,80}blur", Look(blurred=(1,))),
     _case("all images blurred by motion", r"blur", Look(exposure_s=0.35)),
-    _case("old posefuse.toml beside a synchronised rig", r"posefuse\.toml", Look(), settings=STALE),
+    _case("old posefuse.toml next to a synchronised rig", r"posefuse\.toml", Look(), settings=STALE),
 )  # fmt: skip
 GOOD = (
     GoodSession("rendered, sharp", _run(Look())),

@@ -1,4 +1,4 @@
-"""Two people who walk around each other: who is who, and how close do they come?
+"""Two people who walk around each other: which person is which, and how close do they come?
 
 The scene is simulated, so it needs the extra ``sim``: four cameras, two people on circles in opposite directions. Both keep
 their id through the whole recording although they hide each other again and again.

@@ -111,7 +111,7 @@ def recorded_blocks(clock: SpikeClock, cameras: int) -> tuple[dict[str, Any], li
 
 
 def _per_instant(spans: Array, begins_s: Array) -> Array:
-    """Seconds (T,) that blocks took between one instant's begin and the next's; the last decode found nothing more."""
+    """Seconds (T,) that blocks took between one time step's begin and the next's; the last decode found nothing more."""
     place = np.searchsorted(begins_s, spans[:, 0], side="right") - 1
     return np.bincount(place, weights=spans[:, 1], minlength=len(begins_s))[:-1]
 

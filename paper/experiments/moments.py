@@ -1,4 +1,4 @@
-"""Pictures of a tracked session: what a camera saw, with the estimate, and with the truth beside it."""
+"""Pictures of a tracked session: what a camera saw, with the estimate, and with the truth next to it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from posefuse.pipeline.session import find_session
 from .runs import Run
 
 ESTIMATE_RGB, TRUTH_RGB = (40, 120, 255), (235, 40, 40)
-# room around the person, in its own size; a frame that close to its instant is that instant's
+# room around the person, in its own size; a frame that close to its time step is that time step's
 _ROOM, _SAME_NS = 1.6, 1_000_000
 _LINE_PX = 2
 # sixteenths of a pixel in OpenCV's drawing calls
@@ -27,7 +27,7 @@ _BONES = (*_LIMBS, ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"
 
 
 def pictures(run: Run, camera: int, instants: Sequence[int], width_px: int = 480) -> dict[str, Array]:
-    """Captions to pictures of one camera at instants of the recording, with the fused skeleton drawn in."""
+    """Captions to pictures of one camera at time steps of the recording, with the fused skeleton drawn in."""
     from posefuse.outputs.drawing import view_tile
 
     width, height = run.recording.rig.cameras[camera].size_wh
@@ -51,7 +51,7 @@ def moments(run: Run, camera: int, instants: Sequence[int], side_px: int = 420) 
 
 
 def images_at(run: Run, camera: int, instants: Sequence[int]) -> dict[int, Array]:
-    """What a camera saw at instants of the recording, in their order."""
+    """What a camera saw at time steps of the recording, in their order."""
     name = run.recording.rig.names[camera]
     entry = next(entry for entry in find_session(run.folder, run.config).inputs if entry.camera == name)
     source = build_source(entry, run.config)

@@ -67,7 +67,7 @@ class Run:
 
     Attributes:
         folder: the session. config: it was tracked with. recording: the result `posefuse track` gives. truth: exact.
-        centres: the table of the 2D estimator.
+        centres: the table of the detector.
     """
 
     folder: Path
@@ -108,7 +108,7 @@ def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | Non
 def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErrors]:
     """`Run.default_errors` with the largest networks, as a column; of the first BEST_S of long scenes, as they are slow.
 
-    None where the context has another kind of 2D estimator.
+    None where the context has another kind of detector.
     """
     if context.config.detector.name != "blazepose":
         return {}

@@ -1,4 +1,4 @@
-"""T-pose amid eight cameras, free and occluded: what weights do (the paper's table of static accuracy)."""
+"""T-pose among eight cameras, free and occluded: what weights do (the paper's table of static accuracy)."""
 
 from __future__ import annotations
 

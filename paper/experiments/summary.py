@@ -35,7 +35,7 @@ def write_summary(out: Path) -> Path:
         f"of random seeds 7000 to 7207 (`bench/fit_*.py`); the tables below are of the default body, and of seeds "
         f"{', '.join(map(str, CHECK_SEEDS))} as a check. "
         "What was tried, what stays and what does not: [ablation.md](ablation.md).",
-        "*default* is what `posefuse track` does; *best networks* is the same with the largest 2D estimator, which is six times "
+        "*default* is what `posefuse track` does; *best networks* is the same with the largest detector, which is six times "
         f"the work (`--networks {BEST_NETWORKS}`), of the first {BEST_S:g} s of the walk.",
     ]
     for name, writer in (
@@ -114,7 +114,7 @@ def _drift(figures: Mapping[str, Any]) -> list[str]:
         for way, one in figures["paths"].items()
     ]  # fmt: skip
     columns = ["path", "walked m", "drift mm per m", "suit: drift mm per m", "off at the end mm", "suit: off at the end mm"]
-    return ["## Drift on three paths, beside a simulated inertial suit", _table(columns, rows)]
+    return ["## Drift on three paths, next to a simulated inertial suit", _table(columns, rows)]
 
 
 def _occlusion(figures: Mapping[str, Any]) -> list[str]:
@@ -123,8 +123,8 @@ def _occlusion(figures: Mapping[str, Any]) -> list[str]:
         for case, one in figures.items()
     )
     return [
-        "## Half of the body hidden, beside a simulated inertial suit",
-        "Four cameras in the corners of a room, somebody waves with the left arm. Mean error over joints.",
+        "## Half of the body hidden, next to a simulated inertial suit",
+        "Four cameras in the corners of a room, a person waves with the left arm. Mean error over joints.",
         _table(["", "joints", *figures["free"]["columns"]], summary_rows(dict(figures))),
         f"Stated uncertainty of the default (typical NEES; 3 is right): {nees}.",
     ]
@@ -140,14 +140,14 @@ def _latency(figures: Mapping[str, Any]) -> list[str]:
         for name, one in cameras.items()
     ]  # fmt: skip
     recorded = [[name, ms["median"], ms["p95"]] for name, ms in figures["stages_ms"].items()]
-    recorded.append(["second pass (track), per instant", figures["second_pass_ms"], None])
+    recorded.append(["second pass (track), per time step", figures["second_pass_ms"], None])
     return [
         "## Latency, four cameras",
         "Live, from mid-exposure to another program: mean ms per camera. capture: until the decoded image is in its process; "
-        "wait: for the 2D estimator; output: until the next beat of 100 Hz; send: by UDP.",
+        "wait: for the detector; output: until the next output tick of 100 Hz; send: by UDP.",
         _table(["camera", *stages, "end to end", "p95", "decoding alone"], rows),
         f"{100 * live['used_share']:.0f} % of the frames used, {live['output_hz']:.1f} poses per second.",
-        "Recorded, as fast as it goes, per instant:",
+        "Recorded, as fast as it goes, per time step:",
         _table(["stage", "median ms", "p95 ms"], recorded),
     ]
 

@@ -12,9 +12,9 @@ from posefuse.core.skeleton import PAPER14
 from posefuse.evaluation.metrics import JointErrors
 
 LANDMARKS = (
-    "none, score, all: the paper's weights on the landmarks as they are, instant by instant. robust: our estimator on the same. "
+    "none, score, all: the paper's weights on the landmarks as they are, time step by time step. robust: our fusion on the same. "
     "+ centres: landmarks moved to joint centres. default: that, smoothed over time, as `posefuse track` does with the "
-    "settings named below. best networks: that, with the largest 2D estimator (of a long scene its first 20 s)."
+    "settings named below. best networks: that, with the largest detector (of a long scene its first 20 s)."
 )
 
 

@@ -13,7 +13,7 @@ from .runs import Run
 
 
 def trajectories(done: Run, joints: Sequence[str], sequences: Mapping[str, PoseSequence], seconds: float) -> list[Plot]:
-    """A plot per joint and axis of the first `seconds`: the truth, and the first person of each sequence at its instants."""
+    """A plot per joint and axis of the first `seconds`: the truth, and the first person of each sequence at its time steps."""
     t_ns = done.recording.poses.t_ns
     inside = (t_ns <= done.truth.t_ns[-1]) & (t_ns - t_ns[0] < seconds * 1e9)
     t_s = (t_ns[inside] - t_ns[0]) / 1e9

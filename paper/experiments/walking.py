@@ -1,4 +1,4 @@
-"""A random walk amid four cameras (the paper's walking experiment)."""
+"""A random walk among four cameras (the paper's walking experiment)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run(context: Context) -> Outcome:
     figures: dict[str, Any] = {"columns": {name: errors_row(errors) for name, errors in columns.items()}}
     figures["nees"] = {
         name: typical_nees(done.poses(smoothed=smoothed), done.truth, _ASKED)
-        for name, smoothed in (("instant by instant", False), ("smoothed", True))
+        for name, smoothed in (("time step by time step", False), ("smoothed", True))
     }
     figures["fusion"], rates = _fusion(done)
     rate = Dots("rate", *rates)

@@ -164,7 +164,7 @@ def _noise(setup: Setup, truth: Truth) -> OracleNoise:
 
 
 def _disturbed(rig: Rig, setup: Setup, rng: np.random.Generator) -> Rig:
-    """The rig as somebody calibrated it: every camera turned and moved by a random error of the given size per axis."""
+    """The rig as a person calibrated it: every camera turned and moved by a random error of the given size per axis."""
     cameras = []
     for camera in rig:
         turn, shift = rng.normal(size=3), rng.normal(size=3)

@@ -28,7 +28,7 @@ _OCCLUDERS = (
     {"kind": "box", "position_m": [0.5, -1.7, 0.5], "size_m": [0.8, 0.4, 1.0], "yaw_deg": -10},
     {"kind": "clutter", "count": 4, "area_m": [6.0, 6.0], "keep_clear_m": 1.7, "most_height_m": 1.4},
 )
-# each hides the left half of somebody at the origin who faces +X from one of the two cameras before them
+# each hides the left half of a person at the origin who faces +X from one of the two cameras before them
 _SCREENS = (
     {"kind": "wall", "from_m": [0.49, 0.57], "to_m": [-0.01, 1.0], "height_m": 2.0},
     {"kind": "wall", "from_m": [0.49, -0.57], "to_m": [0.99, -0.14], "height_m": 2.0},
@@ -50,9 +50,9 @@ _WAYS: Mapping[str, Mapping[str, Any]] = {
 
 
 def static_scene(occluded: bool, seed: int = 1, duration_s: float = 3.0) -> Scene:
-    """T-pose amid eight cameras on a circle of 4.5 m; with walls, boxes and clutter if `occluded`.
+    """T-pose among eight cameras on a circle of 4.5 m; with walls, boxes and clutter if `occluded`.
 
-    Seed 1 has the default body; every other seed a body and clutter of its own. Nothing moves, so instants differ by sensor
+    Seed 1 has the default body; every other seed a body and clutter of its own. Nothing moves, so time steps differ by sensor
     noise and coding alone: a few seconds say all, and more bodies say more than more time.
     """
     return _scene(
@@ -68,7 +68,7 @@ def static_scene(occluded: bool, seed: int = 1, duration_s: float = 3.0) -> Scen
 
 
 def walking_scene(seed: int = 1, duration_s: float = 60.0) -> Scene:
-    """A random walk at 1.35 m/s amid four cameras on a circle of 4.5 m; bodies as in `static_scene`."""
+    """A random walk at 1.35 m/s among four cameras on a circle of 4.5 m; bodies as in `static_scene`."""
     motion = {"kind": "walk", "speed_mps": 1.35, "path": {"shape": "random", "low_m": [-1.8, -1.8], "high_m": [1.8, 1.8]}}
     return _scene(
         {
@@ -98,7 +98,7 @@ def path_scene(path: str, duration_s: float = 40.0, rate_hz: float = 15.0) -> Sc
 
 
 def half_hidden_scene(case: str, duration_s: float = 10.0, rate_hz: float = 15.0) -> Scene:
-    """One of `HALF_HIDDEN`: somebody waves with the left arm amid cameras in the corners of the paper's room of 6 m x 7 m.
+    """One of `HALF_HIDDEN`: a person waves with the left arm among cameras in the corners of the paper's room of 6 m x 7 m.
 
     Before the left half of the body stands nothing (``free``), screens that hide it from two of the four cameras
     (``screen``), or those with a false arm on each in the colour of the shirt (``false_arm``).

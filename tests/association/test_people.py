@@ -22,7 +22,7 @@ def crowd(body: np.ndarray, *names: str) -> np.ndarray:
 
 
 def detections(rig: Rig, people: np.ndarray, noise_px: float = 2.0, seed: int = 0, t_ns: int = 0) -> tuple[list, list]:
-    """What each camera reports, people in its own order, and who is who in it."""
+    """What each camera reports, people in its own order, and which person is which in it."""
     rng = np.random.default_rng(seed)
     reports, order = [], []
     for camera in rig:

@@ -1,4 +1,4 @@
-"""Guidance while waving: counts, words, and when it is enough; and at cameras that are films in memory."""
+"""Guidance while waving: counts, words, and when it is enough; and at cameras that are videos in memory."""
 
 import re
 import subprocess
@@ -35,7 +35,7 @@ def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together(
             state = seen(state, camera, k * 10**9 + camera * 10**7, everywhere(), SIZE)
     assert state.coverage.together[0, 1] == state.coverage.together[1, 0] == 40
     assert not state.enough
-    # seen by c alone, half a second beside the others: still not linked
+    # seen by c alone, half a second next to the others: still not linked
     for k in range(40):
         state = seen(state, 2, k * 10**9 + 5 * 10**8, everywhere(), SIZE)
     assert not state.enough

@@ -56,7 +56,7 @@ def test_markers_come_out_where_they_are_and_as_large_as_they_are(gamma: float, 
 
 @pytest.mark.parametrize("side", [300, 600])
 def test_every_edge_of_a_large_sharp_marker_counts(side: int) -> None:
-    # edges along the pixel rows: every so manieth pixel may miss them, by up to its step
+    # edges along the pixel rows: every n-th pixel may miss them, by up to its step
     quad = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * side + 0.25 * side + [0.37, 0.81]
     found = fit_marker(drawn(quad, (int(1.5 * side),) * 2, 0.4, finer=3), quad + 0.6, BLACK)
     assert found is not None

@@ -1,4 +1,4 @@
-"""A rig from a person alone: somebody who walks before four known cameras, as keypoints with noise."""
+"""A rig from a person alone: a person who walks before four known cameras, as keypoints with noise."""
 
 import re
 from dataclasses import replace
@@ -138,10 +138,10 @@ def test_a_camera_that_sees_nobody_or_somebody_else_is_named(lab: Any) -> None:
     length = KnownLength(stature_m=STATURE_M)
     blind = views.xy_img.copy()
     blind[3] = np.nan
-    with pytest.raises(RefusedCalibration, match=r"nobody found by cam03 \(0 of 48 frames\)"):
+    with pytest.raises(RefusedCalibration, match=r"no person found by cam03 \(0 of 48 frames\)"):
         calibrate_from_person(replace(views, xy_img=blind), lab.rig.cameras, length)
     other = views.xy_img.copy()
-    # somebody who follows half a lap behind looks much like the other from the other side
+    # a person who follows half a lap behind looks much like the other from the other side
     other[3] = lab.rig["cam03"].project(walker(views.t_ns / 1e9 + 3.0, (0.8, 0.5)))
     with pytest.raises(RefusedCalibration, match="cam03 agrees worst"):
         calibrate_from_person(replace(views, xy_img=other), lab.rig.cameras, length)
@@ -189,7 +189,7 @@ def test_somebody_who_stays_in_one_place_is_refused_and_a_line_will_do(lab: Any)
 
 
 def tracks_of(rig: Rig, offset_s: np.ndarray) -> list[PersonTrack]:
-    """Somebody on an ellipse in one sense, where an offset is nearly another place of the camera."""
+    """A person on an ellipse in one sense, where an offset is nearly another place of the camera."""
     random, stamps = np.random.default_rng(2), np.arange(120) / 12
     seen = [camera.project(walker(stamps - offset)) for camera, offset in zip(rig, offset_s, strict=True)]
     every = np.ones(seen[0].shape[:2])

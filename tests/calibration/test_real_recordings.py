@@ -52,7 +52,7 @@ def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: 
 
 @pytest.mark.slow
 def test_webcams_out_of_step_are_not_taken_as_synchronised(board_views: Observations, reference: Rig, board: Charuco) -> None:
-    with pytest.raises(RefusedCalibration, match=r"halves agree.*also failed: .*cameras are in step"):
+    with pytest.raises(RefusedCalibration, match=r"halves agree.*also failed: .*cameras are synchronised"):
         calibrate_extrinsics(board_views, reference.cameras, board, Options(clocks="together"))
 
 
@@ -111,7 +111,7 @@ def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
 def test_a_person_in_videos_gives_places_within_30_mm_and_says_where_the_reference_is_turned(
     shared_data: Path, models: None
 ) -> None:
-    """In the reference all keypoints of cam_01 and cam_03 lie beside the other cameras' rays by the same 20 to 35 px.
+    """In the reference all keypoints of cam_01 and cam_03 lie next to the other cameras' rays by the same 20 to 35 px.
 
     Two networks that share nothing agree on it to 8 px, and no network is off by that in every keypoint alike.
     """
@@ -126,7 +126,7 @@ def test_a_person_in_videos_gives_places_within_30_mm_and_says_where_the_referen
     assert degrees.max() < 1.4
     placed = Rig(tuple(replace(camera, cam_from_world=rig[camera.name].cam_from_world) for camera in cameras))
     in_reference = [beside_px(placed, views), beside_px(rig, openpose_views(folder, rig))]
-    print(f"beside in the reference: {in_reference[0].round(1).tolist()} px, OpenPose {in_reference[1].round(1).tolist()} px")
+    print(f"next to in the reference: {in_reference[0].round(1).tolist()} px, OpenPose {in_reference[1].round(1).tolist()} px")
     for camera in (0, 2):
         assert all(20 < np.linalg.norm(off[camera]) < 36 for off in in_reference)
         assert np.linalg.norm(in_reference[0][camera] - in_reference[1][camera]) < 8
@@ -143,7 +143,7 @@ def test_one_marker_with_foreign_lenses_is_refused_by_name(shared_data: Path, re
         seen.append(observe(ImagesConfig(place, f"cam_{i}", rate_hz=1.0).build(), target))
     with pytest.raises(RefusedCalibration, match=r"cause: the intrinsics of all cameras are wrong.*focal length would rather be"):
         calibrate_extrinsics(joined(seen), reference.cameras, target)
-    # its own footage cannot tell the lenses: one small marker, nine instants
+    # its own footage cannot tell the lenses: one small marker, nine time steps
     free = Options(clocks="together", lens_sigma=(150.0, 150.0, 20.0, 20.0, 0.05, 0.05))
     with pytest.raises(RefusedCalibration, match=r"corners fit|cameras are determined"):
         calibrate_extrinsics(joined(seen), reference.cameras, target, free)

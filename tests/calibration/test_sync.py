@@ -33,7 +33,7 @@ SECONDS = 16.0
 
 
 def body(t_s: np.ndarray, pace: float = 1.0, seed: int = 5) -> np.ndarray:
-    """(T, 17, 3) points of somebody who goes about at random and swings what he has."""
+    """(T, 17, 3) points of a person who goes about at random and swings what he has."""
     random = np.random.default_rng(seed)
     knots = np.arange(-8.0, SECONDS + 20.0, 1.2)
     way = CubicSpline(knots, random.uniform(-1.2, 1.2, (len(knots), 2)))(pace * t_s)
@@ -96,7 +96,7 @@ def test_what_cannot_be_told_is_refused_by_name(rig: Rig) -> None:
     with pytest.raises(RefusedCalibration, match=r"one offset fits best: cam01|cameras are linked.*cam01"):
         clocks_from_person(rig, tracks_of(rig, (0.0, 7.0, 0.0, 0.0)), most_s=2.0)
     blind = PersonTrack("cam02", BODY, good[2].t_ns, good[2].xy_img, 0 * good[2].score, good[2].sigma_px)
-    with pytest.raises(RefusedCalibration, match=r"person seen: nobody found by cam02 \(0 of 240 frames\)"):
+    with pytest.raises(RefusedCalibration, match=r"person seen: no person found by cam02 \(0 of 240 frames\)"):
         clocks_from_person(rig, (*good[:2], blind, good[3]), most_s=2.0)
     other = rig.cameras[3].project(body(good[3].t_ns / 1e9, seed=9))
     stranger = PersonTrack("cam03", BODY, good[3].t_ns, other, good[3].score, good[3].sigma_px)
@@ -162,12 +162,14 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
 
 def test_a_camera_out_of_step_is_told_with_the_command_that_helps() -> None:
     line = finding_line(
-        Finding(kind="out of step", cameras=("cam01",), t_ns=12_000_000_000, detail="cam01 is out of step", displaced_m=0.1),
+        Finding(
+            kind="unsynchronised", cameras=("cam01",), t_ns=12_000_000_000, detail="cam01 is unsynchronised", displaced_m=0.1
+        ),
         Path("trial"),
     )
-    assert line == "at 12.0 s: cam01 is out of step; `posefuse calibrate clocks trial` finds its offset"
+    assert line == "at 12.0 s: cam01 is unsynchronised; `posefuse calibrate clocks trial` finds its offset"
     assert "posefuse" not in finding_line(
-        Finding(kind="bumped", cameras=("cam01",), t_ns=0, detail="cam01 was moved", displaced_m=0.1), Path("trial")
+        Finding(kind="moved", cameras=("cam01",), t_ns=0, detail="cam01 was moved", displaced_m=0.1), Path("trial")
     )
 
 

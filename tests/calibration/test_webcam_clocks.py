@@ -1,4 +1,4 @@
-"""Who is right about the four webcams: the reference, made as if they were in step, or the rig with clocks of its own?
+"""Who is right about the four webcams: the reference, made as if they were synchronised, or the rig with clocks of its own?
 
 The stamps of `timestamps.csv` are when a program took the images over, not when they were exposed. Each test here asks
 something that hangs on neither rig, or asks both rigs the same. With `-s` they print what they find.
@@ -90,7 +90,9 @@ def test_stamps_on_that_beat_halve_the_residual_and_leave_the_cameras_where_they
     again = calibrate_extrinsics(stamped, reference.cameras, board, Options(clocks="offset"))
     left_px = [one.report.numbers["residual_px"] for one in (again, found)]
     metres, radians = differences(again.rig, found.rig)
-    print(f"\non the beat {left_px[0]:.2f} px are left, before {left_px[1]:.2f} px; {said(metres, radians)} between the rigs")
+    print(
+        f"\non the output tick {left_px[0]:.2f} px are left, before {left_px[1]:.2f} px; {said(metres, radians)} between the rigs"
+    )
     assert left_px[0] < 0.6 * left_px[1]
     assert metres.max() < 0.002
     assert np.rad2deg(radians.max()) < 0.05

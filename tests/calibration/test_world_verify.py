@@ -159,7 +159,7 @@ def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.
 
 
 def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
-    # a ring of four is its own mirror image, in which exchanged cables cannot be told apart
+    # a ring of four is its own mirror image, in which exchanged cables cannot be distinguished
     aside = replace(lab.rig.cameras[3], cam_from_world=lab.rig.cameras[3].cam_from_world @ SE3([1.0, 0, 0, 0], [0.7, 0.3, -0.5]))
     rig = Rig((*lab.rig.cameras[:3], aside))
     assert run_monitor(rig, lambda t: rig.project(walk(np.array([t]))[0])) == []
@@ -167,7 +167,7 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
     cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0, 0.03, 0], [0, 0, 0]) @ cameras[2].cam_from_world)
     after = Rig(tuple(cameras))
     bumped = run_monitor(rig, lambda t: (rig if t < 10 else after).project(walk(np.array([t]))[0]))
-    assert (bumped[0].kind, bumped[0].cameras) == ("bumped", ("cam02",))
+    assert (bumped[0].kind, bumped[0].cameras) == ("moved", ("cam02",))
     assert 10 <= bumped[0].t_ns / 1e9 < 13
 
     def exchanged(t: float) -> np.ndarray:
@@ -184,7 +184,7 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
         return xy
 
     late = run_monitor(rig, lagging)
-    assert (late[0].kind, late[0].cameras) == ("out of step", ("cam01",))
+    assert (late[0].kind, late[0].cameras) == ("unsynchronised", ("cam01",))
     assert 10 <= late[0].t_ns / 1e9 < 14
     assert "lag by about +" in late[0].detail
 
@@ -199,9 +199,9 @@ def test_a_camera_that_looks_at_somebody_else_is_not_called_bumped(lab: Any) -> 
     assert run_monitor(lab.rig, somebody_else, seconds=11) == []
 
 
-@pytest.mark.parametrize(("reach_m", "turn_rad", "kinds"), [(0.0, 0.02, []), (0.0, 0.1, ["bumped"]), (1.0, 0.02, ["bumped"])])
+@pytest.mark.parametrize(("reach_m", "turn_rad", "kinds"), [(0.0, 0.02, []), (0.0, 0.1, ["moved"]), (1.0, 0.02, ["moved"])])
 def test_who_stands_tells_of_gross_displacements_alone(lab: Any, reach_m: float, turn_rad: float, kinds: list[str]) -> None:
-    """What a network makes up for limbs that one view does not show stays as long as somebody stands; a walk tells it apart."""
+    """What a network makes up for limbs that one view does not show stays as long as a person stands; a walk tells it apart."""
     start, still = walk(np.zeros(1))[0], [0.0, 0.0, 0.0]
     cameras = list(lab.rig)
     cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.0, turn_rad, 0.0], still) @ cameras[1].cam_from_world)
@@ -225,7 +225,7 @@ def test_a_camera_that_is_put_right_again_is_well_and_may_be_bumped_anew(lab: An
         was, (state, _) = state.findings, monitor.observe(state, lab.rig, round(k * 1e8), xy)
         if len(was) != len(state.findings):
             told.append((k / 10, "".join(one.kind for one in state.findings)))
-    assert [words for _, words in told] == ["bumped", "", "bumped"]
+    assert [words for _, words in told] == ["moved", "", "moved"]
     assert 4 < told[0][0] < 6
     assert 8 < told[1][0] < 13
     assert 14 < told[2][0] < 16
@@ -240,7 +240,7 @@ def test_a_late_camera_stays_so_while_the_person_stands_still(lab: Any) -> None:
         xy[2] = lab.rig.cameras[2].project(walk(np.array([there_s - late_s]))[0])
         state, new = monitor.observe(state, lab.rig, round(k * 1e8), xy + random.normal(0, 1.5, xy.shape))
         found += new
-    assert [(one.kind, one.cameras) for one in found] == [("out of step", ("cam02",))]
+    assert [(one.kind, one.cameras) for one in found] == [("unsynchronised", ("cam02",))]
     assert [one.cameras for one in state.findings] == [("cam02",)]
 
 

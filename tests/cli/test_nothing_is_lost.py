@@ -145,7 +145,7 @@ def check_nothing_is_lost(command: Command, files: dict[str, bytes], place: str,
 
 
 def survives(path: Path, content: bytes) -> bool:
-    """Whether a file is as it was, or, single files that --force replaces, beside it as NAME.replaced-TIME."""
+    """Whether a file is as it was, or, single files that --force replaces, next to it as NAME.replaced-TIME."""
     beside = path.parent.glob(f"{glob.escape(path.name)}.replaced-*")
     return any(one.is_file() and one.read_bytes() == content for one in (path, *beside))
 

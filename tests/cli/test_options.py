@@ -87,6 +87,11 @@ ACCEPTED = {
         "",
         "--json, --out text, --fit rays, --opensim, --title text",
     ),
+    "batch STUDY": (
+        "--out text",
+        "--config text, --force, --jobs 2, --json, --networks one --networks two, --no-report, --outputs text, --scheduler text, "
+        "--set one --set two",
+    ),
     "simulate scene.yaml": (
         "--out text",
         "--json, --force, --workers 2",

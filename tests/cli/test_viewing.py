@@ -20,7 +20,7 @@ pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 
 @pytest.fixture(scope="module")
 def study(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a session ``demo`` and results of a third of a second of it, one beside it and one two folders down."""
+    """A folder with a session ``demo`` and results of a third of a second of it, one next to it and one two folders down."""
     folder = tmp_path_factory.mktemp("study")
     shutil.copytree(demo_session, folder / "demo")
     truth = demo_session / "truth" / "truth.npz"

@@ -33,7 +33,7 @@ def keypoints():
 
 
 def solved(xyz):
-    """Angles (J, 3) and weights (J, P, 3, 3), limbs turned by their own planes of this instant."""
+    """Angles (J, 3) and weights (J, P, 3, 3), limbs turned by their own planes of this time step."""
     work = Workspace(SKELETON, JointSettings(hinge_play_rad=0.0))
     # points this exact leave the plane guessed from the parent no say
     work.read(xyz, np.broadcast_to(np.eye(3) * 1e-16, (len(xyz), 3, 3)))

@@ -13,7 +13,7 @@ BODY = SKELETONS["blazepose33"]
 
 
 def person_px(rng: np.random.Generator) -> np.ndarray:
-    """Keypoints of somebody roughly upright, 300 px tall."""
+    """Keypoints of a person roughly upright, 300 px tall."""
     xy = rng.uniform([-60, -150], [60, 150], (len(BODY), 2))
     for name, place in {
         "left_hip": (20, 0),

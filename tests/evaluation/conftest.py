@@ -11,7 +11,7 @@ from posefuse.core import PoseSequence
 
 @pytest.fixture(scope="session")
 def figure_sequence() -> Callable[..., PoseSequence]:
-    """Builder of a PoseSequence out of one dict of joint angles per instant."""
+    """Builder of a PoseSequence out of one dict of joint angles per time step."""
     path = Path(__file__).parents[1] / "kinematics" / "conftest.py"
     spec = importlib.util.spec_from_file_location("figure_builder", path)
     builder = importlib.util.module_from_spec(spec)

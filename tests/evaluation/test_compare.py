@@ -11,7 +11,7 @@ NAMES = ("neck", "left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
 def mover(rate_hz: float, duration_s: float = 8.0, start_s: float = 0.0) -> Tracks:
-    """Somebody who walks along a bent way swinging arms, sampled at any rate."""
+    """A person who walks along a bent way swinging arms, sampled at any rate."""
     t_s = start_s + np.arange(round(duration_s * rate_hz)) / rate_hz
     phase = np.arange(len(NAMES)) * 1.3
     swing = 0.3 * np.sin(2 * np.pi * 0.9 * t_s[:, None] + phase) + 0.1 * np.sin(2 * np.pi * 0.23 * t_s[:, None] + 2 * phase)

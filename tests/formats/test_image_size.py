@@ -1,4 +1,4 @@
-"""A video whose size is not the calibrated one: what is told apart, what must be stated."""
+"""A video whose size is not the calibrated one: what is distinguished, what must be stated."""
 
 from collections.abc import Callable
 from pathlib import Path

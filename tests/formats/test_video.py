@@ -1,4 +1,4 @@
-"""Films: every frame keeps its time, and parts join without a seam."""
+"""Videos: every frame keeps its time, and parts join without a seam."""
 
 from pathlib import Path
 
@@ -67,6 +67,6 @@ def test_files_that_cannot_be_are_named(tmp_path: Path):
         VideoWriter(tmp_path / "nowhere" / "a.mp4", (96, 64), 30.0)
     with pytest.raises(InputError, match=r"absent\.mp4: cannot be read as a video"):
         next(read_video(tmp_path / "absent.mp4"))
-    (tmp_path / "text.mp4").write_text("no film")
+    (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match="cannot be joined"):
         join_videos([tmp_path / "text.mp4"], tmp_path / "all.mp4")

@@ -1,4 +1,4 @@
-"""Results appear whole or not at all, and only what posefuse wrote and nobody changed is ever replaced."""
+"""Results appear whole or not at all, and only what posefuse wrote and that is unchanged is ever replaced."""
 
 import json
 import os

@@ -131,7 +131,7 @@ def test_a_stated_sigma_that_is_far_too_small_is_seen_through(ring_rig):
 
 
 def test_a_rig_that_is_calibrated_badly_costs_no_more_than_plain_least_squares(ring_rig):
-    """Every view disagrees with every other by far more than it states: nobody is an outlier, the scale is wrong."""
+    """Every view disagrees with every other by far more than it states: no person is an outlier, the scale is wrong."""
     rig, rng = ring_rig(4), np.random.default_rng(4)
     xyz = cloud(0, 30, 17)
     xy = pixels(rig, xyz, 2.0)

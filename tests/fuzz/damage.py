@@ -1,4 +1,4 @@
-"""Ways a file gets damaged: on a disk, by an editor, by a spreadsheet, or by somebody who means harm. Same seed, same bytes."""
+"""Ways a file gets damaged: on a disk, by an editor, by a spreadsheet, or by a person who means harm. Same seed, same bytes."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from examples import DEMO, EXAMPLES, NETWORK
 from posefuse.core import InputError, PosefuseError
 
 _LONGEST_LINE = 4000
-# a UserWarning is posefuse's own line about what it left out; these are a library's about what nobody checked
+# a UserWarning is posefuse's own line about what it left out; these are a library's about what no person checked
 _NOISE = re.compile(r"Traceback|(Runtime|Deprecation|Future|Syntax|Resource)Warning:")
 _MISBEHAVIOURS = ("trace", "warning", "hang", "crash", "clear", "accepted")
 _ENDED_WELL, _KNOWN_ERROR = 0, 1

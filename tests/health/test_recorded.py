@@ -27,7 +27,7 @@ def views_of(rig: Rig, xy: np.ndarray, t_s: np.ndarray) -> ViewSequence:
 
 @pytest.fixture(scope="module")
 def walk(ring_rig: Callable[..., Rig]) -> tuple[Rig, np.ndarray, np.ndarray]:
-    """A rig, times, and keypoints (T, C, K, 2) that a network marks 3 px beside, each in its own way."""
+    """A rig, times, and keypoints (T, C, K, 2) that a network marks 3 px next to, each in its own way."""
     rig, random, t_s = ring_rig(4), np.random.default_rng(0), np.arange(280) / 20
     place = np.stack([np.cos(0.7 * t_s), 0.8 * np.sin(0.7 * t_s), 1 + 0 * t_s], axis=-1)
     swing = 0.2 * np.sin(5 * t_s[:, None] + np.arange(len(BODY)))[..., None] * [1.0, 0.5, 0.2]
@@ -41,7 +41,7 @@ def test_a_good_recording_has_no_findings_and_a_moved_camera_one(walk: tuple[Rig
     assert rig_findings(views_of(rig, xy, t_s), rig) == []
     moved = np.where((t_s[:, None, None, None] > 7) & (np.arange(4)[:, None, None] == 2), xy + [9.0, 4.0], xy)
     found = rig_findings(views_of(rig, moved, t_s), rig)
-    assert [(one.kind, one.cameras) for one in found] == [("bumped", ("cam02",))]
+    assert [(one.kind, one.cameras) for one in found] == [("moved", ("cam02",))]
     assert 7 < found[0].t_ns / 1e9 < 12
 
 

@@ -78,7 +78,7 @@ def _arm(points: dict, side: str, shoulder: np.ndarray, thorax: np.ndarray, angl
 
 @pytest.fixture(scope="session")
 def posed() -> Callable[..., PoseSequence]:
-    """Builder of a PoseSequence out of one dict of angles per instant."""
+    """Builder of a PoseSequence out of one dict of angles per time step."""
     return sequence_of
 
 

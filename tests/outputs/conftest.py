@@ -56,7 +56,7 @@ def _recording(rig: Rig, times: int, people: tuple[int, ...]) -> Recording:
 
 @pytest.fixture
 def grey_frames() -> Callable[..., Iterator[tuple[int, list[Frame | None]]]]:
-    """Frame sets whose grey value is 100 + camera; the first camera lacks its frame at instant 1."""
+    """Frame sets whose grey value is 100 + camera; the first camera lacks its frame at time step 1."""
 
     def make(recording: Recording) -> Iterator[tuple[int, list[Frame | None]]]:
         for i, t_ns in enumerate(recording.poses.t_ns.tolist()):

@@ -48,7 +48,7 @@ def test_tiles_show_their_own_camera_and_missing_frames(tmp_path: Path, make_rec
         left, top = grid.corner(c)
         corner = (slice(top + grid.tile_wh[1] - 12, top + grid.tile_wh[1] - 2), slice(left + 2, left + 12))
         np.testing.assert_allclose(first[corner].mean(), 100 + c, atol=6)
-    # camera 0 has no frame at instant 1
+    # camera 0 has no frame at time step 1
     assert second[grid.tile_wh[1] - 12 : grid.tile_wh[1] - 2, 2:12].mean() < 60
 
 

@@ -188,7 +188,7 @@ def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> No
 
 
 class Runner(Stage):
-    """One person who gathers speed to 5.4 m/s; a view that looks more than 0.15 m beside them sees nobody."""
+    """One person who gathers speed to 5.4 m/s; a view that looks more than 0.15 m next to them sees no person."""
 
     def xyz(self, i: int) -> dict[int, np.ndarray]:
         ramp = np.minimum(0.012 * np.arange(i + 1), 0.18)
@@ -229,7 +229,7 @@ class Walkers(Stage):
 
 
 def test_two_people_hidden_for_a_moment_come_back_under_their_own_ids(ring_rig) -> None:
-    """0.12 s and 0.27 s, overlapping: whoever is missing from the newest pose is not forgotten."""
+    """0.12 s and 0.27 s, overlapping: the person who is missing from the newest pose is not forgotten."""
     stage = Walkers(ring_rig(5), {0: range(40), 1: range(40)}, count=40)
     stage.present = {0: [*range(12), *range(16, 40)], 1: [*range(14), *range(22, 40)]}
     seen = followed(stage, people=2)

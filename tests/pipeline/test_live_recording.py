@@ -62,7 +62,7 @@ CONFIG = LiveConfig(joint_centres=False)
 
 
 def body(t_ns: float) -> np.ndarray:
-    """(K, 3) of somebody who glides along."""
+    """(K, 3) of a person who glides along."""
     return BODY + VELOCITY * (t_ns - BEGIN_NS) * 1e-9
 
 

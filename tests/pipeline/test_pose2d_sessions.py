@@ -32,7 +32,7 @@ ACROSS_M = {"small_toe": 0.17, "wrist": 0.35, "elbow": 0.3, "shoulder": 0.2}
 
 
 def person() -> np.ndarray:
-    """(T, K, 3) somebody who glides along x."""
+    """(T, K, 3) a person who glides along x."""
     rest = []
     for name in HALPE.keypoints:
         side = {"left": 1, "right": -1}.get(name.partition("_")[0], 0)

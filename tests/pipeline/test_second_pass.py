@@ -1,4 +1,4 @@
-"""Bringing every camera to common instants, and what is kept of whom."""
+"""Bringing every camera to common time steps, and what is kept of whom."""
 
 from dataclasses import replace
 
@@ -91,7 +91,7 @@ def test_no_interpolation_across_a_hole(ring_rig) -> None:
     views = views_of(seen)
     assert np.isnan(views.xy_img[10, 0, 1]).all()
     assert (views.score[10, 0, 1] == 0).all()
-    nine = views.xy_img[9, 0, 1]  # late frame, so its other neighbour is instant 8, which is there
+    nine = views.xy_img[9, 0, 1]  # late frame, so its other neighbour is time step 8, which is there
     assert np.allclose(nine, rig.cameras[1].project(body(9 * PERIOD_NS)), atol=0.2)
 
 

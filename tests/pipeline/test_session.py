@@ -1,4 +1,4 @@
-"""A session folder is understood by convention, and what cannot be told apart is an error that says what to do."""
+"""A session folder is understood by convention, and what cannot be distinguished is an error that says what to do."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -86,10 +86,10 @@ def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
     assert "no videos or images or pose2d found" in refused(session)
     touch(session, ["cam_01.mp4"])
     assert "at least 2 calibrated cameras, got 1" in refused(session)
-    touch(session, ["cam_02.mp4", "somebody.mp4"])
+    touch(session, ["cam_02.mp4", "a person.mp4"])
     message = refused(session)
-    assert "somebody.mp4" in message and "cam_01, cam_02, cam_10" in message and "[cameras.cam_01]" in message
-    (session / "somebody.mp4").unlink()
+    assert "a person.mp4" in message and "cam_01, cam_02, cam_10" in message and "[cameras.cam_01]" in message
+    (session / "a person.mp4").unlink()
     touch(session, ["trial_cam_02.mp4"])
     assert "second one for camera cam_02" in refused(session)
     assert "no camera cam_99" in refused(session, TrackConfig(cameras={"cam_99": CameraInput(video="x.mp4")}))

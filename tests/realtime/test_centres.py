@@ -39,7 +39,7 @@ class Kept:
 
 
 class Still:
-    """A tracker of somebody who stands still."""
+    """A tracker of a person who stands still."""
 
     health: dict = {}  # noqa: RUF012 - never written
 
@@ -99,7 +99,7 @@ def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) ->
 
 
 def test_the_table_of_one_who_is_followed_for_long_counts_by_length(somebody) -> None:
-    """And to be told the same table again does not make anybody a stranger; another one does."""
+    """And to be told the same table again does not make any person a stranger; another one does."""
     centring, tracker = Centring("ab", wanted=True), Still(somebody)
     centring.learn(Centres(("a",), FULL))
     shown = [centring.moved(tracker.at(i * PERIOD_NS)).xyz_world for i in range(3000)]

@@ -56,7 +56,7 @@ def test_what_was_not_measured_for_long_is_withheld_however_sure() -> None:
     for t_s, there in ((1.1, 2), (1.39, 2), (1.41, 0), (1.9, 0)):
         assert len(gate.passed(pose(t_s, kind=Kind.PREDICTED)).person_id) == there
     assert len(gate.passed(pose(2.0)).person_id) == 2
-    # somebody new is not judged by somebody who left
+    # a new person is not judged by a person who left
     assert len(gate.passed(pose(2.5, kind=Kind.PREDICTED, people=(9,))).person_id) == 1
 
 

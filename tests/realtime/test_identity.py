@@ -115,7 +115,7 @@ def test_with_one_person_tracks_and_persons_are_the_same() -> None:
 
 
 def test_cameras_that_look_when_they_can_search_together() -> None:
-    """Somebody new is born from two views of one moment: each camera counting for itself would drift away from the others."""
+    """A new person is born from two views of one moment: each camera counting for itself would drift away from the others."""
     rng = np.random.default_rng(5)
     every_s, slowest_s = 0.5, 0.09
     together, by_itself = [], []

@@ -87,7 +87,7 @@ def test_a_sender_with_a_believable_clock_replaces_one_without() -> None:
     assert senders.admits(nobody("a", t_ns=5), "stranger", T0)
     assert senders.admits(nobody("a", t_ns=T0), "node", T0 + 1)
     assert not senders.admits(nobody("a", t_ns=T0 + 2), "stranger", T0 + 2)
-    # alone, a camera whose clock nobody has set is still worth something
+    # alone, a camera whose clock no person has set is still worth something
     assert senders.admits(nobody("b", t_ns=5), "node", T0)
 
 

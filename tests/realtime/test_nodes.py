@@ -40,7 +40,7 @@ def stopped(running: Running) -> dict:
 
 
 def wait_until_heard(views: dict[str, int], poses: int) -> None:
-    """Listen beside the nodes until so many views of each camera, and poses with somebody in them, have come."""
+    """Listen next to the nodes until so many views of each camera, and poses with a person in them, have come."""
     from posefuse.messages import topics
     from posefuse.messages.dds import Network, RosNode
     from posefuse.messages.intake import Intake

@@ -195,7 +195,7 @@ def fed(tmp_path: Path):
 
 def test_a_killed_process_is_named_started_again_and_recording_goes_on(fed: Fed, tmp_path: Path, capfd) -> None:
     first, second, third = (tmp_path / name for name in ("live.mcap", "live.2.mcap", "live.3.mcap"))
-    second.write_text("somebody else's")
+    second.write_text("another person's")
     until(lambda: first.stat().st_size > 400_000, fed.feed)
     pid = int(fed.outputs.whereabouts().split()[-1])
     os.kill(pid, signal.SIGKILL)
@@ -213,7 +213,7 @@ def test_a_killed_process_is_named_started_again_and_recording_goes_on(fed: Fed,
     assert (figures["failures"], figures["finished"], figures["where"]) == (1, True, str(third))
     # nothing is written over, what was recorded can be read, and the new part is whole
     assert first.read_bytes() == kept
-    assert second.read_text() == "somebody else's"
+    assert second.read_text() == "another person's"
     said: list[str] = []
     before = [pose.t_ns for pose, _ in read_poses(first, warn=said.append)]
     assert len(before) > 50 and len(said) == 1

@@ -1,4 +1,4 @@
-"""The rig watched beside a live session: views at their own times, what is found of them, and the process that does it."""
+"""The rig watched next to a live session: views at their own times, what is found of them, and the process that does it."""
 
 import os
 import signal
@@ -86,7 +86,7 @@ def fed(watcher: Watcher, truth: Truth, rig: Rig, begin_s: float, seconds: float
     for step in range(round(seconds * RATE_HZ)):
         for c, camera in enumerate(rig):
             t_s = begin_s + step / RATE_HZ + PHASE_S[c]
-            # to and fro, so that nobody jumps
+            # to and fro, so that no person jumps
             there_s = abs((t_s + times_s[-1]) % (2 * times_s[-1]) - times_s[-1])
             i = min(int(there_s * RATE_HZ), len(times_s) - 2)
             share = (there_s - times_s[i]) * RATE_HZ
@@ -101,7 +101,7 @@ def test_a_bumped_camera_is_found_among_cameras_that_do_not_wait_for_each_other(
     assert fed(watcher, truth, rig, 0.0, 5.0) == {}
     cameras = list(rig.cameras)
     cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0.02, 0.01, 0.0], np.zeros(3)) @ cameras[2].cam_from_world)
-    assert fed(watcher, truth, Rig(tuple(cameras)), 5.0, 5.0) == {rig.names[2]: "bumped"}
+    assert fed(watcher, truth, Rig(tuple(cameras)), 5.0, 5.0) == {rig.names[2]: "moved"}
     assert fed(watcher, truth, rig, 10.0, 6.0) == {}
 
 

@@ -1,4 +1,4 @@
-"""Live sessions as users run them, in processes of their own, with an oracle for the 2D estimator."""
+"""Live sessions as users run them, in processes of their own, with an oracle for the detector."""
 
 import json
 import os
@@ -99,7 +99,7 @@ def test_poses_come_at_every_beat_and_are_near_the_truth_at_output_time(
 
 def well_informed(recording: Path) -> Iterator[Pose3D]:
     """Poses that came out when three cameras' views were not older than `FRESH_NS`: a busy machine gives up frames, and then a
-    pose is as far off as what nobody has seen yet."""
+    pose is as far off as what no person has seen yet."""
     newest: dict[str, int] = {}
     for entry in read_mcap(recording, {topics.DETECTIONS.name, topics.POSE.name}):
         if entry.topic == topics.DETECTIONS.name:
@@ -126,7 +126,7 @@ def test_a_replay_gives_the_same_poses(killed: tuple[dict, Path, list[int]], dem
     assert len(pairs) > 100
     assert any(len(pose.person_id) for pose, _ in pairs)
     assert max(difference_m(pose, again) for pose, again in pairs) == 0.0
-    # a tracker of another mind is told apart
+    # a tracker of another mind is distinguished
     other = LiveConfig(track=type(LiveConfig().track)(tracker="latest"))
     assert max(difference_m(pose, again) for pose, again in replayed(recording, read_rig(demo_session / "rig.toml"), other)) > 0
 
@@ -193,16 +193,16 @@ def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> 
 def test_a_bumped_camera_is_named_and_left_out_and_killing_the_watch_ends_nothing(demo_session: Path) -> None:
     live = Live(command(demo_session, "--loop", "10", "--fault", "cam01=bump@1"))
     watch = int(live.wait_for(r"rig watched in process (\d+)")[1])
-    live.wait_for(r"cam01: bumped: cam01 sees everything \d+ mm beside")
+    live.wait_for(r"cam01: moved: cam01 sees everything \d+ mm next to")
     time.sleep(0.5)
     os.kill(watch, signal.SIGKILL)
     live.wait_for(f"rig watch: process {watch} ended")
     live.wait_for("cam01: ok")
     live.process.send_signal(signal.SIGINT)
     figures = live.figures()
-    assert figures["cameras"]["cam01"]["refused"]["bumped"] > 0
+    assert figures["cameras"]["cam01"]["refused"]["moved"] > 0
     assert f"process {watch} ended" in figures["rig_watch_trouble"]
-    assert not {event["camera"] for event in figures["events"] if event["state"] == "bumped"} - {"cam01"}
+    assert not {event["camera"] for event in figures["events"] if event["state"] == "moved"} - {"cam01"}
 
 
 def listener() -> socket.socket:

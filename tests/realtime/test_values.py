@@ -443,11 +443,11 @@ def test_a_bump_moves_what_is_seen_as_a_turned_camera_would_see_it(ring_rig) -> 
 def test_what_the_rig_watch_finds_is_told_unless_something_worse_is_wrong() -> None:
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
-    ill = {"a": Verdict("bumped", "a looks beside"), "b": Verdict("bumped")}
+    ill = {"a": Verdict("moved", "a looks next to"), "b": Verdict("moved")}
     verdicts = monitor.judge(101 * S, {"b": "process 1 ended"}, ill)
-    assert [verdicts[name].state for name in "abc"] == ["bumped", "dead", "ok"]
+    assert [verdicts[name].state for name in "abc"] == ["moved", "dead", "ok"]
     assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
-    assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "bumped"), ("a", "ok")]
+    assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "moved"), ("a", "ok")]
 
 
 def test_a_film_begins_again_at_every_turn(ring_rig, demo_session) -> None:

@@ -171,7 +171,7 @@ def test_bvh_name_prefixes(tmp_path: Path, body: Body, style: str, prefix: str) 
 
 @pytest.fixture(scope="module")
 def squat(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Times and keypoints of somebody who squats facing +Y."""
+    """Times and keypoints of a person who squats facing +Y."""
     times = np.arange(0, 4, 1 / 50)
     state = person(body, kind="squat", heading_deg=90, position_m=(0.4, -0.7)).at(times)
     return times, state.keypoints_world

@@ -62,7 +62,7 @@ def test_clutter_that_does_not_fit_is_refused():
 
 
 def _standing(x_m: float) -> np.ndarray:
-    """(23, 3) somebody who faces +x, roughly."""
+    """(23, 3) a person who faces +x, roughly."""
     half = {"shoulder": (0.18, 1.42), "elbow": (0.25, 1.12), "wrist": (0.28, 0.88), "hip": (0.09, 0.93), "knee": (0.1, 0.5)}
     half |= {"ankle": (0.1, 0.09), "big_toe": (0.1, 0.03), "small_toe": (0.14, 0.03), "heel": (0.1, 0.03), "eye": (0.03, 1.65)}
     half |= {"ear": (0.07, 1.63)}

@@ -83,7 +83,7 @@ def test_nobody_there_is_one_line() -> None:
 
 @pytest.fixture
 def ordinary_user() -> Iterator[None]:
-    """Root may read everything, so it is somebody else who tries."""
+    """Root may read everything, so it is another person who tries."""
     if os.geteuid() != 0:
         yield
         return

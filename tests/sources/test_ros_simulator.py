@@ -1,4 +1,4 @@
-"""Cameras of a simulator: stamps in simulated time, CameraInfo beside the images; sent by another process on loopback."""
+"""Cameras of a simulator: stamps in simulated time, CameraInfo next to the images; sent by another process on loopback."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""A live session of the bundled clip in processes of its own, with an oracle for the 2D estimator."""
+"""A live session of the bundled clip in processes of its own, with an oracle for the detector."""
 
 import json
 import re

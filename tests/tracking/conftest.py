@@ -49,7 +49,7 @@ class World:
         return [self.view(c, t_s, rng) for t_s, c in sorted(times)]
 
     def tracker(self, **settings: object) -> Tracker:
-        """With association and fusion of one instant as `app` has them."""
+        """With association and fusion of one time step as `app` has them."""
         live = LiveSettings(**settings)  # type: ignore[arg-type]
         people = AssociateSettings(max_people=live.max_people)
 

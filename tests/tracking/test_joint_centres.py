@@ -1,4 +1,4 @@
-"""Joint centres beside landmarks: offsets move with the body, mirror with it, and never invent a point."""
+"""Joint centres next to landmarks: offsets move with the body, mirror with it, and never invent a point."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -163,7 +163,7 @@ def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, word
 
 
 def somebody_standing() -> PoseSequence:
-    """Landmarks of people standing, turned and moved a little from instant to instant."""
+    """Landmarks of people standing, turned and moved a little from time step to time step."""
     turns = Rotation.from_euler("z", np.linspace(0, 1, T * N)[:, None]).as_matrix().reshape(T, N, 3, 3)
     return replace(people(), xyz_world=np.einsum("tnij,kj->tnki", turns, standing()) + [0.1, -0.2, 0.0])
 
@@ -175,7 +175,7 @@ LONG_LEGS = JointCentres(
 
 @pytest.mark.parametrize(("thigh_m", "expected_m"), [(0.39, 0.01), (0.41, 0.02), (0.36, -0.005), (0.59, 0.04)])
 def test_offsets_grow_with_the_length_of_a_segment(thigh_m: float, expected_m: float) -> None:
-    """By half of what the thigh, from its joint centres, is longer than usual; nobody is taken for longer than 60 mm more."""
+    """By half of what the thigh, from its joint centres, is longer than usual; no person is taken for longer than 60 mm more."""
     xyz = standing()
     for side in SIDES:
         hip, knee = (BLAZEPOSE33.index(f"{side}_{joint}") for joint in ("hip", "knee"))
@@ -211,7 +211,7 @@ def test_each_person_has_lengths_of_their_own() -> None:
 
 
 def over_time(xyz: np.ndarray, count: int) -> PoseSequence:
-    """The same people (N, K, 3) or person (K, 3) at many instants."""
+    """The same people (N, K, 3) or person (K, 3) at many time steps."""
     all_xyz = np.broadcast_to(xyz.reshape(-1, K, 3), (count, xyz.size // (3 * K), K, 3))
     ones = np.ones(all_xyz.shape[:3])
     cov = np.broadcast_to(np.eye(3) * 1e-4, (*ones.shape, 3, 3))
@@ -236,7 +236,7 @@ def test_there_and_back_is_where_it_was() -> None:
 
 
 def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
-    """Also where left and right are exchanged in one view, and at an instant without 3D."""
+    """Also where left and right are exchanged in one view, and at a time step without 3D."""
     table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
     landmarks, rig = somebody_standing(), ring_rig(3)
     centres = to_joint_centres(landmarks, table)

@@ -1,4 +1,4 @@
-"""Too few views: what is not known is let go, and nobody runs away along the rays of one camera."""
+"""Too few views: what is not known is let go, and no person runs away along the rays of one camera."""
 
 import numpy as np
 import pytest

@@ -15,7 +15,7 @@ LENGTHS = {"upper_arm": 0.262, "forearm": 0.243, "thigh": 0.389, "shank": 0.39, 
 
 
 def person(lengths: dict[str, float], seed: int = 0) -> np.ndarray:
-    """(T, K, 3) joint centres of somebody who moves arms and legs about; the head is left out."""
+    """(T, K, 3) joint centres of a person who moves arms and legs about; the head is left out."""
     rng = np.random.default_rng(seed)
     xyz = np.full((T, len(COCO), 3), np.nan)
     for side, y in (("left", 1.0), ("right", -1.0)):

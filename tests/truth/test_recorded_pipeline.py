@@ -70,7 +70,7 @@ def first_frames(session: Path, out: Path, capsys) -> tuple[int, str]:
 
 
 def test_a_camera_that_cannot_be_read_is_left_out_and_named(broken_session: Path, tmp_path: Path, capsys) -> None:
-    (broken_session / "videos" / "cam01.mp4").write_bytes(b"not a film")
+    (broken_session / "videos" / "cam01.mp4").write_bytes(b"not a video")
     code, said = first_frames(broken_session, tmp_path / "result", capsys)
     assert code == 0
     assert "cam01.mp4: camera cam01" in said and "goes on without camera cam01" in said
@@ -91,7 +91,7 @@ def test_a_film_that_breaks_off_costs_only_its_rest(broken_session: Path, tmp_pa
 @pytest.mark.parametrize("left", [0, 1])
 def test_too_few_readable_cameras_are_an_error_and_leave_nothing(broken_session: Path, tmp_path: Path, capsys, left: int) -> None:
     for i in range(left, 4):
-        (broken_session / "videos" / f"cam0{i}.mp4").write_bytes(b"not a film")
+        (broken_session / "videos" / f"cam0{i}.mp4").write_bytes(b"not a video")
     code, said = first_frames(broken_session, tmp_path / "result", capsys)
     assert code == 1
     assert f"at least 2 cameras that can be read, got {left}" in said.splitlines()[-1]
@@ -150,7 +150,7 @@ def test_ctrl_c_keeps_what_was_finished(demo_session: Path, tmp_path: Path) -> N
     if json.loads(said or "{}").get("interrupted"):
         assert "stopped early" in problems
         assert 2 <= len(read_recording(out).poses) < 301
-    else:  # the machine was quicker than the signal, or slower than the first two instants: whole or nothing
+    else:  # the machine was quicker than the signal, or slower than the first two time steps: whole or nothing
         assert not list(tmp_path.glob(".*"))
 
 

@@ -9,7 +9,7 @@ import posefuse
 # what `import posefuse` offers, grouped by what one does with it
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Recordings", ("track", "read", "Recording", "batch", "compare", "simulate")),
-    ("Live", ("live",)),
+    ("Live", ("live", "teleoperate")),
     ("Cameras", ("read_rig", "Rig", "Camera", "triangulate")),
     ("Calibration", ("calibrate_intrinsics", "calibrate_extrinsics", "calibrate_person", "calibrate_clocks", "verify")),
     ("Detectors", ("detector", "Detections2D")),

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
 CLIP = ROOT / "examples" / "demo"
 START_S, SECONDS = 3.0, 4.0
-# every so manieth time step of 15 per second is drawn
+# every n-th time step of 15 per second is drawn
 STEP = 1
 VIEWS_WH, STAGE_WIDTH = (480, 360), 400
 MOST_BYTES = 2_000_000

@@ -51,7 +51,7 @@ def detector(name: str = "blazepose_full", options: Mapping[str, Any] | None = N
         >>> import numpy as np, posefuse as pf
         >>> detect = pf.detector("blazepose_full")  # doctest: +SKIP
         >>> [found] = detect([np.zeros((480, 640, 3), np.uint8)])  # doctest: +SKIP
-        >>> len(found)  # nobody there  # doctest: +SKIP
+        >>> len(found)  # no person there  # doctest: +SKIP
         0
     """
     from posefuse.detection.build import DetectorChoice, network_plugin

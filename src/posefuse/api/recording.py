@@ -101,7 +101,7 @@ class Recording(core.Recording):
 
         Raises:
             ConfigError: an unknown setting or a wrong value.
-            InputError: no person can be followed.
+            InputError: no one can be followed.
         """
         from posefuse.pipeline.config import changed_config
         from posefuse.pipeline.solve import config_of, solve_again
@@ -122,7 +122,7 @@ class Recording(core.Recording):
         replace: bool = False,
         progress: Progress | bool | None = None,
     ) -> list[Path]:
-        """Write a result folder that `read` reads back to the last bit, and files of other formats beside it.
+        """Write a result folder that `read` reads back to the last bit, and files of other formats next to it.
 
         Args:
             path: new or empty folder; with `replace` also an unchanged result that posefuse wrote.

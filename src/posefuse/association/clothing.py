@@ -13,7 +13,7 @@ from .assignment import UNSEEN, Assignment
 
 # numbers that describe the clothes of a person: L*, a* and b* of trunk, thighs and shanks
 CLOTHING_TRAITS = 9
-# one view may show somebody else's clothes, in front of the person
+# one view may show another person's clothes, in front of the person
 _LEAST_VIEWS = 2
 
 

@@ -1,4 +1,4 @@
-"""Tracks of other tools' trackers, which see one camera each, as hints about who is who."""
+"""Tracks of other tools' trackers, which see one camera each, as hints about which person is which."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ Association follows tracks from frame to frame. A track ends when the person is 
 exchanged while two people touch. This module names tracks: a pure function from one frame to the next with an explicit state,
 the same for recordings and live.
 
-- A track that begins may be somebody who left. While more than one person is possible, it stays unnamed for a few frames, and
+- A track that begins may be a person who left. While more than one person is possible, it stays unnamed for a few frames, and
   all unnamed tracks are named together.
 - Two tracks that touch keep both readings, as they were and exchanged. What is measured after they part decides.
 """
@@ -203,7 +203,7 @@ class Identity:
             number, person = ready[row], options[column]
             people.setdefault(person, Traits.unknown(len(tracks[number].traits.mean)))
             tracks[number] = replace(tracks[number], person=person)
-            # nobody is in two places: before the person's last track ended, this one was somebody else
+            # no one is in two places: before the person's last track ended, this one was another person
             since_ns = max(tracks[number].begin_ns, self.left_ns.get(person, tracks[number].begin_ns - 1) + 1)
             told.append(Named(track=number, person=person, since_ns=since_ns))
         return replace(self, tracks=tracks, people=people, names=(*self.names, *told))

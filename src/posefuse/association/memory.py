@@ -48,7 +48,7 @@ class LastSeen:
     def moving_at(self, t_ns: int) -> Array:
         """(K, 3) where each keypoint is expected in the next frame, by its own speed; later as `at`.
 
-        One wrong keypoint moves far: good to say where to look, too uncertain to say who is who.
+        One wrong keypoint moves far: good to say where to look, too uncertain to say which person is which.
         """
         age_s = max(t_ns - self.t_ns, 0) * 1e-9
         return np.asarray(self.xyz_world + self.velocity_m_s * age_s) if age_s <= _NEXT_FRAME_S else self.at(t_ns)

@@ -1,4 +1,4 @@
-"""People whom nobody follows yet."""
+"""People whom no one follows yet."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .traits import body_lengths_m, plausible_share
 
 
 def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings) -> list[Array]:
-    """Members of up to `count` people nobody follows yet, the most convincing first."""
+    """Members of up to `count` people no one follows yet, the most convincing first."""
     people: list[Array] = []
     if count == 0:
         return people

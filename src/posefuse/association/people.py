@@ -1,4 +1,4 @@
-"""Who is who: detections of every camera to the same people in every camera."""
+"""Association: detections of every camera to the same people in every camera."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .newcomers import newcomers
 from .settings import AssociateSettings
 
 _ALONE_SHARE = 0.7
-# what support within reach counts beside support within the tolerance
+# what support within reach counts compared with support within the tolerance
 _FAR_SHARE = 0.05
 # measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less
 _IN_SIGHT_S, _GUESS_WEIGHT = 0.02, 0.5
@@ -59,7 +59,7 @@ def assign(
         settings: see `AssociateSettings`.
         t_ns: the time step that the detections belong to, session clock.
         previous: the newest pose (at best predicted to this time step) of the people. A person in it is followed; the place of
-            one out of sight is kept free for `lost_after_s`, and only somebody who can be that person takes it.
+            one out of sight is kept free for `lost_after_s`, and only a person who can be that person takes it.
         seen_ns: (N,) when each person of `previous` was last measured; None: at its time.
         next_id: newcomers get this id, the next and so on; None: the lowest free ones.
         hints: who the tracks of another tool's tracker were lately, see `hints_after`. A detection of such a track goes to that
@@ -115,7 +115,7 @@ def _followed(previous: Pose3D, seen_ns: Array | None, t_ns: int) -> list[_Known
 
 
 def _found_again(candidates: Candidates, members: Array, lost: list[_Known], settings: AssociateSettings) -> _Known | None:
-    """Which of the people out of sight can be here, the nearest of them; None when nobody can have come this far."""
+    """Which of the people out of sight can be here, the nearest of them; None when no one can have come this far."""
     if not lost:
         return None
     pose = joint_points(candidates, members, settings.tolerance_m)

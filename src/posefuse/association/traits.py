@@ -24,7 +24,7 @@ _LASTING_M = 0.010
 # clothes: standard deviations of L*, a*, b* among people, and of what light, camera and side of the body change about them
 _POPULATION_LAB = np.array([22.0, 12.0, 16.0])
 _LASTING_LAB = np.array([7.0, 4.0, 4.0])
-# a cue is wrong for this share of people: somebody else stood before them all the time, a jacket came off, a bad pose
+# a cue is wrong for this share of people: another person stood before them all the time, a jacket came off, a bad pose
 _WRONG_CUE = 0.03
 # what is learnt and compared as one cue: lengths of the body, clothes of trunk, thighs and shanks
 _CUES = (slice(0, 7), slice(7, 10), slice(10, 13), slice(13, 16))

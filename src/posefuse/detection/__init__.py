@@ -1,4 +1,4 @@
-"""Images to Detections2D: 2D estimator plug-ins, model cards, regions to look at."""
+"""Images to Detections2D: detector plug-ins, model cards, regions to look at."""
 
 from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
 from .clothing import with_clothing

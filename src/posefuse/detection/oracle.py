@@ -186,7 +186,7 @@ def _each(
 
 
 def _in_regions(xy: Array, score: Array, sigma: Array, regions: Sequence[Region]) -> tuple[Array, Array, Array]:
-    """For each region the person whose middle is nearest to its centre and within half its side; NaN for nobody."""
+    """For each region the person whose middle is nearest to its centre and within half its side; NaN for no person."""
     shape = (len(regions), *xy.shape[1:])
     out_xy, out_score, out_sigma = np.full(shape, np.nan), np.zeros(shape[:-1]), np.full(shape[:-1], np.nan)
     seen = np.flatnonzero((score > 0).any(-1))

@@ -1,7 +1,7 @@
 """Square, turned regions of an image that hold one person, and the crops networks see through them.
 
 A region comes from the person detector, from keypoints of the previous frame, or from the fused 3D pose projected into the
-view, so a camera whose detector sees nobody still contributes.
+view, so a camera whose detector sees no person still contributes.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class Channel:
         return self._socket.fileno()
 
     def send(self, value: Any, wait_s: float = 0.0) -> bool:
-        """Whether the message could be handed over within `wait_s`; raises ChannelClosed when nobody is there."""
+        """Whether the message could be handed over within `wait_s`; raises ChannelClosed when the other side is gone."""
         raw = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
         try:
             return self._framing.send(self._socket, raw, wait_s)

@@ -67,7 +67,7 @@ class StreamFraming:
 
     def receive(self, end: socket.socket) -> bytes | None:
         """As `PacketFraming.receive`."""
-        with contextlib.suppress(OSError):  # nobody takes the rest any more, but what was sent to us can still be read
+        with contextlib.suppress(OSError):  # no one takes the rest any more, but what was sent to us can still be read
             self._flushed(end, 0.0)
         try:
             while (missing := self._missing()) > 0:

@@ -1,4 +1,4 @@
-"""Views to Pose3D of one instant: weighted least squares, robust terms, covariance."""
+"""Views to Pose3D of one time step: weighted least squares, robust terms, covariance."""
 
 from .instant import fuse
 from .settings import WEIGHTS, FuseSettings, Weights

@@ -1,4 +1,4 @@
-"""One instant: Views to Pose3D."""
+"""One time step: Views to Pose3D."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .triangulate import Triangulated, plain_weight, settled, solve_all, solve_r
 
 
 def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
-    """3D pose of everybody in `views`, each keypoint from this instant's views alone.
+    """3D pose of everybody in `views`, each keypoint from this time step's views alone.
 
     Args:
         views: C cameras named as in `rig`, in its order.
         rig: the cameras.
         settings: weights and thresholds.
-        previous: the pose one instant before, where there is one: gives ``all`` its segment axes, and decides which side
+        previous: the pose one time step before, where there is one: gives ``all`` its segment axes, and decides which side
             is left when as many views say one thing as the other. Matched by person_id.
 
     Returns:

@@ -45,7 +45,7 @@ def limb_groups(skeleton: Skeleton) -> tuple[Array, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Person:
-    """What all cameras saw of one person at one instant: xy (C, K, 2), score and sigma (C, K)."""
+    """What all cameras saw of one person at one time step: xy (C, K, 2), score and sigma (C, K)."""
 
     rig: Rig
     skeleton: Skeleton

@@ -50,7 +50,7 @@ def triangulate(
     skeleton: Skeleton | None = None,
     settings: FuseSettings = _DEFAULTS,
 ) -> Triangulated:
-    """Triangulate keypoints; each leading index is one person at one instant.
+    """Triangulate keypoints; each leading index is one person at one time step.
 
     Args:
         rig: C cameras.
@@ -142,7 +142,7 @@ class RobustSolution:
     contradicted: Array
 
     def told(self) -> Triangulated:
-        """The points, without those that have a rival: nobody can tell which one is right."""
+        """The points, without those that have a rival: no one can tell which one is right."""
         points = self.points
         if self.rival.any():
             points.xyz[self.rival], points.cov[self.rival], points.reproj[self.rival] = np.nan, np.nan, np.nan

@@ -1,4 +1,4 @@
-"""Which camera is ill, and of what: told apart from what its frames say about themselves and when they come.
+"""Which camera is ill, and of what: distinguished from what its frames say about themselves and when they come.
 
 No clock inside: times come as data.
 """
@@ -88,7 +88,8 @@ class Verdict:
 
     Attributes:
         state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``;
-            ``overload`` (the machine is too slow to tell), or what `rig_watch` found: ``bumped``, ``out of step`` or ``swapped``.
+            ``overload`` (the machine is too slow to tell), or what `rig_watch` found: ``moved``, ``unsynchronised`` or
+            ``swapped``.
         text: in words.
     """
 

@@ -1,4 +1,4 @@
-"""Views of cameras that do not wait for each other, read at common instants."""
+"""Views of cameras that do not wait for each other, read at common time steps."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 from posefuse.core.arrays import Array
 
 _PERIOD_NS = 100_000_000
-# an instant is given when views this much newer are there: those of a slower camera should have come
+# a time step is given when views this much newer are there: those of a slower camera should have come
 _PATIENCE_NS = 500_000_000
 # two views of a camera further apart than this are not interpolated between: a hand leaves the straight line by centimetres
 _REACH_NS = 125_000_000
-# after a gap this long instants go on where views do
+# after a gap this long time steps go on where views do
 _GAP_NS = 2_000_000_000
 _MOST_VIEWS = 256
 
 
 class CommonInstants:
-    """Every camera's points at ten instants a second, linear between its views on both sides."""
+    """Every camera's points at ten time steps a second, linear between its views on both sides."""
 
     def __init__(self, cameras: Iterable[str]) -> None:
         self._views: dict[str, deque[tuple[int, Array]]] = {name: deque(maxlen=_MOST_VIEWS) for name in cameras}
@@ -39,7 +39,7 @@ class CommonInstants:
         views.append((t_ns, np.where(seen[:, None], xy_img, np.nan)))
 
     def ready(self) -> Iterator[tuple[int, Array]]:
-        """Instants that no view can change any more: time, and points (C, P, 2), NaN where a camera has none."""
+        """Time steps that no view can change any more: time, and points (C, P, 2), NaN where a camera has none."""
         newest = sorted(views[-1][0] for views in self._views.values() if views)
         if len(newest) < 2:
             return

@@ -1,6 +1,6 @@
 """What points that all cameras see say of each camera's own turn and lateness.
 
-At every instant the points are where the rays of all cameras meet; what is left over is looked at in metres at the point, as
+At every time step the points are where the rays of all cameras meet; what is left over is looked at in metres at the point, as
 a 2D network errs by about the same share of a body in every view. A camera that was turned, or whose clock is off, leaves
 something that the points cannot take up: the points are eliminated, and what remains is linear in the unknowns of all cameras
 together. So a bad camera, which spoils the residuals of the others, can be told from them.
@@ -19,14 +19,14 @@ from posefuse.core.arrays import Array
 
 # unknowns of a camera: its turn about its own axes in rad, and how late its images are in s
 UNKNOWNS, TURN, LATE = 4, slice(0, 3), slice(3, 4)
-# a point that fits worse than so many times the median of the instant's points pulls with constant force
+# a point that fits worse than so many times the median of the time step's points pulls with constant force
 _WORSE = 2.0
 _LEAST_DEPTH_M, _MOST_OFF_M = 0.2, 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Instant:
-    """Points of one instant, and how they fit.
+    """Points of one time step, and how they fit.
 
     Attributes:
         t_ns: when. xyz_world: (P, 3) where the rays meet, NaN where fewer than two do.
@@ -46,7 +46,7 @@ class Instant:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sums:
-    """What instants say of the unknowns u (4 C) of all cameras; squares in m^2.
+    """What time steps say of the unknowns u (4 C) of all cameras; squares in m^2.
 
     Attributes:
         information: (4C, 4C) of squares over u, the points taken out. pull: (4C,). squares: of what is left over.
@@ -71,7 +71,7 @@ class Sums:
 
     @staticmethod
     def nothing(cameras: int) -> Sums:
-        """No instant yet."""
+        """No time step yet."""
         square, own = np.zeros((UNKNOWNS * cameras,) * 2), np.zeros((cameras, UNKNOWNS, UNKNOWNS))
         return Sums(
             information=square,
@@ -124,7 +124,7 @@ def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
 
 
 def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
-    """What an instant says, its points moving at (P, 3) m/s; NaN where that is not known."""
+    """What a time step says, its points moving at (P, 3) m/s; NaN where that is not known."""
     good = np.isfinite(now.misfit_m) & np.isfinite(velocity_world).all(axis=-1)
     cameras = len(rig)
     if not good.any():

@@ -1,4 +1,4 @@
-"""Watch a rig while it is used: a bumped camera, a swapped cable or a lost synchronisation shows in its residuals.
+"""Watch a rig while it is used: a moved camera, a swapped cable or a lost synchronisation shows in its residuals.
 
 A pure function of an explicit state: `observe` takes what fusion has just used and returns the next state and what it
 found. A 2D network errs by many px, but differently from keypoint to keypoint and from moment to moment, so single residuals tell
@@ -18,12 +18,12 @@ from posefuse.core.arrays import Array
 
 from .misalignment import LATE, TURN, UNKNOWNS, Instant, Sums, instant_of, sums_of
 
-BUMPED, OUT_OF_STEP, SWAPPED = "bumped", "out of step", "swapped"
+BUMPED, OUT_OF_STEP, SWAPPED = "moved", "unsynchronised", "swapped"
 # what is seen fades within the first for what is gross, within the second for what is small
 MEMORIES_S = (2.0, 8.0)
 # squares explained, in those that a redundant coordinate keeps; `bench/rig_monitor.py --fit` prints what nothing wrong explains
 _SURE = {BUMPED: (60.0, 70.0), OUT_OF_STEP: (40.0, 30.0)}
-# a network is off by less in the same way all along somebody's way; by more for as long as they stand, most of all where
+# a network is off by less in the same way all along the person's way; by more for as long as they stand, most of all where
 # limbs are hidden. Who moved less than this about the middle of their way, rms, stands
 _LEAST_M, _LEAST_STANDING_M, _STANDS_M = 0.02, 0.15, 0.25
 # a rig is calibrated about so well
@@ -33,7 +33,7 @@ _UNKNOWNS = {BUMPED: TURN, OUT_OF_STEP: LATE}
 _LEFT = 0.4
 _SURE_AFTER_S = 0.6
 _LEAST_COUNT = 200.0
-# of two nobody can tell which is wrong
+# of two no one can tell which is wrong
 LEAST_CAMERAS = 3
 # a camera explains more than any other by this share of what makes it sure
 _APART = 0.5
@@ -48,7 +48,7 @@ class Finding:
     """Something is wrong with a camera.
 
     Attributes:
-        kind: ``bumped``, ``out of step`` or ``swapped``. cameras: which. t_ns: when it was noticed.
+        kind: ``moved``, ``unsynchronised`` or ``swapped``. cameras: which. t_ns: when it was noticed.
         detail: one line with numbers. displaced_m: by how much rays passed the person. amount: rad of turn, or s of lateness.
     """
 
@@ -65,7 +65,8 @@ class MonitorState:
     """What is remembered of a rig.
 
     Attributes:
-        sums: one per memory. before: up to two instants, the newer last. recent: points of the newest instants, (C, P, 2) each.
+        sums: one per memory. before: up to two time steps, the newer last. recent: points of the newest time steps, (C, P, 2)
+            each.
         finding: what goes on; None while all is well. well_ns: since when it seems to be over.
         doubt: kind and cameras that are named next if that lasts, and since_ns.
         others: of the cameras that are not named, while some are.
@@ -94,7 +95,7 @@ def start(rig: Rig) -> MonitorState:
 
 
 def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
-    """Take in matched points (C, P, 2) raw px of one instant (NaN where unseen); P stays the same from call to call.
+    """Take in matched points (C, P, 2) raw px of one time step (NaN where unseen); P stays the same from call to call.
 
     Returns:
         The next state, whose `findings` are all that go on, and those that are new.
@@ -116,7 +117,7 @@ class Suspect:
     """What would be wrong with a camera, if anything is.
 
     Attributes:
-        kind: ``bumped`` or ``out of step``. camera: its place. amount: rad of turn, or s of lateness.
+        kind: ``moved`` or ``unsynchronised``. camera: its place. amount: rad of turn, or s of lateness.
         displaced_m: by how much that displaces the person in its views, at the person.
         gain: squares it explains. sure: those, in squares that a redundant coordinate keeps.
     """
@@ -196,7 +197,7 @@ def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
     least_m = _LEAST_STANDING_M if sums.walked_m < _STANDS_M else _LEAST_M
     if worst.displaced_m < least_m or abs(worst.amount) < _LEAST[worst.kind]:
         return None
-    # a camera that looks at somebody else is not put right by any turn
+    # a camera that looks at another person is not put right by any turn
     if np.sqrt((sums.squares - worst.gain) / sums.count) > _GROSS_M:
         return None
     return worst.sure / needed, worst
@@ -209,10 +210,10 @@ def _misfit_m(sums: Sums) -> float:
 def _named(rig: Rig, suspect: Suspect) -> Finding:
     name, beside_mm = rig.names[suspect.camera], 1e3 * suspect.displaced_m
     if suspect.kind == OUT_OF_STEP:
-        words = f"{name} is out of step: its images lag by about {1e3 * suspect.amount:+.0f} ms"
+        words = f"{name} is unsynchronised: its images lag by about {1e3 * suspect.amount:+.0f} ms"
     else:
         degrees = np.rad2deg(suspect.amount)
-        words = f"{name} sees everything {beside_mm:.0f} mm beside where the others do ({degrees:.1f} deg): was it moved?"
+        words = f"{name} sees everything {beside_mm:.0f} mm off where the others do ({degrees:.1f} deg): was it moved?"
     return Finding(
         kind=suspect.kind, cameras=(name,), t_ns=0, detail=words, displaced_m=suspect.displaced_m, amount=suspect.amount
     )
@@ -258,7 +259,7 @@ def _by_now(sums: Sums, finding: Finding, rig: Rig) -> tuple[Finding, float]:
     if now.displaced_m > finding.displaced_m:
         return replace(_named(rig, now), t_ns=finding.t_ns), now.displaced_m
     if finding.kind == OUT_OF_STEP:
-        # of somebody who stands still a late camera shows the same
+        # of a person who stands still a late camera shows the same
         would_m = now.displaced_m * abs(finding.amount) / max(abs(now.amount), 1e-9)
         return finding, finding.displaced_m * (abs(now.amount / finding.amount) if would_m > _LEAST_M else 1.0)
     return finding, now.displaced_m

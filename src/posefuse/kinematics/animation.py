@@ -49,7 +49,7 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
         metres_per_unit: length unit of the result, e.g. 0.01 for centimetres.
 
     Raises:
-        InputError: no pelvis, a longer gap (names segment and time), or instants that are not evenly spaced.
+        InputError: no pelvis, a longer gap (names segment and time), or time steps that are not evenly spaced.
     """
     frame_s = _frame_s(sequence.t_ns)
     world = joints.world_from_segment[:, person]
@@ -101,10 +101,10 @@ def _frame_s(t_ns: Array) -> float:
 def _uneven(t_ns: Array) -> str | None:
     steps = np.diff(t_ns) * 1e-9
     if not len(steps):
-        return f"expected at least 2 instants, got {len(t_ns)}"
+        return f"expected at least 2 time steps, got {len(t_ns)}"
     if np.abs(steps - steps.mean()).max() <= _UNEVEN * steps.mean():
         return None
-    return f"BVH and glTF hold evenly spaced instants; these are {steps.min():.4f} to {steps.max():.4f} s apart: set rate_hz"
+    return f"BVH and glTF hold evenly spaced time steps; these are {steps.min():.4f} to {steps.max():.4f} s apart: set rate_hz"
 
 
 def animation_gap(joints: JointAngles, person: int = 0) -> str | None:

@@ -43,7 +43,7 @@ class Gait:
     """Events and measures of one person's walk.
 
     Attributes:
-        strike_s, off_s: by side, times of foot strikes and foot offs in seconds from the first instant.
+        strike_s, off_s: by side, times of foot strikes and foot offs in seconds from the first time step.
         step_length_m: by side of the leading foot, along the direction of walking, heel to heel at its strike.
         step_width_m: across it.
         stride_length_m, stride_time_s: strike to strike of the same foot.
@@ -126,7 +126,7 @@ def _smooth(signal: Array, rate_hz: float) -> Array:
 
 
 def _landed(tops: Array, heel: Array, ahead: Array, velocity: Array, t_s: Array, rate_hz: float) -> Array:
-    """The first instant after each top at which the heel moves over the ground at less than a part of walking speed."""
+    """The first time step after each top at which the heel moves over the ground at less than a part of walking speed."""
     if not len(tops):
         return tops
     forward = (np.gradient(heel, t_s, axis=0) * ahead).sum(-1)

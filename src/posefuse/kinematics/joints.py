@@ -83,7 +83,7 @@ class JointTracker:
         self._memories: dict[int, _Memory] = {}
 
     def step(self, pose: Pose3D) -> JointAngles:
-        """Joints of one instant (T = 1). People that are gone are forgotten.
+        """Joints of one time step (T = 1). People that are gone are forgotten.
 
         Raises:
             ShapeError: another skeleton than the tracker was made for.
@@ -190,7 +190,7 @@ class Workspace:
         self.sigmas[lost] = np.nan
 
     def frames_alone(self, xyz_world: Array) -> Array:
-        """(S, 3, 3) frames of one instant without any memory; limbs whose plane is not clear are NaN."""
+        """(S, 3, 3) frames of one time step without any memory; limbs whose plane is not clear are NaN."""
         self.read(xyz_world, np.full((len(xyz_world), 3, 3), np.nan))
         self.step_planes(_Memory(0).planes, 0.0)
         self.solve(self.updated)

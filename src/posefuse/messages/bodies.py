@@ -41,7 +41,7 @@ _SIDE = np.array([1.0, -1.0])
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """People at one instant as the REP-155 human model.
+    """People at one time step as the REP-155 human model.
 
     Attributes:
         world_from_link: batch (N, L), links in the order of `LINKS`; NaN where not seen.

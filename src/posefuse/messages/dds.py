@@ -163,7 +163,7 @@ class Writer:
             raise SourceError(f"topic {self.topic.name}: Cyclone DDS could not write {len(raw)} bytes (code {code})")
 
     def readers(self) -> int:
-        """How many matching readers are there now; 0 means that nobody listens."""
+        """How many matching readers are there now; 0 means that no one listens."""
         return len(self.entity.get_matched_subscriptions())
 
 
@@ -230,7 +230,7 @@ class RosNode:
         return self._readers[topic.name]
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether anybody listens, or will be given the last message on coming (`topics.Outlet`)."""
+        """Whether any person listens, or will be given the last message on coming (`topics.Outlet`)."""
         return self.writer(topic).readers() > 0 or topic.latched
 
     def forget(self, name: str) -> None:
@@ -273,7 +273,7 @@ class RosNode:
         self._conditions.clear()
         self._readers.clear()
         self._writers.clear()
-        # whoever waits in another thread still holds the set it waits on
+        # a caller that waits in another thread still holds the set it waits on
         self._waitset = self._graph_reader = self._graph_writer = self._participant = self._domain = None
 
     def __enter__(self) -> RosNode:

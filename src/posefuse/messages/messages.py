@@ -108,7 +108,7 @@ def _known_or_empty(array: Array) -> Array:
 
 
 def message_from_pose(pose: Pose3D, stages: Stages, world_frame: str) -> Any:
-    """`posefuse_msgs/Pose3D` of one instant."""
+    """`posefuse_msgs/Pose3D` of one time step."""
     return message(
         POSE_TYPE,
         header=header(pose.t_ns, world_frame),
@@ -155,7 +155,7 @@ def pose_from_message(msg: Any) -> tuple[Pose3D, dict[str, int]]:
 
 
 def messages_from_joints(joints: JointAngles, world_frame: str, t_ns: int) -> list[Any]:
-    """`posefuse_msgs/JointAngles` of each person at the last instant of `joints`, stamped `t_ns`."""
+    """`posefuse_msgs/JointAngles` of each person at the last time step of `joints`, stamped `t_ns`."""
     names = [f"{joint}/{angle}" for joint, angles in zip(joints.joints, joints.angle_names, strict=True) for angle in angles]
     return [
         message(

@@ -1,8 +1,8 @@
 """Poses as small datagrams for animation and XR tools: Open Sound Control 1.0, and JSON. Pure functions.
 
-OSC, one bundle per person (split where it would not fit one network packet), time tag = the pose's instant:
+OSC, one bundle per person (split where it would not fit one network packet), time tag = the pose's time step:
 
-    /posefuse/people               i...     ids of everybody, once per instant
+    /posefuse/people               i...     ids of everybody, once per time step
     /posefuse/<id>/<keypoint>      f f f f  x y z in metres, standard deviation in metres (0 when unknown)
     /posefuse/<id>/<joint>/<angle> f        joint angle in rad
 
@@ -57,14 +57,14 @@ def osc_message(address: str, *arguments: Argument) -> bytes:
 
 
 def osc_bundle(messages: Sequence[bytes], t_ns: int) -> bytes:
-    """An OSC bundle of the instant `t_ns` (Unix epoch; "immediately" when before 1970)."""
+    """An OSC bundle of the time step `t_ns` (Unix epoch; "immediately" when before 1970)."""
     seconds, rest_ns = divmod(t_ns, 1_000_000_000)
     tag = struct.pack(">II", (seconds + _NTP_FROM_UNIX_S) % 2**32, (rest_ns << 32) // 1_000_000_000) if t_ns >= 0 else _NOW
     return b"#bundle\0" + tag + b"".join(struct.pack(">i", len(m)) + m for m in messages)
 
 
 def osc_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[bytes]:
-    """Datagrams of one instant; `axes` is one of `AXES`."""
+    """Datagrams of one time step; `axes` is one of `AXES`."""
     people = [int(person) for person in pose.person_id]
     datagrams = [osc_bundle([osc_message("/posefuse/people", *people)], pose.t_ns)]
     for n, person in enumerate(people):
@@ -77,7 +77,7 @@ def osc_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[b
 
 
 def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[bytes]:
-    """Datagrams of one instant, one per person; `axes` is one of `AXES`."""
+    """Datagrams of one time step, one per person; `axes` is one of `AXES`."""
     datagrams = []
     for n, person in enumerate(int(person) for person in pose.person_id):
         keypoints = list(_keypoints(pose, n, _turn(axes)))

@@ -32,7 +32,7 @@ _STEP_M = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class PartPoses:
-    """Parts of people at one instant.
+    """Parts of people at one time step.
 
     Attributes:
         world_from_part: batch (N, P), parts in the order of `PARTS`; NaN where not seen.

@@ -32,7 +32,7 @@ class PersonOutput:
     Attributes:
         outlet: where to. world_frame: of position and velocity, and of the parts where there is no other frame.
         base_frame: frame the parts are expressed in; empty: the world.
-        base_from_world: where the world is in that frame; None while nobody knows: no parts are published.
+        base_from_world: where the world is in that frame; None while no one knows: no parts are published.
     """
 
     outlet: Outlet
@@ -103,7 +103,7 @@ class PersonOutput:
             self.outlet.publish(topic, twist_stamped(t_ns, frame, turned), t_ns)
 
     def show_models(self, pose: Pose3D, ids: Sequence[str]) -> None:
-        """A model of a person is latched, so it is made whether or not anybody listens now."""
+        """A model of a person is latched, so it is made whether or not any person listens now."""
         lengths = sizes_from_points(pick_keypoints(pose.xyz_world, pose.skeleton, POINTS))
         for one, new in zip(ids, lengths, strict=True):
             if not np.isfinite(new).all():

@@ -87,7 +87,7 @@ class RclpyNode:
             publisher.publish(encode(msg))
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether anybody listens, or will be given the last message on coming."""
+        """Whether any person listens, or will be given the last message on coming."""
         publisher = self._publisher(topic)
         return publisher is not None and (topic.latched or publisher.get_subscription_count() > 0)
 

@@ -52,7 +52,7 @@ class Ros1Node:
         self._publisher(topic).publish(_carrier(topic.type_name)(ros1_bytes(msg)))
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether anybody listens, or will be given the last message on coming."""
+        """Whether any person listens, or will be given the last message on coming."""
         return self._publisher(topic).get_num_connections() > 0 or topic.latched
 
     def forget(self, name: str) -> None:
@@ -102,7 +102,7 @@ class BagRecorder:
         self._open = True
 
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
-        """Record one message of the instant `t_ns`."""
+        """Record one message of the time step `t_ns`."""
         if topic.name not in self._connections:
             self._connections[topic.name] = self._writer.add_connection(
                 topic.name, topic.type_name, typestore=ros1_types(), callerid="/posefuse", latching=int(topic.latched)

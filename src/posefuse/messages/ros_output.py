@@ -90,7 +90,7 @@ class RosOutput:
         self.outlet.publish(CAMERA_MARKERS, camera_markers(self.rig, t_ns, self.world_frame), t_ns)
 
     def step(self, pose: Pose3D, joints: JointAngles | None = None, stages: Stages | None = None) -> None:
-        """Publish what somebody wants of one instant. `joints`, if any, are of the same people; their last instant is shown."""
+        """Publish what is subscribed to, of one time step. `joints`, if any, are of the same people; the last one is shown."""
         t_ns = pose.t_ns + self.epoch_offset_ns
         moved = {name: stage_ns + self.epoch_offset_ns for name, stage_ns in (stages or {}).items()}
         shifted = _at(pose, t_ns)

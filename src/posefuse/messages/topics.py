@@ -34,15 +34,15 @@ class Outlet(Protocol):
     """Anything messages can be given to: a ROS 2 node, a ROS 1 node, a recording."""
 
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
-        """Send `msg`, which belongs to the instant `t_ns` (Unix epoch)."""
+        """Send `msg`, which belongs to the time step `t_ns` (Unix epoch)."""
         ...
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether a message on `topic` would reach anybody now; making one costs more than asking."""
+        """Whether a message on `topic` would reach any person now; making one costs more than asking."""
         ...
 
     def forget(self, name: str) -> None:
-        """Nothing more will come on topic `name`, e.g. of a body that has left: let go of what it holds."""
+        """Nothing more will come on topic `name`, e.g. of a body that has left: released what it holds."""
         ...
 
 
@@ -93,7 +93,7 @@ def preview(camera: str) -> Topic:
 
 
 def preview_info(camera: str) -> Topic:
-    """Intrinsics of the small images, where `image_transport` looks for them: beside the image, one per image."""
+    """Intrinsics of the small images, where `image_transport` looks for them: next to the image, one per image."""
     return Topic(f"/posefuse/{ros_name(camera)}/preview/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, reliable=False)
 
 

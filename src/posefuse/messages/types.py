@@ -1,6 +1,6 @@
 """ROS message types without ROS: the standard ones, `hri_msgs` of REP-155, and our own `posefuse_msgs`.
 
-Definitions are read from the .msg files beside this module; bytes and type hashes come from the library `rosbags`.
+Definitions are read from the .msg files next to this module; bytes and type hashes come from the library `rosbags`.
 A message is a plain object whose attributes are the fields; `message(type_name, **fields)` makes one.
 """
 

@@ -32,7 +32,8 @@ Keep = Callable[[DetectionBatch], None]
 _SEARCH_EVERY = 5
 # a pose that gives the views their regions has this share of its keypoints
 _GOOD_SHARE = 0.5
-# a newcomer of two views is nobody when more than so many others, in whose image this share of the body lies, see nobody there
+# a newcomer of two views is no person when more than so many others, in whose image this share of the body lies, see no person
+# there
 _MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 
@@ -148,7 +149,7 @@ class Follower:
         return _without(better, ghosts) if ghosts else better
 
     def _is_ghost(self, seen: _Seen, person: int) -> bool:
-        """Whether most views that were told where a newcomer is see nobody there, so that two views alone make them up."""
+        """Whether most views that were told where a newcomer is see no person there, so that two views alone make them up."""
         row = int(np.flatnonzero(seen.pose.person_id == person)[0])
         in_view = (np.nan_to_num(seen.views.score[row]) > 0).any(axis=1)
         xyz = seen.pose.xyz_world[row]

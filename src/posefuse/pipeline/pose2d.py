@@ -30,7 +30,7 @@ class Pose2DStep:
     files: tuple[tuple[Pose2DFrames, int, int], ...]
 
     def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
-        """All people in the files, whoever is expected."""
+        """All people in the files, regardless of who is expected."""
         return tuple(folder.frame(number, t_ns) for folder, number, t_ns in self.files)
 
 

@@ -1,4 +1,4 @@
-"""Frame rate of 2D pose files: as set, as the files, the project or the videos beside them state it; never assumed."""
+"""Frame rate of 2D pose files: as set, as the files, the project or the videos next to them state it; never assumed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def pose2d_rate_hz(session: Session, frames: Sequence[Pose2DFrames], config: Tra
     rates = stated or dict(_video_rates(session.folder))
     if not rates:
         raise InputError(
-            f"{session.folder}: the 2D poses do not state their frame rate, and no video lies beside them; add --rate HZ, "
+            f"{session.folder}: the 2D poses do not state their frame rate, and no video lies next to them; add --rate HZ, "
             f"or rate_hz = HZ to {session.folder / 'posefuse.toml'}"
         )
     if max(rates.values()) > min(rates.values()) * (1 + _SAME_SHARE):

@@ -204,7 +204,7 @@ def _check_people(observations: Observations, warn: Say) -> None:
     if len(names) - len(empty) < LEAST_CAMERAS:
         raise InputError(
             f"a person was found in {len(names) - len(empty)} of {len(names)} cameras; two are needed "
-            f"(nobody in: {choices(empty)}); is the calibration the one of these videos?"
+            f"(no person in: {choices(empty)}); is the calibration the one of these videos?"
         )
 
 

@@ -77,7 +77,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     """Understand a session folder by convention and by what the config names.
 
     Raises:
-        InputError: nothing usable there, or data that cannot be told apart; says what is there and how to name it.
+        InputError: nothing usable there, or data that cannot be distinguished; says what is there and how to name it.
         CalibrationError: no rig file, or fewer than two cameras with data.
     """
     if not folder.is_dir():

@@ -68,7 +68,7 @@ class StoredStep:
     def _union(self, frames: Array) -> Array:
         """Detections of several looks at one frame, each body once, as the last look that found it has it.
 
-        Bodies are told apart by their keypoints: the boxes of two people who stand close together overlap.
+        Bodies are distinguished by their keypoints: the boxes of two people who stand close together overlap.
         """
         log, kept = self.observations, np.zeros(0, np.int64)
         for frame in frames[::-1]:

@@ -32,7 +32,7 @@ class LiveInput:
         config: source config with `build()`; one with a field `zero_ns` counts time from there (monotonic clock).
         reopen: a source that ends or fails is opened again until the session ends.
         faults: what is to go wrong, for trials.
-        loop_s: a film or simulated session begins again every so many seconds after the session's zero; None plays it once.
+        loop_s: a video or simulated session begins again every so many seconds after the session's zero; None plays it once.
     """
 
     camera: str
@@ -115,7 +115,7 @@ class Capture:
         return self._zero_ns
 
     def waiting(self) -> Caught | None:
-        """The newest frame nobody has taken yet; call with `news` held."""
+        """The newest frame no one has taken yet; call with `news` held."""
         return self._newest
 
     def take(self) -> Caught | None:

@@ -13,7 +13,7 @@ from posefuse.core import SE3, Camera, ConfigError, Detections2D, Frame, Region,
 from posefuse.core.errors import choices
 
 FAULTS = ("freeze", "jump", "skew", "bump", "flood", "hang", "unplug")
-# about the vertical, to the right, and about the optical axis: as a camera is turned that somebody brushes past
+# about the vertical, to the right, and about the optical axis: as a camera is turned that a person brushes past
 _BUMP_RAD = np.deg2rad([0.3, 1.4, 0.3])
 _OFF_NS = {"jump": 3600 * 1_000_000_000, "skew": 50_000_000}
 _COPIES = 40
@@ -29,7 +29,7 @@ class Fault:
         kind: ``freeze`` (the same image again and again), ``jump`` (its clock is an hour ahead),
             ``skew`` (50 ms ahead), ``bump`` (turned by 1.5 degrees), ``flood`` (forty frames for one), ``hang`` (says nothing),
             ``unplug`` (the source ends, and comes back).
-        start_s, end_s: seconds after the session's zero for films and simulated sessions, after its first opening for a camera.
+        start_s, end_s: seconds after the session's zero for videos and simulated sessions, after its first opening for a camera.
     """
 
     kind: str
@@ -88,7 +88,7 @@ def seen_by_bumped(view: Detections2D, camera: Camera) -> Detections2D:
 
 
 def before_bump(region: Region, camera: Camera) -> Region:
-    """Where in the image as it was lies what a bumped camera is asked to look at."""
+    """Where in the image as it was lies what a moved camera is asked to look at."""
     after = bumped(camera)
     far_world = after.centre_world + _FAR_M * after.rays_world(region.centre_img)
     return replace(region, centre_img=camera.project(far_world))

@@ -1,4 +1,4 @@
-"""The steady loop: views in as they come, a pose out at every beat of the session clock, predicted to that beat."""
+"""The steady loop: views in as they come, a pose out at every output tick of the session clock, predicted to that output tick."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Fusion:
         """Work until `until(now)` says so."""
         period_ns = round(_S / rate_hz)
         due_ns = self.clock.now_ns() + period_ns
-        # what is there by now stays; a collection would stop the beat for milliseconds
+        # what is there by now stays; a collection would stop the output tick for milliseconds
         gc.collect()
         gc.freeze()
         try:

@@ -46,7 +46,7 @@ class GroupPlan:
 
     Attributes:
         group: its number. rig: all cameras of the session. inputs: the group's own.
-        detector: the 2D estimator. clock: the session's.
+        detector: the detector. clock: the session's.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
         proportions: joint centres by people's proportions, where no table was fitted to the detector.
@@ -66,7 +66,7 @@ class GroupPlan:
 
 
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
-    """Body of the process; ends when told to, or when nobody listens any more."""
+    """Body of the process; ends when told to, or when no one listens any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     lower_priority(_NICENESS)
     with contextlib.suppress(ChannelClosed):
@@ -89,7 +89,7 @@ def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
 
 
 class Group:
-    """Captures and the 2D estimator of one process."""
+    """Captures and the detector of one process."""
 
     def __init__(self, plan: GroupPlan, channel: Channel, board: Board) -> None:
         self._plan, self._channel, self._board = plan, channel, board
@@ -127,7 +127,7 @@ class Group:
             capture.close()
 
     def joint_centres(self) -> JointCentres | None:
-        """How joint centres lie beside what the detector marks; None: they are the same, or nobody knows."""
+        """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""
         from posefuse.tracking import joint_centres_of
 
         return joint_centres_of(self.detector.now, proportions=self._plan.proportions)

@@ -21,8 +21,8 @@ _COLOUR_NS = 200_000_000
 class NamedTracker:
     """A tracker whose poses carry persons; implements `Tracker`.
 
-    A track that nobody can be named for yet is followed, and looked for by the views, but is not in `at`. With one person
-    there is nothing to tell apart: tracks and persons are the same.
+    A track that no one can be named for yet is followed, and looked for by the views, but is not in `at`. With one person
+    there is nothing to distinguish: tracks and persons are the same.
     """
 
     def __init__(self, tracker: Tracker, settings: LiveSettings) -> None:

@@ -14,7 +14,7 @@ from posefuse.tracking.joint_centres import check_joint_centres
 
 from .messages import Centres
 
-# what goes over the network where nobody knows
+# what goes over the network where no one knows
 _NO_TABLE = JointCentres(made_by="", offsets={})
 
 

@@ -62,7 +62,7 @@ class Way:
 
 @dataclass
 class Latencies:
-    """Of every camera's views, and of the output's beat."""
+    """Of every camera's views, and of the output's output tick."""
 
     cameras: Iterable[str]
     ticks: Histogram = field(default_factory=Histogram)

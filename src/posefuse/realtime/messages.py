@@ -11,7 +11,7 @@ from posefuse.tracking import JointCentres
 
 @dataclass(frozen=True)
 class Ready:
-    """A group has its 2D estimator, which marks these keypoints, and its sources; it waits for `Go`."""
+    """A group has its detector, which marks these keypoints, and its sources; it waits for `Go`."""
 
     group: int
     skeleton: Skeleton
@@ -20,7 +20,7 @@ class Ready:
 
 @dataclass(frozen=True)
 class Centres:
-    """How joint centres lie beside the keypoints in the views of some cameras; None: they are the same, or nobody knows."""
+    """Offsets of joint centres from the keypoints in the views of some cameras; None: they are the same, or not known."""
 
     cameras: tuple[str, ...]
     table: JointCentres | None
@@ -53,7 +53,7 @@ class Seen:
     Attributes:
         detections: the people in it; its t_ns is mid-exposure.
         state: how its camera fares; None when another machine looks after it.
-        received_ns: the frame reached its process. started_ns: the 2D estimator began. detected_ns: it had finished.
+        received_ns: the frame reached its process. started_ns: the detector began. detected_ns: it had finished.
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
         searched: the whole image was searched for people.
         showing_ns: when this showing of a looped source began, after the session's zero; 0 for all others.

@@ -70,7 +70,7 @@ class ViewIntake:
 
 
 class NetworkIntake:
-    """Reads the topics of 2D poses, and of where joint centres lie beside them, in a thread of its own.
+    """Reads the topics of 2D poses, and of the offsets of joint centres, in a thread of its own.
 
     Attributes:
         rig: its cameras are taken. clock: of the session. views: what is made of the messages.

@@ -121,11 +121,11 @@ class Groups:
                 self._hear_ready(member)
         skeletons = {member.marks.skeleton for member in self._members if member.marks is not None}
         if len(skeletons) > 1:
-            raise SourceError("camera groups: expected one skeleton from all 2D estimators, got several")
+            raise SourceError("camera groups: expected one skeleton from all detectors, got several")
         return skeletons.pop()
 
     def centres(self) -> list[Centres]:
-        """How joint centres lie beside what the 2D estimator of each group marks, once they are ready."""
+        """Offsets of joint centres from what the detector of each group marks, once they are ready."""
         return [
             Centres(tuple(entry.camera for entry in member.plan.inputs), member.marks.joint_centres)
             for member in self._members
@@ -188,7 +188,7 @@ class Groups:
 
     def _restart(self, member: _Member) -> None:
         if member.process.is_alive():
-            # waiting here would stop the beat
+            # waiting here would stop the output tick
             member.process.kill()
             member.again_at_s = time.monotonic() + member.retry_s
             return

@@ -1,7 +1,7 @@
-"""The rig, watched while it is used: cameras that were moved, exchanged or run out of step, and how far clocks are apart.
+"""The rig, watched while it is used: cameras that were moved, exchanged or run unsynchronised, and how far clocks are apart.
 
 Both are asked of what the cameras see of one person. The work (`calibrate.monitor`, `clock_finding`) is done in a process of its
-own, so that the beat never waits for it.
+own, so that the output tick never waits for it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ CUT = "cut"
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 # of a camera's views, those closer than this to the one before tell nothing new
 _APART_NS = round(APART_S * 1e9)
-# poses are better without a camera that sees people further beside than this (`bench/rig_monitor.py`)
+# poses are better without a camera that sees people farther off than this (`bench/rig_monitor.py`)
 _ASTRAY_M = 0.05
 
 
@@ -46,7 +46,7 @@ class Watched:
     Attributes:
         offset_s: how much later each camera's stamps are than the mean of all, by camera; only those that are known.
         ill: what is wrong with cameras, by camera; only those with something.
-        astray: those whose views lie so far beside the person that the others know better.
+        far off: those whose views are so far off the person that the others know better.
     """
 
     offset_s: Mapping[str, float] = field(default_factory=dict)
@@ -126,7 +126,7 @@ class RigWatch:
             self._lost()
 
     def _lost(self) -> None:
-        self.trouble = f"process {self._process.pid} ended; cameras that are moved or out of step are not named any more"
+        self.trouble = f"process {self._process.pid} ended; cameras that are moved or unsynchronised are not named any more"
         self.known = replace(self.known, ill={}, astray=frozenset())
 
 

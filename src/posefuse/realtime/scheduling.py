@@ -9,14 +9,14 @@ import numpy as np
 from posefuse.core import Camera, Pose3D, Rig
 from posefuse.core.arrays import Array
 
-# a view is looked at this often whatever it is worth: only a look tells that somebody can be seen again
+# a view is looked at this often whatever it is worth: only a look tells that a person can be seen again
 LEAST_EVERY_S = 0.4
 
 
 def search_slot(now_ns: int, every_s: float) -> int:
     """The number of the stretch of time in which every camera searches its whole image once, at its first look.
 
-    It is the same for all cameras: somebody new is found where two of them see them at about the same time.
+    It is the same for all cameras: a new person is found where two of them see them at about the same time.
     """
     return now_ns // round(every_s * 1e9)
 
@@ -25,7 +25,7 @@ def expected_gain(pose: Pose3D, rig: Rig, sigma_px: Array) -> Array:
     """(C,) information one frame of each camera would add to a predicted pose, in nats.
 
     A keypoint with covariance P, seen through the projection's Jacobian J with pixel noise s, gains
-    1/2 log det(I + J P J' / s^2); keypoints outside the picture gain nothing. P grows while nobody looks, and most
+    1/2 log det(I + J P J' / s^2); keypoints outside the picture gain nothing. P grows while no one looks, and most
     along directions no recent view has measured, so a view is worth more the longer it and its like were left out.
 
     Args:

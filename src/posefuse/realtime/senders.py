@@ -10,7 +10,7 @@ from posefuse.core import Detections2D, Skeleton
 _S = 1_000_000_000
 # a sender that is silent for so long makes room for another
 _SILENT_NS = _S
-# a stamp within this of the arrival is that of a clock that somebody has set
+# a stamp within this of the arrival is that of a clock that a person has set
 _BELIEVABLE_NS = 10 * _S
 # a sender of which so many messages were refused in a second, and none accepted, is not read for a second
 _FLOOD = 200

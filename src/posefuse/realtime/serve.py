@@ -55,7 +55,7 @@ class StopSession:
 
 
 def serve(connection: Connection) -> None:
-    """Run the session that the connection describes until it ends, it is stopped, or nobody listens any more."""
+    """Run the session that the connection describes until it ends, it is stopped, or no one listens any more."""
     plan: ServePlan = connection.recv()
     threading.Thread(target=_stop_on_request, args=(connection,), daemon=True).start()
     error: PosefuseError | None = None

@@ -1,6 +1,6 @@
 """A scene with exact truth to frames and detections.
 
-A scene file (`read_scene`) becomes a session with films and truth (`simulate`), its truth alone (`truth_of`), or frames
+A scene file (`read_scene`) becomes a session with videos and truth (`simulate`), its truth alone (`truth_of`), or frames
 for a pipeline (`SimulatedSource`). Does not use `kinematics`: angles come from the body model itself.
 """
 

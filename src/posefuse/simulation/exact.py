@@ -106,7 +106,7 @@ def visible_by_shapes(live: LiveScene, camera_index: int, frames: slice) -> Arra
 
 
 def prop_truth(live: LiveScene, visible: list[Array]) -> dict[str, Array]:
-    """Plain arrays about the props, to be stored beside the truth.
+    """Plain arrays about the props, to be stored next to the truth.
 
     ``names kinds dictionaries``; per prop number p: ``prop<p>_marker_id`` (M,), ``prop<p>_points_prop`` (Q, 3) (4 corners
     of each marker, then chessboard corners), ``prop<p>_wxyz`` and ``prop<p>_xyz`` at the truth's times (T, ...); and per

@@ -32,7 +32,7 @@ class PersonSettings:
 
 @settings
 class H264Settings:
-    """One H.264 film per camera.
+    """One H.264 video per camera.
 
     Attributes:
         crf: x264's constant rate factor; 18 looks lossless, 28 is small.

@@ -1,10 +1,10 @@
-"""A simulated session on disk, as `posefuse track` takes it, with the truth beside it.
+"""A simulated session on disk, as `posefuse track` takes it, with the truth next to it.
 
 SESSION/rig.toml              the exact cameras
 SESSION/videos/<camera>.mp4   H.264 with the camera's own time stamps; or <camera>/ with images and timestamps.csv
 SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
-SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the film)
+SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
 SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
 SESSION/posefuse-files.json   `files.manifest`: what was written, once all is
 SESSION/INCOMPLETE            as long as something of the above is missing; simulating again resumes
@@ -67,7 +67,7 @@ class SessionPaths:
 
     @property
     def videos(self) -> Path:
-        """One film or image folder per camera."""
+        """One video or image folder per camera."""
         return self.folder / "videos"
 
     @property
@@ -101,7 +101,7 @@ class SessionPaths:
         return self.folder / "parts"
 
     def film(self, camera: str) -> Path:
-        """The H.264 film of a camera."""
+        """The H.264 video of a camera."""
         return self.videos / f"{camera}.mp4"
 
 
@@ -119,7 +119,7 @@ def simulate(
     Args:
         progress: called with (frames done, frames in all) after every run of frames.
         processes: how many render at once; None takes one per core.
-        replace: an earlier session that posefuse wrote and nobody changed is moved aside, and removed when the new one is
+        replace: an earlier session that posefuse wrote and that is unchanged is moved aside, and removed when the new one is
             complete; an unfinished one of another scene is moved aside and stays there.
         warn: is told where an earlier session is that stays aside, also when this one is interrupted.
 
@@ -159,7 +159,7 @@ def simulate(
 
 
 def estimated_bytes(live: LiveScene) -> int:
-    """About how much the session will take on disk; films twice, because they are joined from parts."""
+    """About how much the session will take on disk; videos twice, because they are joined from parts."""
     record = live.scene.record
     pixels = sum(len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True))
     if isinstance(record, H264Settings):
@@ -349,7 +349,7 @@ def _written(live: LiveScene, paths: SessionPaths) -> set[Path]:
 
 
 def shot_arrays(live: LiveScene) -> dict[str, Array]:
-    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` what its film says."""
+    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` what its video says."""
     arrays: dict[str, Array] = {}
     for i, shots in enumerate(live.shots):
         arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}

@@ -39,7 +39,7 @@ class SimulatedConfig:
     """One simulated camera.
 
     Attributes:
-        path: a scene file, to draw frames as they fall due; or a session folder with H.264 films, to play them.
+        path: a scene file, to draw frames as they fall due; or a session folder with H.264 videos, to play them.
         camera: its name.
         paced: wait for the clock; False gives every frame as fast as it can be made.
         zero_ns: monotonic time at which the session clock shows 0, so that several cameras agree; None is when the first
@@ -125,7 +125,7 @@ class SimulatedSource:
 
     @contextmanager
     def _played(self) -> Iterator[_Film]:
-        """Frames of a film, decoded in order."""
+        """Frames of a video, decoded in order."""
         shots = read_arrays(self._paths.shots)
         decoded = enumerate(read_video(self._paths.film(self.camera)))
         yield (

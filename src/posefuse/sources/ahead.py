@@ -35,7 +35,7 @@ class FramesAhead:
             yield item
 
     def close(self) -> None:
-        """Stop decoding and let go of the source."""
+        """Stop decoding and released the source."""
         self._stop.set()
         while self._thread.is_alive():
             self._drain()

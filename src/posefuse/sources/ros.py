@@ -53,7 +53,7 @@ class RosConfig:
 
 
 class RosSource:
-    """Frames of an image topic, live: the newest few are kept while nobody takes them.
+    """Frames of an image topic, live: the newest few are kept while no one takes them.
 
     Attributes:
         refused_frames: messages that could not be read, changed size or went back in time, not given on.

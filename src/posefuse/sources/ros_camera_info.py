@@ -19,7 +19,7 @@ _GRID = 9
 
 
 def info_topic(image_topic: str) -> str:
-    """Where drivers publish the `CameraInfo` of an image topic: ``camera_info`` beside it."""
+    """Where drivers publish the `CameraInfo` of an image topic: ``camera_info`` next to it."""
     return image_topic.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
 
 

@@ -60,7 +60,7 @@ def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSett
 def hand_finding(gate: Gate, view: OperatorView | None, now_ns: int, settings: GateSettings) -> Finding:
     """The hands are those of the operator, new, measured, sure, and where a hand can be."""
     if view is None or view.person_id < 0:
-        return Finding(0.0, "nobody is seen")
+        return Finding(0.0, "no person is seen")
     if gate.person_id is not None and view.person_id != gate.person_id:
         return Finding(0.0, "another person")
     problem = _time_problem(gate, view, now_ns, settings) or _value_problem(view, settings) or _jump_problem(gate, view, settings)

@@ -40,7 +40,7 @@ class Seen:
     """All that the gate goes by, at one time.
 
     Attributes:
-        now_ns: of the monotonic clock. view: the operator in the newest pose; None before the first. beats: of the switch.
+        now_ns: of the monotonic clock. view: the operator in the newest pose; None before the first. heartbeats: of the switch.
         cameras: newest report; None before the first. robot: newest state; None before the first.
         separation_share: share of the speed limit that the distance between robot and operator leaves.
         emergency: an emergency stop is pressed. reset: leave STOPPED.

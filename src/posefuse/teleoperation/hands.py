@@ -31,7 +31,7 @@ _KEYPOINTS = BODY[:15]
 def operator_view(
     pose: Pose3D, hands: tuple[str, ...], person_id: int | None, measured_ns: int, joints: JointAngles | None = None
 ) -> OperatorView:
-    """The operator in a pose: person `person_id`, or whoever comes first when it is None.
+    """The operator in a pose: person `person_id`, or the person who comes first when it is None.
 
     Args:
         measured_ns: mid-exposure of the newest image in the pose, on the clock of `pose.t_ns`. joints: of the same people.

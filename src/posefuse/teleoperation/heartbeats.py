@@ -18,7 +18,7 @@ class Beat:
 
 @dataclass(frozen=True, kw_only=True)
 class Heartbeats:
-    """What was heard. seq: of the newest beat. last_ns: when it was sent. count: in a row. grip: of the newest beat."""
+    """What was heard. seq: of the newest heartbeat. last_ns: when it was sent. count: in a row. grip: of the newest heartbeat."""
 
     seq: int = -1
     last_ns: int | None = None
@@ -26,7 +26,7 @@ class Heartbeats:
     grip: bool = False
 
     def heard(self, beat: Beat, now_ns: int, settings: GateSettings) -> Heartbeats:
-        """After one more beat. A duplicate, one that overtook another, a late one and one from the future do not count."""
+        """After one more heartbeat. A duplicate, one that overtook another, a late one and one from the future do not count."""
         longest_ns = settings.heartbeat_s * 1e9
         if beat.seq <= self.seq or not 0 <= now_ns - beat.sent_ns <= longest_ns:
             return self
@@ -36,9 +36,9 @@ class Heartbeats:
         return Heartbeats(seq=beat.seq, last_ns=beat.sent_ns, count=self.count + 1 if in_a_row else 1, grip=beat.grip)
 
     def held(self, now_ns: int, settings: GateSettings) -> bool:
-        """Whether the switch is held now: enough beats in a row, the newest one new enough."""
+        """Whether the switch is held now: enough heartbeats in a row, the newest one new enough."""
         return self.count >= settings.beats_to_engage and not self.let_go(now_ns, settings)
 
     def let_go(self, now_ns: int, settings: GateSettings) -> bool:
-        """Whether no beat is new enough."""
+        """Whether no heartbeat is new enough."""
         return self.last_ns is None or not 0 <= now_ns - self.last_ns <= settings.heartbeat_s * 1e9

@@ -29,7 +29,7 @@ _CATCH_UP_PER_S = 8.0
 _FOLLOW_PER_S = 25.0
 # share of the acceleration for catching up, so that the jerk limit leaves time to brake
 _CATCH_UP_SHARE = 0.5
-# a motion joins a target exactly where that needs no more velocity than this beside the target's own
+# a motion joins a target exactly where that needs no more velocity than this relative to the target's own
 _JOIN_PER_S = 0.01
 
 

@@ -19,7 +19,7 @@ class Operator:
     """State of the operator's side.
 
     Attributes:
-        gate, beats, clutch, body: states of the parts; the clutch is None before the first engagement.
+        gate, heartbeats, clutch, body: states of the parts; the clutch is None before the first engagement.
         view, cameras, robot: newest of each. separation_m: least distance of robot and operator; NaN: not known.
     """
 
@@ -36,7 +36,7 @@ class Operator:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class News:
-    """What came since the last step: newest of each, None where there is nothing new; beats in the order they came."""
+    """What came since the last step: newest of each, None where there is nothing new; heartbeats in the order they came."""
 
     view: OperatorView | None = None
     beats: tuple[Beat, ...] = ()

@@ -19,7 +19,7 @@ from .values import OperatorView
 
 _START = np.array([BODY.index(a) for a, _ in BONES])
 _END = np.array([BODY.index(b) for _, b in BONES])
-# without these nobody knows where a person is
+# without these no one knows where a person is
 _TRUNK = [BODY.index(name) for name in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
 
 
@@ -38,7 +38,7 @@ class Body:
 
     @staticmethod
     def unknown() -> Body:
-        """Nobody was seen."""
+        """No person was seen."""
         k = len(BODY)
         return Body(person_id=-1, xyz_world=np.full((k, 3), np.nan), sigma_m=np.zeros(k), seen_ns=np.zeros(k, np.int64))
 

@@ -113,7 +113,7 @@ class OperatorView:
     """The operator as the newest pose shows them.
 
     Attributes:
-        t_ns: what time the pose is for. measured_ns: mid-exposure of the newest image in it. person_id: -1: nobody there.
+        t_ns: what time the pose is for. measured_ns: mid-exposure of the newest image in it. person_id: -1: no person there.
         xyz_world: (H, 3) the hands; NaN where missing. sigma_m: (H,) standard deviation in the worst direction.
         views: (H,) cameras that saw the hand lately. measured: (H,) bool, False: only predicted.
         rotation_world: (H, 3, 3) forearm frames; NaN where undefined.

@@ -1,4 +1,4 @@
-"""Bones keep their length: a soft prior that holds the keypoints of one instant together."""
+"""Bones keep their length: a soft prior that holds the keypoints of one time step together."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_
     """Length (B,) of each bone over a recording and how constant it was, as a standard deviation (B,), in metres.
 
     Args:
-        xyz, cov, used: (T, K, 3), (T, K, 3, 3), (T, K) bool: which instants count.
+        xyz, cov, used: (T, K, 3), (T, K, 3, 3), (T, K) bool: which time steps count.
         skeleton: its bones.
         sigma_min_m: the least spread that is believed.
 
     Returns:
-        NaN for a bone seen in fewer than ten instants. The length is the median, less what noise across the bone adds to
+        NaN for a bone seen in fewer than ten time steps. The length is the median, less what noise across the bone adds to
         a distance; the spread is that of the lengths beyond what the covariances explain.
     """
     one, two = skeleton.bone_indices.T
@@ -47,7 +47,7 @@ def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_
 def hold_bones(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_min_m: float) -> tuple[Array, Array]:
     """One person's keypoints (T, K, 3) and covariances (T, K, 3, 3), given also that bones keep their length.
 
-    Iterated extended Kalman update of each instant with one pseudo-measurement per bone, |a - b| = length with its spread
+    Iterated extended Kalman update of each time step with one pseudo-measurement per bone, |a - b| = length with its spread
     (`bone_lengths`): the Gauss-Newton minimum of the keypoints' Mahalanobis distances plus the bones' squared errors.
     Missing keypoints stay missing, and bones that end in one say nothing.
     """

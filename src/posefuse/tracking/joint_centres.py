@@ -1,9 +1,9 @@
-"""From what a 2D estimator marks to anatomical joint centres.
+"""From what a detector marks to anatomical joint centres.
 
 A landmark network is consistent, but what it calls a hip is not the centre of the hip joint. The difference is close to
 constant in the body's own directions: each joint is moved by fixed lengths along directions built from the fused keypoints
-themselves (trunk, limb above, limb below), and by a little more or less as somebody's segments are longer or shorter than usual.
-The table is fitted elsewhere; see `bench/fit_joint_centres.py`.
+themselves (trunk, limb above, limb below), and by a little more or less as the person's segments are longer or shorter than
+usual. The table is fitted elsewhere; see `bench/fit_joint_centres.py`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class JointCentres:
         made_by: command and data of the fit, for people.
         offsets: joint (without its side) -> direction (see `body_directions`) -> metres.
         lengths: segment (see `segment_lengths`) -> metres, of the people of the fit on average.
-        by_length: joint -> direction -> segment -> metres more per metre that somebody's segment is longer than that.
+        by_length: joint -> direction -> segment -> metres more per metre that the person's segment is longer than that.
     """
 
     made_by: str
@@ -94,14 +94,14 @@ def _check_names(where: str, what: str, got: Iterable[str], known: Iterable[str]
 
 
 def to_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
-    """A finished recording with its joints at their centres; how long somebody's segments are is told by all of it."""
+    """A finished recording with its joints at their centres; how long the person's segments are is told by all of it."""
     return at_joint_centres(sequence, table, _lengths(sequence.xyz_world, sequence.skeleton, table))
 
 
 def at_joint_centres(poses: Poses, table: JointCentres, lengths: Array) -> Poses:
     """The poses with shoulders, elbows, wrists, hips, knees and ankles moved to their centres.
 
-    A joint stays where it is at instants at which a direction it needs is unknown (a keypoint is missing, or two coincide).
+    A joint stays where it is at time steps at which a direction it needs is unknown (a keypoint is missing, or two coincide).
     Covariances stay: the offsets count as constants.
 
     Args:
@@ -112,7 +112,7 @@ def at_joint_centres(poses: Poses, table: JointCentres, lengths: Array) -> Poses
 
 
 def from_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
-    """What the 2D estimator marks, given joint centres: the inverse of `to_joint_centres`."""
+    """What the detector marks, given joint centres: the inverse of `to_joint_centres`."""
     landmarks = sequence.xyz_world
     for _ in range(_INVERSE_ROUNDS):
         lengths = _lengths(landmarks, sequence.skeleton, table)

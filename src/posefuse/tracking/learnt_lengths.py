@@ -13,9 +13,9 @@ from .joint_centres import MOST_LONGER_M, JointCentres, at_joint_centres
 from .segments import SEGMENTS, lengths_at
 
 _S = len(SEGMENTS)
-# somebody new counts as usual, as surely as if that had been seen for so long; see `bench/live_centres.py`
+# a new person counts as usual, as surely as if that had been seen for so long; see `bench/live_centres.py`
 USUAL_S = 0.3
-# what is older fades, in case somebody else has taken a person's place unnoticed
+# what is older fades, in case another person has taken a person's place unnoticed
 _MEMORY_S = 60.0
 # poses this close in time tell nothing new
 _EVERY_NS = 50_000_000
@@ -37,7 +37,7 @@ class _Learnt:
 class LearntLengths:
     """Means over time of the lengths in live poses, drawn to the table's usual ones until they have been seen for long enough.
 
-    So nothing jumps: what is known of somebody goes over from usual to their own. Who leaves is forgotten.
+    So nothing jumps: what is known of a person goes over from usual to their own. Who leaves is forgotten.
     """
 
     def __init__(self, table: JointCentres, usual_s: float = USUAL_S) -> None:
@@ -74,7 +74,7 @@ class LearntLengths:
 
 
 def _well_known(pose: Pose3D) -> Array:
-    """(N, K, 3); NaN where nobody measured a keypoint or its place is not sure enough."""
+    """(N, K, 3); NaN where no person measured a keypoint or its place is not sure enough."""
     variance = np.trace(pose.cov_world, axis1=-2, axis2=-1) / 3
     good = (pose.kind == Kind.FUSED) & (variance < _SURE_M**2)
     return np.where(good[..., None], pose.xyz_world, np.nan)

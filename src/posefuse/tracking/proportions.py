@@ -1,9 +1,9 @@
-"""Where joint centres lie beside the keypoints of detectors whose offsets nobody has fitted: from people's proportions.
+"""Offsets of joint centres from the keypoints of detectors whose offsets no person has fitted: from people's proportions.
 
 Detectors mark joints where they seem to be on the surface of the body, so segments come out too short or too long, while people's
 segments are known shares of their stature, each with a spread. Both together say how far a keypoint is probably off: of
 Gaussian offsets along limbs, seen through the lengths they change, the conditional mean is linear in the lengths measured in the
-recording. So the result is an ordinary `JointCentres` table: no offset for somebody of usual proportions, and slopes.
+recording. So the result is an ordinary `JointCentres` table: no offset for a person of usual proportions, and slopes.
 """
 
 from __future__ import annotations

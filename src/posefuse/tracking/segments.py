@@ -19,7 +19,7 @@ SEGMENTS = {
     "hips": ("left_hip", "right_hip"),
     "trunk": ("mid_hip", "neck"),
 }
-# fewer instants do not tell how long somebody's segments are
+# fewer time steps do not tell how long the person's segments are
 _LEAST_INSTANTS = 10
 _ENDS = [[[end.format(side=side) for end in ends] for ends in SEGMENTS.values()] for side in SIDES]
 _POINTS = tuple(dict.fromkeys(end for side in _ENDS for ends in side for end in ends))
@@ -38,7 +38,7 @@ def lengths_at(xyz: Array, skeleton: Skeleton) -> Array:
 def segment_lengths(xyz: Array, skeleton: Skeleton) -> Array:
     """(N, S) metres of people's `SEGMENTS` from keypoints (T, N, K, 3): medians over time and both sides.
 
-    NaN for a segment seen in fewer than ten instants.
+    NaN for a segment seen in fewer than ten time steps.
     """
     metres = lengths_at(xyz, skeleton)
     out = np.full((xyz.shape[1], len(SEGMENTS)), np.nan)

@@ -1,4 +1,4 @@
-"""Instants in a row to one sequence of the same people."""
+"""Time steps in a row to one sequence of the same people."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from posefuse.core import Pose3D, PoseSequence, ShapeError
 
 
 def sequence_from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
-    """Stack instants whose people come and go: everybody has a row throughout, missing (NaN) where they are not there.
+    """Stack time steps whose people come and go: everybody has a row throughout, missing (NaN) where they are not there.
 
     Raises:
         ShapeError: no pose at all, different skeletons, or times that do not increase.

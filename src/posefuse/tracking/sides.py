@@ -1,6 +1,6 @@
-"""Left and right over time: a limb that changes sides for a few instants moves as no limb does, and is put right.
+"""Left and right over time: a limb that changes sides for a few time steps moves as no limb does, and is put right.
 
-When legs pass each other most views may confuse them at once, and then no single instant can tell. Time can: the swinging
+When legs pass each other most views may confuse them at once, and then no single time step can tell. Time can: the swinging
 foot is fast and the standing one is not, so the labelling under which all limbs keep their velocity is the right one.
 """
 
@@ -21,9 +21,9 @@ _LIMBS = (
 )
 # a keypoint's surprise counts up to this distance from where its velocity would have taken it
 _MOST_SURPRISE_M = 0.4
-# what an exchange must gain per instant and keypoint to be believed
+# what an exchange must gain per time step and keypoint to be believed
 _PRIOR_M = 0.03
-# nobody turns the hips further than this against the shoulders (cosine of the angle from left to right of both)
+# no person turns the hips further than this against the shoulders (cosine of the angle from left to right of both)
 _MOST_TWIST = -0.2
 # a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
 _LEAST_SIGMA_PX = 2.0
@@ -34,7 +34,7 @@ _LEAST_GAIN, _SCALE_SIGMA = 2.0, 2.0
 def steady_sides(sequence: PoseSequence) -> PoseSequence:
     """Exchange left and right of arms and legs where that lets them move on steadily, for each person by itself.
 
-    The labelling of least total surprise over the whole recording (Viterbi over pairs of instants; surprise is the distance
+    The labelling of least total surprise over the whole recording (Viterbi over pairs of time steps; surprise is the distance
     from constant velocity); legs also stay on the side of the body that the shoulders tell. Arms are never
     exchanged in most of a recording.
     """
@@ -113,7 +113,7 @@ def _twist(xyz: Array, skeleton: Skeleton) -> Array:
 
 
 def _labels(t_ns: Array, left: Array, right: Array, twist: Array) -> Array:
-    """(T,) indices of the instants to exchange, from (T, k, 3) positions of both sides and the trunk's twist (T,)."""
+    """(T,) indices of the time steps to exchange, from (T, k, 3) positions of both sides and the trunk's twist (T,)."""
     count = len(t_ns)
     if count < 3:
         return np.zeros(0, np.intp)

@@ -63,7 +63,7 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     fine): the exact posterior given all its measurements, past and future, so there is no lag. The strength of the jerk
     is set so that at the keypoint's typical noise the response is that of `cutoff_hz`. Measurements the others
     contradict are left out, and covariances grow by as much as the residuals exceed what they promise, and by what lasting
-    errors leave. Bone lengths then hold the keypoints of each instant together (`track.bones`).
+    errors leave. Bone lengths then hold the keypoints of each time step together (`track.bones`).
 
     Returns:
         PoseSequence: kind SMOOTHED where measured, INTERPOLATED inside a bridged gap (n_views 0, reproj_px NaN;
@@ -122,7 +122,7 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
             break
         left_out |= worst
         miss, scale = solve()
-    # what only looked bad beside an outlier comes back
+    # what only looked bad next to an outlier comes back
     welcome = left_out & (miss < gate * scale)
     if welcome.any():
         left_out &= ~welcome
@@ -155,7 +155,7 @@ def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Ar
     miss = np.full(len(z), np.nan)
     sign = np.where(left_out, 1.0, -1.0)[:, None, None]
     spread = np.where((measured & np.isfinite(mean[:, 0]))[:, None, None], noise + sign * cov, 0.0)
-    # alone in its run a measurement is its own posterior: nobody contradicts it
+    # alone in its run a measurement is its own posterior: no person contradicts it
     told = np.linalg.eigvalsh(spread)[:, 0] > 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
     residual = (z - mean)[told]
     miss[told] = (residual * np.linalg.solve(spread[told], residual[..., None])[..., 0]).sum(axis=-1)
@@ -163,7 +163,7 @@ def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Ar
 
 
 def _peaks(miss: Array) -> Array:
-    """Where a value is no less than its finite neighbours': an outlier makes those beside it look bad too."""
+    """Where a value is no less than its finite neighbours': an outlier makes those next to it look bad too."""
     full = np.where(np.isfinite(miss), miss, -np.inf)
     left, right = np.concatenate([[-np.inf], full[:-1]]), np.concatenate([full[1:], [-np.inf]])
     return (full >= left) & (full >= right) & np.isfinite(miss)

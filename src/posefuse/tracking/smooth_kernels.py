@@ -59,7 +59,7 @@ def _add_process(cov, dt, q):
 
 @kernel()
 def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
-    """Predictions of every instant and what the measurements said about them."""
+    """Predictions of every time step and what the measurements said about them."""
     x, cov, s = np.zeros((9, 1)), np.zeros((9, 9)), np.empty((3, 3))
     for i in range(3):
         x[i, 0] = z[0, i]
@@ -101,7 +101,7 @@ def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
 
 @kernel()
 def _absorb(gain, inverse, innovation, lam, big):
-    """Adjoint state of an instant after its measurement -> before it: lam (9, 1), big (9, 9) in place."""
+    """Adjoint state of a time step after its measurement -> before it: lam (9, 1), big (9, 9) in place."""
     u, w = np.empty((3, 9)), np.empty((3, 3))
     for i in range(3):
         pull = 0.0
@@ -221,7 +221,7 @@ def add_lasting(t, noise, measured, told, rate, share, lasts, max_gap, cov):
             if not measured[i]:
                 continue
             if last >= 0 and t[i] - t[last] > max_gap:
-                # another run: before this instant it does not count, after it the window ends
+                # another run: before this time step it does not count, after it the window ends
                 if i > step:
                     break
                 weights[first:i] = 0.0

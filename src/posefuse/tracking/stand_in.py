@@ -14,7 +14,7 @@ _AT_ODDS_EVERY, _AT_ODDS_PX = 5, 150.0
 
 
 def made_up_detections(rig: Rig, skeleton: Skeleton, instants: int, start_ns: int = 0) -> Iterator[list[Detections2D]]:
-    """Per instant one detection of the person by each camera, at its own time within the instant.
+    """Per time step one detection of the person by each camera, at its own time within the time step.
 
     Now and then the first camera puts half of the keypoints elsewhere: the paths that settle conflicts have work too.
     """

@@ -1,4 +1,4 @@
-"""The module of tiny networks beside these tests is imported by name."""
+"""The module of tiny networks next to these tests is imported by name."""
 
 import sys
 from pathlib import Path

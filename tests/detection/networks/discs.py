@@ -26,7 +26,7 @@ BODY = {
 
 
 def true_xyz(turned_rad: float = 0.0) -> np.ndarray:
-    """(T, K, 3): somebody who glides and turns, beginning at an angle."""
+    """(T, K, 3): a person who glides and turns, beginning at an angle."""
     rest = np.array([BODY[name] for name in SKELETON.keypoints])
     t = np.arange(FRAMES) / RATE_HZ
     turn = turned_rad + 0.6 * t

@@ -15,7 +15,7 @@ from posefuse.formats.pose2d.keypoint_sets import keypoint_name
 DATA = Path(__file__).parent / "data"
 SIZE_WH = (640, 360)
 COCO, BLAZE = SKELETONS["coco17"], SKELETONS["blazepose33"]
-# frames 0, 2, 5: two people, nobody, one
+# frames 0, 2, 5: two people, no person, one
 NUMBERS, COUNTS = (0, 2, 5), (2, 0, 1)
 PEOPLE = [
     np.concatenate([rng.uniform(20, 340, (n, 17, 2)), rng.uniform(0.2, 0.9, (n, 17, 1))], axis=-1)
@@ -45,7 +45,7 @@ def save(path: Path, content: object) -> Path:
 
 def openpose(folder: Path) -> Path:
     for number, people in zip(NUMBERS, PEOPLE, strict=True):
-        # OpenPose writes nobody's hands as empty lists, and now and then a person of none
+        # OpenPose writes no person's hands as empty lists, and now and then a person of none
         listed = [{"pose_keypoints_2d": flat(p), "hand_left_keypoints_2d": []} for p in people]
         save(folder / f"cam_{number:012d}_keypoints.json", {"version": 1.3, "people": [*listed, {"pose_keypoints_2d": []}]})
     return folder

@@ -1,4 +1,4 @@
-"""OpenPose folders: orders told apart, missing stays missing, one clear error for what is broken."""
+"""OpenPose folders: orders distinguished, missing stays missing, one clear error for what is broken."""
 
 import json
 
@@ -10,7 +10,7 @@ from posefuse.formats.pose2d import read_openpose_folder
 
 
 def person(skeleton_name: str, seed: int = 0) -> np.ndarray:
-    """(K, 3) somebody standing, in the order of a skeleton."""
+    """(K, 3) a person standing, in the order of a skeleton."""
     skeleton = SKELETONS[skeleton_name]
     heights = {
         "ankle": 400,

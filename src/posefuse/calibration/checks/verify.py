@@ -34,7 +34,7 @@ class Verification:
 
     Attributes:
         xyz_world: (P, 3) corners found in space, metres. t_ns: (P,).
-        length_error_m: (L,) measured minus true distances between corners of one patch at one instant.
+        length_error_m: (L,) measured minus true distances between corners of one patch at one time step.
         length_at_world: (L, 3) middle of each of them. length_true_m: (L,).
         scale: ratio of measured to true lengths (median).
         reprojection_px: (C,) rms distance of the seen corners to the reprojected ones.

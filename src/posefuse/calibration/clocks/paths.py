@@ -78,7 +78,7 @@ class Paths:
 
     @property
     def left_px(self) -> Array:
-        """(N,) how far it lay beside its path in the last step."""
+        """(N,) how far it was off its path in the last step."""
         return np.asarray(self._left_px[self._seen])
 
     def step(self, offset_s: Array, acceleration_m_s2: float) -> ClockSums:

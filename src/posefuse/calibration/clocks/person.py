@@ -89,7 +89,7 @@ def check_seen(names: Sequence[str], moving: Sequence[Track]) -> Check:
     seen = [int(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1).sum()) for track in moving]
     blind = [f"{name} ({n} of {len(track.t_s)} frames)" for name, n, track in zip(names, seen, moving, strict=True)
              if n < _LEAST_FRAMES]  # fmt: skip
-    return Check("person seen", not blind, f"nobody found by {', '.join(blind)}" if blind else "every camera saw the person",
+    return Check("person seen", not blind, f"no person found by {', '.join(blind)}" if blind else "every camera saw the person",
                  "walk where this camera looks, or leave it out")  # fmt: skip
 
 
@@ -137,7 +137,7 @@ def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     worst = int(np.nanargmax(np.nan_to_num(fit.spread_px / limit, nan=np.inf)))
     return Check(
         "paths fit", bool(fit.spread_px[worst] <= limit[worst]),
-        f"{rig.names[worst]}'s lie worst, usually {fit.spread_px[worst]:.1f} px beside the paths (limit {limit[worst]:.1f})",
+        f"{rig.names[worst]}'s lie worst, usually {fit.spread_px[worst]:.1f} px off the paths (limit {limit[worst]:.1f})",
         "it follows another person, was moved after the rig was made, or is farther off than --most-s",
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""One person in each camera over time, out of whoever that camera saw."""
+"""One person in each camera over time, chosen from all people that the camera saw."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def person_tracks(detections: Mapping[str, Sequence[Detections2D]]) -> tuple[Per
     """
     if len(detections) < 2 or not all(detections.values()):
         blind = ", ".join(name for name, frames in detections.items() if not frames)
-        raise CalibrationError(f"person: nobody found by {blind}" if blind else "person: expected at least 2 cameras, got 1")
+        raise CalibrationError(f"person: no person found by {blind}" if blind else "person: expected at least 2 cameras, got 1")
     first, *others = detections
     skeleton = detections[first][0].skeleton
     for name in others:
@@ -68,7 +68,7 @@ def _track(camera: str, detections: Sequence[Detections2D]) -> PersonTrack:
 
 
 def prominent(frame: Detections2D, last: Array | None = None) -> int | None:
-    """Number of the person who is large and well scored, and near the place `last` (2,) px; None when nobody is there."""
+    """Number of the person who is large and well scored, and near the place `last` (2,) px; None when no person is there."""
     known = np.asarray(np.isfinite(frame.xy_img).all(axis=-1).any(axis=-1))
     if not known.any():
         return None

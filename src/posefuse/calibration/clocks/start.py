@@ -80,7 +80,7 @@ def rough_clocks(rig: Rig, tracks: Sequence[Track], most_s: float) -> RoughClock
 
 
 def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[Track], most_s: float) -> RoughClocks:
-    """Of cameras that stand nobody knows where, from the way the person walks over the floor."""
+    """Of cameras at unknown places, from the way the person walks over the floor."""
     grids = [_Grid.of(track) for track in tracks]
     ways = [np.moveaxis(camera.norm_from_px(grid.xy), 0, 1) for camera, grid in zip(cameras, grids, strict=True)]
     return _agreed(grids, lambda a, b: lambda rows_a, rows_b: _homography_misfit(ways[a][:, rows_a], ways[b][:, rows_b]), most_s)
@@ -172,7 +172,7 @@ def _settled(steps: Array, pairs: Sequence[_Pair], most: int) -> Array:
 
 
 def _best_of(c: int, steps: Array, pairs: Sequence[_Pair], most: int) -> tuple[float, int, int]:
-    """Worth and place of the best offset of camera c beside those that have one."""
+    """Worth and place of the best offset of camera c, given those that have one."""
     at, worth = _worth_of(c, steps, pairs, most)
     best = int(np.argmax(worth))
     return float(worth[best]), int(at[best]), c

@@ -70,7 +70,7 @@ class ClockFit:
     """Clocks, and how they came about.
 
     Attributes:
-        clocks: the result. spread_px: (C,) how far a camera's points usually lie beside the paths.
+        clocks: the result. spread_px: (C,) how far a camera's points usually are off the paths.
         block_s: (B,) middle of each block. blocks: what each says of offsets that are still left.
     """
 

@@ -46,7 +46,7 @@ class PropViews:
     """The prop in single images.
 
     Attributes:
-        camera, instant: (V,). cam_from_prop: (V, 2) alternatives, the better first; NaN where there is none.
+        camera, time step: (V,). cam_from_prop: (V, 2) alternatives, the better first; NaN where there is none.
     """
 
     camera: Array
@@ -151,7 +151,7 @@ def _misfit(cam_from_prop: Poses, xyz: Array, xy: Array) -> Array:
 
 
 def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | None = None) -> dict[tuple[int, int], Edge]:
-    """How cameras lie to each other, from instants at which two of them see the prop."""
+    """How cameras lie to each other, from time steps at which two of them see the prop."""
     edges: dict[tuple[int, int], Edge] = {}
     poses = views.cam_from_prop if cam_from_prop is None else cam_from_prop
     instants, place = np.unique(views.instant, return_inverse=True)
@@ -196,7 +196,7 @@ def strong_camera_edges(edges: dict[tuple[int, int], Edge]) -> dict[tuple[int, i
 def prop_track(
     seen: Snapshots, views: PropViews, shape: PropShape, corners: Array, lenses: Lenses, cam_from_world: Poses
 ) -> Poses:
-    """world_from_prop (T,): at each instant the single view's pose that all cameras' corners agree with; NaN where unseen."""
+    """world_from_prop (T,): at each time step the single view's pose that all cameras' corners agree with; NaN where unseen."""
     norm = lenses.norm_from_px(seen.camera, seen.xy_img)
     patch_pose = stacked([shape.prop_from_patch.get(i, Poses(np.eye(3), np.full(3, np.nan))) for i in range(len(seen.patches))])
     xyz_prop = patch_pose[seen.patch].move(corners[seen.patch, seen.corner])

@@ -88,7 +88,7 @@ class Cause:
 
 
 def likely_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[Cause, ...]:
-    """The best explanation, or the two best when they cannot be told apart; none where nothing explains enough."""
+    """The best explanation, or the two best when they cannot be distinguished; none where nothing explains enough."""
     trials = [trial for hypothesis in hypotheses if hypothesis.near for trial in hypothesis.trials(trouble)]
     found = _best(trouble, trials)
     if found and found[0].explained >= _ENOUGH:

@@ -1,4 +1,4 @@
-"""Three points of the floor as somebody marked them in the images: a TOML file that sets the world frame.
+"""Three points of the floor as a person marked them in the images: a TOML file that sets the world frame.
 
 origin_to_x_m = 1.5        # measured, checks the scale; may be left out
 

@@ -24,7 +24,7 @@ _MOST_STATIC_RMS_PX_PER_1000 = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """One patch at several instants.
+    """One patch at several time steps.
 
     Attributes:
         t_ns: (T,). world_from_patch: (T,). seen: the corners used. residual_px: (N, 2) predicted minus observed.
@@ -58,7 +58,7 @@ def aligned(observations: Observations, rig: Rig) -> Observations:
 
 
 def locate(rig: Rig, observations: Observations, target: Target, patch: int) -> Located:
-    """The pose of one moving patch at every instant at which at least 2 cameras see it."""
+    """The pose of one moving patch at every time step at which at least 2 cameras see it."""
     mine = aligned(observations, rig).of_patches([patch])
     if len(mine) == 0:
         raise CalibrationError(f"target {patch}: no camera sees it; seen are: {sorted(set(observations.patch.tolist()))}")
@@ -76,7 +76,7 @@ def locate_static(rig: Rig, observations: Observations, target: Target, patch: i
     """world_from_patch of a patch that lies still, from all frames of all cameras that see it.
 
     Raises:
-        CalibrationError: nobody sees it, it moved, or the cameras disagree about where it is.
+        CalibrationError: no person sees it, it moved, or the cameras disagree about where it is.
     """
     mine = aligned(observations, rig).of_patches([patch])
     if len(mine) == 0:

@@ -1,4 +1,4 @@
-"""From observations of a prop to a solved rig: key instants, rough answer, bundle adjustment, clocks."""
+"""From observations of a prop to a solved rig: key time steps, rough answer, bundle adjustment, clocks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Options:
     """How to solve.
 
     Attributes:
-        instants: key instants used at most.
+        time steps: key time steps used at most.
         clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock),
             ``auto`` (taken as synchronised, and estimated when they turn out not to be).
         most_offset_s: largest clock offset searched for.
@@ -56,7 +56,7 @@ class Options:
         if self.clocks not in CLOCK_MODES:
             raise ConfigError(f"clocks: expected one of {', '.join(CLOCK_MODES)}, got {self.clocks!r}")
         if self.instants < LEAST_INSTANTS:
-            raise ConfigError(f"instants: expected at least {LEAST_INSTANTS}, got {self.instants}")
+            raise ConfigError(f"time steps: expected at least {LEAST_INSTANTS}, got {self.instants}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Links:
     """Who could be linked to whom before the solve.
 
     Attributes:
-        edges: per camera pair i < j, how well single instants agree. placed: cameras reached from the reference.
+        edges: per camera pair i < j, how well single time steps agree. placed: cameras reached from the reference.
         reference: the camera with most agreement.
         shape: markers on the prop.
     """
@@ -117,7 +117,7 @@ def link(observations: Observations, cameras: tuple[Camera, ...], target: Target
 
 
 def key_snapshots(observations: Observations, options: Options, delay_s: Array) -> Snapshots:
-    """Corners at the key instants."""
+    """Corners at the key time steps."""
     instants = pick_instants(observations, options.instants, delay_s, prefer_slow=options.clocks == "together")
     return snapshots(observations, instants, delay_s)
 

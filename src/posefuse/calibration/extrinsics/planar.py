@@ -25,7 +25,7 @@ class PlanarViews:
     """One row per patch seen in an image.
 
     Attributes:
-        camera, instant, patch: (D,).
+        camera, time step, patch: (D,).
         cam_from_patch: (D, 2), the better solution first; NaN where the second is ruled out by its error.
         error_norm: (D, 2) rms on the ideal image plane; inf where ruled out.
         rows: (D, 2) first and last + 1 row in the snapshots.

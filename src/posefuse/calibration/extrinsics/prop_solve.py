@@ -1,6 +1,6 @@
 """Bundle adjustment of cameras that watch one moving rigid prop (after Sarmadi et al. 2019, section 3.4).
 
-Unknown: the pose of every patch (marker) on the prop, of the prop at every instant, of every camera; on request each
+Unknown: the pose of every patch (marker) on the prop, of the prop at every time step, of every camera; on request each
 camera's clock (offset and drift) and lens. Held: the first camera at the origin and one patch on the prop.
 """
 

@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array
 from .limits import LIMITS, Limits
 from .pipeline import LEAST_INSTANTS, Links, Solved
 
-IN_STEP = "cameras are in step"
+IN_STEP = "cameras are synchronised"
 CORNERS_FIT = "corners fit"
 # two cameras that stand apart never see so many corners within this of each other
 _SAME_VIDEO_CORNERS, _SAME_VIDEO_PX = 40, 1.0
@@ -62,7 +62,7 @@ def check_same_video(observations: Observations) -> Check:
 
 
 def check_links(names: Sequence[str], links: Links, views_together: Array) -> Check:
-    """All cameras hang together through instants at which two of them see the prop and agree."""
+    """All cameras hang together through time steps at which two of them see the prop and agree."""
     linked = np.zeros((len(names), len(names)), bool)
     for i in links.placed:
         for j in links.placed:
@@ -70,7 +70,7 @@ def check_links(names: Sequence[str], links: Links, views_together: Array) -> Ch
     groups = linked_groups(linked | np.eye(len(names), dtype=bool))
     if len(groups) == 1:
         weakest = min(int(np.sort(row)[-2]) for row in views_together) if len(names) > 1 else 0
-        return Check("cameras are linked", True, f"every camera shares at least {weakest} key instants with another")
+        return Check("cameras are linked", True, f"every camera shares at least {weakest} key time steps with another")
     lost = [names[i] for group in groups[1:] for i in group]
     detail = f"{', '.join(lost)} cannot be linked to {', '.join(names[i] for i in groups[0])}: {_link_story(names, links, lost)}"
     return Check(
@@ -82,7 +82,7 @@ def check_links(names: Sequence[str], links: Links, views_together: Array) -> Ch
 
 def _link_story(names: Sequence[str], links: Links, lost: Sequence[str]) -> str:
     pairs = [
-        (edge.agreeing, f"{names[a]}-{names[b]} agree in {edge.agreeing} instants ({edge.share:.0%})")
+        (edge.agreeing, f"{names[a]}-{names[b]} agree in {edge.agreeing} time steps ({edge.share:.0%})")
         for (a, b), edge in links.edges.items()
         if (names[a] in lost) != (names[b] in lost)
     ]
@@ -92,10 +92,10 @@ def _link_story(names: Sequence[str], links: Links, lost: Sequence[str]) -> str:
 
 
 def check_amount(solved: Solved) -> Check:
-    """Enough instants went into the solve."""
+    """Enough time steps went into the solve."""
     used = len(np.unique(solved.seen.instant))
-    detail = f"{used} key instants with 2 cameras or more (needed {LEAST_INSTANTS})"
-    return Check("enough instants", used >= LEAST_INSTANTS, detail, "wave the prop longer, where several cameras see it")
+    detail = f"{used} key time steps with 2 cameras or more (needed {LEAST_INSTANTS})"
+    return Check("enough time steps", used >= LEAST_INSTANTS, detail, "wave the prop longer, where several cameras see it")
 
 
 def check_fit(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
@@ -103,7 +103,7 @@ def check_fit(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS
     limit = limits.corner_spread_px_per_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
     sigma = solved.solution.sigma_px
     return Check(CORNERS_FIT, sigma <= limit, f"spread of a corner coordinate {sigma:.2f} px (limit {limit:.2f})",
-                 "blur, cameras out of step (try clocks = offset), wrong intrinsics, or a prop that bends")  # fmt: skip
+                 "blur, cameras unsynchronised (try clocks = offset), wrong intrinsics, or a prop that bends")  # fmt: skip
 
 
 def check_cameras_agree(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
@@ -117,7 +117,7 @@ def check_cameras_agree(cameras: Sequence[Camera], solved: Solved, limits: Limit
         "cameras agree", bool(share[worst] >= limits.inlier_share),
         f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its {count[worst]} marker views"
         f" (needed {limits.inlier_share:.0%})",
-        "it moved, is out of step, has wrong intrinsics (a turned or cropped image?), or sees a second prop",
+        "it moved, is unsynchronised, has wrong intrinsics (a turned or cropped image?), or sees a second prop",
     )  # fmt: skip
 
 

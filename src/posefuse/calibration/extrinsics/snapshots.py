@@ -1,4 +1,4 @@
-"""Observations of free-running cameras brought to common instants.
+"""Observations of free-running cameras brought to common time steps.
 
 Between two frames of a camera a corner's image is interpolated by the cubic through its neighbours (Catmull and Rom 1974),
 which also gives the image velocity that ties a camera's clock to the geometry.
@@ -21,11 +21,11 @@ _SLOW_PX_S = 150.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Snapshots:
-    """Corners at common instants; rows sorted by instant, camera, patch, corner.
+    """Corners at common time steps; rows sorted by time step, camera, patch, corner.
 
     Attributes:
-        t_s: (T,) session time of the instants, seconds since the middle of the recording.
-        camera, instant, patch, corner: (N,) where a row belongs; `patch` counts in `patches`.
+        t_s: (T,) session time of the time steps, seconds since the middle of the recording.
+        camera, time step, patch, corner: (N,) where a row belongs; `patch` counts in `patches`.
         xy_img: (N, 2) px. velocity_px_s: (N, 2); 0 where unknown.
         patches: (M,) marker ids.
         group: (N,) rows of one patch in one image share a number. group_count: how many.
@@ -47,7 +47,7 @@ class Snapshots:
         return np.flatnonzero(np.concatenate([[True], np.diff(self.group) != 0])) if len(self.group) else np.zeros(0, np.int64)
 
     def rows(self, keep: Array) -> Snapshots:
-        """Only the rows of a mask; instants and patches stay as they are."""
+        """Only the rows of a mask; time steps and patches stay as they are."""
         return _grouped(
             self.t_s,
             self.camera[keep],
@@ -191,7 +191,7 @@ def _greedy(observations: Observations, candidates: Array, most: int, delay_s: A
 
 
 def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
-    """Indices of instants, each the one that adds most where little has been seen so far."""
+    """Indices of time steps, each the one that adds most where little has been seen so far."""
     instants, cameras = present.shape
     both = present[:, :, None] & present[:, None, :]
     cell_count, pair_count = np.zeros((cameras, 16)), np.zeros((cameras, cameras))

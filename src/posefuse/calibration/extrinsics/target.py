@@ -50,7 +50,7 @@ class Calibration:
         delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) and their standard errors: a frame that camera c
             stamped s was taken at s - offset - drift * (s - middle).
         middle_ns: middle of the recording, from which drift counts.
-        t_ns: (T,) key instants. world_from_prop: (T,) the prop there. prop_from_patch: per marker id.
+        t_ns: (T,) key time steps. world_from_prop: (T,) the prop there. prop_from_patch: per marker id.
         camera, xy_img, residual_px: (N,), (N, 2), (N, 2) corners used and predicted minus observed.
     """
 

@@ -19,7 +19,7 @@ from .locate import locate_static
 _LEAST_TRIANGLE_RAD = np.deg2rad(5)
 _FLOOR_CUT_M = 0.04
 _FLOOR_ROUNDS = 20
-# of the foot points of somebody who walks so many are on the floor
+# of the foot points of a person who walks so many are on the floor
 _STANDING_SHARE = 0.25
 
 
@@ -166,7 +166,7 @@ def frame_from_points(points: Array) -> SE3:
 
 
 def floor_from_feet(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0) -> SE3:
-    """new_from_old of the plane under the lowest foot points: a least-squares plane that lets go of what is above it.
+    """new_from_old of the plane under the lowest foot points: a least-squares plane that drops what is above it.
 
     Feet in the air lie above the floor, so points far above the plane lose their weight and those below keep it.
     """

@@ -46,7 +46,7 @@ def solve_person(views: PersonViews, cameras: tuple[Camera, ...]) -> PersonSolut
     poses, (a, b) = first_poses(views.cameras, norm, usable, cameras)
     point_of = np.flatnonzero(usable.any(axis=0).ravel())
     if len(point_of) > _MOST_POINTS:
-        # by chance, since every so manieth would be the same few keypoints again and again
+        # by chance, since every n-th would be the same few keypoints again and again
         point_of = np.sort(np.random.default_rng(0).choice(point_of, _MOST_POINTS, replace=False))
     good, xyz = _start_points(views, cameras, usable, poses, point_of)
     point_of = point_of[good]

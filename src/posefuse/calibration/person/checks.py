@@ -35,7 +35,7 @@ def check_seen(views: PersonViews) -> Check:
     """Every camera saw the person."""
     seen = views.usable.any(axis=2).sum(axis=1)
     blind = [f"{name} ({n} of {len(views.t_ns)} frames)" for name, n in zip(views.cameras, seen, strict=True) if n < 5]
-    return Check("person seen", not blind, f"nobody found by {', '.join(blind)}" if blind else "every camera saw the person",
+    return Check("person seen", not blind, f"no person found by {', '.join(blind)}" if blind else "every camera saw the person",
                  "walk where this camera looks, or leave it out")  # fmt: skip
 
 
@@ -60,10 +60,10 @@ def solution_checks(
     worst = int(np.argmin(share))
     return [
         Check("keypoints fit", solution.sigma_px <= limit, f"spread {solution.sigma_px:.1f} px (limit {limit:.1f})",
-              "wrong intrinsics, cameras out of step, or different people in different cameras"),
+              "wrong intrinsics, cameras unsynchronised, or different people in different cameras"),
         Check("cameras agree", bool(share[worst] >= LEAST_INLIER_SHARE),
               f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {LEAST_INLIER_SHARE:.0%})",
-              "it follows another person, moved, or is out of step"),
+              "it follows another person, moved, or is unsynchronised"),
         check_mirror(skeleton, xyz),
         self_checks.check_apart(cameras, Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]),
                                                        np.stack([c.cam_from_world.xyz for c in rig])))),
@@ -76,7 +76,7 @@ def check_walk(hips: Array, distance_m: float) -> Check:
     return Check(
         "the person walks about", walked_m >= least_m,
         f"the hips spread over {walked_m:.2f} m about their middle (needed {least_m:.2f})",
-        "walk over the whole floor: somebody who stays in one place does not tell where the cameras are",
+        "walk over the whole floor: a person who stays in one place does not tell where the cameras are",
     )  # fmt: skip
 
 
@@ -86,7 +86,7 @@ def check_mirror(skeleton: Skeleton, xyz: Array) -> Check:
     return Check(
         "nothing is mirrored", share >= LEAST_TRUE_SIDED,
         f"the person has left, front and up where they belong {share:.0%} of the time (needed {LEAST_TRUE_SIDED:.0%})",
-        "mirrored videos; or somebody who stays in one place far away, which fits a mirrored room as well: walk about, come near",
+        "mirrored videos; or a person who stays in one place far away, which fits a mirrored room as well: walk about, come near",
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Clocks of cameras that stand nobody knows where, from the person who tells both: rig and clocks by turns, until they stay."""
+"""Clocks of cameras at unknown places, from the person who tells both: rig and clocks by turns, until they stay."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _MOST_ROUNDS = 6
 _SETTLED_S, _FARTHEST = 3e-4, 4.0
 # a rig from half of a recording and its clocks may be so far off together
 _HALVES_S = 0.03
-# a rig that is good enough for clocks needs so many instants
+# a rig that is good enough for clocks needs so many time steps
 _INSTANTS = 60
-# cameras closer together than a third of a usual frame are in step, whatever clocks would take up of a rig's own errors
+# cameras closer together than a third of a usual frame are synchronised, whatever clocks would take up of a rig's own errors
 _IN_STEP_S = 0.01
 
 
 def unplaced_clocks(
     tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, clocks: str, most_s: float
 ) -> ClockEstimate | None:
-    """Clocks of the cameras as far as a first look at the person tells; None where they are in step, or are taken so.
+    """Clocks of the cameras as far as a first look at the person tells; None where they are synchronised, or are taken so.
 
     Args:
         tracks: one per camera. clocks: one of `CLOCK_MODES` of a prop, and read as there.
@@ -140,7 +140,7 @@ def _settled(
 def _ahead(before: tuple[ClockEstimate, ClockEstimate] | None, now: tuple[ClockEstimate, ClockEstimate]) -> ClockEstimate:
     """Where rounds that lead from the first of a pair to the second are heading, by the last two (Anderson 1965).
 
-    Somebody who walks round in one sense leaves rig and clocks to settle by turns for long otherwise.
+    A person who walks round in one sense leaves rig and clocks to settle by turns for long otherwise.
     """
     start, end = now
     if before is None:

@@ -1,4 +1,4 @@
-"""One person in all cameras at common instants."""
+"""One person in all cameras at common time steps."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class PersonViews:
         return np.isfinite(self.xy_img).all(axis=-1) & (self.score >= _LEAST_SCORE) & (self.sigma_px > 0)
 
     def at(self, instants: Array) -> PersonViews:
-        """Only the instants of a mask or of indices."""
+        """Only the time steps of a mask or of indices."""
         return replace(
             self, t_ns=self.t_ns[instants], xy_img=self.xy_img[:, instants], score=self.score[:, instants],
             sigma_px=self.sigma_px[:, instants],

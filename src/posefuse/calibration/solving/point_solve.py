@@ -1,4 +1,4 @@
-"""Bundle adjustment of cameras that watch free points (keypoints of a person at instants)."""
+"""Bundle adjustment of cameras that watch free points (keypoints of a person at time steps)."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class Observations:
         camera: (N,) index into `cameras`. t_ns: (N,) time of the frame.
         patch: (N,) piece of the target (marker id; 0 for a board). corner: (N,) number of the corner on its patch.
         xy_img: (N, 2) raw px.
-        sharpness: (N,) contrast of the edges beside the corner, grey levels per px; NaN where not measured.
+        sharpness: (N,) contrast of the edges next to the corner, grey levels per px; NaN where not measured.
         doubled: (camera name, marker id, frames) of markers met twice in one image, whose corners were left out.
     """
 

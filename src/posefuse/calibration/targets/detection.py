@@ -95,7 +95,7 @@ def observations_from_frames(
 
 
 def sharpness(grey: Array, xy_img: Array) -> float:
-    """Steepest edge over edge contrast beside corners (n, 2), in 1/px: an image half as sharp gives half the value."""
+    """Steepest edge over edge contrast next to corners (n, 2), in 1/px: an image half as sharp gives half the value."""
     left, top = np.maximum(np.floor(xy_img.min(axis=0)).astype(int) - 3, 0)
     right, bottom = np.ceil(xy_img.max(axis=0)).astype(int) + 4
     cut = grey[top:bottom, left:right].astype(np.float32)

@@ -38,7 +38,7 @@ def _check_positive(owner: str, **values: float) -> None:
 
 @dataclass(frozen=True)
 class Markers:
-    """Square ArUco markers of one side length, anywhere on a rigid prop whose geometry nobody measured.
+    """Square ArUco markers of one side length, anywhere on a rigid prop of unknown geometry.
 
     Attributes:
         side_m: outer edge of the black square.

@@ -136,7 +136,7 @@ def _moved(matrix: Array, points: Array) -> Array:
 def _pixels(grey: Array, quad: Array, px_from_uv: Array, modules: int) -> tuple[Array, Array, int]:
     """Places (N, 2) and grey values (N,) of the marker and the white around it: pixels, or means of blocks where they are many.
 
-    The third result is the edge of a block. A block's mean knows of every edge through it; every so manieth pixel would not.
+    The third result is the edge of a block. A block's mean knows of every edge through it; every n-th pixel would not.
     """
     reach = 1 + 2 * _MARGIN / modules
     outline = _moved(px_from_uv, reach * _SQUARE)
@@ -153,7 +153,7 @@ def _pixels(grey: Array, quad: Array, px_from_uv: Array, modules: int) -> tuple[
 
 
 def _edge_pixels(grey: Array, look: _Look, black: Array, module_px: float) -> tuple[Array, Array]:
-    """Places (N, 2) and grey values (N,) of single pixels beside the edges of the modules: all that tells where a marker lies.
+    """Places (N, 2) and grey values (N,) of single pixels next to the edges of the modules: all that tells where a marker lies.
 
     The mean of a block is no Gaussian blur of the pattern, which costs edges along the pixel rows a tenth of a block.
     """

@@ -61,7 +61,7 @@ class RobotOptions:
     ] = (0.0, 0.0, 0.0)
     """Where the robot's base frame stands in the world of the rig, m and degrees."""
     elsewhere: bool = False
-    """The robot is not in the operator's room: no separation is kept. Wrong for a robot that anybody can reach."""
+    """The robot is not in the operator's room: no separation is kept. Wrong for a robot that any person can reach."""
     box: Annotated[
         tuple[float, float, float, float, float, float] | None,
         Parameter(metavar="X0,Y0,Z0,X1,Y1,Z1", converter=_numbers(6, "X0,Y0,Z0,X1,Y1,Z1"), n_tokens=1, accepts_keys=False),

@@ -1,4 +1,4 @@
-"""BlazePose networks by OpenVINO: the default 2D estimator, no GPU needed."""
+"""BlazePose networks by OpenVINO: the default detector, no GPU needed."""
 
 from .detector import BlazePoseConfig, BlazePoseDetector, default_cards
 

@@ -1,4 +1,4 @@
-"""The default 2D estimator: BlazePose networks on the CPU, many images and people at once."""
+"""The default detector: BlazePose networks on the CPU, many images and people at once."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class BlazePoseConfig:
         cache: where they are kept; None: the user's cache folder.
         precision: ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
-        most_people: people looked for per image when nobody says where they are.
-        least_person, least_presence: scores below which a found region, or a crop, holds nobody.
+        most_people: people looked for per image when no one says where they are.
+        least_person, least_presence: scores below which a found region, or a crop, holds no person.
         up_rad: per camera, direction of gravity's up in its picture, clockwise from the picture's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
@@ -81,7 +81,7 @@ class BlazePoseConfig:
 
 
 def default_cards() -> list[ModelCard]:
-    """The networks used when nobody chooses others."""
+    """The networks used when no one chooses others."""
     chosen = BlazePoseConfig()
     return [read_card(chosen.persons), read_card(chosen.landmarks)]
 
@@ -109,11 +109,11 @@ class BlazePoseDetector:
 
     @property
     def joint_centres_file(self) -> Path | None:
-        """Table of where joint centres lie beside the network's landmarks, in the format of `track.joint_centres`."""
+        """Table of the offsets of joint centres from the network's landmarks, in the format of `track.joint_centres`."""
         return self._joint_centres_file
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
-        """One Detections2D per frame: the people in the given regions, in that order, or whoever is found (best first)."""
+        """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
         if len(frames) != len(regions):
             raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
         unknown = [i for i, given in enumerate(regions) if given is None]
@@ -128,7 +128,7 @@ class BlazePoseDetector:
     def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
         """Everybody in whole images, stage by stage; what the landmark network does not confirm was no person.
 
-        Whoever is found first is not all: closer stages follow until one of them finds nobody new.
+        Those who are found first are not all: closer stages follow until one of them finds no new person.
         """
         found: list[list[Look]] = [[] for _ in frames]
         plans = [stages(frame.size_wh, self._config.up_rad.get(frame.camera, 0.0)) for frame in frames]

@@ -78,7 +78,7 @@ def averaged(looks: Sequence[Look]) -> Look:
     """One look from several at the same crop, weighted by 1/sigma^2.
 
     Networks trained on the same pictures err alike, so agreement does not make the average surer than its parts; what they
-    disagree by is added to its variance. Looks that see nobody are left out, unless none sees anybody.
+    disagree by is added to its variance. Looks that see no person are left out, unless none sees any person.
     """
     heard = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)
     if len(heard) == 1:

@@ -2,7 +2,7 @@
 
     log sigma = offset[k] + weights . features,   sigma in px of the crop's own 256 px, per image coordinate
 
-Coefficients and how they were fitted stand in a TOML file beside the model card.
+Coefficients and how they were fitted stand in a TOML file next to the model card.
 """
 
 from __future__ import annotations

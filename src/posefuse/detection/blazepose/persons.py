@@ -52,7 +52,7 @@ def regions_from_outputs(
         decoding: how to read them.
         looked_at: the region the crop was cut from.
         side_px: of the crop.
-        least_score: below it nobody is there.
+        least_score: below it no person is there.
     """
     score = 1 / (1 + np.exp(-np.clip(logits[:, 0].astype(np.float64), -100, 100)))
     likely = np.flatnonzero(score >= least_score)

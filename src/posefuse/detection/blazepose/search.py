@@ -20,7 +20,8 @@ class Stage:
     """Squares to look at together.
 
     Attributes:
-        squares: of the image. for_first: only worth it while nobody was found; people of one picture all stand the same way up.
+        squares: of the image. for_first: only useful while no person was found; people in one image all stand the same way
+            up.
     """
 
     squares: list[Region]
@@ -28,7 +29,7 @@ class Stage:
 
 
 def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[Stage]:
-    """Where to look, stage by stage until a stage finds nobody new.
+    """Where to look, stage by stage until a stage finds no new person.
 
     Args:
         size_wh: of the image.

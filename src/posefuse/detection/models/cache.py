@@ -117,7 +117,7 @@ def _read_from(origin: Path, card: ModelCard) -> bytes:
 
 
 def _keep(card: ModelCard, content: bytes, cache_dir: Path, origin: str) -> None:
-    """Check and write beside, then rename; a file of that name with another content stays as NAME.replaced-TIME."""
+    """Check and write a new file, then rename; a file of that name with another content stays as NAME.replaced-TIME."""
     got = _sha256(content)
     if got != card.sha256:
         raise ModelError(f"{origin}: {card.file_name}: expected sha256 {card.sha256}, got {got}; not used")

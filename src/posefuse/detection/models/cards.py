@@ -52,8 +52,8 @@ class LandmarkDecoding:
         landmarks, presence, heatmaps: names of the outputs.
         channels: landmarks the network gives; the skeleton's keypoints are the first of them.
         skeleton: its name in `core.SKELETONS`.
-        noise: file beside the card with the fitted noise model.
-        joint_centres: file beside the card with the offsets from landmarks to joint centres; None when not known.
+        noise: file next to the card with the fitted noise model.
+        joint_centres: file next to the card with the offsets from landmarks to joint centres; None when not known.
     """
 
     landmarks: str
@@ -105,9 +105,9 @@ class EnsembleCard:
 
     Attributes:
         name, folder, summary: as in `ModelCard`.
-        members: their cards, by name or TOML file beside this one.
+        members: their cards, by name or TOML file next to this one.
         mirrored: each also looks at the crop's mirror image.
-        joint_centres: file beside the card; None when not known.
+        joint_centres: file next to the card; None when not known.
     """
 
     name: str

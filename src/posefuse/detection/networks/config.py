@@ -33,8 +33,8 @@ class OnnxConfig:
         providers: execution providers of ONNX Runtime, best first, e.g. ``CUDAExecutionProvider``.
         precision: of OpenVINO; ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
-        most_people: people looked for per image when nobody says where they are.
-        least_person: with the card's default person detector, the score below which a found region holds nobody.
+        most_people: people looked for per image when no one says where they are.
+        least_person: with the card's default person detector, the score below which a found region holds no person.
         cache: where that detector is kept; None: the user's cache folder.
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.

@@ -66,7 +66,7 @@ class _Networked:
         return self._network.card.joint_centres_file
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
-        """One Detections2D per frame: the people in the given regions, in that order, or whoever is found (best first)."""
+        """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
         if len(frames) != len(regions):
             raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
         searched = [i for i, given in enumerate(regions) if given is None]
@@ -82,11 +82,11 @@ class _Networked:
         raise NotImplementedError
 
     def observed(self, frame: Frame, region: Region) -> Observed | None:
-        """The person in a region, with all that the network says of them; None for nobody. What noise models are fitted to."""
+        """The person in a region, with all that the network says of them; None for no person. What noise models are fitted to."""
         raise NotImplementedError
 
     def _person(self, seen: Observed) -> _Person:
-        """A person in raw px; nobody where the keypoints score too little on average."""
+        """A person in raw px; no person where the keypoints score too little on average."""
         score = seen.keypoints.score[0]
         if score.mean() < self._network.card.least_keypoint_score:
             return self._nobody()
@@ -121,7 +121,7 @@ class TopDownDetector(_Networked):
     """Crops of one person each through a keypoint network.
 
     Args:
-        network: of layout simcc or heatmap. finder: where people are, when nobody says so.
+        network: of layout simcc or heatmap. finder: where people are, when no one says so.
         most_people: looked for per image. up_rad: per camera, see `OnnxConfig`.
     """
 
@@ -183,7 +183,7 @@ class OneStageDetector(_Networked):
         return [self._chosen(next(everybody), regions) if regions else [] for _, regions in asked]
 
     def _everybody(self, frames: Sequence[Frame]) -> list[list[_Person]]:
-        """Everybody in each image; a tilted camera's as it is where nobody is found upright."""
+        """Everybody in each image; a tilted camera's as it is where no person is found upright."""
         found: list[list[_Person]] = [[] for _ in frames]
         directions = [upright_first(self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         for attempt in range(max(map(len, directions), default=0)):
@@ -228,7 +228,7 @@ class OneStageDetector(_Networked):
         ]
 
     def _chosen(self, people: Sequence[_Person], regions: Sequence[Region]) -> list[_Person]:
-        """For each region the person whose middle is nearest to its centre, nobody where that is too far."""
+        """For each region the person whose middle is nearest to its centre, no person where that is too far."""
         middles = np.array([np.nanmean(person.xy, axis=0) for person in people]).reshape(-1, 2)
         chosen = []
         for region in regions:

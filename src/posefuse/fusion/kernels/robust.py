@@ -1,4 +1,4 @@
-"""Robust fusion of a group: one person at one instant, K keypoints seen by C cameras.
+"""Robust fusion of a group: one person at one time step, K keypoints seen by C cameras.
 
 Noise that is stated too small or too large is rescaled by what the residuals of the whole group say.
 """
@@ -131,7 +131,7 @@ def finish_robust(cams, views, n, p, xy_img, k, work, cov):
 
 @fast_kernel()
 def has_rival(cams, views, n, p, rest, q, other, work):
-    """Whether the views that p leaves out agree on another point q in no smaller number: then nobody can tell."""
+    """Whether the views that p leaves out agree on another point q in no smaller number: then no one can tell."""
     left = 0
     for i in range(n):
         if not squared_residual(cams, views, i, p) < USED:

@@ -24,7 +24,7 @@ _SPEED_SD = 3.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Measurement:
-    """What was seen of one body's keypoints (axis A as in `Body.keypoint`) at one instant.
+    """What was seen of one body's keypoints (axis A as in `Body.keypoint`) at one time step.
 
     Attributes:
         t_ns: session clock.
@@ -42,7 +42,7 @@ class Measurement:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A body at one instant: `q`, `rot`, `velocity` (D,) and `cov` (2D, 2D), see `kernels`."""
+    """A body at one time step: `q`, `rot`, `velocity` (D,) and `cov` (2D, 2D), see `kernels`."""
 
     q: Array
     rot: Array
@@ -71,7 +71,7 @@ class BodyFilter:
         self._seen_ns = 0
 
     def step(self, seen: Measurement) -> Moment | None:
-        """The body at this instant; None while it has not been seen well enough to start."""
+        """The body at this time step; None while it has not been seen well enough to start."""
         information = _information(seen.cov) if not len(seen.projections) else np.zeros_like(seen.cov)
         usable = (information[:, 0, 0] > 0) | (seen.inverse_var > 0).any(axis=1)
         if self._last is not None and (seen.t_ns - self._seen_ns) * 1e-9 > _LOST_S:

@@ -25,7 +25,7 @@ class BodyFit:
 
     Attributes:
         poses: the keypoints of the fitted skeletons, gaps filled, with their covariance. Points the tree does not carry, and
-            instants before a person could be fitted, are as they were; so is everything of a person without a body.
+            time steps before a person could be fitted, are as they were; so is everything of a person without a body.
         joints: angles and frames with the uncertainty of the fit.
         bodies: each person's skeleton, by person_id; `Body.lengths` has the segment lengths with their spread.
     """
@@ -43,7 +43,7 @@ def fit_poses(
 ) -> BodyFit:
     """Fit each person's skeleton to 3D points weighted by their covariance.
 
-    Iterated extended Kalman filter on the tree (Gauss-Newton per instant, Student-t noise) and Rauch-Tung-Striebel smoother.
+    Iterated extended Kalman filter on the tree (Gauss-Newton per time step, Student-t noise) and Rauch-Tung-Striebel smoother.
 
     Raises:
         InputError: a person was never seen well enough to have a skeleton; left and right are swapped.
@@ -94,7 +94,7 @@ def _fit(
     bodies: Mapping[int, Body] | None,
     joint_settings: JointSettings | None,
 ) -> BodyFit:
-    """`measured` gives what was seen of the keypoints (A,) of one person at one instant."""
+    """`measured` gives what was seen of the keypoints (A,) of one person at one time step."""
     settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
     work = Workspace(sequence.skeleton, joint_settings)

@@ -57,13 +57,13 @@ class Body:
 def bodies_from_poses(
     sequence: PoseSequence, settings: BodySettings | None = None, joint_settings: JointSettings | None = None
 ) -> dict[int, Body]:
-    """Each person's skeleton, by person_id, from all the instants they were seen.
+    """Each person's skeleton, by person_id, from all the time steps they were seen.
 
     Lengths are medians over time, freed of the part that noise adds (a noisy distance is too long on average). What a
     detector calls a hip or shoulder lies at a constant offset from the joint centre; such offsets become part of the
-    skeleton and cannot be told apart from it.
+    skeleton and cannot be distinguished from it.
 
-    People whose hips and shoulders were seen in too few instants are left out.
+    People whose hips and shoulders were seen in too few time steps are left out.
 
     Raises:
         InputError: that is so of everybody; left and right are swapped.
@@ -75,7 +75,7 @@ def bodies_from_poses(
     known = {person: body for person, body in bodies.items() if body is not None}
     if bodies and not known:
         raise InputError(
-            f"whole-body fit: a body needs both hips and both shoulders in at least {_FEWEST} of the {len(sequence)} instants; "
+            f"whole-body fit: a body needs both hips and both shoulders in at least {_FEWEST} of the {len(sequence)} time steps; "
             f"none of the {len(bodies)} people has them: see which keypoints were found"
         )
     return known

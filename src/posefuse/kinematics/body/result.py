@@ -20,7 +20,7 @@ _LIMB_NODE = {"left_arm": "left_shoulder", "right_arm": "right_shoulder", "left_
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fitted:
-    """One person at one instant: keypoints of the tree (A, ...), frames (S, ...) and angles (J, 3)."""
+    """One person at one time step: keypoints of the tree (A, ...), frames (S, ...) and angles (J, 3)."""
 
     xyz: Array
     cov: Array

@@ -21,7 +21,7 @@ class BodySettings:
         velocity_memory_s: after this time without a measurement a velocity has fallen to 1/e.
         noise_memory_s: errors of keypoints this close in time are taken as the same error, which must not average out.
         robust_dof: degrees of freedom of the Student-t noise; small forgives outliers.
-        iterations: Gauss-Newton steps at most per instant.
+        iterations: Gauss-Newton steps at most per time step.
     """
 
     symmetric: bool = True

@@ -44,7 +44,7 @@ class BodyTracker:
         self._projections = rig.projections() if rig else np.zeros((0, 3, 4))
 
     def step(self, pose: Pose3D) -> tuple[Pose3D, JointAngles]:
-        """Pose and joints of one instant, each person's points fitted by their covariance.
+        """Pose and joints of one time step, each person's points fitted by their covariance.
 
         People without a body keep their points and have no angles. Raises InputError for another skeleton.
         """

@@ -119,7 +119,7 @@ def segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_se
                 points, pairs[s], bends[limb], rotation[u], by_first[u], by_second[u], rotation[s], by_first[s], by_second[s]
             )
     for s in range(pairs.shape[0]):
-        # points that coincide, or are too far away to be told apart in floating point, span no frame
+        # points that coincide, or are too far away to be distinguished in floating point, span no frame
         if not _is_rotation(rotation[s]):
             rotation[s] = np.nan
 

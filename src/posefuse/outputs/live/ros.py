@@ -30,7 +30,7 @@ from posefuse.messages.ros_output import Health, RosOutput
 from posefuse.messages.types import message
 
 _OK, _WARNING, _ERROR = 0, 1, 2
-_LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "overload", "bumped", "out of step", "hangs"), _WARNING) | {
+_LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "overload", "moved", "unsynchronised", "hangs"), _WARNING) | {
     "ok": _OK
 }
 # how long a simulator may take to say what time it is

@@ -1,7 +1,7 @@
 """A process per trial: whatever becomes of it, killed for memory included, the others go on.
 
 The process reads its task from its standard input and writes its outcome, one line of JSON, to its standard output. Its standard
-input stays open while it is wanted: it ends by itself when whoever started it is gone.
+input stays open while it is wanted: it ends by itself when the process that started it is gone.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def _outcome(task: Task, answer: str, code: int, log: str) -> Outcome:
 
 
 def _end_with_parent() -> None:
-    """End this process at once when its standard input is closed: whoever started it is gone."""
+    """End this process at once when its standard input is closed: the process that started it is gone."""
     sys.stdin.buffer.read()
     os._exit(1)
 

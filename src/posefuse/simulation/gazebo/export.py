@@ -74,7 +74,7 @@ def export_world(
     """Write a scene as a Gazebo world into the folder `out`.
 
     Args:
-        replace_older: an earlier world that posefuse wrote and nobody changed is replaced.
+        replace_older: an earlier world that posefuse wrote and that is unchanged is replaced.
         warn: is told of files that stay behind of it.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What stands beside a world for ROS 2: the bridge's configuration and a script that starts both."""
+"""What goes with a world for ROS 2: the bridge's configuration and a script that starts both."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$$PWD/${brid
 
 
 def image_topic(camera_topic: str) -> str:
-    """Topic of a camera's images; Gazebo puts CameraInfo beside it."""
+    """Topic of a camera's images; Gazebo puts CameraInfo next to it."""
     return f"/{camera_topic}/image"
 
 

@@ -1,4 +1,4 @@
-"""What is decided about a Gazebo world beside its scene, and what of a scene Gazebo can show."""
+"""What is decided about a Gazebo world in addition to its scene, and what of a scene Gazebo can show."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class GazeboSettings:
     Attributes:
         release: ``fortress``, ``harmonic`` or ``jetty``: the names of plug-ins differ.
         step_s: simulation time passes in such steps; images are stamped with multiples of it.
-        truth_hz: at least so many instants per second of truth; linear interpolation between them is then within 0.1 mm for
+        truth_hz: at least so many time steps per second of truth; linear interpolation between them is then within 0.1 mm for
             an acceleration of 50 m/s^2.
         most_between_keys_m: how far the animation may be from the true motion between its keys.
         most_animation_s: longest animation that is baked: one minute of a walk takes about 30 MB.

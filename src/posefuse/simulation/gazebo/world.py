@@ -29,7 +29,7 @@ class CameraSensor:
 
     Attributes:
         camera: the ideal camera that is drawn. rate_hz: frames per second of simulation time. noise_dn: standard deviation
-            of its noise in grey levels. image_topic: where its images go; CameraInfo goes beside it, to ``camera_info``.
+            of its noise in grey levels. image_topic: where its images go; CameraInfo goes next to it, to ``camera_info``.
     """
 
     camera: Camera

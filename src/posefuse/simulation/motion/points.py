@@ -48,7 +48,7 @@ def from_result(body: Body, settings: ResultSettings) -> Sampled:
     poses = read_recording(Path(settings.file)).poses
     seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
     if not len(seen) or not seen.any():
-        raise InputError(f"{settings.file}: expected at least one person, the result has nobody")
+        raise InputError(f"{settings.file}: expected at least one person, the result has no person")
     if settings.person is not None and settings.person not in poses.person_id:
         raise InputError(f"{settings.file}: person: no person {settings.person}; there are: {choices(map(str, poses.person_id))}")
     place = int(np.argmax(seen)) if settings.person is None else int(np.flatnonzero(poses.person_id == settings.person)[0])
@@ -59,7 +59,7 @@ def from_result(body: Body, settings: ResultSettings) -> Sampled:
 def fitted(body: Body, t_s: Array, points: Points, settings: TrcSettings | ResultSettings) -> Sampled:
     """The motion of this body that follows keypoints, each (T, 3) in world metres."""
     if len(t_s) < 2:
-        raise InputError(f"{settings.file}: expected at least 2 instants, got {len(t_s)}")
+        raise InputError(f"{settings.file}: expected at least 2 time steps, got {len(t_s)}")
     axes = _axes(body, points)
     theirs = np.mean([np.linalg.norm(points[f"{s}_{a}"] - points[f"{s}_{b}"], axis=-1) for s in SIDES for a, b in _LEG])
     path = _middle(points, "left_hip", "right_hip") * (sum(lengths_m(body, "left", "leg")) / (2 * theirs))

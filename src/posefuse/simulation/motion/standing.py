@@ -152,7 +152,7 @@ def idle(body: Body, settings: IdleSettings, seed: int) -> Callable[[Array], Pos
 
 
 class _Ease:
-    """The small movements of somebody who stands."""
+    """The small movements of a person who stands."""
 
     def __init__(self, rng: np.random.Generator, size: float) -> None:
         self._size = size

@@ -55,7 +55,7 @@ class RenderTask:
     Attributes:
         camera: its place. seq: (F,) numbers of the frames. stamp_ns: (F,) times to write.
         poses: (F, moments, M, 7). xyz_world: (F, Q, 3). possible: (F, Q).
-        film: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
+        video: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
     """
 
     camera: int
@@ -133,7 +133,7 @@ def _render(task: RenderTask) -> int:
             seed = [job.seed, 41, task.camera, int(seq)]
             image, visible[i] = shooter.shoot(task.poses[i], task.xyz_world[i], task.possible[i], job.flesh_m, seed)
             store.write(image, int(task.stamp_ns[i]))
-    # written last, and whole or not at all: where it is, the film part is complete
+    # written last, and whole or not at all: where it is, the video part is complete
     write_arrays(task.done, {"visible": visible})
     return len(task.seq)
 

@@ -17,7 +17,7 @@ class GestureSwitch:
         self._seq, self._t_ns = 0, -1
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`: one beat for each new pose that shows the gesture."""
+        """See `DeadMan`: one heartbeat for each new pose that shows the gesture."""
         if view is None or view.t_ns <= self._t_ns or not view.gesture:
             return Pressed()
         self._seq, self._t_ns = self._seq + 1, view.t_ns

@@ -22,7 +22,7 @@ class Pressed:
 
 
 class DeadMan(Protocol):
-    """A switch that somebody must hold."""
+    """A switch that a person must hold."""
 
     @property
     def hint(self) -> str:

@@ -45,7 +45,7 @@ FAULTS = (
 )  # fmt: skip
 # the true distance counts as kept while the robot brakes: pose age, watchdog and braking from full speed
 REACTION_S = 0.45
-# a robot that nobody gives orders stands after so long
+# a robot that no one gives orders stands after so long
 STANDING_S = 0.35
 
 

@@ -96,7 +96,7 @@ class MujocoRobot:
             self._viewer.sync()
 
     def open_viewer(self) -> None:
-        """MuJoCo's own window beside the physics."""
+        """MuJoCo's own window in addition to the physics."""
         import mujoco.viewer
 
         self._viewer = mujoco.viewer.launch_passive(self.model, self.data, show_left_ui=False, show_right_ui=False)

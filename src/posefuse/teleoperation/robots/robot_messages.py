@@ -39,7 +39,7 @@ class StateMessages:
     def of(
         self, state: RobotState, order: Order | None, t_ns: int, wanted: Callable[[Topic], bool]
     ) -> Iterator[tuple[Topic, Any]]:
-        """Topics and messages of one step that somebody wants; `t_ns` in Unix time."""
+        """Topics and messages of one step that a person wants; `t_ns` in Unix time."""
         phase = order.phase if order is not None else Phase.IDLE
         if wanted(self._engaged):
             yield self._engaged, message("std_msgs/msg/Bool", data=phase is Phase.ENGAGED)

@@ -14,13 +14,13 @@ __all__ = ["TRACKERS", "CameraHealth", "LiveSettings", "Solve", "Tracker", "buil
 
 
 def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve) -> Tracker:
-    """A tracker with nobody in it yet.
+    """A tracker with no person in it yet.
 
     Args:
         rig: the cameras. skeleton: of every view.
         settings: which tracker, and how it judges.
-        solve: who stands where, from one view of every camera (nobody in those that have none) and the pose before: people
-            are born from it, and ``latest`` is nothing else. Association and fusion of one instant, put together by `app`.
+        solve: who stands where, from one view of every camera (no person in those that have none) and the pose before: people
+            are born from it, and ``latest`` is nothing else. Association and fusion of one time step, put together by `app`.
     """
     if settings.tracker == "latest":
         from .latest import LatestTracker

@@ -26,7 +26,7 @@ class Admission:
     """Judges the time of every view by the newest used, the newest time asked for, and the other cameras.
 
     A single clock that jumps is refused; when at least half of the cameras agree (two, where there are two), time really
-    went on, and where nobody has asked for a time yet they may also set it back: `restarts` counts how often.
+    went on, and where no one has asked for a time yet they may also set it back: `restarts` counts how often.
     """
 
     def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings) -> None:

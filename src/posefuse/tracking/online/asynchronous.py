@@ -18,7 +18,7 @@ from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
 from .settings import LiveSettings
 
-# a person is looked for in views nobody claimed that are not older than this against the newest, so often at most
+# a person is looked for in views no one claimed that are not older than this against the newest, so often at most
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
 _BIRTH_WAIT_NS = 20_000_000
 # who was not measured for so long may be found anew within this distance
@@ -59,7 +59,7 @@ class _Figures:
 
 
 class AsynchronousTracker:
-    """A Kalman filter bank per keypoint; see `kernels`. A person is born from the robust solve of views nobody claimed."""
+    """A Kalman filter bank per keypoint; see `kernels`. A person is born from the robust solve of views no one claimed."""
 
     def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve) -> None:
         self._model = Model(rig, skeleton, settings)
@@ -106,7 +106,7 @@ class AsynchronousTracker:
         return tracks
 
     def at(self, t_ns: int) -> Pose3D:
-        """See `Tracker.at`. Times older than the lag buffer are forgotten: nobody."""
+        """See `Tracker.at`. Times older than the lag buffer are forgotten: no person."""
         self._admission.asked(t_ns)
         out = Pose3DArrays(len(self._people), self._model.sizes[0])
         ids: list[int] = []
@@ -142,7 +142,7 @@ class AsynchronousTracker:
         return result
 
     def _claims(self, rays: Rays, c: int, t_ns: int) -> list[tuple[Person, int]]:
-        """Who is who in one view: pairs of person and detection, each at most once, with the greatest support of all."""
+        """Association in one view: pairs of person and detection, each at most once, with the greatest support of all."""
         from . import kernels
 
         if not self._people or not len(rays):
@@ -224,7 +224,7 @@ class AsynchronousTracker:
             if len(self._people) >= self._model.settings.max_people:
                 return
             number = self._next_id
-            # one person is always the same one; of several, a later track may be anybody
+            # one person is always the same one; of several, a later track may be any person
             self._next_id += self._model.settings.max_people > 1
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
         self._people.sort(key=lambda person: person.id)

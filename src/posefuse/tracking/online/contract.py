@@ -24,7 +24,7 @@ class CameraHealth:
             all is well); NaN before the first.
         gated_share: share of its keypoints that were too far off to be used.
         flipped_share: share of its views with left and right exchanged somewhere.
-        unclaimed: views that showed nobody who is tracked. late, ahead: views refused as older than the buffer, or from
+        unclaimed: views that showed no person who is tracked. late, ahead: views refused as older than the buffer, or from
             the future (a wrong clock). repeated: views of a moment already told. crowded: views beyond the allowed rate.
     """
 

@@ -125,7 +125,7 @@ class Person:
         self.id = person_id
         self.speed_m_s = 0.0
         self._model, self._birth_ns = model, t_ns
-        # by camera; those of the birth are not told apart
+        # by camera; those of the birth are not distinguished
         self._measured_by_ns = {-2: t_ns, -1: t_ns}
         state = np.empty(kernels.state_size(*model.sizes))
         kernels.born(state, *model.sizes, xyz, cov, _BORN_M_S, model.models)

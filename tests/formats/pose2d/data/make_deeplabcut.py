@@ -1,4 +1,4 @@
-"""How the DeepLabCut files beside this script were made, as DeepLabCut makes them; needs pandas and PyTables, tests do not."""
+"""How the DeepLabCut files next to this script were made, as DeepLabCut makes them; needs pandas and PyTables, tests do not."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 """The compiled mathematics of the whole-body fit: tree, Gauss-Newton step, filter and smoother.
 
-State of one instant: q (nodes,) of slides and hinges, rot (nodes, 3, 3) of balls; its error lives in D local coordinates,
+State of one time step: q (nodes,) of slides and hinges, rot (nodes, 3, 3) of balls; its error lives in D local coordinates,
 a ball's as a rotation vector in its own child axes (rot <- rot exp(d)). The filter's covariance is over (D errors,
 D velocities). A keypoint's measurement of any kind is brought to information (3, 3) and gradient (3,) about its present
 place, so that 3D points and the rays of all cameras enter the same normal equations.

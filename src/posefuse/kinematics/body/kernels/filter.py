@@ -1,4 +1,4 @@
-"""From instant to instant: prediction, what a fit has told, and the way back."""
+"""From time step to time step: prediction, what a fit has told, and the way back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One instant fitted."""
+"""One time step fitted."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def gauss_newton(
     parent, kind, axis, offset, dof, limits, mirrored, node, local, q_expected, rot_expected, expected_information,
     preferred_sd, seen, information, projections, xy, inverse_var, robust, iterations, q, rot,
 ):  # fmt: skip
-    """Fit one instant, in place from (q, rot); returns the information (D, D) at the optimum and the iterations used."""
+    """Fit one time step, in place from (q, rot); returns the information (D, D) at the optimum and the iterations used."""
     size = dof[-1]
     frame = np.empty((kind.shape[0], 3, 3))
     origin = np.empty((kind.shape[0], 3))

@@ -13,7 +13,7 @@ from .body import hold_bones
 from .motion import all_models, combined, position
 from .state import parts
 
-_OUT_OF_SIGHT_M = 0.5  # along a ray nobody else crosses
+_OUT_OF_SIGHT_M = 0.5  # along a ray no other person crosses
 
 
 @kernel()

@@ -1,0 +1,57 @@
+"""The glossary of CONTRIBUTING.md holds: its left column is in no comment, docstring, message or page."""
+
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("src", "bench", "paper", "examples", "tools")
+SPOKEN = {tokenize.COMMENT, tokenize.STRING, *({tokenize.FSTRING_MIDDLE} if hasattr(tokenize, "FSTRING_MIDDLE") else ())}
+
+
+def refused() -> list[str]:
+    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("| not | but |")[2]
+    rows = re.findall(r"^\| ([^|]+) \| [^|]+ \|$", table, re.MULTILINE)
+    return [term.strip() for row in rows for term in row.split(",")]
+
+
+PATTERN = re.compile(r"(?<!/)\b(" + "|".join(map(re.escape, refused())) + r")\b", re.IGNORECASE)
+
+
+def spoken(code: str) -> Iterator[tuple[int, str]]:
+    """Comments and texts of a program with their lines; single words are names of fields and keys."""
+    for token in tokenize.generate_tokens(io.StringIO(code).readline):
+        if token.type in SPOKEN and (token.type == tokenize.COMMENT or re.search(r"\w\W+\w", token.string.strip("frb\"'"))):
+            yield token.start[0], token.string
+
+
+def found_in(path: Path) -> list[str]:
+    text = path.read_text(encoding="utf-8")
+    parts = spoken(text) if path.suffix == ".py" else enumerate(prose(text).splitlines(), start=1)
+    said = [(line, re.sub(r"`[^`\n]*`|\{[^{}]*\}", "", part)) for line, part in parts]
+    return [f"line {line}: {match.group()!r}" for line, part in said for match in PATTERN.finditer(part)]
+
+
+def prose(page: str) -> str:
+    """A page with its blocks of code and of printed tables emptied; line numbers stay."""
+    return re.sub(r"^```.*?^```$", lambda block: "\n" * block.group().count("\n"), page, flags=re.MULTILINE | re.DOTALL)
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+CODE = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+@pytest.mark.parametrize("path", [*PAGES, *CODE], ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_standard_terms_are_used(path: Path) -> None:
+    assert not found_in(path)
+
+
+def test_the_check_can_fail(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text('"""No person is there."""\nfilm = 1  # at every time step\nkey = "video"\n', encoding="utf-8")
+    assert found_in(tmp_path / "a.py") == ["line 1: 'No person'", "line 2: 'time step'"]
+    (tmp_path / "a.md").write_text("The camera was\nbumped, see `bumped`.", encoding="utf-8")
+    assert found_in(tmp_path / "a.md") == ["line 2: 'moved'"]
