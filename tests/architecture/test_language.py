@@ -51,7 +51,7 @@ def test_standard_terms_are_used(path: Path) -> None:
 
 
 def test_the_check_can_fail(tmp_path: Path) -> None:
-    (tmp_path / "a.py").write_text('"""No person is there."""\nfilm = 1  # at every time step\nkey = "video"\n', encoding="utf-8")
-    assert found_in(tmp_path / "a.py") == ["line 1: 'No person'", "line 2: 'time step'"]
+    (tmp_path / "a.py").write_text('"""Nobody is there."""\nfilm = 1  # at every instant\nkey = "film"\n', encoding="utf-8")
+    assert found_in(tmp_path / "a.py") == ["line 1: 'Nobody'", "line 2: 'instant'"]
     (tmp_path / "a.md").write_text("The camera was\nbumped, see `bumped`.", encoding="utf-8")
-    assert found_in(tmp_path / "a.md") == ["line 2: 'moved'"]
+    assert found_in(tmp_path / "a.md") == ["line 2: 'bumped'"]
