@@ -52,6 +52,7 @@ def mobile_manipulator(hands: Sequence[str] = ("right",), things: Sequence[Thing
   <option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="10"/>
   <visual><global offwidth="1920" offheight="1080"/><headlight ambient="0.45 0.45 0.45"/></visual>
   <asset>
+    <texture type="skybox" builtin="gradient" rgb1="0.82 0.88 0.95" rgb2="0.97 0.98 1" width="64" height="384"/>
     <texture name="grid" type="2d" builtin="checker" rgb1="0.86 0.87 0.88" rgb2="0.8 0.81 0.83" width="256" height="256"/>
     <material name="grid" texture="grid" texrepeat="12 12"/>
     <material name="shell" rgba="0.93 0.94 0.95 1"/><material name="dark" rgba="0.25 0.28 0.32 1"/>

@@ -1,0 +1,181 @@
+"""Robots over ROS 2, against a node that stands for the robot."""
+
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds")
+pytest.importorskip("mujoco")
+pytest.importorskip("daqp")
+
+from posefuse.core import SE3, ConfigError
+from posefuse.messages.intake import decode
+from posefuse.messages.messages import header
+from posefuse.messages.tf_tree import TfTree
+from posefuse.messages.topics import TF, Topic
+from posefuse.messages.types import message
+from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD, mobile_manipulator
+from posefuse.teleoperation.robots.protocol import Goal
+from posefuse.teleoperation.robots.reports import OutletReporter, RosPlan
+from posefuse.teleoperation.robots.robot_messages import quaternion, vector
+from posefuse.teleoperation.robots.ros_robot import open_ros_robot
+from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
+
+PLAN = RosPlan(domain_id=83, local_only=True, cmd_vel="/cmd_vel")
+SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), heading_deg=90.0))
+JOINTS = [f"right_j{i}" for i in range(1, 8)]
+
+
+def transform(parent, child, place):
+    return message(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(time.time_ns(), parent),
+        child_frame_id=child,
+        transform=message("geometry_msgs/msg/Transform", translation=vector(place.xyz), rotation=quaternion(place.wxyz)),
+    )
+
+
+def joint_state(q):
+    empty = np.zeros(0)
+    state = header(time.time_ns(), "")
+    return message("sensor_msgs/msg/JointState", header=state, name=JOINTS, position=np.array(q), velocity=empty, effort=empty)
+
+
+@contextmanager
+def robot_node():
+    import threading
+
+    node, ended = PLAN.node("robot"), threading.Event()
+    places = [
+        transform("base_link", "elbow", SE3.from_rotvec([0, 0, 0.3], [0.3, 0, 0.5])),
+        transform("elbow", "tool", SE3.identity()),
+    ]
+
+    def tell():
+        while not ended.wait(0.02):
+            t_ns = time.time_ns()
+            node.publish(Topic(PLAN.joint_states, "sensor_msgs/msg/JointState"), joint_state(ARM_HOME_RAD), t_ns)
+            node.publish(TF, message("tf2_msgs/msg/TFMessage", transforms=places), t_ns)
+
+    thread = threading.Thread(target=tell)
+    thread.start()
+    try:
+        yield node
+    finally:
+        ended.set()
+        thread.join()
+        node.close()
+
+
+def received(node, topic, act, tries=200):
+    reader = node.reader(topic)
+    for _ in range(tries):
+        act()
+        time.sleep(0.02)
+        for sample in reader.take():
+            return decode(sample.raw, topic.type_name, 10**6)
+    pytest.fail(f"nothing on {topic.name}")
+
+
+def goal(posture, velocity=(0.0, 0.0, 0.0)):
+    return Goal(
+        xyz_world=posture.xyz_world,
+        wxyz=posture.wxyz,
+        velocity_world=np.array([velocity]),
+        turn_rate_world=np.zeros((1, 3)),
+        grip=np.array([False]),
+        stands=False,
+    )
+
+
+@pytest.mark.parametrize("command", ["pose", "twist"])
+def test_a_cartesian_controller_gets_poses_or_velocities_in_its_base_frame(command):
+    with robot_node() as node:
+        robot = open_ros_robot(command, PLAN, None, ("tool",), SETTINGS)
+        posture = robot.posture()
+        # the base stands at (2, 0), turned by a quarter
+        assert posture.xyz_world[0] == pytest.approx([2.0, 0.3, 0.5]) and not posture.fault
+        name, kind = ("target", "PoseStamped") if command == "pose" else ("twist", "TwistStamped")
+        topic = Topic(f"{PLAN.namespace}/tool/{name}", f"geometry_msgs/msg/{kind}", depth=1)
+        got = received(node, topic, lambda: robot.carry_out(goal(posture, (0.0, 0.2, 0.1)), 0.01))
+        assert got.header.frame_id == "base_link"
+        if command == "pose":
+            place = got.pose.position
+            assert [place.x, place.y, place.z] == pytest.approx([0.3, 0.0, 0.5])
+        else:
+            speed = got.twist.linear
+            assert [speed.x, speed.y, speed.z] == pytest.approx([0.2, 0.0, 0.1])
+        robot.close()
+
+
+@pytest.mark.parametrize("controller", ["/arm/joint_trajectory", "/arm/commands"])
+def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controller):
+    file = tmp_path / "robot.xml"
+    file.write_text(mobile_manipulator())
+    with robot_node() as node:
+        robot = open_ros_robot("joints", replace(PLAN, controller=controller), file, ("right_hand",), SETTINGS)
+        posture = robot.posture()
+        wanted = replace(goal(posture), xyz_world=posture.xyz_world + [[0.0, 0.002, 0.0]])
+        assert robot.reaches(wanted, 0.01)
+        kind = "std_msgs/msg/Float64MultiArray" if controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
+        got = received(node, Topic(controller, kind, depth=1), lambda: robot.carry_out(wanted, 0.01))
+        if kind.endswith("Trajectory"):
+            assert got.joint_names == JOINTS and len(got.points[0].positions) == 7
+            assert got.points[0].positions == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
+        else:
+            assert got.data == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
+        base = received(
+            node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.carry_out(goal(posture), 0.01)
+        )
+        assert abs(base.twist.linear.x) <= 0.3
+        robot.close()
+
+
+def test_a_robot_that_falls_silent_has_a_fault():
+    with robot_node():
+        robot = open_ros_robot("pose", PLAN, None, ("tool",), SETTINGS)
+        assert not robot.posture().fault
+    time.sleep(0.4)
+    assert "nothing new" in robot.posture().fault
+    robot.close()
+
+
+def test_what_cannot_be_is_refused_in_one_line():
+    with pytest.raises(ConfigError, match="the model of the robot"):
+        open_ros_robot("joints", PLAN, None, ("tool",), SETTINGS)
+    with pytest.raises(ConfigError, match="ROS 1"):
+        open_ros_robot("pose", replace(PLAN, version=1), None, ("tool",), SETTINGS)
+
+
+def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
+    from posefuse.messages.bags import Recorder, read_mcap
+    from posefuse.teleoperation.rehearsal.faults import engaged_world, rehearsal_settings, tick
+
+    file = tmp_path / "robot.mcap"
+    world = engaged_world(rehearsal_settings(), 0)
+    reporter = OutletReporter(lambda: Recorder(file), world.settings, RosPlan())
+    for _ in range(5):
+        tick(world, set())
+        reporter.take(world.state, world.driver.follower.order)
+    reporter.close()
+    topics = {one.topic for one in read_mcap(file)}
+    parts = ("right/target_pose", "right/commanded", "right/measured", "engaged", "markers")
+    assert topics == {*(f"/posefuse/teleoperation/{part}" for part in parts), "/diagnostics"}
+
+
+def test_the_tree_of_frames_agrees_with_products_of_transforms():
+    rng, tree = np.random.default_rng(0), TfTree()
+    places = [SE3.from_rotvec(rng.normal(size=3), rng.normal(size=3)) for _ in range(3)]
+    pairs = [("root", "a"), ("a", "b"), ("root", "c")]
+    tree.take(
+        message("tf2_msgs/msg/TFMessage", transforms=[transform(p, c, one) for (p, c), one in zip(pairs, places, strict=True)])
+    )
+    found = tree.lookup("c", "b")
+    assert found.matrix4() == pytest.approx((places[2].inverse() @ places[0] @ places[1]).matrix4())
+    assert tree.lookup("c", "elsewhere") is None
+    # a loop ends
+    tree.take(message("tf2_msgs/msg/TFMessage", transforms=[transform("b", "root", SE3.identity())]))
+    tree.lookup("c", "b")
