@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from posefuse import core
 
 if TYPE_CHECKING:
-    from posefuse.evaluation.compare import Comparison, Tracks
+    from posefuse.evaluation.compare import Comparison
 
 
 def compare(
@@ -36,14 +36,14 @@ def compare(
         InputError: a file that cannot be read, no common points, or no common time.
     """
     from posefuse.evaluation.compare import compare as compared
+    from posefuse.pipeline.comparing import to_compare
 
-    one, other = _tracks(a, "a", person), _tracks(b, "b", person)
-    return compared(one, other, time=align_time, space=align_space, scale=scale, start_s=align_first_s)
+    pair = to_compare(_named(a, "a"), _named(b, "b"), person)
+    time, space = align_time and not pair.exact, align_space and not pair.exact
+    return compared(pair.a, pair.b, time=time, space=space, scale=scale, start_s=align_first_s)
 
 
-def _tracks(value: core.Recording | str | Path, name: str, person: int | None) -> Tracks:
-    from posefuse.evaluation.tracks import read_tracks, tracks_of
-
+def _named(value: core.Recording | str | Path, name: str) -> Path | tuple[Path, core.Recording]:
     if isinstance(value, core.Recording):
-        return tracks_of(value.poses, Path(str(value.provenance.get("session", name))), person)
-    return read_tracks(Path(value), person)
+        return Path(str(value.provenance.get("session", name))), value
+    return Path(value)

@@ -11,12 +11,11 @@ import numpy as np
 
 from posefuse.cli.options.compare import CompareOptions
 from posefuse.evaluation.compare import Comparison, Tracks, compare, middle_of
-from posefuse.evaluation.tracks import read_tracks, tracks_of
 from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.foundation.plain_values import plain
-from posefuse.pipeline.reading import is_live, read_result
+from posefuse.pipeline.comparing import to_compare
 
 from .terminal import Terminal
 
@@ -26,8 +25,12 @@ def compare_files(path_a: Path, path_b: Path, options: CompareOptions, terminal:
     if options.out:
         check_apart(options.out, (path_a, path_b))
         check_replaceable(options.out, command="compare", replace=True)
-    a, b = (_tracks(path, options.person, terminal) for path in (path_a, path_b))
-    found = compare(a, b, time=not options.no_time, space=not options.no_space, scale=options.scale, start_s=options.align_first)
+    pair = to_compare(path_a, path_b, options.person, terminal.warn)
+    a, b = pair.a, pair.b
+    if pair.exact:
+        terminal.note(f"{path_a} is the truth of a simulation: nothing is aligned, times and world are its own")
+    aligned_in_time, aligned_in_space = not (options.no_time or pair.exact), not (options.no_space or pair.exact)
+    found = compare(a, b, time=aligned_in_time, space=aligned_in_space, scale=options.scale, start_s=options.align_first)
     figures = _figures(found)
     rows = [[point.replace("_", " "), *row.values()] for point, row in figures["points"].items()]
     terminal.facts("Alignment of the second onto the first", _facts(found))
@@ -43,11 +46,6 @@ def compare_files(path_a: Path, path_b: Path, options: CompareOptions, terminal:
     else:
         terminal.next("the same with --out DIR", "a page with every point over time, and compare.json")
     return figures
-
-
-def _tracks(path: Path, person: int | None, terminal: Terminal) -> Tracks:
-    """Of a live session, or of any other file or result folder."""
-    return tracks_of(read_result(path, terminal.warn).poses, path, person) if is_live(path) else read_tracks(path, person)
 
 
 def _facts(found: Comparison) -> dict[str, Any]:

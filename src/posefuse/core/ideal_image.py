@@ -7,7 +7,7 @@ picture of w px covers -0.5 ... w - 0.5.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,19 +81,31 @@ def optics_of(camera: Camera) -> Optics:
     step = _finest_step(norm, max(fx, fy))
     step = max(step, float((high - low).max()) / (_LARGEST_PX - 2 * _MARGIN_PX - 1))
     size = np.ceil((high - low) / step).astype(int) + 1 + 2 * _MARGIN_PX
+    # never of the image's own size, so that nobody takes one for the other
+    size[0] += tuple(size) == camera.size_wh
     first = low - (_MARGIN_PX + 0.5) * step
     view = SourceView(float(first[0]), float(first[1]), step, int(size[0]), int(size[1]))
     return Optics(view, view.px_from_norm(norm).astype(np.float32))
 
 
-def ideal_camera(camera: Camera) -> Camera:
-    """The pinhole camera whose image is the ideal picture of `camera`; raises ConfigError, see `optics_of`."""
+def has_lens(camera: Camera) -> bool:
+    """Whether its images differ from those of a pinhole camera of straight axes."""
+    return bool(camera.distortion.any()) or camera.model != "pinhole" or bool(camera.K[0, 1] != 0)
+
+
+def drawn_camera(camera: Camera) -> Camera:
+    """The camera that a renderer without lenses is asked to draw for `camera`: the same one where it has no lens to speak of,
+    else a pinhole camera, of another image size, whose image is the ideal picture.
+
+    Raises:
+        ConfigError: see `optics_of`.
+    """
+    if not has_lens(camera):
+        return replace(camera, distortion=np.zeros(0), readout_s=0.0)
     view = optics_of(camera).view
-    centre = np.array([-view.left, -view.top]) / view.step - 0.5
-    K = np.array([[1 / view.step, 0, centre[0]], [0, 1 / view.step, centre[1]], [0, 0, 1]])
-    return Camera(
-        name=camera.name, size_wh=(view.width, view.height), K=K, cam_from_world=camera.cam_from_world, distortion=np.zeros(0)
-    )
+    K = np.array([[1 / view.step, 0, -view.left / view.step - 0.5], [0, 1 / view.step, -view.top / view.step - 0.5], [0, 0, 1]])
+    size = (view.width, view.height)
+    return Camera(name=camera.name, size_wh=size, K=K, cam_from_world=camera.cam_from_world, distortion=np.zeros(0))
 
 
 def _finest_step(norm: Array, focal_px: float) -> float:

@@ -50,7 +50,8 @@ def plain_name(name: str) -> str:
     return _SYNONYMS.get(words, words)
 
 
-def _tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz_m: Array) -> Tracks:
+def named_tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz_m: Array) -> Tracks:
+    """Points by their plain names, with neck and mid_hip where they follow; raises InputError for what cannot be a recording."""
     points = [plain_name(name) for name in names]
     middles = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
     for name, (one, two) in middles.items():
@@ -84,24 +85,24 @@ def tracks_of(poses: PoseSequence, path: Path, person: int | None = None) -> Tra
     if person is not None and person not in poses.person_id:
         raise InputError(f"{path}: no person {person}; there are: {', '.join(map(str, poses.person_id))}")
     n = int(np.argmax(seen)) if person is None else int(np.flatnonzero(poses.person_id == person)[0])
-    return _tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
+    return named_tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
 
 
 def _from_trc(path: Path, _: int | None) -> Tracks:
     data = read_trc(path)
-    return _tracks(path, data.names, data.t_s, data.xyz_world)
+    return named_tracks(path, data.names, data.t_s, data.xyz_world)
 
 
 def _from_c3d(path: Path, _: int | None) -> Tracks:
     data = read_c3d(path)
-    return _tracks(path, data.names, np.arange(len(data.xyz_world)) / data.rate_hz, data.xyz_world)
+    return named_tracks(path, data.names, np.arange(len(data.xyz_world)) / data.rate_hz, data.xyz_world)
 
 
 def _from_csv(path: Path, person: int | None) -> Tracks:
     data = read_points_csv(path, person)
-    return _tracks(path, data.names, data.t_s, data.xyz_m)
+    return named_tracks(path, data.names, data.t_s, data.xyz_m)
 
 
 def _from_mvnx(path: Path, _: int | None) -> Tracks:
     data = read_mvnx(path)
-    return _tracks(path, data.names, data.t_s, data.xyz_m)
+    return named_tracks(path, data.names, data.t_s, data.xyz_m)

@@ -15,13 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from posefuse.core import SE3, Detections2D, InputError, MessageError, Pose3D, Rig, SourceError
+from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
 from . import topics
 from .camera_messages import CAMERA_INFO_TYPE, camera_from_info
 from .intake import decode, encode
 from .mcap_records import mcap_records
-from .messages import detections_from_message, optical_frame, pose_from_message
+from .messages import detections_from_message, ns_from_time, optical_frame, pose_from_message
 from .topics import Topic
 from .types import definition, optional_module, ros2_types
 
@@ -184,6 +185,13 @@ def read_poses(path: Path, warn: Warn | None = None) -> Iterator[tuple[Pose3D, d
     """Recorded 3D poses with their stages, in the order they went out."""
     for recorded in read_mcap(path, {topics.POSE.name}, warn):
         yield pose_from_message(recorded.msg)
+
+
+def read_clock(path: Path, warn: Warn | None = None) -> tuple[Array, Array]:
+    """Times (T,) at which `/clock` was recorded and the simulated times (T,) it said, ns; empty where there was none."""
+    pairs = [(recorded.logged_ns, ns_from_time(recorded.msg.clock)) for recorded in read_mcap(path, {topics.CLOCK.name}, warn)]
+    t_ns, sim_ns = np.array(pairs, np.int64).reshape(-1, 2).T
+    return t_ns, sim_ns
 
 
 def read_rig(path: Path, warn: Warn | None = None) -> Rig:

@@ -53,7 +53,9 @@ def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[Liv
         raise SourceError(f"--source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
     if kind in ("realsense", "oak") and rest:
         return [_depth_camera(argument, camera, rig, kind, rest)]
-    return [_camera_input(argument, camera, kind.lower(), what, rest, ros)]
+    if kind.lower() == "ros" and rest:
+        return [_ros_topic(camera, rest, rig, ros)]
+    return [_camera_input(argument, camera, kind.lower(), what, rest)]
 
 
 def _simulated(camera: str, path: Path) -> LiveInput:
@@ -80,7 +82,14 @@ def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: 
     return LiveInput(camera, kind, make(camera, serial, size), reopen=True)
 
 
-def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, ros: Mapping[str, Any]) -> LiveInput:
+def _ros_topic(camera: str, topic: str, rig: Rig | None, ros: Mapping[str, Any]) -> LiveInput:
+    from posefuse.sources.ros import RosConfig
+
+    lens = rig[camera] if rig is not None else None
+    return LiveInput(camera, "ros", RosConfig(topic=topic, camera=camera, lens=lens, **ros), reopen=True)
+
+
+def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str) -> LiveInput:
     from posefuse.sources.live import PacedVideoConfig, StreamConfig
 
     if what.startswith("/dev/"):
@@ -92,8 +101,4 @@ def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str, r
     if kind == "usb" and rest:
         device, _, size = rest.partition("@")
         return LiveInput(camera, kind, StreamConfig(where=device, camera=camera, size=size), reopen=True)
-    if kind == "ros" and rest:
-        from posefuse.sources.ros import RosConfig
-
-        return LiveInput(camera, kind, RosConfig(topic=rest, camera=camera, **ros), reopen=True)
     raise SourceError(f"--source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")

@@ -6,13 +6,16 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from posefuse.core import Frame, PosefuseError, SourceError
+from posefuse.core import Camera, Frame, PosefuseError, SourceError
 from posefuse.core.errors import choices
+from posefuse.core.ideal_image import has_lens
 from posefuse.messages.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
 from posefuse.messages.dds import Network, RosNode
 from posefuse.messages.intake import decode
 from posefuse.messages.sim_time import ClockReader
 from posefuse.messages.topics import CLOCK, Topic, ros_name
+
+from .rig_lens import RigLens
 
 _MAX_BYTES = 2**28
 _DEPTH = 4
@@ -29,6 +32,7 @@ class RosConfig:
         offset_s: added to all times: session clock minus Unix epoch.
         wait_s: how long the first image may take.
         sim_time: stamps are simulated time; `/clock` says what they are on this machine's clock (ROS: `use_sim_time`).
+        lens: the rig's camera; images of an ideal camera, as simulators draw them, get its lens (`rig_lens`).
         domain_id, local_only, interface, peers: see `messages.dds.Network`.
     """
 
@@ -37,6 +41,7 @@ class RosConfig:
     offset_s: float = 0.0
     wait_s: float = 10.0
     sim_time: bool = False
+    lens: Camera | None = None
     domain_id: int = 0
     local_only: bool = False
     interface: str = ""
@@ -65,6 +70,7 @@ class RosSource:
         self.camera = config.camera
         self.refused_frames, self.last_refusal = 0, ""
         self._seq, self._newest_ns = -1, -(2**63)
+        self._lens = RigLens(config.lens) if config.lens is not None and has_lens(config.lens) else None
         self._closed = False
         self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", config.network)
         self._sim_time = ClockReader(self._node) if config.sim_time else None
@@ -105,7 +111,8 @@ class RosSource:
             try:
                 msg = decode(sample.raw, self._topic.type_name, _MAX_BYTES)
                 frame = frame_from_message(msg, self.camera, self._seq + 1, received_ns)
-                frame = replace(frame, t_ns=self._session_ns(frame.t_ns))
+                image = frame.image if self._lens is None else self._lens(frame.image)
+                frame = replace(frame, t_ns=self._session_ns(frame.t_ns), image=image)
                 self._check(frame)
             except PosefuseError as error:
                 self.refused_frames += 1

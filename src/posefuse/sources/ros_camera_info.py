@@ -10,10 +10,13 @@ import numpy as np
 
 from posefuse.core import Camera, MessageError
 from posefuse.core.arrays import Array
+from posefuse.core.ideal_image import has_lens
 from posefuse.messages.camera_messages import CAMERA_INFO_TYPE, camera_from_info
 from posefuse.messages.dds import Network, RosNode
 from posefuse.messages.intake import Intake
 from posefuse.messages.topics import Topic
+
+from .rig_lens import is_ideal_image_of
 
 _GRID = 9
 
@@ -42,6 +45,8 @@ def read_camera_infos(image_topics: Sequence[str], network: Network, wait_s: flo
 def camera_of_info(camera: Camera, msg: Any) -> Camera | None:
     """The rig's camera with the intrinsics of a `CameraInfo`; None where it holds no calibration (K is 0).
 
+    A simulator that draws the ideal image of the rig's camera confirms it: intake applies the lens (`rig_lens`).
+
     Raises:
         MessageError: it cannot be a camera, or images are of another size than the rig's.
     """
@@ -49,6 +54,8 @@ def camera_of_info(camera: Camera, msg: Any) -> Camera | None:
         return None
     found = camera_from_info(camera.name, msg, camera.cam_from_world)
     if found.size_wh != camera.size_wh:
+        if has_lens(camera) and is_ideal_image_of(camera, found):
+            return camera
         raise MessageError(
             f"CameraInfo of {camera.name}: images are {_size(found)} px, the rig was calibrated at {_size(camera)}"
         )

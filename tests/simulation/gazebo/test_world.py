@@ -10,11 +10,12 @@ import pytest
 import yaml
 
 from posefuse.core import SE3, ConfigError, InputError
+from posefuse.core.ideal_image import drawn_camera
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop, read_truth
 from posefuse.simulation.cameras import rig_from_cameras
 from posefuse.simulation.gazebo import GazeboSettings, export_world
-from posefuse.simulation.gazebo.cameras import camera_from_gazebo, drawn_camera, world_from_link
+from posefuse.simulation.gazebo.cameras import camera_from_gazebo, world_from_link
 from posefuse.simulation.gazebo.world import pose_text
 
 

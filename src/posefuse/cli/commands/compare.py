@@ -14,7 +14,8 @@ def compare(a: Path, b: Path, /, *, options: CompareOptions = CompareOptions(), 
     """Compare two recordings (posefuse result or .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift.
 
     Args:
-        a: The reference: result folder, .trc, .c3d, .csv or .mvnx.
+        a: The reference: result folder, .mcap, .trc, .c3d, .csv or .mvnx; or a folder of posefuse simulate, whose truth is then
+            compared by simulation time, without alignment.
         b: The one that is aligned with A.
     """
     from posefuse.cli.comparing import compare_files

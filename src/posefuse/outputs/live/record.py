@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import shutil
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Ge, Le
 
 from posefuse.core import (
     Detections2D,
@@ -73,10 +75,17 @@ class RecordConfig:
     Attributes:
         path: the .mcap file; must not exist.
         images: record the cameras' small images, too, with the 2D keypoints to draw over them.
+        sim_time: cameras are stamped in simulated time: with every pose `/clock` is kept, as it was then.
+        domain_id, local_only, interface, peers: where `/clock` is, see `Ros2Config`.
     """
 
     path: Path
     images: bool = False
+    sim_time: bool = False
+    domain_id: Annotated[int, Ge(0), Le(232)] = 0
+    local_only: bool = False
+    interface: str = ""
+    peers: tuple[str, ...] = ()
     takes: ClassVar[tuple[type[LiveMessage], ...]] = _TAKES
     keeps_all: ClassVar[bool] = True
 
@@ -102,6 +111,7 @@ class RecordOutput:
         self._recorder: Any = None
         self._ros: Any = None
         self._chosen: Any = None
+        self._clock: Any = None
         self._shown_ns = -_SHOWN_NS
         self._views: dict[str, Detections2D] = {}
         # whether the session got as far as a view or a pose
@@ -132,6 +142,8 @@ class RecordOutput:
 
     def close(self) -> None:
         """Finish the file."""
+        if self._clock is not None:
+            self._clock.close()
         if self._recorder is not None:
             self._recorder.close()
             if not self._filled:
@@ -144,6 +156,8 @@ class RecordOutput:
             # due times, so that the rate does not fall to that of every fourth pose
             went_on = t_ns - self._shown_ns < 2 * _SHOWN_NS
             self._shown_ns = self._shown_ns + _SHOWN_NS if went_on and t_ns > self._shown_ns else t_ns
+        if self._clock is not None:
+            self._clock.keep(self._recorder, t_ns)
         self._ros.step(message.pose, message.joints, message.stages_ns)
 
     def _preview(self, preview: LivePreview) -> None:
@@ -156,6 +170,8 @@ class RecordOutput:
     def _open(self, start: LiveStart) -> None:
         from posefuse.messages.bags import Recorder
 
+        if self._config.sim_time:
+            self._clock = _clock_of(self._config)
         path = part_path(self._config.path, start.part)
         if start.part > 1:
             _check_room(path)
@@ -165,6 +181,15 @@ class RecordOutput:
         self._chosen = _Chosen(self._recorder)
         self._ros = RosOutput(self._chosen, start.rig)
         self._ros.start(start.t_ns)
+
+
+def _clock_of(config: RecordConfig) -> Any:
+    from posefuse.messages.dds import Network
+
+    from .recorded_clock import RecordedClock
+
+    network = Network(domain_id=config.domain_id, local_only=config.local_only, interface=config.interface, peers=config.peers)
+    return RecordedClock(network)
 
 
 def _check_room(path: Path) -> None:

@@ -12,28 +12,14 @@ is exported as an ideal camera wide enough for all that the lens sees (`core.ide
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array
-from posefuse.core.ideal_image import ideal_camera
 
 CENTRE_PX = 0.5
 # columns: Gazebo's forward, left, up in our camera axes
 CAM_FROM_LINK = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
-
-
-def drawn_camera(camera: Camera) -> Camera:
-    """The pinhole camera that Gazebo is asked to draw for `camera`; the same one where it has no lens to speak of.
-
-    Raises:
-        ConfigError: the lens sees further aside than can be drawn.
-    """
-    if not camera.distortion.any() and camera.model == "pinhole" and camera.K[0, 1] == 0:
-        return replace(camera, distortion=np.zeros(0), readout_s=0.0)
-    return ideal_camera(camera)
 
 
 def world_from_link(camera: Camera) -> SE3:

@@ -18,6 +18,7 @@ import numpy as np
 
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.core.ideal_image import drawn_camera
 from posefuse.core.se3 import SE3
 from posefuse.formats.collada import write_collada
 from posefuse.formats.rig import write_rig
@@ -33,7 +34,6 @@ from posefuse.simulation.scene import Scene, motion_files
 from posefuse.simulation.scene_files import write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
-from .cameras import drawn_camera
 from .releases import release_named
 from .room import room_models
 from .ros_files import BRIDGE_FILE, LAUNCH_FILE, WORLD_FILE, bridge_text, image_topic, launch_text

@@ -1,0 +1,103 @@
+"""A live session of a simulator against the truth, by simulation time: slower than real time, over several loops."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mcap", reason="the extra `ros` is not installed")
+
+import posefuse
+from posefuse.core import CameraTruth, InputError, LivePose, LiveStart, Pose3D, Rig, Truth
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.evaluation.truth_tracks import looped
+from posefuse.formats.truth import write_loop, write_truth
+from posefuse.messages.bags import read_clock
+from posefuse.messages.sim_time import SimulatedClock
+from posefuse.outputs.live import RecordConfig
+from posefuse.outputs.live.recorded_clock import keep_clock
+from posefuse.pipeline.comparing import to_compare
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.provenance import notes_of
+
+BEGIN_NS = 1_750_000_000 * 10**9
+LOOP_S, RATE, OFFSET_M = 2.0, 0.5, np.array([0.012, 0.0, 0.005])
+K = len(ANATOMICAL23)
+REST = np.random.default_rng(4).uniform(-0.8, 0.8, (K, 3)) + [0, 0, 1]
+
+
+def person_at(sim_s: np.ndarray, which: int = 0) -> np.ndarray:
+    """(T, K, 3) of one of two people who go round, and are somewhere else at the end of the loop than at its beginning."""
+    t = looped(np.asarray(sim_s), LOOP_S)[:, None]
+    place = np.concatenate([np.sin(1.3 * t) + 3 * which, 0.4 * t, 0.05 * np.cos(9 * t)], axis=-1)
+    return REST + place[:, None]
+
+
+@pytest.fixture
+def world(tmp_path: Path, ring_rig: Callable[..., Rig]) -> Path:
+    """What `posefuse simulate --gazebo` writes of its truth."""
+    rig, t_ns = ring_rig(3), np.arange(0, round(LOOP_S * 1e9), 4_166_667)
+    xyz = np.stack([person_at(t_ns / 1e9, 1), person_at(t_ns / 1e9, 0)], axis=1)
+    none = np.zeros((0, 2, K), bool)
+    views = tuple(
+        CameraTruth(camera=name, t_ns=np.zeros(0, np.int64), xy_img=np.zeros((0, 2, K, 2)), visible=none) for name in rig.names
+    )
+    truth = Truth(rig=rig, t_ns=t_ns, skeleton=ANATOMICAL23, person_id=np.arange(2), xyz_world=xyz, views=views, joints=None)
+    folder = tmp_path / "world"
+    (folder / "truth").mkdir(parents=True)
+    write_truth(folder / "truth" / "truth.npz", truth)
+    write_loop(folder / "truth", round(LOOP_S * 1e9))
+    return folder
+
+
+def record(path: Path, rig: Rig, seconds: float, clock: SimulatedClock | None) -> None:
+    """What `posefuse live --record` writes: a pose every 10 ms of real time, 13 mm off the truth."""
+    output = RecordConfig(path=path).build()
+    output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes_of(rig, LiveConfig()), part=1))
+    for t_ns in BEGIN_NS + np.arange(0, round(seconds * 1e9), 10_000_000):
+        sim_ns = round((int(t_ns) - BEGIN_NS) * RATE) + 700_000_000
+        xyz = person_at(np.array([sim_ns / 1e9])) + OFFSET_M
+        if clock is not None:
+            clock.add(sim_ns, int(t_ns))
+            keep_clock(output._recorder, clock, int(t_ns))
+        rest = {"cov_world": np.tile(np.eye(3), (1, K, 1, 1)), "reproj_px": np.ones((1, K)), "n_views": np.full((1, K), 3)}
+        pose = Pose3D(
+            t_ns=int(t_ns), skeleton=ANATOMICAL23, person_id=np.array([5]), xyz_world=xyz, kind=np.ones((1, K), int), **rest
+        )
+        output.take(LivePose(pose=pose))
+    output.close()
+
+
+def test_the_error_is_found_by_simulation_time(tmp_path: Path, world: Path, ring_rig: Callable[..., Rig]) -> None:
+    record(tmp_path / "a.mcap", ring_rig(3), 8.0, SimulatedClock())
+    t_ns, sim_ns = read_clock(tmp_path / "a.mcap")
+    np.testing.assert_allclose(sim_ns, 700_000_000 + (t_ns - BEGIN_NS) * RATE, atol=1000)
+    found = posefuse.compare(world, tmp_path / "a.mcap")
+    # 8 s at half speed: two loops, and the other person is 3 m away
+    assert found.t_s[0] == pytest.approx(0.7) and found.t_s[-1] == pytest.approx(4.7, abs=0.01)
+    np.testing.assert_array_equal(found.alignment.rotation, np.eye(3))
+    assert found.alignment.offset_s == 0
+    # truth between two of its instants is a straight line, and there is one jump back in every loop
+    assert found.errors.mpjpe_mm == pytest.approx(13.0, abs=0.5)
+    assert np.median(np.linalg.norm(found.a_m - found.b_m, axis=-1)) == pytest.approx(0.013, abs=1e-5)
+
+
+def test_without_the_clock_it_would_be_another_moment(tmp_path: Path, world: Path, ring_rig: Callable[..., Rig]) -> None:
+    record(tmp_path / "a.mcap", ring_rig(3), 3.0, None)
+    assert posefuse.compare(world, tmp_path / "a.mcap").errors.mpjpe_mm > 50
+
+
+def test_a_recording_of_other_times_is_refused(tmp_path: Path, world: Path, ring_rig: Callable[..., Rig]) -> None:
+    record(tmp_path / "a.mcap", ring_rig(3), 0.5, SimulatedClock())
+    (world / "truth" / "loop.json").unlink()
+    pair = to_compare(world, tmp_path / "a.mcap", None, pytest.fail)
+    assert pair.exact
+    (world / "truth" / "loop.json").write_text('{"loop_ns": -1}')
+    with pytest.raises(InputError, match="nanoseconds > 0"):
+        to_compare(world, tmp_path / "a.mcap", None, pytest.fail)
+
+
+@pytest.mark.parametrize(("t_s", "expected"), [(0, 0), (0.5, 0.5), (2.0, 2.0), (2.25, 0.25), (4.0, 2.0), (-1, -1)])
+def test_a_loop_ends_with_its_last_pose_as_gazebo_plays_it(t_s: float, expected: float) -> None:
+    assert looped(np.array([float(t_s)]), 2.0)[0] == pytest.approx(expected)
