@@ -78,9 +78,9 @@ def test_the_error_is_found_by_simulation_time(tmp_path: Path, world: Path, ring
     assert found.t_s[0] == pytest.approx(0.7) and found.t_s[-1] == pytest.approx(4.7, abs=0.01)
     np.testing.assert_array_equal(found.alignment.rotation, np.eye(3))
     assert found.alignment.offset_s == 0
-    # truth between two of its instants is a straight line, and there is one jump back in every loop
+    # the truth is straight between two of its instants
     assert found.errors.mpjpe_mm == pytest.approx(13.0, abs=0.5)
-    assert np.median(np.linalg.norm(found.a_m - found.b_m, axis=-1)) == pytest.approx(0.013, abs=1e-5)
+    assert np.nanmedian(np.linalg.norm(found.a_m - found.b_m, axis=-1)) == pytest.approx(0.013, abs=1e-5)
 
 
 def test_without_the_clock_it_would_be_another_moment(tmp_path: Path, world: Path, ring_rig: Callable[..., Rig]) -> None:
