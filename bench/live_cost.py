@@ -52,23 +52,21 @@ _LEAD_S, _EMPTY_LEAD_S = 1.5, 16.0
 
 
 class Spent:
-    """Milliseconds of processor time per call of each stage."""
+    """Milliseconds of processor time per call of each stage: the mean without the highest tenth, which holds interruptions."""
 
     def __init__(self) -> None:
-        self.total_s: dict[str, float] = {}
-        self.calls: dict[str, int] = {}
+        self._spent_s: dict[str, list[float]] = {}
 
     def of(self, stage: str, work: Callable[[], object]) -> object:
         """What `work` returns; its time counts for the stage."""
         begun_s = time.process_time()
         result = work()
-        self.total_s[stage] = self.total_s.get(stage, 0.0) + time.process_time() - begun_s
-        self.calls[stage] = self.calls.get(stage, 0) + 1
+        self._spent_s.setdefault(stage, []).append(time.process_time() - begun_s)
         return result
 
     def ms(self) -> dict[str, float]:
         """By stage."""
-        return {stage: 1000 * total_s / self.calls[stage] for stage, total_s in self.total_s.items()}
+        return {stage: 1000 * float(np.mean(sorted(one)[: -(-9 * len(one) // 10)])) for stage, one in self._spent_s.items()}
 
 
 def capture_stages(video: Path, spent: Spent) -> list[Frame]:
