@@ -185,8 +185,9 @@ def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s:
     command = [sys.executable, "-m", "posefuse.cli.main", "live", str(rig), "--json", "--networks", network]
     command += ["--duration", str(seconds + lead_s + 1), *(part for source in sources for part in ("--source", source))]
     live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while (line := live.stderr.readline()) and ": ok" not in line:
-        pass
+    while ": ok" not in (line := live.stderr.readline()):
+        if not line:
+            raise SystemExit("the session ended before any camera was ok: is the machine free?")
     time.sleep(lead_s)
     before, begun_s = thread_seconds(live.pid), time.monotonic()
     time.sleep(seconds)
