@@ -8,7 +8,7 @@ from posefuse.messages.messages import message_from_detections, message_from_pos
 from posefuse.messages.ros_output import RosOutput
 from posefuse.messages.topics import Topic
 from posefuse.messages.types import message
-from posefuse.outputs.mcap import McapSink
+from posefuse.outputs.mcap import McapSink, recorded_ns
 
 
 @pytest.fixture
@@ -256,3 +256,16 @@ def test_a_topic_that_was_latched_is_offered_latched_again(tmp_path):
         recorder.publish(latched, message("std_msgs/msg/String", data="x"), 1)
     (found,) = bags.read_mcap(tmp_path / "a.mcap")
     assert (found.topic, found.msg.data, found.logged_ns) == ("/once", "x", 1)
+
+
+@pytest.mark.parametrize(
+    ("provenance", "expected_ns"),
+    [
+        ({}, 0),
+        ({"start_ns": 1_700_000_000_000_000_123}, 1_700_000_000_000_000_123),
+        ({"recorded": "2023-11-14T22:13:20Z"}, 1_700_000_000_000_000_000),
+        ({"recorded": "on a Tuesday"}, 0),
+    ],
+)
+def test_stamps_begin_when_the_files_say_it_was_recorded(provenance, expected_ns):
+    assert recorded_ns(provenance) == expected_ns

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,10 +24,11 @@ class McapSink:
     """``pose.mcap``: cameras, 2D poses of each view, 3D poses, REP-155 bodies, tf and markers.
 
     Attributes:
-        epoch_offset_ns: Unix epoch minus session clock, added to every stamp.
+        epoch_offset_ns: Unix time at time 0 of the recording, added to every stamp; None: what the files say about when they were
+            recorded, 0 where they do not.
     """
 
-    epoch_offset_ns: int = 0
+    epoch_offset_ns: int | None = None
     name: ClassVar[str] = "mcap"
 
     def build(self) -> Sink:
@@ -38,13 +41,23 @@ class McapSink:
         with atomic_file(path) as staged:
             staged.unlink(missing_ok=True)
             with Recorder(staged) as recorder:
-                output = RosOutput(recorder, recording.rig, epoch_offset_ns=self.epoch_offset_ns)
+                offset_ns = self.epoch_offset_ns if self.epoch_offset_ns is not None else recorded_ns(recording.provenance)
+                output = RosOutput(recorder, recording.rig, epoch_offset_ns=offset_ns)
                 output.start(int(recording.poses.t_ns[0]))
                 for i in range(len(recording.poses)):
-                    for view in _views(recording, i, self.epoch_offset_ns):
+                    for view in _views(recording, i, offset_ns):
                         recorder.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
                     output.step(_present(recording.poses.at(i)))
         return [path]
+
+
+def recorded_ns(provenance: Mapping[str, Any]) -> int:
+    """Unix time at time 0 of a recording: a live session's start, or the date that the camera wrote; 0 where neither is known."""
+    if isinstance(start_ns := provenance.get("start_ns"), int):
+        return start_ns
+    with suppress(ValueError, TypeError):
+        return round(datetime.fromisoformat(str(provenance["recorded"])).timestamp() * 1e9) if "recorded" in provenance else 0
+    return 0
 
 
 def _present(pose: Pose3D) -> Pose3D:
