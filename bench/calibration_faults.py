@@ -69,7 +69,8 @@ def main() -> None:
         give_up_claims(folder, _CLAIM_S)
         found: list[tuple[Run, Outcome]] = []
         begin = time.monotonic()
-        for run in chosen_runs(args.only, args.seeds, args.quick):
+        runs = chosen_runs(args.only, args.seeds, args.quick)
+        for run in runs:
             late = time.monotonic() - begin > args.for_s
             outcome = kept(folder, run) if late else carry_out_once(folder, run)
             if outcome is not None:
@@ -79,6 +80,7 @@ def main() -> None:
         [(run.of, outcome) for run, outcome in found if isinstance(run.of, Case)],
         [(run.of, outcome) for run, outcome in found if isinstance(run.of, GoodSession)],
         args.seeds,
+        len(runs) - len(found),
     )
     print(text, file=sys.stderr)
     if args.page:

@@ -20,8 +20,10 @@ Written by `make calibration-faults`. Every fault is constructed with a known tr
 Found = Sequence[tuple[Case, Outcome]]
 
 
-def page(faults: Found, goods: Sequence[tuple[GoodSession, Outcome]], seeds: Sequence[int]) -> tuple[str, dict[str, float]]:
-    """The page, and its figures."""
+def page(
+    faults: Found, goods: Sequence[tuple[GoodSession, Outcome]], seeds: Sequence[int], not_run: int = 0
+) -> tuple[str, dict[str, float]]:
+    """The page, and its figures; `not_run`: sessions that a run with a time limit left out."""
     told = [(case, outcome) for case, outcome in faults if not case.not_in_images]
     counts = Counter(outcome.verdict for _, outcome in told)
     good = Counter(outcome.verdict for _, outcome in goods)
@@ -31,6 +33,7 @@ def page(faults: Found, goods: Sequence[tuple[GoodSession, Outcome]], seeds: Seq
     names = list(dict.fromkeys(case.name for case, _ in told))
     lines = [_HEAD, f"{len(names)} faults, {len(told)} sessions, seeds {', '.join(map(str, seeds))}, {seconds / 60:.0f} minutes"
              " of one core.", ""]  # fmt: skip
+    lines += [f"**Not complete: {not_run} sessions, good ones included, were not run.**", ""] if not_run else []
     lines += ["| " + " | ".join(VERDICTS) + f" | {len(goods)} good sessions refused |", "|---" * (len(VERDICTS) + 1) + "|"]
     shares = " | ".join(f"{counts[v]} ({counts[v] / max(len(told), 1):.1%})" for v in VERDICTS)
     lines += [f"| {shares} | {good[REFUSED]} |", "", "| group | fault | " + " | ".join(VERDICTS) + " |", "|---" * 6 + "|"]
