@@ -53,6 +53,8 @@ def _hidden(faults: Found) -> list[str]:
 
 
 def _good(goods: Sequence[tuple[GoodSession, Outcome]]) -> list[str]:
+    if not goods:
+        return ["", "## Good sessions", "", "Not run."]
     refused = [good.name for good, outcome in goods if outcome.verdict == REFUSED]
     accepted = [outcome for _, outcome in goods if outcome.verdict == ACCEPTED]
     worst = max((outcome.answer.error_mm for outcome in accepted), default=0.0)
