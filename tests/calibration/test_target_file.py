@@ -49,7 +49,7 @@ def test_printing_writes_the_file_and_the_other_steps_take_it(tmp_path: Path) ->
             *("intrinsics", "--target", str(described), "--columns", "5", "--marker-mm", "3"),
             *("--out", str(tmp_path / "lenses.toml"), recording),
         )
-    with pytest.raises(InputError, match=r"board\.toml: is there already"):
+    with pytest.raises(InputError, match=r"board\.toml already exists"):
         run("print", *sizes, "--page", "a3", "--out", str(tmp_path / "board.ps"))
 
 
