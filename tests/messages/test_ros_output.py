@@ -47,11 +47,21 @@ def test_rep155_topics_and_types(kept, some_pose, some_joints, ring_rig):
 
 def test_who_is_tracked_is_said_when_it_changes(kept, some_pose):
     output = RosOutput(kept)
-    for people in (1, 1, 2, 0, 0):
-        output.step(some_pose(people))
+    for t_s, people in ((0, 1), (4, 1), (8, 2), (12, 0), (13, 0), (14.9, 0)):
+        output.step(some_pose(people, t_ns=round(t_s * 1e9)))
+    # who is lost for a moment keeps the topics
+    assert not kept.forgotten
+    output.step(some_pose(0, t_ns=15_100_000_000))
     assert [m.ids for m in kept.on("/humans/bodies/tracked")] == [["p40"], ["p40", "p7"], []]
     assert {name for name in kept.forgotten if "p7" in name} == {f"/humans/bodies/p7/{part}" for part in topics.BODY_PARTS}
     assert len(kept.forgotten) == 2 * len(topics.BODY_PARTS)
+
+
+def test_who_comes_back_keeps_the_topics(kept, some_pose):
+    output = RosOutput(kept)
+    for t_s, people in ((0, 1), (1, 0), (3, 1), (5, 1), (9, 1)):
+        output.step(some_pose(people, t_ns=round(t_s * 1e9)))
+    assert not kept.forgotten
 
 
 def test_tf_frames_stand_where_the_keypoints_are(kept, standing, some_joints):

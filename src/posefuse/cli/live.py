@@ -102,7 +102,7 @@ def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOption
 
 
 def _show_next(rig_file: Path, outputs: OutputOptions, terminal: Terminal) -> None:
-    if outputs.record:
+    if outputs.record and outputs.record.exists():
         terminal.next(
             f"posefuse live {rig_file} --replay {outputs.record}", "the recording once more, with other settings if you like"
         )

@@ -23,6 +23,7 @@ from .velocities import Velocities, angle_difference
 
 CAMERA_MARKERS = Topic("/posefuse/cameras", "visualization_msgs/msg/MarkerArray", depth=1, latched=True)
 
+_FORGOTTEN_AFTER_NS = 3_000_000_000
 # topics of a body that need no links
 _NOT_OF_LINKS = ("skeleton2d", "roi", "joint_angles", "urdf")
 
@@ -71,6 +72,8 @@ class RosOutput:
 
     def __post_init__(self) -> None:
         self._tracked: tuple[str, ...] | None = None
+        # bodies that are not there, whose topics still are: since when
+        self._left_ns: dict[str, int] = {}
         self._markers_due_ns: int | None = None
         self._joint_rates = Velocities()
         self.people = PersonOutput(self.outlet, self.world_frame, self.base_frame)
@@ -161,12 +164,18 @@ class RosOutput:
 
     def _show_tracked(self, ids: tuple[str, ...], t_ns: int) -> None:
         if ids != self._tracked:
-            for gone in set(self._tracked or ()) - set(ids):
-                self.people.forget(gone)
-                for part in topics.BODY_PARTS:
-                    self.outlet.forget(topics.body(gone, part).name)
+            self._left_ns |= dict.fromkeys(set(self._tracked or ()) - set(ids), t_ns)
             self._tracked = ids
             self.outlet.publish(topics.TRACKED, message("hri_msgs/msg/IdsList", header=header(t_ns, ""), ids=list(ids)), t_ns)
+        # who is lost for a moment keeps the topics: making them anew takes longer than that
+        for one, left_ns in list(self._left_ns.items()):
+            if one in ids:
+                del self._left_ns[one]
+            elif not 0 <= t_ns - left_ns < _FORGOTTEN_AFTER_NS:
+                del self._left_ns[one]
+                self.people.forget(one)
+                for part in topics.BODY_PARTS:
+                    self.outlet.forget(topics.body(one, part).name)
 
     def _links(self, ids: Sequence[str], world_from_link: SE3, t_ns: int) -> list[Any]:
         root = LINKS.index("body")

@@ -18,7 +18,8 @@ from posefuse.foundation.platform import lower_priority
 
 from .kept_messages import KeptMessages
 
-END_S = 1.5
+# a recording writes what is queued; one that has nothing left ends at once
+END_S = 5.0
 _QUEUE = 4000
 # what an output that wants the newest may be behind: about 60 ms of poses and detections
 _LIVE_QUEUE = 12
