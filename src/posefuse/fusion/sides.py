@@ -123,7 +123,7 @@ def _exchanged_squares(person: _Person, xyz: Array) -> Array:
     square = np.empty(sigma.shape)
     there = np.ascontiguousarray(xyz[None])
     robust.squares_of(packed_rig(person.rig), xy, np.where(score > 0, sigma, np.nan), there, square)
-    return square[0]
+    return np.asarray(square[0])
 
 
 def _suspicious(square: Array, exchanged: Array) -> bool:
