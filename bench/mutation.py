@@ -28,10 +28,15 @@ from cosmic_ray.ast import get_ast
 from cosmic_ray.mutating import mutate_code
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+_RECORDED = ("following", "images", "result_folder", "run", "second_pass", "session", "solve", "store", "time_steps", "writing")
+# name: files below src/posefuse, and the tests that are about them
 PACKAGES = {
-    "association": ("association", ("tests/association", "tests/laws/test_associate_laws.py")),
-    "recorded pipeline": ("pipeline", ("tests/pipeline", "tests/truth/test_recorded_pipeline.py")),
-    "tracking": ("tracking", ("tests/tracking", "tests/laws/test_smooth_laws.py")),
+    "association": (("association/**/*.py",), ("tests/association", "tests/laws/test_associate_laws.py")),
+    "recorded pipeline": (
+        tuple(f"pipeline/{name}.py" for name in _RECORDED),
+        ("tests/pipeline", "tests/truth/test_recorded_pipeline.py", "tests/cli/test_interruptions.py"),
+    ),
+    "tracking": (("tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),
 }
 _COPIED = ("src", "tests", "examples", "bench", "paper", "docs", "pyproject.toml", "README.md")
 # `int | None` is an annotation nearly everywhere; decorators carry caching and `property`; variables need a list of names
@@ -72,9 +77,9 @@ def _nodes(node: Any, annotation: bool) -> Iterator[tuple[Any, bool]]:
         yield from _nodes(child, annotation)
 
 
-def draw(package: str, count: int, seed: int) -> list[Mutant]:
-    """A random sample of a package's mutants, the same for the same code and seed."""
-    files = sorted((REPOSITORY / "src" / "posefuse" / package).rglob("*.py"))
+def draw(patterns: tuple[str, ...], count: int, seed: int) -> list[Mutant]:
+    """A random sample of the mutants of some files, the same for the same code and seed."""
+    files = sorted(path for pattern in patterns for path in (REPOSITORY / "src" / "posefuse").glob(pattern))
     every = sorted({mutant for path in files for mutant in mutants_of(path)})
     return sorted(random.Random(seed).sample(every, min(count, len(every))))
 
