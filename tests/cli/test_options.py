@@ -93,8 +93,15 @@ ACCEPTED = {
         "--set one --set two",
     ),
     "simulate scene.yaml": (
-        "--out text",
-        "--json, --force, --workers 2",
+        "",
+        "--json, --force, --workers 2, --out text, --gazebo text, --for jetty",
+    ),
+    "teleoperate rig.toml": (
+        "",
+        "--json, --source one --source two, --duration 5, --loop 5, --fault one --fault two, --hand left, --deadman gesture, "
+        "--scale 2, --turn 90, --orientation forearm, --i-have-an-emergency-stop, --robot text, --frame one --frame two, "
+        "--robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, --speed 0.2, --limits text, --view, --record text, --ros, "
+        f"--command twist, --base-frame text, --controller text, --cmd-vel text, --cmd-vel-twist, {SETTINGS}, {LIVE}, {ROS_2}",
     ),
     "compare a.trc b.trc": (
         "",

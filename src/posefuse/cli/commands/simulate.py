@@ -8,7 +8,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from posefuse.cli.options.shared import Figures, Shown, count
-from posefuse.core import InputError
 
 MOST_PROCESSES = 1024
 
@@ -35,6 +34,7 @@ def simulate(
         workers: Processes that render (default: one per core).
     """
     from posefuse.cli.simulating import simulate_session, write_gazebo_world
+    from posefuse.core import InputError
 
     if (out is None) == (gazebo is None):
         raise InputError("expected --out DIR (videos) or --gazebo DIR (a world), one of them")
