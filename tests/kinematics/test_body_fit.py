@@ -7,10 +7,14 @@ import pytest
 
 from posefuse.core import InputError, Kind, PoseSequence, Views, ViewSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
-from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views
+from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views, kernels
+from posefuse.kinematics.body.guess import guessed_state
+from posefuse.kinematics.body.packed import packed_from_body
+from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.settings import JointSettings
 
 # the noise is white and this figure never jerks
-WHITE = BodySettings(noise_memory_s=0.0, robust_dof=1e6, turn_accel_rad_s15=8.0)
+WHITE = BodySettings(noise_memory_s=0.0, offset_sigma_m=0.0, robust_dof=1e6, turn_accel_rad_s15=8.0)
 SIGMA_M = 0.012
 RATE_HZ = 50.0
 HIDDEN = ("left_wrist", "left_index", "left_pinky")
@@ -189,6 +193,32 @@ def test_an_outlier_moves_the_fit_little(noisy, fitted):
         fit = fit_poses(spoiled, BodySettings(noise_memory_s=0.0, robust_dof=dof), fitted.bodies)
         error[dof] = np.linalg.norm(fit.poses.xyz_world[40, 0, knee] - clean.xyz_world[40, 0, knee])
     assert error[5.0] < 0.03 < error[1e6]
+
+
+def test_an_outlier_among_lasting_errors_moves_the_fit_little(posed):
+    """How long errors last says how much measurements count, not which of them is an outlier."""
+    clean = posed([walk(i / RATE_HZ) for i in range(40)], sigma_m=SIGMA_M, rate_hz=RATE_HZ)
+    knee = clean.skeleton.index("right_knee")
+    spoiled = clean.xyz_world.copy()
+    spoiled[20:28, 0, knee] += [0.15, -0.1, 0.05]
+    fit = fit_poses(dataclasses.replace(clean, xyz_world=spoiled), BodySettings(noise_memory_s=0.5, robust_dof=2.0))
+    assert np.linalg.norm(fit.poses.xyz_world[:, 0, knee] - clean.xyz_world[:, 0, knee], axis=-1).max() < 0.02
+
+
+@pytest.mark.parametrize("flexion", [175.0, 100.0])
+def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
+    """A straight limb has no plane and no frame; where it points is known all the same."""
+    up = {"left_arm": (flexion, 0, 0), "right_arm": (flexion, -8, 0), "left_elbow": (1, 0, 0), "right_elbow": (1, 0, 0)}
+    sequence = posed([up] * 12, sigma_m=0.005)
+    body = bodies_from_poses(sequence)[0]
+    work = Workspace(sequence.skeleton, JointSettings())
+    packed = packed_from_body(body, BodySettings())
+    q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
+    frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))
+    kernels.forward(packed.parent, packed.kind, packed.axis, packed.offset, q, rot, frame, origin)
+    for side in ("left", "right"):
+        elbow = sequence.xyz_world[0, 0, sequence.skeleton.index(f"{side}_elbow")]
+        assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02
 
 
 def test_limits_hold_a_knee_back(posed):

@@ -248,7 +248,7 @@ def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     known[2, 1, knee] = np.nan
     score = np.isfinite(seen[..., 0]) * 1.0
     recording = Recording.from_views(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
-    moved = views_at_joint_centres(recording, table)
+    moved = views_at_joint_centres(recording.poses, recording.rig, recording.views, table)
     known_px = np.isfinite(seen[..., 0])
     known_px[2, 1] = False  # the thigh's directions are unknown there
     np.testing.assert_allclose(moved.xy_img[known_px], expected[known_px], atol=0.02)

@@ -73,6 +73,7 @@ def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
         "--rate": ("rate_hz", options.rate),
         "--raw": ("raw", options.raw or None),
         "--weights": ("fuse.weights", options.weights),
+        "--body": ("body", options.body),
         "--people": ("associate.max_people", options.people),
         "--names": ("names", names),
         "--person": ("associate.near_xy_m", options.person),

@@ -70,7 +70,8 @@ def rays_at_joint_centres(recording: Recording) -> ViewSequence:
     stored = recording.provenance.get("joint_centres")
     if not isinstance(stored, Mapping):
         return recording.views
-    return views_at_joint_centres(recording, settings_from_mapping(stored, JointCentres, where="provenance: joint_centres"))
+    table = settings_from_mapping(stored, JointCentres, where="provenance: joint_centres")
+    return views_at_joint_centres(recording.poses, recording.rig, recording.views, table)
 
 
 def write_biomechanics(

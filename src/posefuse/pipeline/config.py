@@ -16,6 +16,7 @@ from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 from posefuse.fusion import FuseSettings
+from posefuse.kinematics.body import BodySettings
 from posefuse.tracking import SmoothSettings
 
 T = TypeVar("T")
@@ -77,6 +78,9 @@ class TrackConfig:
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.
+        body: fit one skeleton of constant segment lengths per person to the rays of all views. ``auto`` does so where a table
+            of joint centres was fitted to the detector, the weights are ``robust`` and the result is smoothed.
+        whole_body: how that skeleton may move.
         live_gap_s: second solve of a live session, in which not every frame was used: interpolate between two frames of a
             camera that are at most this far apart. Chosen with `bench/live_second_solve.py --gaps`.
         raw: keep every time step as it was fused: no smoothing, no filled gaps.
@@ -97,6 +101,8 @@ class TrackConfig:
     names: PeopleNames = ()
     joint_centres: bool = True
     proportions: bool = False
+    body: Literal["auto", "on", "off"] = "auto"
+    whole_body: BodySettings = field(default_factory=BodySettings)
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS

@@ -16,6 +16,7 @@ from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings
+from posefuse.kinematics.body import BodySettings
 from posefuse.tracking import JointCentres, SmoothSettings
 
 from .clock import StageClock
@@ -24,6 +25,7 @@ from .following import Follower
 from .live_steps import live_timeline
 from .second_pass import long_enough, poses_over_time
 from .time_steps import stored_steps
+from .whole_body import with_bodies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +36,7 @@ class SolveSettings:
         associate, fuse: see the packages.
         smooth: None: every time step as it was fused, no smoothing, no bridged gaps.
         centres: moves keypoints to joint centres; None: they stay where the detector marks them.
+        body: fits one skeleton per person to what all views saw; None: keypoints stay as they were fused and smoothed.
         gap_s: None: each camera gives one frame to each time step, interpolated between neighbouring time steps. Otherwise all
             of a camera's frames count at their own times, and two that are no farther apart are interpolated between.
     """
@@ -42,18 +45,28 @@ class SolveSettings:
     fuse: FuseSettings
     smooth: SmoothSettings | None
     centres: JointCentres | None
+    body: BodySettings | None = None
     gap_s: float | None = None
 
     @staticmethod
     def of(config: TrackConfig, centres: JointCentres | None, *, live: bool = False) -> SolveSettings:
         """The part of a configuration that matters after detection; `live`: for the observations of a live session."""
+        kept = centres if config.joint_centres else None
         return SolveSettings(
             associate=config.associate,
             fuse=config.fuse,
             smooth=None if config.raw else config.smooth,
-            centres=centres if config.joint_centres else None,
+            centres=kept,
+            body=config.whole_body if _fits_bodies(config, kept) else None,
             gap_s=config.live_gap_s if live else None,
         )
+
+
+def _fits_bodies(config: TrackConfig, centres: JointCentres | None) -> bool:
+    """Whether the whole-body fit is asked for, or known to help: with offsets that were fitted to the detector."""
+    if config.body != "auto":
+        return config.body == "on"
+    return centres is not None and bool(centres.metres.any()) and config.fuse.weights == "robust" and not config.raw
 
 
 def solve(
@@ -90,7 +103,8 @@ def finish(
         people, gap_s = long_enough(kept), settings.gap_s
         views = views_over_time(kept, people, *(() if gap_s is None else (kept.step_t_ns, round(gap_s * 1e9))))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
-    return Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
+        recording = Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
+        return with_bodies(recording, views, settings.body, settings.centres) if settings.body else recording
 
 
 def solve_live(

@@ -6,23 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.core import Recording, ViewSequence
+from posefuse.core import PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array
 
 from .joint_centres import JointCentres, from_joint_centres
 from .sides import sides_like
 
 
-def views_at_joint_centres(recording: Recording, table: JointCentres) -> ViewSequence:
-    """The recording's views as if its detector marked joint centres, which is where its 3D is: rays then lead there.
+def views_at_joint_centres(poses: PoseSequence, rig: Rig, views: ViewSequence, table: JointCentres | None) -> ViewSequence:
+    """A recording's views as if its detector marked joint centres, which is where its 3D is: rays then lead there.
 
     Each view's keypoints move by what lies between landmark and joint centre in that image, at every time step by the
     offsets in the body's own directions; where the 3D is missing, by as much as before and after. Left and right are named
-    as in 3D.
+    as in 3D. Without a table keypoints stay where they are.
+
+    Args:
+        poses: the 3D, at joint centres. rig, views: of the same people, cameras and time steps. table: what moved them there.
     """
-    landmarks, rig, views = from_joint_centres(recording.poses, table), recording.rig, recording.views
+    landmarks = from_joint_centres(poses, table) if table else poses
     xy, score, sigma = sides_like(landmarks, rig, views.xy_img, views.score, views.sigma_px)
-    moves = np.stack([c.project(recording.poses.xyz_world) - c.project(landmarks.xyz_world) for c in rig], axis=2)
+    moves = np.stack([c.project(poses.xyz_world) - c.project(landmarks.xyz_world) for c in rig], axis=2)
     return replace(views, xy_img=xy + _bridged(moves), score=score, sigma_px=sigma)
 
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.kinematics.definitions import SEGMENT_NAMES
 from posefuse.kinematics.joints import Workspace
 
 from . import kernels
+from .guess import guessed_state
 from .model import Body
 from .packed import HABIT_S, SLACK_S, Packed, packed_from_body
 from .settings import BodySettings
-from .tree import BALL, NODE_SEGMENT
 
 _LOST_S = 1.0
 _FIRST_ITERATIONS = 30
@@ -83,7 +82,7 @@ class BodyFilter:
         return moment
 
     def _start(self, seen: Measurement, information: Array) -> Moment | None:
-        guess = self._guess(seen)
+        guess = guessed_state(self.body, self.packed, self._workspace, seen.xyz)
         if guess is None:
             return None
         q, rot = guess
@@ -140,40 +139,17 @@ class BodyFilter:
             prior,
             p.preferred_sd * np.sqrt(max(1.0, habit)),
             seen.xyz,
-            information / repeats,
+            information,
             seen.projections,
             seen.xy,
-            seen.inverse_var / repeats,
+            seen.inverse_var,
             self.settings.robust_dof,
+            repeats,
             steps,
             q,
             rot,
         )
         return np.asarray(hessian)
-
-    def _guess(self, seen: Measurement) -> tuple[Array, Array] | None:
-        """Angles straight from the segment frames of the points; None without a pelvis."""
-        work, body, p = self._workspace, self.body, self.packed
-        xyz = np.full((len(body.skeleton), 3), np.nan)
-        xyz[body.keypoint] = seen.xyz
-        rotation = work.frames_alone(xyz)
-        if np.isnan(rotation[SEGMENT_NAMES.index("pelvis")]).any():
-            return None
-        hips = [body.skeleton.index(f"{side}_hip") for side in ("left", "right")]
-        q, rot = np.zeros(len(body.nodes)), np.tile(np.eye(3), (len(body.nodes), 1, 1))
-        q[:3] = xyz[hips].mean(axis=0)
-        frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
-        for n, node in enumerate(body.nodes):
-            kernels.forward(p.parent, p.kind, p.axis, p.offset, q, rot, frame, origin)
-            segment = NODE_SEGMENT.get(node.name)
-            if segment is None or np.isnan(rotation[SEGMENT_NAMES.index(segment)]).any():
-                continue
-            relative = frame[n].T @ rotation[SEGMENT_NAMES.index(segment)]
-            if node.kind == BALL:
-                rot[n] = relative
-            elif node.axis == 2:
-                q[n] = np.arctan2(-relative[0, 1], relative[1, 1])
-        return q, rot
 
 
 def smoothed(filter_: BodyFilter, moments: list[Moment | None]) -> list[State | None]:

@@ -113,8 +113,11 @@ def _fit(
             if state is None:
                 continue
             fitted = reader.read(state)
-            xyz[i, n, at], cov[i, n, at] = fitted.xyz, fitted.cov
-            kind[i, n, at] = np.where(kind[i, n, at] == Kind.MISSING, Kind.INTERPOLATED, Kind.SMOOTHED)
+            missing = kind[i, n, at] == Kind.MISSING
+            sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < 3 * settings.most_sigma_m**2
+            kept = at[~missing | sure]
+            xyz[i, n, kept], cov[i, n, kept] = fitted.xyz[~missing | sure], fitted.cov[~missing | sure]
+            kind[i, n, kept] = np.where(missing, Kind.INTERPOLATED, Kind.SMOOTHED)[~missing | sure]
             rotation[i, n], origin[i, n], angles[i, n], sigmas[i, n] = (
                 fitted.rotation,
                 fitted.origin,

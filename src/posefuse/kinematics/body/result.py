@@ -36,6 +36,7 @@ class Reader:
     def __init__(self, filter_: BodyFilter, workspace: Workspace) -> None:
         self._packed, self._body, self._work = filter_.packed, filter_.body, workspace
         self._rows = landmark_rows(filter_.body)
+        self._offset_var = filter_.settings.offset_sigma_m**2
         nodes, points = len(self._body.nodes), len(self._body.keypoint)
         self._frame, self._origin = np.empty((nodes, 3, 3)), np.empty((nodes, 3))
         self._points, self._jacobians = np.empty((points, 3)), np.empty((points, 3, self._packed.size))
@@ -51,10 +52,11 @@ class Reader:
             self._points, self._jacobians,
         )  # fmt: skip
         cov_state = np.ascontiguousarray(state.cov[:size, :size])
-        cov = self._jacobians @ cov_state @ np.swapaxes(self._jacobians, -1, -2)
+        own = self._offset_var * np.eye(3)
+        cov = self._jacobians @ cov_state @ np.swapaxes(self._jacobians, -1, -2) + own
         xyz = np.full((len(self._body.skeleton), 3), np.nan)
         xyz[self._body.keypoint] = self._points
-        work.read(xyz, np.zeros((len(xyz), 3, 3)))
+        work.read(xyz, np.broadcast_to(own, (len(xyz), 3, 3)))
         work.solve(self._planes(cov_state))
         kernels.add_point_variance(work.weights, self._rows, self._jacobians, cov_state, work.sigmas)
         work.drop_uncertain()

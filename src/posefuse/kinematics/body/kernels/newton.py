@@ -16,9 +16,13 @@ CONVERGED = 1e-5
 @kernel()
 def gauss_newton(
     parent, kind, axis, offset, dof, limits, mirrored, node, local, q_expected, rot_expected, expected_information,
-    preferred_sd, seen, information, projections, xy, inverse_var, robust, iterations, q, rot,
+    preferred_sd, seen, information, projections, xy, inverse_var, robust, repeats, iterations, q, rot,
 ):  # fmt: skip
-    """Fit one time step, in place from (q, rot); returns the information (D, D) at the optimum and the iterations used."""
+    """Fit one time step, in place from (q, rot); returns the information (D, D) at the optimum and the iterations used.
+
+    What was measured counts `repeats` times less than it states, as its error is that of as many time steps; whether it is an
+    outlier is judged by what it states.
+    """
     size = dof[-1]
     frame = np.empty((kind.shape[0], 3, 3))
     origin = np.empty((kind.shape[0], 3))
@@ -41,6 +45,8 @@ def gauss_newton(
                 point_information(x, seen[p], information[p], robust, gradient, local_information)
             ray_information(x, projections, xy[p], inverse_var[p], robust, gradient, local_information)
             if local_information[0, 0] > 0.0:
+                gradient /= repeats
+                local_information /= repeats
                 count = derivative(parent, kind, axis, dof, frame, node[p], x, origin, columns, values)
                 add(columns, values, count, gradient, local_information, hessian, slope)
         if used == iterations:

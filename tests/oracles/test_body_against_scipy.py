@@ -1,0 +1,87 @@
+"""One time step of the whole-body fit against scipy's least squares on the same cost, written out here anew."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from posefuse.core import PoseSequence
+from posefuse.core.skeleton import COCO17
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.kinematics.body import Body, BodySettings, bodies_from_poses, kernels
+from posefuse.kinematics.body.guess import guessed_state
+from posefuse.kinematics.body.packed import Packed, packed_from_body
+from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.settings import JointSettings
+from posefuse.simulation.exact import truth_of
+from posefuse.simulation.scene import Scene
+
+DOF, SIGMA_PX, PRIOR_SD = 4.0, 2.0, 1.0
+SCENE = {
+    "duration_s": 0.5,
+    "rate_hz": 20,
+    "cameras": {"kind": "ring", "count": 2, "radius_m": 4.0, "image": {"size_px": [64, 48], "horizontal_fov_deg": 60}},
+    "people": [{"motion": {"kind": "squat", "period_s": 1.0}}],
+}
+
+
+@pytest.fixture(scope="module")
+def someone() -> tuple[Body, Packed, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """A body, its arrays, keypoints (A, 3) of the last time step and the state guessed from them."""
+    xyz = truth_of(settings_from_mapping(SCENE, Scene, where="squat")).xyz_world[:, :, : len(COCO17)]
+    ones = np.ones(xyz.shape[:-1])
+    poses = PoseSequence(
+        t_ns=np.arange(len(xyz)) * 50_000_000,
+        skeleton=COCO17,
+        person_id=[0],
+        xyz_world=xyz,
+        cov_world=np.broadcast_to(np.eye(3) * 1e-6, (*xyz.shape[:-1], 3, 3)),
+        reproj_px=ones,
+        n_views=4 * ones,
+        kind=ones,
+    )
+    body = bodies_from_poses(poses)[0]
+    packed = packed_from_body(body, BodySettings(joint_limits=False))
+    points = xyz[-1, 0, body.keypoint]
+    state = guessed_state(body, packed, Workspace(COCO17, JointSettings()), points)
+    assert state is not None
+    return body, packed, points, state
+
+
+def places(p: Packed, q: np.ndarray, rot: np.ndarray) -> np.ndarray:
+    """(A, 3) keypoints of a state."""
+    frame, origin = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
+    kernels.forward(p.parent, p.kind, p.axis, p.offset, q, rot, frame, origin)
+    return np.stack([origin[n] + frame[n] @ local for n, local in zip(p.node, p.local, strict=True)])
+
+
+@pytest.mark.parametrize("outliers", [0, 4])
+def test_the_same_rays_and_cost_give_the_same_body(someone, ring_rig, outliers: int) -> None:
+    body, p, points, (q0, rot0) = someone
+    rng, projections = np.random.default_rng(5), ring_rig(4).projections()
+    homogeneous = np.einsum("cij,aj->aci", projections, np.c_[points, np.ones(len(points))])
+    xy = homogeneous[..., :2] / homogeneous[..., 2:] + rng.normal(size=(len(points), 4, 2)) * SIGMA_PX
+    xy.reshape(-1, 2)[rng.choice(xy[..., 0].size, outliers, replace=False)] += 40.0
+    prior = np.eye(p.size) / PRIOR_SD**2
+
+    def moved(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        q, rot = q0.copy(), rot0.copy()
+        kernels.retract(p.kind, p.dof, step, q, rot)
+        return q, rot
+
+    def residuals(step: np.ndarray) -> np.ndarray:
+        q, rot = moved(step)
+        seen = np.einsum("cij,aj->aci", projections, np.c_[places(p, q, rot), np.ones(len(points))])
+        square = ((seen[..., :2] / seen[..., 2:] - xy) ** 2).sum(axis=-1) / SIGMA_PX**2
+        student = np.sqrt((DOF + 2) * np.log1p(square / DOF))
+        return np.concatenate([student.ravel(), kernels.difference(p.kind, p.dof, q, rot, q0, rot0) / PRIOR_SD])
+
+    wanted = places(p, *moved(least_squares(residuals, np.zeros(p.size), x_scale=0.05, xtol=1e-12, ftol=1e-12).x))
+    q, rot = q0.copy(), rot0.copy()
+    nothing = np.zeros((len(points), 3, 3))
+    kernels.gauss_newton(
+        p.parent, p.kind, p.axis, p.offset, p.dof, p.limits, p.mirrored, p.node, p.local, q0.copy(), rot0.copy(), prior,
+        np.full(len(body.nodes), np.inf), points, nothing, projections, xy, np.full(xy.shape[:2], SIGMA_PX**-2), DOF, 1.0, 60,
+        q, rot,
+    )  # fmt: skip
+    assert np.linalg.norm(places(p, q, rot) - wanted, axis=-1).max() < 0.002
+    assert np.linalg.norm(wanted - points, axis=-1).max() < 0.03

@@ -1,0 +1,111 @@
+"""When a solve fits skeletons, and what that does for a limb that only one camera sees."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import Kind, PoseSequence, Recording
+from posefuse.core.skeleton import COCO17
+from posefuse.detection.models import read_card
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.kinematics.body import BodySettings
+from posefuse.pipeline.config import TrackConfig, changed_config
+from posefuse.pipeline.solve import SolveSettings
+from posefuse.pipeline.whole_body import with_bodies
+from posefuse.simulation.exact import truth_of
+from posefuse.simulation.scene import Scene
+from posefuse.tracking import proportional_joint_centres, read_joint_centres
+
+SIGMA_PX, SIGMA_M, STEPS = 1.0, 0.005, 40
+HIDDEN = slice(12, 30)
+WRIST, ELBOW = COCO17.index("left_wrist"), COCO17.index("left_elbow")
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """(T, 1, K, 3) keypoints of a simulated person at 30 Hz."""
+    scene = {
+        "duration_s": STEPS / 30,
+        "rate_hz": 30,
+        "cameras": {
+            "kind": "ring",
+            "count": 2,
+            "radius_m": 4.0,
+            "height_m": 2.0,
+            "image": {"size_px": [64, 48], "horizontal_fov_deg": 60},
+        },
+        "people": [{"motion": {"kind": "walk", "path": {"shape": "line", "start_m": [-1, 0], "end_m": [1, 0.4]}}}],
+    }
+    return truth_of(settings_from_mapping(scene, Scene, where="walker")).xyz_world[:STEPS, :, : len(COCO17)]
+
+
+def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
+    """The first `hidden_from` cameras do not see the left forearm for half a second; it is then without 3D."""
+    rng = np.random.default_rng(7)
+    xy = np.moveaxis(rig.project(xyz), 0, 2)
+    score = np.ones(xy.shape[:-1])
+    for joint in (ELBOW, WRIST):
+        score[HIDDEN, :, :hidden_from, joint] = 0
+    xy = np.where(score[..., None] > 0, xy + rng.normal(size=xy.shape) * SIGMA_PX, np.nan)
+    there = np.ones(xyz.shape[:-1], bool)
+    there[HIDDEN, :, [[ELBOW], [WRIST]]] = False
+    poses = PoseSequence(
+        t_ns=np.arange(len(xyz)) * 33_333_333,
+        skeleton=COCO17,
+        person_id=[0],
+        xyz_world=np.where(there[..., None], xyz + rng.normal(size=xyz.shape) * SIGMA_M, np.nan),
+        cov_world=np.where(there[..., None, None], np.eye(3) * SIGMA_M**2, np.nan),
+        reproj_px=np.where(there, 1.0, np.nan),
+        n_views=there * len(rig),
+        kind=np.where(there, Kind.SMOOTHED, Kind.MISSING),
+    )
+    return Recording.from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
+
+
+def test_a_forearm_in_one_view_is_found_and_says_how_well(walker, ring_rig) -> None:
+    rig = ring_rig(4)
+    recording = seen_by(rig, walker, hidden_from=3)
+    poses = with_bodies(recording, recording.views, BodySettings(), None).poses
+    error = np.linalg.norm(poses.xyz_world - walker, axis=-1)[HIDDEN, 0, WRIST]
+    sigma = np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1))[HIDDEN, 0, WRIST]
+    assert (poses.kind[HIDDEN, 0, WRIST] == Kind.INTERPOLATED).all()
+    assert np.mean(error) < 0.03
+    assert (error < 3 * sigma).all()
+
+
+def test_what_is_not_seen_and_not_certain_stays_missing(walker, ring_rig) -> None:
+    recording = seen_by(ring_rig(4), walker, hidden_from=4)
+    for most_m in (0.02, 0.5):
+        poses = with_bodies(recording, recording.views, BodySettings(most_sigma_m=most_m), None).poses
+        found = np.isfinite(poses.xyz_world[HIDDEN, 0, WRIST, 0])
+        sigma = np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3)[HIDDEN, 0, WRIST]
+        assert (sigma[found] < most_m).all()
+        assert found.all() == (most_m > 0.1)
+        assert (poses.kind[HIDDEN, 0, WRIST] == np.where(found, Kind.INTERPOLATED, Kind.MISSING)).all()
+
+
+def test_a_person_without_hips_keeps_their_poses(walker, ring_rig) -> None:
+    hips = [COCO17.index(f"{side}_hip") for side in ("left", "right")]
+    headless = np.where(np.isin(np.arange(len(COCO17)), hips)[:, None], np.nan, walker)
+    recording = seen_by(ring_rig(4), headless, hidden_from=0)
+    np.testing.assert_array_equal(
+        with_bodies(recording, recording.views, BodySettings(), None).poses.xyz_world, recording.poses.xyz_world
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "fitted", "wanted"),
+    [
+        ({}, True, True),
+        ({}, False, False),
+        ({"body": "on"}, False, True),
+        ({"body": "off"}, True, False),
+        ({"raw": True}, True, False),
+        ({"fuse.weights": "score"}, True, False),
+        ({"joint_centres": False}, True, False),
+    ],
+)
+def test_a_body_is_fitted_where_it_is_known_to_help(changes: dict, fitted: bool, wanted: bool) -> None:
+    """A table by people's proportions is not one that was fitted to a detector."""
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file) if fitted else proportional_joint_centres(COCO17)
+    settings = SolveSettings.of(changed_config(TrackConfig(), changes), table)
+    assert (settings.body is not None) == wanted
