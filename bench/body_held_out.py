@@ -71,7 +71,7 @@ def scene_of(seed: int, motion: str) -> Scene:
     return settings_from_mapping(content, Scene, where=f"{motion} {seed}")
 
 
-MOTIONS = ("walk", "T-pose", "T-pose, occluded", "squat", "reach")
+MOTIONS = ("walk", "T-pose", "T-pose, occluded", "reach", "squat")
 
 
 def recordings(folder: Path) -> dict[str, Recording]:
@@ -128,8 +128,8 @@ def measured(out: Path, for_s: float) -> list[dict[str, Any]]:
     kept, began_s = out / "figures.jsonl", time.monotonic()
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     done = {(line["seed"], line["motion"]) for line in lines}
-    for seed in SEEDS:
-        for motion in MOTIONS:
+    for motion in MOTIONS:
+        for seed in SEEDS:
             if (seed, motion) in done or time.monotonic() - began_s > for_s:
                 continue
             folder = out / f"{seed}-{motion.replace(', ', '-')}"

@@ -32,7 +32,7 @@ ACCEPTED = {
     ),
     "track SESSION": (
         "--out text",
-        "--json, --force, --resume, --rig text, --input pose2d, --weights robust, --raw, --person -1.1,0, "
+        "--json, --force, --resume, --rig text, --input pose2d, --weights robust, --raw, --body on, --person -1.1,0, "
         "--start 1, --end 2, --outputs text, --view, --rate 50, "
         f"{SETTINGS}",
     ),

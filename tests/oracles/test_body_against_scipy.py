@@ -75,7 +75,7 @@ def test_the_same_rays_and_cost_give_the_same_body(someone, ring_rig, outliers: 
         student = np.sqrt((DOF + 2) * np.log1p(square / DOF))
         return np.concatenate([student.ravel(), kernels.difference(p.kind, p.dof, q, rot, q0, rot0) / PRIOR_SD])
 
-    wanted = places(p, *moved(least_squares(residuals, np.zeros(p.size), x_scale=0.05, xtol=1e-12, ftol=1e-12).x))
+    wanted = places(p, *moved(least_squares(residuals, np.zeros(p.size), method="lm", max_nfev=4000).x))
     q, rot = q0.copy(), rot0.copy()
     nothing = np.zeros((len(points), 3, 3))
     kernels.gauss_newton(

@@ -5,19 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 from posefuse.core import InputError, Recording, ViewSequence
-from posefuse.kinematics.body import BodySettings, fit_views
-from posefuse.tracking import JointCentres, views_at_joint_centres
+from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
+from posefuse.tracking import JointCentres, usual_lengths, views_at_joint_centres
+from posefuse.tracking.segments import SEGMENTS
 
 
 def with_bodies(recording: Recording, views: ViewSequence, settings: BodySettings, centres: JointCentres | None) -> Recording:
     """The recording with the poses of fitted skeletons.
 
-    Lengths and the start come from the recording's poses, the rest from `views`, so that a joint in one view alone still
-    counts. People who were not seen well enough to have a skeleton keep their poses.
+    Segment lengths and poses are solved from `views`, so that a joint in one view alone still counts; the recording's poses are
+    where that starts. People who were not seen well enough to have a skeleton keep their poses.
     """
+    mean, cov = usual_lengths()
+    prior = LengthPrior(names=tuple(SEGMENTS), mean_m=mean, cov_m2=cov)
     rays = views_at_joint_centres(recording.poses, recording.rig, views, centres)
     try:
-        fit = fit_views(recording.poses, recording.rig, rays, settings)
+        fit = fit_views(recording.poses, recording.rig, rays, settings, lengths=prior)
     except InputError:  # no person has a skeleton
         return recording
     return replace(recording, poses=fit.poses)

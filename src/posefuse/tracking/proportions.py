@@ -117,13 +117,20 @@ def joint_centres_of(detector: Detector, *, proportions: bool) -> JointCentres |
     return proportional_joint_centres(detector.skeleton) if proportions else None
 
 
+def usual_lengths(known: Proportions | None = None) -> tuple[Array, Array]:
+    """Mean (S,) and covariance (S, S) of people's `SEGMENTS` in metres: stature and what segments differ by at one stature."""
+    known = known or Proportions()
+    share, spread = (np.array([values[segment] for segment in SEGMENTS]) for values in (known.share, known.spread))
+    mean = known.stature_m * share
+    return mean, np.outer(share, share) * known.stature_sigma_m**2 + np.diag((spread * mean) ** 2)
+
+
 def conditional_offsets(known: Proportions) -> tuple[Array, Array]:
     """Metres per metre of unusual length (D, S), and covariance (D, D) of the offsets that are left, in the order of the table.
 
     Lengths as measured are those between joint centres, less what the offsets would add: L = usual + people's deviation - A b.
     """
-    share, spread = (np.array([values[segment] for segment in SEGMENTS]) for values in (known.share, known.spread))
-    people = np.outer(share, share) * known.stature_sigma_m**2 + np.diag((spread * share * known.stature_m) ** 2)
+    _, people = usual_lengths(known)
     lengthens = np.array([[added.get(segment, 0.0) for segment in SEGMENTS] for added in _LENGTHENS.values()]).T
     prior = np.diag([known.offset_m[joint][direction] ** 2 for joint, direction in _LENGTHENS])
     measured = people + lengthens @ prior @ lengthens.T

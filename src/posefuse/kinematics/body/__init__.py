@@ -3,6 +3,10 @@
 from .fit import BodyFit, fit_poses, fit_views
 from .model import Body, Length, bodies_from_poses
 from .settings import BodySettings
+from .shape import LengthPrior, with_solved_lengths
 from .tracker import BodyTracker
 
-__all__ = ["Body", "BodyFit", "BodySettings", "BodyTracker", "Length", "bodies_from_poses", "fit_poses", "fit_views"]
+__all__ = [
+    "Body", "BodyFit", "BodySettings", "BodyTracker", "Length", "LengthPrior", "bodies_from_poses", "fit_poses", "fit_views",
+    "with_solved_lengths",
+]  # fmt: skip

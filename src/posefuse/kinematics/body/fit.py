@@ -16,6 +16,7 @@ from .filter import BodyFilter, Measurement, smoothed
 from .model import Body, bodies_from_poses
 from .result import Reader
 from .settings import BodySettings
+from .shape import LengthPrior, with_solved_lengths
 from .tracker import rays_of
 
 
@@ -67,11 +68,14 @@ def fit_views(
     settings: BodySettings | None = None,
     bodies: Mapping[int, Body] | None = None,
     joint_settings: JointSettings | None = None,
+    lengths: LengthPrior | None = None,
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
-    `views` are of the people and times of `sequence`, which gives lengths and the start. Raises as `fit_poses`.
+    `views` are of the people and times of `sequence`, which gives the start, and segment lengths as medians over time. With
+    `lengths` as a prior they are then solved together with poses (`with_solved_lengths`). Raises as `fit_poses`.
     """
+    settings = settings or BodySettings()
     projections = rig.projections()
 
     def measured(i: int, n: int, at: Array) -> Measurement:
@@ -84,6 +88,18 @@ def fit_views(
         xyz, cov = sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at]
         return Measurement(t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=projections, xy=xy, inverse_var=inverse_var)
 
+    if bodies is None:
+        bodies = bodies_from_poses(sequence, settings, joint_settings)
+    if lengths is not None:
+        work = Workspace(sequence.skeleton, joint_settings or JointSettings())
+        steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
+        places = {person: n for n, person in enumerate(sequence.person_id.tolist())}
+        bodies = {
+            person: with_solved_lengths(
+                body, [measured(i, places[person], body.keypoint) for i in steps], lengths, settings, work
+            )
+            for person, body in bodies.items()
+        }
     return _fit(sequence, measured, settings, bodies, joint_settings)
 
 

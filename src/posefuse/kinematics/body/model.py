@@ -23,10 +23,16 @@ _ENDS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thi
 
 @dataclass(frozen=True)
 class Length:
-    """A segment length: robust mean and spread over time, metres. A large spread means soft tissue or bad keypoints."""
+    """A segment length in metres.
+
+    Attributes:
+        value_m: the length. spread_m: robust standard deviation over time; a large one means soft tissue or bad keypoints.
+        sigma_m: standard deviation of the value; NaN where it was not solved for.
+    """
 
     value_m: float
     spread_m: float
+    sigma_m: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -19,12 +19,14 @@ class BodySettings:
         turn_accel_rad_s15: white angular acceleration of every joint, square root of its spectral density.
         move_accel_m_s15: the same of the pelvis position.
         velocity_memory_s: after this time without a measurement a velocity has fallen to 1/e.
-        noise_memory_s: errors of keypoints this close in time are taken as the same error, which must not average out;
-            the default is what `bench/fit_lasting_errors.py` measures for the default network.
+        noise_memory_s: errors of keypoints this close in time are taken as the same error, which must not average out. Errors
+            of the default network last 0.27 s (`bench/fit_lasting_errors.py`), but by then joints have moved on: with that,
+            knees of walking people bend too little.
         offset_sigma_m: how far a keypoint may lie from its joint for good, in each direction: no time averages that out, so it is
             in every covariance. The default covers the errors of the default network on bodies of random seeds 7300 to 7309
             (walking, squatting, reaching, waving, T-pose; 90 % intervals).
         most_sigma_m: a joint that was not measured and is less certain than this is missing, not filled in.
+        length_steps: segment lengths are solved from so many time steps, spread over the recording.
         robust_dof: degrees of freedom of the Student-t noise; small forgives outliers.
         iterations: Gauss-Newton steps at most per time step.
     """
@@ -34,8 +36,9 @@ class BodySettings:
     turn_accel_rad_s15: Annotated[float, Gt(0)] = 20.0
     move_accel_m_s15: Annotated[float, Gt(0)] = 1.5
     velocity_memory_s: Annotated[float, Gt(0)] = 0.3
-    noise_memory_s: Annotated[float, Ge(0)] = 0.27
+    noise_memory_s: Annotated[float, Ge(0)] = 0.1
     offset_sigma_m: Annotated[float, Ge(0)] = 0.005
     most_sigma_m: Annotated[float, Gt(0)] = 0.1
+    length_steps: Annotated[int, Ge(1)] = 40
     robust_dof: Annotated[float, Gt(0)] = 2.0
     iterations: Annotated[int, Ge(1)] = 6

@@ -10,10 +10,11 @@ from .algebra import inverse, solve_rows, times_transposed
 from .filter import absorb, add_point_variance, predict, smooth_step
 from .measurements import ray_information
 from .newton import gauss_newton
+from .shape import length_information
 from .tree import BALL, HINGE, SLIDE, derivative, difference, exp3, forward, keypoints, log3, place, retract
 
 __all__ = [
     "BALL", "HINGE", "SLIDE", "absorb", "add_point_variance", "derivative", "difference", "exp3", "forward", "gauss_newton",
-    "inverse", "keypoints", "log3", "place", "predict", "ray_information", "retract", "smooth_step", "solve_rows",
-    "times_transposed",
+    "inverse", "keypoints", "length_information", "log3", "place", "predict", "ray_information", "retract", "smooth_step",
+    "solve_rows", "times_transposed",
 ]  # fmt: skip

@@ -1,0 +1,160 @@
+"""Segment lengths of one person, solved together with their poses from the rays of many time steps.
+
+Gauss-Newton on lengths and poses at once: the poses of all time steps are independent of each other given the lengths, so each
+is solved and eliminated (Schur complement), and the lengths that are left are few. People's proportions are the prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+from posefuse.kinematics.joints import Workspace
+
+from . import kernels
+from .filter import Measurement
+from .guess import guessed_state
+from .model import Body, Length
+from .packed import Packed, packed_from_body
+from .settings import BodySettings
+
+# the last word of the name of a node's offset -> the segment it is as long as; half of those that lie across the body
+_ALONG = {"elbow": "upper_arm", "wrist": "forearm", "knee": "thigh", "ankle": "shank", "neck": "trunk"}
+_ACROSS = {"shoulder": "shoulders", "hip": "hips"}
+_NAMES = {"hips": ("pelvis",), "shoulders": ("shoulders",), "trunk": ("trunk",)}
+_ROUNDS = 6
+_FIRST_ITERATIONS, _ITERATIONS = 30, 8
+_CONVERGED_M = 2e-4
+# what else a state would have to be pulled to for its equations to have a solution, in 1 / rad^2
+_WEAK = 1e-4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LengthPrior:
+    """What is known of people's segments before anybody is seen.
+
+    Attributes:
+        names: of (S) segments: upper_arm, forearm, thigh, shank, shoulders, hips, trunk, in any order.
+        mean_m, cov_m2: (S,) and (S, S).
+    """
+
+    names: tuple[str, ...]
+    mean_m: Array
+    cov_m2: Array
+
+
+def with_solved_lengths(
+    body: Body, seen: Sequence[Measurement], prior: LengthPrior, settings: BodySettings, workspace: Workspace
+) -> Body:
+    """The body with the lengths that its rays at these time steps and the prior say; `Body.lengths` has their sigma.
+
+    The noise is Student-t. Errors that last longer than the time between two time steps count less by that. Left and right
+    change by the same. Time steps without a pelvis to start from are left out.
+
+    Args:
+        body: lengths to start from. seen: rays, and points to start poses from, in time order.
+    """
+    slopes = slopes_of(body, prior.names)
+    metres = _metres(body, slopes)
+    repeats = _repeats(seen, settings)
+    poses: dict[int, tuple[Array, Array]] = {}
+    known = np.linalg.inv(prior.cov_m2)
+    information = known
+    for round_ in range(_ROUNDS):
+        measured, slope = np.zeros_like(known), np.zeros(len(metres))
+        packed = packed_from_body(body, settings)
+        for i, one in enumerate(seen):
+            state = poses.get(i) or guessed_state(body, packed, workspace, one.xyz)
+            if state is None:
+                continue
+            poses[i] = state
+            steps = _ITERATIONS if round_ else _FIRST_ITERATIONS
+            _add_time_step(body, packed, slopes, one, settings, state, steps, measured, slope)
+        information = known + measured / repeats
+        step = np.linalg.solve(information, known @ (prior.mean_m - metres) + slope / repeats)
+        metres = metres + step
+        body = replace(body, offset=body.offset + np.einsum("nsi,s->ni", slopes, step))
+        if np.abs(step).max() < _CONVERGED_M:
+            break
+    sigma = np.sqrt(np.diag(np.linalg.inv(information)) + settings.offset_sigma_m**2)
+    return replace(body, lengths=_lengths(body, prior.names, metres, sigma))
+
+
+def slopes_of(body: Body, names: tuple[str, ...]) -> Array:
+    """(nodes, S, 3) by how much each node's offset changes per metre of each segment."""
+    slopes = np.zeros((len(body.nodes), len(names), 3))
+    for n, node in enumerate(body.nodes):
+        end = node.offset.rpartition("_")[2]
+        name = _ALONG.get(end) or _ACROSS.get(end)
+        if name in names:
+            slopes[n, names.index(name)] = body.offset[n] / np.linalg.norm(body.offset[n]) * (0.5 if end in _ACROSS else 1.0)
+    return slopes
+
+
+def _metres(body: Body, slopes: Array) -> Array:
+    """(S,) lengths as the body has them, the mean of both sides."""
+    share = np.linalg.norm(slopes, axis=-1)
+    offset = np.linalg.norm(body.offset, axis=-1)[:, None]
+    lengths = np.where(share > 0, offset / np.where(share > 0, share, 1.0), np.nan)
+    return np.asarray(np.nanmean(lengths, axis=0))
+
+
+def _repeats(seen: Sequence[Measurement], settings: BodySettings) -> float:
+    if len(seen) < 2:
+        return 1.0
+    apart_s = (seen[-1].t_ns - seen[0].t_ns) * 1e-9 / (len(seen) - 1)
+    return max(1.0, settings.noise_memory_s / max(apart_s, 1e-9))
+
+
+def _add_time_step(
+    body: Body,
+    p: Packed,
+    slopes: Array,
+    one: Measurement,
+    settings: BodySettings,
+    state: tuple[Array, Array],
+    steps: int,
+    information: Array,
+    slope: Array,
+) -> None:
+    """Solve the pose of one time step, in place, and add what is left for the lengths to their normal equations."""
+    q, rot = state
+    slack = p.slack_var > 0
+    weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), _WEAK))
+    expected = np.where([node.slack for node in body.nodes], 0.0, q)
+    points, jacobians = np.empty((len(p.node), 3)), np.empty((len(p.node), 3, p.size))
+    hessian, _ = kernels.gauss_newton(
+        p.parent, p.kind, p.axis, p.offset, p.dof, p.limits, p.mirrored, p.node, p.local, expected, rot.copy(), weak,
+        p.preferred_sd, one.xyz, np.zeros((len(p.node), 3, 3)), one.projections, one.xy, one.inverse_var, settings.robust_dof,
+        1.0, steps, q, rot,
+    )  # fmt: skip
+    frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
+    kernels.keypoints(
+        p.parent, p.kind, p.axis, p.offset, p.dof, p.node, p.local, q, rot, frame, origin, points, jacobians
+    )  # fmt: skip
+    kernels.length_information(
+        points, jacobians, length_derivatives(p, slopes, frame), one.projections, one.xy, one.inverse_var, settings.robust_dof,
+        hessian, information, slope,
+    )  # fmt: skip
+
+
+def length_derivatives(p: Packed, slopes: Array, frame: Array) -> Array:
+    """(A, 3, S) metres that each keypoint moves per metre of each segment, the pose held: turns (nodes, 3, 3) of the nodes."""
+    above = np.where((p.parent >= 0)[:, None, None], frame[p.parent], np.eye(3))
+    moved = np.einsum("nij,nsj->nis", above, slopes)
+    for n, parent in enumerate(p.parent):
+        if parent >= 0:
+            moved[n] += moved[parent]
+    return np.ascontiguousarray(moved[p.node])
+
+
+def _lengths(body: Body, names: tuple[str, ...], metres: Array, sigma: Array) -> dict[str, Length]:
+    lengths = dict(body.lengths)
+    for name, value, sd in zip(names, metres.tolist(), sigma.tolist(), strict=True):
+        for key in _NAMES.get(name, (f"left_{name}", f"right_{name}")):
+            if key in lengths:
+                lengths[key] = replace(lengths[key], value_m=value, sigma_m=sd)
+    return lengths
