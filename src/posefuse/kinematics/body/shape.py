@@ -25,7 +25,9 @@ from .settings import BodySettings
 _ALONG = {"elbow": "upper_arm", "wrist": "forearm", "knee": "thigh", "ankle": "shank", "neck": "trunk"}
 _ACROSS = {"shoulder": "shoulders", "hip": "hips"}
 _NAMES = {"hips": ("pelvis",), "shoulders": ("shoulders",), "trunk": ("trunk",)}
-_ROUNDS = 6
+_ROUNDS = 10
+# a first round's poses may be far from their optimum, and lengths from equations there farther still
+_MOST_STEP_M = 0.02
 _FIRST_ITERATIONS, _ITERATIONS = 30, 8
 _CONVERGED_M = 2e-4
 # what else a state would have to be pulled to for its equations to have a solution, in 1 / rad^2
@@ -75,6 +77,7 @@ def with_solved_lengths(
             _add_time_step(body, packed, slopes, one, settings, state, steps, measured, slope)
         information = known + measured / repeats
         step = np.linalg.solve(information, known @ (prior.mean_m - metres) + slope / repeats)
+        step *= min(1.0, _MOST_STEP_M / max(float(np.abs(step).max()), 1e-12))
         metres = metres + step
         body = replace(body, offset=body.offset + np.einsum("nsi,s->ni", slopes, step))
         if np.abs(step).max() < _CONVERGED_M:
