@@ -95,16 +95,17 @@ def test_a_person_without_hips_keeps_their_poses(walker, ring_rig) -> None:
 @pytest.mark.parametrize(
     ("changes", "fitted", "wanted"),
     [
-        ({}, True, True),
-        ({}, False, False),
+        ({}, True, False),
+        ({"body": "auto"}, True, True),
+        ({"body": "auto"}, False, False),
         ({"body": "on"}, False, True),
         ({"body": "off"}, True, False),
-        ({"raw": True}, True, False),
-        ({"fuse.weights": "score"}, True, False),
-        ({"joint_centres": False}, True, False),
+        ({"body": "auto", "raw": True}, True, False),
+        ({"body": "auto", "fuse.weights": "score"}, True, False),
+        ({"body": "auto", "joint_centres": False}, True, False),
     ],
 )
-def test_a_body_is_fitted_where_it_is_known_to_help(changes: dict, fitted: bool, wanted: bool) -> None:
+def test_a_body_is_fitted_if_asked_for_and_with_auto_where_it_is_known_to_help(changes: dict, fitted: bool, wanted: bool) -> None:
     """A table by people's proportions is not one that was fitted to a detector."""
     table = read_joint_centres(read_card("blazepose_full").joint_centres_file) if fitted else proportional_joint_centres(COCO17)
     settings = SolveSettings.of(changed_config(TrackConfig(), changes), table)

@@ -72,7 +72,7 @@ def test_flexion_is_exact_with_the_settings_for_real_people_too(truth: Truth) ->
 @pytest.mark.usefixtures("models")
 def test_hips_and_knees_of_the_real_pipeline(demo_session: Path, truth: Truth, tmp_path: Path, capsys) -> None:
     out = tmp_path / "result"
-    assert main(["track", str(demo_session), "--out", str(out), "--end", "4.0", "--body", "off", "--outputs", "", "--json"]) == 0
+    assert main(["track", str(demo_session), "--out", str(out), "--end", "4.0", "--outputs", "", "--json"]) == 0
     capsys.readouterr()
     recording = read_recording(out)
     fit = fit_poses(recording.poses)

@@ -101,7 +101,7 @@ class TrackConfig:
     names: PeopleNames = ()
     joint_centres: bool = True
     proportions: bool = False
-    body: Literal["auto", "on", "off"] = "auto"
+    body: Literal["auto", "on", "off"] = "off"
     whole_body: BodySettings = field(default_factory=BodySettings)
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
