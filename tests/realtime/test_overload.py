@@ -8,7 +8,7 @@ from posefuse.health.common_times import CommonInstants
 from posefuse.realtime.rig_watch import Watcher
 
 S = 1_000_000_000
-ILL = {"a": Verdict("bumped", "a sees everything 21 mm beside where the others do")}
+ILL = {"a": Verdict("moved", "a is off by 21 mm relative to the other cameras")}
 
 
 def told(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
