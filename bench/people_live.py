@@ -1,4 +1,5 @@
-"""Two people in a whole live session: processes, clock, search, tracker, names; at what rate poses come, and who is who.
+"""Two people in a whole live session: processes, clock, search, tracker, names; at what rate poses come, and which person is
+which.
 
     python bench/people_live.py [--scene returning] [--seed 483]
 

@@ -202,7 +202,7 @@ def _print_following(table, truth_ns, hand, figures) -> None:
 
 
 def boxes(seeds: int) -> None:
-    """In simulated time: success, time and path error beside perfect tracking."""
+    """In simulated time: success, time and path error next to perfect tracking."""
     from posefuse.teleoperation.rehearsal.boxes import move_boxes
 
     print("tracking          boxes on their marks  seconds  path rms mm  holds")

@@ -81,7 +81,7 @@ def optics_of(camera: Camera) -> Optics:
     step = _finest_step(norm, max(fx, fy))
     step = max(step, float((high - low).max()) / (_LARGEST_PX - 2 * _MARGIN_PX - 1))
     size = np.ceil((high - low) / step).astype(int) + 1 + 2 * _MARGIN_PX
-    # never of the image's own size, so that nobody takes one for the other
+    # never of the image's own size, so that no person takes one for the other
     size[0] += tuple(size) == camera.size_wh
     first = low - (_MARGIN_PX + 0.5) * step
     view = SourceView(float(first[0]), float(first[1]), step, int(size[0]), int(size[1]))
