@@ -74,8 +74,8 @@ def script(start: Array) -> Script:
         far = float(np.linalg.norm(place - here))
         # a minimum-jerk movement is 1.875 times as fast in its middle as on average
         n = round(max(1.875 * far / _SPEED_MPS, _WAIT_S) * RATE_HZ)
-        x = np.linspace(0, 1, n, endpoint=False)[:, None]
-        xyz.append(here + (x**3 * (10 - 15 * x + 6 * x**2)) * (place - here))
+        part = np.linspace(0, 1, n, endpoint=False)[:, None]
+        xyz.append(here + (part**3 * (10 - 15 * part + 6 * part**2)) * (place - here))
         grip.append(np.full(n, closed))
         here = place
     return Script(xyz=np.concatenate([*xyz, [here]]), grip=np.concatenate([*grip, [False]]))
