@@ -34,7 +34,7 @@ def test_the_caller_waits_while_too_many_calls_wait() -> None:
     assert not most.wait(0.2)
     begin.set()
     assert most.wait(10)
-    caller.join()
+    caller.join(10)
     work.close()
 
 

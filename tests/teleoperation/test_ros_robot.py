@@ -66,7 +66,7 @@ def robot_node():
         yield node
     finally:
         ended.set()
-        thread.join()
+        thread.join(10)
         node.close()
 
 

@@ -85,12 +85,12 @@ def _compiled(name: str, package: str, debian: str, folder: Path) -> Path:
     """A small C++ program of this folder, built against a Debian library."""
     if shutil.which("g++") is None or shutil.which("pkg-config") is None:
         pytest.skip("g++ or pkg-config is not installed")
-    flags = subprocess.run(["pkg-config", "--cflags", "--libs", package], capture_output=True, text=True, check=False)
+    flags = subprocess.run(["pkg-config", "--cflags", "--libs", package], capture_output=True, text=True, check=False, timeout=60)
     if flags.returncode:
         pytest.skip(f"{package} is not installed (Debian: {debian})")
     program = folder / name
     source = _HERE / f"{name}.cc"
-    subprocess.run(["g++", "-std=c++17", "-w", str(source), "-o", str(program), *flags.stdout.split()], check=True)
+    subprocess.run(["g++", "-std=c++17", "-w", str(source), "-o", str(program), *flags.stdout.split()], check=True, timeout=300)
     return program
 
 
@@ -100,7 +100,7 @@ def libsdformat(tmp_path_factory):
     program = _compiled("sdf_world", "sdformat12", "libsdformat-dev", tmp_path_factory.mktemp("cc"))
 
     def read(world: Path):
-        done = subprocess.run([str(program), str(world)], capture_output=True, text=True, check=False)
+        done = subprocess.run([str(program), str(world)], capture_output=True, text=True, check=False, timeout=120)
         return json.loads(done.stdout) if done.returncode == 0 else None
 
     return read
@@ -113,7 +113,7 @@ def gazebo_reader(tmp_path_factory):
 
     def read(file: Path, times_s):
         done = subprocess.run(
-            [str(program), str(file), *(f"{t:.9f}" for t in times_s)], capture_output=True, text=True, check=False
+            [str(program), str(file), *(f"{t:.9f}" for t in times_s)], capture_output=True, text=True, check=False, timeout=120
         )
         assert done.returncode == 0, f"{done.returncode} {done.stderr}"
         facts, *poses, skin = map(json.loads, done.stdout.splitlines())
@@ -153,7 +153,7 @@ def xsd_faults(tmp_path_factory):
 
     def faults(path: Path) -> list[str]:
         command = ["xmllint", "--nonet", "--noout", "--schema", str(folder / "root.xsd"), str(path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
         assert "failed to compile" not in done.stderr, done.stderr
         return [line for line in done.stderr.splitlines() if "error" in line]
 

@@ -154,8 +154,10 @@ def test_the_bridge_brings_clock_images_and_camera_info(written):
     assert all(entry["gz_type_name"].startswith("gz.msgs.") for entry in entries)
     launch = written.world.folder / "launch.sh"
     assert os.access(launch, os.X_OK)
-    assert subprocess.run(["sh", "-n", str(launch)], check=False).returncode == 0
-    missing = subprocess.run([str(launch)], capture_output=True, text=True, check=False, env={"PATH": "/usr/bin:/bin"})
+    assert subprocess.run(["sh", "-n", str(launch)], check=False, timeout=60).returncode == 0
+    missing = subprocess.run(
+        [str(launch)], capture_output=True, text=True, check=False, env={"PATH": "/usr/bin:/bin"}, timeout=60
+    )
     assert missing.returncode == 1 and "gz: not found" in missing.stderr
 
 

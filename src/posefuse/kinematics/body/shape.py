@@ -36,7 +36,7 @@ _WEAK = 1e-4
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LengthPrior:
-    """What is known of people's segments before anybody is seen.
+    """What is known of people's segments before a person is seen.
 
     Attributes:
         names: of (S) segments: upper_arm, forearm, thigh, shank, shoulders, hips, trunk, in any order.
@@ -74,7 +74,9 @@ def with_solved_lengths(
                 continue
             poses[i] = state
             steps = _ITERATIONS if round_ else _FIRST_ITERATIONS
-            _add_time_step(body, packed, slopes, one, settings, state, steps, measured, slope)
+            _add_time_step(
+                body, packed, slopes, one, settings=settings, state=state, steps=steps, information=measured, slope=slope
+            )
         information = known + measured / repeats
         step = np.linalg.solve(information, known @ (prior.mean_m - metres) + slope / repeats)
         step *= min(1.0, _MOST_STEP_M / max(float(np.abs(step).max()), 1e-12))
@@ -117,6 +119,7 @@ def _add_time_step(
     p: Packed,
     slopes: Array,
     one: Measurement,
+    *,
     settings: BodySettings,
     state: tuple[Array, Array],
     steps: int,
