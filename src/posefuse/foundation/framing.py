@@ -11,6 +11,7 @@ import time
 _LENGTH = struct.Struct("<I")
 # the longest packet that is read
 _LONGEST = 1 << 18
+_RETRY_S = 0.01
 
 
 class PacketFraming:
@@ -18,18 +19,14 @@ class PacketFraming:
 
     def send(self, end: socket.socket, raw: bytes, wait_s: float) -> bool:
         """Whether the message was handed over within `wait_s`; raises OSError when the other end is closed."""
-        try:
-            end.send(raw)
-            return True
-        except BlockingIOError:
-            if wait_s <= 0:
-                return False
-        select.select([], [end], [], wait_s)
-        try:
-            end.send(raw)
-            return True
-        except BlockingIOError:
-            return False
+        until_s = time.monotonic() + wait_s
+        while True:
+            try:
+                end.send(raw)
+                return True
+            except BlockingIOError:
+                if not _waited(end, until_s):
+                    return False
 
     def receive(self, end: socket.socket) -> bytes | None:
         """The oldest message, None when there is none now, empty when the other end is closed."""
@@ -95,8 +92,19 @@ class StreamFraming:
             try:
                 self._unsent = self._unsent[end.send(self._unsent) :]
             except BlockingIOError:
-                left_s = until_s - time.monotonic()
-                if left_s <= 0:
+                if not _waited(end, until_s):
                     return False
-                select.select([], [end], [], left_s)
         return True
+
+
+def _waited(end: socket.socket, until_s: float) -> bool:
+    """Wait for room, for a moment at most; False when the time is over.
+
+    Linux calls a local socket writable only when three quarters of its buffer are free, so `select` alone would wait for long
+    although there is room for a message.
+    """
+    left_s = until_s - time.monotonic()
+    if left_s <= 0:
+        return False
+    select.select([], [end], [], min(left_s, _RETRY_S))
+    return True
