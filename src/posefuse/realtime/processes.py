@@ -137,7 +137,7 @@ class Groups:
         self._go = Go(zero_ns)
         for member in self._members:
             member.heard_s = time.monotonic()
-            member.channel.send(self._go, 1.0)
+            self._send_go(member, self._go, 1.0)
 
     def channels(self) -> list[Channel]:
         """For `select`."""
@@ -221,7 +221,7 @@ class Groups:
             member.heard_s = time.monotonic()
             if isinstance(message, Ready) and self._go is not None:
                 member.ready = True
-                member.channel.send(self._go, 0.1)
+                self._send_go(member, self._go, 0.1)
             elif isinstance(message, Failed):
                 self._died(member, message.reason)
                 return
@@ -233,6 +233,13 @@ class Groups:
         if time.monotonic() - member.heard_s > (_HUNG_S if member.ready else START_S):
             member.process.kill()
             self._died(member, f"process {member.process.pid} hung and was ended")
+
+    def _send_go(self, member: _Member, go: Go, wait_s: float) -> None:
+        """Let the frames of one group come; a process that died since it was ready is started again."""
+        try:
+            member.channel.send(go, wait_s)
+        except ChannelClosed:
+            self._died(member, death_of(member.process))
 
     def _died(self, member: _Member, why: str) -> None:
         member.trouble = f"{why}; starting again"
