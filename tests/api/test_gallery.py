@@ -49,6 +49,7 @@ def test_compare_with_markers(demo_session: Path, tmp_path: Path, models: None) 
     assert script("compare_with_markers").main(demo_session, tmp_path) < 20
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_live_poses(demo_session: Path, models: None) -> None:
     assert script("live_poses").main(demo_session, 3.0) > 20

@@ -64,6 +64,7 @@ def test_a_marker_too_small_to_decide_is_refused(lab: Any, ring_rig: Any) -> Non
         calibrate_extrinsics(seen, far.cameras, small, TOGETHER)
 
 
+@pytest.mark.slow
 def test_a_mirrored_board_is_refused_by_name(lab: Any) -> None:
     target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
     seen = observe_prop(lab.rig, board(), target, lab.motion, Faults())
@@ -131,6 +132,7 @@ def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: O
         calibrate_extrinsics(apart, lab.rig.cameras, lab.target, TOGETHER)
 
 
+@pytest.mark.slow
 def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: Observations) -> None:
     size = np.array(lab.rig.cameras[1].size_wh)
     turned = replace(plain, xy_img=np.where((plain.camera == 1)[:, None], size - 1 - plain.xy_img, plain.xy_img))
@@ -186,6 +188,7 @@ def test_input_that_cannot_serve_says_so(lab: Any, plain: Observations) -> None:
         calibrate_extrinsics(plain.of_camera("cam00"), (lab.rig.cameras[0], lab.rig.cameras[3]), lab.target)
 
 
+@pytest.mark.slow
 def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: Observations) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]]))

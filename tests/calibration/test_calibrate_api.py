@@ -43,6 +43,7 @@ def test_what_is_wrong_is_said_before_any_work(lab: Any, tmp_path: Path) -> None
         calibrate_person(films, intrinsics=lab.rig, height_m=1.8)
 
 
+@pytest.mark.slow
 def test_the_prop_of_the_laboratory_is_calibrated_saved_and_verified(lab: Any, tmp_path: Path) -> None:
     seen, stages = lab.watch(), []
     found = calibrate_extrinsics(

@@ -63,6 +63,7 @@ def refused(lab: Any, views: PersonViews, cameras: tuple[Camera, ...]) -> str:
     return str(error.value)
 
 
+@pytest.mark.slow
 def test_a_wrong_focal_length_a_late_clock_and_a_mirrored_image_are_named(lab: Any) -> None:
     views, cameras = watched(lab.rig), lab.rig.cameras
     longer = replace(cameras[1], K=cameras[1].K * np.array([[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]]))
@@ -89,6 +90,7 @@ def test_focal_lengths_and_clocks_let_free_scatter_as_their_standard_errors_say(
     assert 0.3 < float(np.sqrt(np.mean(np.square(off)))) < 1.6
 
 
+@pytest.mark.slow
 def test_exchanged_sides_and_wild_keypoints_do_little_harm(lab: Any) -> None:
     views, random = watched(lab.rig), np.random.default_rng(1)
     turned = random.random(views.score.shape[:2]) < 0.1

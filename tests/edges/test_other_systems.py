@@ -80,7 +80,7 @@ def test_images_are_searched(disguise: Path, demo_session: Path, tmp_path: Path,
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("system", [SYSTEMS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in SYSTEMS[1:])])
 def test_a_live_session_from_files(disguise: Path, demo_session: Path, system: str) -> None:
     sources = [f"--source=cam0{i}=video:{demo_session / 'videos' / f'cam0{i}.mp4'}" for i in range(4)]
     options = ["--duration", "4", "--loop", "10", "--json-udp", "127.0.0.1:9", "--groups", "2", "--json", *oracle(demo_session)]

@@ -25,6 +25,7 @@ def test_thousands_of_damaged_files() -> None:
     assert done.returncode == 0, done.stdout[:20_000] + done.stderr[-5000:]
 
 
+@pytest.mark.slow
 def test_the_stage_can_fail() -> None:
     """A reader that raises, hangs, crashes or warns is found out, and the next variant is still read."""
     code = """
