@@ -19,7 +19,6 @@ from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 
 X, Y, Z = 0, 1, 2
-AXIS_NAMES = ("X", "Y", "Z")
 
 POINTS = (
     "left_hip", "right_hip", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist",

@@ -40,13 +40,12 @@ class Tracked:
     """A recording and how the run went.
 
     Attributes:
-        recording: the result. stage_s: wall-clock seconds per stage. interrupted: Ctrl-C ended it early.
+        recording: the result. interrupted: Ctrl-C ended it early.
         found: per camera, share of its time steps in which the person was seen.
         joint_centres: the table keypoints were moved by; None where they stay as the detector marks them.
     """
 
     recording: Recording
-    stage_s: Mapping[str, float]
     interrupted: bool
     found: Mapping[str, float]
     joint_centres: JointCentres | None
@@ -128,7 +127,7 @@ def track_opened(
     with clock.stage("watch"):
         for finding in rig_findings(recording.views, rig):
             warn(finding_line(finding, session.folder))
-    return Tracked(recording, clock.seconds, interrupted, _found(recording.views), settings.centres)
+    return Tracked(recording, interrupted, _found(recording.views), settings.centres)
 
 
 def centres_of(opened: Opened) -> JointCentres | None:

@@ -1,4 +1,4 @@
-"""Live output ``record``: the session as an MCAP file with ROS 2 types, see `wire.bags`."""
+"""Live output ``record``: the session as an MCAP file with ROS 2 types, see `messages.bags`."""
 
 from __future__ import annotations
 

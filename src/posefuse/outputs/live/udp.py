@@ -1,4 +1,4 @@
-"""Live outputs ``osc`` and ``json``: poses as datagrams, see `wire.osc`."""
+"""Live outputs ``osc`` and ``json``: poses as datagrams, see `messages.osc`."""
 
 from __future__ import annotations
 
