@@ -17,10 +17,11 @@ LINES = (
     ("health",),
     ("realtime", "pipeline", "teleoperation"),
     ("api",),
+    ("studio",),
     ("cli",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
-OPTIONAL = ("torch", "anny", "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl")
+OPTIONAL = ("torch", "anny", "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl", "nicegui")
 SLOW = ("cv2", "numba", "openvino", "scipy", "pyarrow", "ezc3d", "jinja2")
 
 

@@ -26,6 +26,7 @@ COMMANDS = (
     "demo",
     "track",
     "record",
+    "studio",
     "live",
     "teleoperate",
     "node",

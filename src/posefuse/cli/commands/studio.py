@@ -1,0 +1,34 @@
+"""`posefuse studio`: the whole way in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from posefuse.cli.options.shared import Figures, Shown, count
+
+
+def studio(
+    workspace: Annotated[Path, Parameter(metavar="FOLDER")] = Path(),
+    /,
+    *,
+    port: Annotated[int, count(65535)] = 8765,
+    host: str = "127.0.0.1",
+    token: str = "",
+    open_page: Annotated[bool, Parameter(name="--open", negative="--no-open")] = True,
+    terminal: Shown,
+) -> Figures:
+    """Open a local page in the browser: cameras, calibration, live, recordings (extra: studio).
+
+    Args:
+        workspace: Folder whose files the page reads and writes (default: this one); nothing outside it.
+        port: Of the page.
+        host: Address to bind to; beyond 127.0.0.1 a token is needed, which is in the address that is printed.
+        token: Ask for this token instead of one made at random.
+        open_page: Open the page in the browser.
+    """
+    from posefuse.cli.studio import serve_studio
+
+    return serve_studio(workspace, host, port, token, open_page, terminal)

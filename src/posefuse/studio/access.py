@@ -1,0 +1,198 @@
+"""Who may open the studio: this machine, or another one with a token; checked for every request and every websocket.
+
+A page of another site can send requests to a server on this machine. So the `Host` header must name an address the studio is
+bound to (against DNS rebinding), and the `Origin` header, where there is one, must be the studio's own.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+import socket
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Literal
+from urllib.parse import parse_qs, urlencode, urlsplit
+
+Role = Literal["owner", "viewer"]
+COOKIE = "posefuse_studio"
+# what a viewer's page is made of; everything else is the owner's
+_VIEWER_PATHS = ("/phone", "/_nicegui/", "/_nicegui_ws/", "/studio/stream/live")
+_LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Access:
+    """The rule.
+
+    Attributes:
+        host, port: what the server is bound to. token: of the owner; empty: none is asked for, on loopback only.
+        viewer_token: of the read-only phone page.
+        names: what may stand in the `Host` header, without port.
+    """
+
+    host: str
+    port: int
+    token: str
+    viewer_token: str
+    names: frozenset[str]
+
+    @classmethod
+    def of(cls, host: str, port: int, token: str = "") -> Access:
+        """The rule for an address; beyond loopback a token is made where none is given."""
+        local = is_loopback(host)
+        return cls(
+            host=host,
+            port=port,
+            token=token or ("" if local else secrets.token_urlsafe(24)),
+            viewer_token=secrets.token_urlsafe(24),
+            names=frozenset([*_LOOPBACK, *([] if local else own_names(host))]),
+        )
+
+    def address(self, name: str = "") -> str:
+        """The URL to open; `name`: of the machine as others reach it."""
+        query = f"?{urlencode({'token': self.token})}" if self.token else ""
+        return f"http://{name or self.shown_name}:{self.port}/{query}"
+
+    def phone_address(self, name: str) -> str:
+        """The URL of the phone page."""
+        return f"http://{name}:{self.port}/phone?{urlencode({'token': self.viewer_token})}"
+
+    @property
+    def shown_name(self) -> str:
+        """The host as it stands in a URL on this machine."""
+        return "127.0.0.1" if self.host in ("", "0.0.0.0", "::") else _bracketed(self.host)
+
+    @property
+    def network_names(self) -> list[str]:
+        """Addresses under which a phone may reach the studio, those of a usual home or lab network first."""
+        return sorted(self.names - set(_LOOPBACK), key=lambda name: (not name.startswith(("192.168.", "10.", "172.")), name))
+
+    def refusal(self, headers: Mapping[str, str]) -> str:
+        """Why a request with these headers (lower-case names) is refused; empty: it is not."""
+        host = headers.get("host", "")
+        if host not in {f"{name}:{self.port}" for name in self.names} | ({*self.names} if self.port == 80 else set()):
+            return f"host {host!r} is not an address of this studio"
+        origin = headers.get("origin", "")
+        if origin and origin != f"http://{host}":
+            return f"origin {origin!r} is not this studio"
+        opened = headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
+        if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none") and not opened:
+            return "sent by a page of another site"
+        return ""
+
+    def role(self, given: Iterable[str]) -> Role | None:
+        """What the tokens of a request allow; None: nothing."""
+        tokens = list(given)
+        if not self.token or any(_same(one, self.token) for one in tokens):
+            return "owner"
+        return "viewer" if any(_same(one, self.viewer_token) for one in tokens) else None
+
+    def known(self, token: str) -> bool:
+        """Whether it is one of the tokens."""
+        return _same(token, self.viewer_token) or bool(self.token and _same(token, self.token))
+
+
+class AccessMiddleware:
+    """Asks `access` before the application sees a request; a token in the URL moves into a cookie."""
+
+    def __init__(self, app: Any, access: Access) -> None:
+        self._app, self._access = app, access
+
+    async def __call__(self, scope: dict[str, Any], receive: Any, send: Any) -> None:
+        """See ASGI."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        query = parse_qs(scope.get("query_string", b"").decode("latin-1"))
+        in_url, in_cookie = query.get("token", []), _cookie_of(headers.get("cookie", ""), self._access.port)
+        role = self._access.role([*in_url[:1], *in_cookie])
+        why = self._access.refusal(headers)
+        if why or role is None or (role == "viewer" and not may_view(scope["path"])):
+            await _refuse(scope, receive, send, why or "a token is needed: open the address that `posefuse studio` has printed")
+        elif in_url and scope["type"] == "http" and scope["method"] == "GET" and self._access.known(in_url[0]):
+            await _to_cookie(scope["path"], in_url[0], self._access.port, send)
+        else:
+            await self._app(scope, receive, _never_framed(send))
+
+
+def may_view(path: str) -> bool:
+    """Whether a viewer may have this path."""
+    return any(path == allowed or (allowed.endswith("/") and path.startswith(allowed)) for allowed in _VIEWER_PATHS)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches it."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def own_names(host: str) -> list[str]:
+    """Names and addresses under which others reach this machine when it is bound to `host`."""
+    if host not in ("", "0.0.0.0", "::"):
+        return [_bracketed(host)]
+    import ifaddr
+
+    addresses = [ip.ip if isinstance(ip.ip, str) else ip.ip[0] for adapter in ifaddr.get_adapters() for ip in adapter.ips]
+    name = socket.gethostname()
+    return [*(_bracketed(one) for one in addresses if not is_loopback(one)), name, f"{name}.local"]
+
+
+def _same(one: str, other: str) -> bool:
+    return secrets.compare_digest(one.encode(), other.encode())
+
+
+def _never_framed(send: Any) -> Any:
+    """A page of another site cannot show the studio inside itself and have its user click in it."""
+
+    async def sending(message: dict[str, Any]) -> None:
+        if message["type"] == "http.response.start":
+            extra = [(b"x-frame-options", b"DENY"), (b"referrer-policy", b"no-referrer"), (b"x-content-type-options", b"nosniff")]
+            message = {**message, "headers": [*message["headers"], *extra]}
+        await send(message)
+
+    return sending
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host and not host.startswith("[") else host
+
+
+def _cookie_of(text: str, port: int) -> list[str]:
+    cookies: SimpleCookie = SimpleCookie()
+    try:
+        cookies.load(text)
+    except CookieError:
+        return []
+    # cookies do not know ports: two studios on one machine must not take each other's
+    return [cookies[f"{COOKIE}_{port}"].value] if f"{COOKIE}_{port}" in cookies else []
+
+
+async def _refuse(scope: dict[str, Any], receive: Any, send: Any, why: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 1008, "reason": why[:100]})
+        return
+    body = f"posefuse studio: {why}\n".encode()
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": body})
+
+
+async def _to_cookie(path: str, token: str, port: int, send: Any) -> None:
+    cookie = f"{COOKIE}_{port}={token}; Path=/; HttpOnly; SameSite=Strict"
+    location = urlsplit(path).path or "/"
+    headers = [
+        (b"location", f"/{location.lstrip('/')}".encode("latin-1")),
+        (b"set-cookie", cookie.encode("latin-1")),
+        (b"referrer-policy", b"no-referrer"),
+        (b"content-length", b"0"),
+    ]
+    await send({"type": "http.response.start", "status": 303, "headers": headers})
+    await send({"type": "http.response.body", "body": b""})

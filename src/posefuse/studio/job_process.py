@@ -1,0 +1,119 @@
+"""The process of one job: ``python -m posefuse.studio.job_process WORKSPACE JOB``; see `jobs`."""
+
+from __future__ import annotations
+
+import _thread
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import PosefuseError
+
+from .jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
+from .workspace import Workspace
+
+_EVERY_S = 0.2
+_ALIVE_S = 1.0
+
+
+class Reporter:
+    """A `Progress` that keeps the job's state file up to date, from a thread of its own, and notices a request to cancel.
+
+    Attributes:
+        cancelled: set when the job was asked to end; the main thread is interrupted then.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.cancelled = threading.Event()
+        self._folder = folder
+        self._lock = threading.Lock()
+        self._report = Report(state="running", pid=os.getpid())
+        self._written: Report | None = None
+        self._written_s = 0.0
+        self._over = threading.Event()
+        self._write()
+        self._thread = threading.Thread(target=self._run, name="report", daemon=True)
+        self._thread.start()
+
+    def __call__(self, stage: str, done: int, total: int | None, message: str = "") -> None:
+        """See `Progress`."""
+        with self._lock:
+            self._report = self._report.told(stage, done, total, message)
+
+    def note(self, message: str) -> None:
+        """A line of news within the stage."""
+        with self._lock:
+            report = self._report
+            self._report = report.told(report.stage, report.done, report.total, message)
+
+    def publish(self, **extra: Any) -> None:
+        """Put JSON values where pages find them at once, e.g. the address of a live session."""
+        with self._lock:
+            self._report = replace(self._report, extra={**self._report.extra, **extra})
+        self._write()
+
+    def end(self, **changes: Any) -> None:
+        """Write the last report."""
+        self._over.set()
+        self._thread.join()
+        with self._lock:
+            self._report = replace(self._report, **changes)
+        self._write()
+
+    def _run(self) -> None:
+        while not self._over.wait(_EVERY_S):
+            if (self._folder / "cancel").exists() and not self.cancelled.is_set():
+                self.cancelled.set()
+                _thread.interrupt_main()
+            if self._report != self._written or time.time() - self._written_s > _ALIVE_S:
+                self._write()
+
+    def _write(self) -> None:
+        with self._lock:
+            report, self._written_s = self._report, time.time()
+            self._written = report
+        write_json(self._folder / "state.json", asdict(replace(report, told_s=self._written_s)))
+
+
+def run_job(workspace: Workspace, job: Job, reporter: Reporter) -> None:
+    """Do the work and write how it ended."""
+
+    def warned(message: Warning | str, *rest: Any, **more: Any) -> None:
+        reporter.note(f"warning: {message}")
+
+    warnings.showwarning = warned
+    try:
+        work = import_module(f"posefuse.studio.work.{job.work}")
+        result: Mapping[str, Any] = work.run(job.arguments, workspace, reporter)
+        reporter.end(state="done", result=dict(result))
+    except KeyboardInterrupt:
+        reporter.end(state="cancelled", error="cancelled; what was finished is kept")
+    except PosefuseError as error:
+        reporter.end(state="failed", error=" ".join(str(error).split()))
+    except Exception as error:  # noqa: BLE001 - a bug of the work is shown on the page and kept in the log
+        traceback.print_exc()
+        reporter.end(state="failed", error=f"{type(error).__name__}: {error} (the log has the trace)")
+
+
+def main() -> None:
+    """Entry point."""
+    # an interrupt from a terminal is for the server; a job is ended by `cancel`, a machine that shuts down by SIGTERM
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    workspace = Workspace(Path(sys.argv[1]))
+    job = Jobs(workspace).job(sys.argv[2])
+    if job is None or not job.work.isidentifier():
+        raise SystemExit(f"no job {sys.argv[2]}")
+    run_job(workspace, job, Reporter(workspace.path(f"{JOBS_FOLDER}/{job.id}")))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,197 @@
+"""Long work in processes of its own, whose state is in files: it goes on when a page, a connection or the server ends.
+
+Each job is a folder ``.posefuse-studio/jobs/ID`` of the workspace: ``job.json`` says what to do, ``state.json`` how far it is,
+``log.txt`` has what it printed, and a file ``cancel`` asks it to stop. Any server that serves the workspace finds them.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from posefuse.core import InputError
+from posefuse.foundation.atomic import atomic_file
+
+from .workspace import STATE_FOLDER, Workspace
+
+JobState = Literal["starting", "running", "done", "failed", "cancelled", "lost"]
+ENDED = ("done", "failed", "cancelled", "lost")
+JOBS_FOLDER = f"{STATE_FOLDER}/jobs"
+# a process reports once a second; one that has not for so long has died
+_LOST_S = 15.0
+_STARTING_S = 60.0
+_MOST_NEWS = 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What a job is to do.
+
+    Attributes:
+        id: name of its folder. work: module of `posefuse.studio.work` whose `run` does it. title: one line for people.
+        arguments: JSON values for `run`. page: where its result is shown, e.g. ``/recordings``. begun_s: Unix time.
+    """
+
+    id: str
+    work: str
+    title: str
+    arguments: Mapping[str, Any]
+    page: str = "/"
+    begun_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """How far a job is.
+
+    Attributes:
+        stage, done, total: see `posefuse.Progress`. news: its newest lines, oldest first.
+        error: one line. result: JSON values that `run` returned. pid: of its process. told_s: Unix time of the report.
+        extra: what the work publishes while it runs, e.g. the address of a live session.
+    """
+
+    state: JobState = "starting"
+    stage: str = ""
+    done: int = 0
+    total: int | None = None
+    news: tuple[str, ...] = ()
+    error: str = ""
+    result: Mapping[str, Any] = field(default_factory=dict)
+    pid: int = 0
+    told_s: float = 0.0
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will come."""
+        return self.state in ENDED
+
+    @property
+    def fraction(self) -> float | None:
+        """Of the stage; None where the total is not known."""
+        return min(1.0, self.done / self.total) if self.total else None
+
+    def told(self, stage: str, done: int, total: int | None, message: str = "") -> Report:
+        """With one call of `Progress`."""
+        news = (*self.news, message)[-_MOST_NEWS:] if message else self.news
+        return replace(self, stage=stage, done=done, total=total, news=news)
+
+
+class Jobs:
+    """Starts, watches and cancels the jobs of a workspace."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        # kept so that they are waited for when they end, where this server started them
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, work: str, title: str, arguments: Mapping[str, Any], *, page: str = "/") -> Job:
+        """Begin; returns at once.
+
+        Args:
+            work: module of `posefuse.studio.work`. title, arguments, page: see `Job`.
+
+        Raises:
+            InputError: the workspace cannot be written to.
+        """
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        name = self._workspace.free_name(JOBS_FOLDER, f"{stamp}-{work}")
+        folder = self._workspace.folder(name)
+        job = Job(id=folder.name, work=work, title=title, arguments=dict(arguments), page=page, begun_s=time.time())
+        write_json(folder / "job.json", asdict(job))
+        with (folder / "log.txt").open("wb") as log:
+            # -P: files of the workspace cannot stand in for modules
+            self._processes[job.id] = subprocess.Popen(
+                [sys.executable, "-P", "-m", "posefuse.studio.job_process", str(self._workspace.root), job.id],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                cwd=self._workspace.root,
+                start_new_session=sys.platform != "win32",
+            )
+        return job
+
+    def all(self) -> list[Job]:
+        """All jobs of the workspace, the newest first."""
+        place = self._workspace.path(JOBS_FOLDER)
+        names = sorted((one.name for one in place.iterdir()), reverse=True) if place.is_dir() else []
+        return [job for name in names if (job := self.job(name)) is not None]
+
+    def job(self, job_id: str) -> Job | None:
+        """By its id; None where there is none, or its file is damaged."""
+        content = read_json(self._folder(job_id) / "job.json")
+        known = {one.name for one in fields(Job)}
+        try:
+            return Job(**{key: value for key, value in content.items() if key in known}) if content else None
+        except TypeError:
+            return None
+
+    def report(self, job_id: str) -> Report:
+        """How far it is now."""
+        self._reap(job_id)
+        folder = self._folder(job_id)
+        content = read_json(folder / "state.json")
+        known = {one.name for one in fields(Report)}
+        report = Report(**{key: value for key, value in content.items() if key in known})
+        report = replace(report, news=tuple(report.news))
+        if report.ended:
+            return report
+        job = self.job(job_id)
+        silent_s = time.time() - (report.told_s or (job.begun_s if job else 0.0))
+        process = self._processes.get(job_id)
+        died = process is not None and process.returncode is not None
+        if died or silent_s > (_LOST_S if report.told_s else _STARTING_S):
+            return replace(report, state="lost", error=self._last_words(folder) or "its process ended without a report")
+        return report
+
+    def running(self, work: str = "") -> list[Job]:
+        """Jobs that have not ended, the newest first; of one kind of work where it is given."""
+        return [job for job in self.all() if (not work or job.work == work) and not self.report(job.id).ended]
+
+    def cancel(self, job_id: str) -> None:
+        """Ask it to end; what it has finished stays."""
+        folder = self._folder(job_id)
+        if folder.is_dir():
+            (folder / "cancel").touch()
+
+    def log(self, job_id: str, most_bytes: int = 20_000) -> str:
+        """The end of what it printed."""
+        try:
+            return (self._folder(job_id) / "log.txt").read_bytes()[-most_bytes:].decode(errors="replace")
+        except OSError:
+            return ""
+
+    def _folder(self, job_id: str) -> Path:
+        if "/" in job_id:
+            raise InputError(f"job {job_id!r}: expected the name of one job")
+        return self._workspace.path(f"{JOBS_FOLDER}/{job_id}")
+
+    def _reap(self, job_id: str) -> None:
+        if (process := self._processes.get(job_id)) is not None:
+            process.poll()
+
+    def _last_words(self, folder: Path) -> str:
+        lines = [line for line in self.log(folder.name).splitlines() if line.strip()]
+        return lines[-1].strip() if lines else ""
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Whole or not at all, readable by its owner only."""
+    with atomic_file(path) as temporary:
+        temporary.chmod(0o600)
+        temporary.write_text(json.dumps(content), encoding="utf-8")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Empty where the file is missing or damaged."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -1,0 +1,11 @@
+"""Live: poses while they happen."""
+
+from __future__ import annotations
+
+from posefuse.studio.shell import title
+from posefuse.studio.state import Studio
+
+
+def build(studio: Studio) -> None:
+    """Place the page."""
+    title("Live", f"Workspace {studio.workspace.root}")

@@ -1,0 +1,1 @@
+"""What pages draw from binary messages: the 3D scene, camera tiles and running plots. `messages` has the layout."""

@@ -1,0 +1,59 @@
+import { listen, SETUP, IMAGE } from "posefuse-studio";
+
+export default {
+  template: `<div><canvas></canvas></div>`,
+  props: { stream: String, camera: Number, aspect: Number, overlay: Boolean },
+  mounted() {
+    this.$el.style.aspectRatio = String(this.aspect);
+    this.canvas = this.$el.children[0];
+    this.bones = [];
+    this.busy = false;
+    this.leave = listen(this.stream, (message) => {
+      if (message.kind === SETUP) this.bones = message.content.bones;
+      else if (message.kind === IMAGE && message.camera === this.camera) this.draw(message);
+    });
+  },
+  beforeUnmount() { this.leave?.(); },
+  methods: {
+    async draw(message) {
+      // an image that comes while one is decoded is left out: the next is newer
+      if (this.busy) return;
+      this.busy = true;
+      try {
+        const image = await createImageBitmap(message.jpeg);
+        if (this.canvas.width !== image.width || this.canvas.height !== image.height) {
+          this.canvas.width = image.width;
+          this.canvas.height = image.height;
+        }
+        const pen = this.canvas.getContext("2d");
+        pen.drawImage(image, 0, 0);
+        image.close();
+        if (this.overlay) this.draw_over(pen, message);
+        window.posefuseDrawn.tile++;
+      } catch {
+        // a damaged image: the next one is another
+      } finally {
+        this.busy = false;
+      }
+    },
+    draw_over(pen, { detections, people, keypoints, rgba, seen, fused }) {
+      pen.lineWidth = 2;
+      for (let n = 0; n < people; n++) {
+        const [r, g, b] = rgba[n];
+        pen.strokeStyle = `rgb(${r},${g},${b})`;
+        pen.beginPath();
+        for (const [from, to] of this.bones) {
+          const a = 2 * (n * keypoints + from), c = 2 * (n * keypoints + to);
+          if (Number.isNaN(fused[a]) || Number.isNaN(fused[c])) continue;
+          pen.moveTo(fused[a], fused[a + 1]);
+          pen.lineTo(fused[c], fused[c + 1]);
+        }
+        pen.stroke();
+      }
+      pen.fillStyle = "rgb(255,220,60)";
+      for (let i = 0; i < detections * keypoints; i++) {
+        if (!Number.isNaN(seen[2 * i])) pen.fillRect(seen[2 * i] - 1.5, seen[2 * i + 1] - 1.5, 3, 3);
+      }
+    },
+  },
+};

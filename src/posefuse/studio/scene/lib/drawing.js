@@ -1,0 +1,268 @@
+// Draws one scene with three.js: instanced bones, joints and ellipsoids, so that a frame is a handful of draw calls.
+
+import { THREE, OrbitControls, CSS2DRenderer, CSS2DObject } from "nicegui-scene";
+
+const MOST_BONES = 2000, MOST_POINTS = 2000;
+const BONE_M = 0.016, JOINT_M = 0.024, TRAIL_S = 2.0;
+const UP = new THREE.Vector3(0, 1, 0);
+
+export class RigDrawing {
+  constructor(element, canvas, labels) {
+    this.element = element;
+    this.scene = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(45, 1, 0.05, 200);
+    this.camera.up.set(0, 0, 1);
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.labels = new CSS2DRenderer({ element: labels });
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x445566, 2.2));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
+    sun.position.set(3, -4, 8);
+    this.scene.add(sun);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.enableDamping = false;
+    this.controls.addEventListener("change", () => this.changed());
+    this.bones = instances(new THREE.CylinderGeometry(1, 1, 1, 10), new THREE.MeshStandardMaterial({ roughness: 0.55 }), MOST_BONES);
+    this.joints = instances(new THREE.SphereGeometry(1, 14, 10), new THREE.MeshStandardMaterial({ roughness: 0.4 }), MOST_POINTS);
+    const glass = new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.28, depthWrite: false });
+    this.ellipsoids = instances(new THREE.SphereGeometry(1, 18, 12), glass, MOST_POINTS);
+    this.still = new THREE.Group();
+    this.people = new Map();
+    this.trails = new THREE.Group();
+    this.past = new Map();
+    this.scene.add(this.bones, this.joints, this.ellipsoids, this.still, this.trails);
+    this.setup = { bones: [], bone_rgb: [], keypoint_rgb: [], trails: [], cameras: [], floor: { centre: [0, 0], half_m: 3 } };
+    this.shown = { ellipsoids: true, trails: false, cameras: true };
+    this.names = {};
+    this.waiting = false;
+    this.observer = new ResizeObserver(() => this.resize());
+    this.observer.observe(element);
+  }
+
+  take_setup(setup) {
+    const first = this.still.children.length === 0;
+    this.setup = setup;
+    dispose(this.still);
+    this.draw_floor(setup.floor);
+    this.rig = new THREE.Group();
+    for (const camera of setup.cameras) this.rig.add(camera_mark(camera));
+    this.rig.visible = this.shown.cameras;
+    this.still.add(this.rig);
+    if (first) this.look("home");
+    this.changed();
+  }
+
+  draw_floor(floor) {
+    const dark = document.body.classList.contains("body--dark");
+    const size = 2 * floor.half_m;
+    const grid = new THREE.GridHelper(size, size, dark ? 0x66809c : 0x7a8ca0, dark ? 0x2c3a4a : 0xc9d3de);
+    grid.rotateX(Math.PI / 2);
+    const axes = new THREE.AxesHelper(0.5);
+    const both = new THREE.Group();
+    grid.position.set(Math.round(floor.centre[0]), Math.round(floor.centre[1]), 0);
+    axes.position.z = 0.002;
+    both.add(grid, axes);
+    this.still.add(both);
+  }
+
+  take_poses(message) {
+    const { people, keypoints, xyz, rgba, ids } = message;
+    let bones = 0, joints = 0;
+    const a = new THREE.Vector3(), b = new THREE.Vector3(), middle = new THREE.Vector3(), along = new THREE.Vector3();
+    const turn = new THREE.Quaternion(), matrix = new THREE.Matrix4(), size = new THREE.Vector3(), colour = new THREE.Color();
+    for (let n = 0; n < people; n++) {
+      const own = rgba[n][3] ? rgba[n] : null;
+      const point = (k, into) => into.fromArray(xyz, 3 * (n * keypoints + k));
+      this.setup.bones.forEach(([from, to], i) => {
+        if (bones >= MOST_BONES || Number.isNaN(point(from, a).x) || Number.isNaN(point(to, b).x)) return;
+        along.subVectors(b, a);
+        const length = along.length();
+        if (length < 1e-6) return;
+        turn.setFromUnitVectors(UP, along.divideScalar(length));
+        matrix.compose(middle.addVectors(a, b).multiplyScalar(0.5), turn, size.set(BONE_M, length, BONE_M));
+        this.bones.setMatrixAt(bones, matrix);
+        this.bones.setColorAt(bones++, rgb_of(colour, own || this.setup.bone_rgb[i]));
+      });
+      for (let k = 0; k < keypoints && joints < MOST_POINTS; k++) {
+        if (Number.isNaN(point(k, a).x)) continue;
+        matrix.makeScale(JOINT_M, JOINT_M, JOINT_M).setPosition(a);
+        this.joints.setMatrixAt(joints, matrix);
+        this.joints.setColorAt(joints++, rgb_of(colour, own || this.setup.keypoint_rgb[k] || [255, 255, 255]));
+      }
+    }
+    finish(this.bones, bones);
+    finish(this.joints, joints);
+    this.take_ellipsoids(message);
+    this.take_trails(message);
+    this.name_people(message, ids);
+    this.changed();
+  }
+
+  take_ellipsoids({ people, keypoints, xyz, rgba, shapes }) {
+    let count = 0;
+    const matrix = new THREE.Matrix4(), colour = new THREE.Color();
+    for (let i = 0; shapes && this.shown.ellipsoids && i < people * keypoints && count < MOST_POINTS; i++) {
+      const l = shapes.subarray(9 * i, 9 * i + 9), x = xyz[3 * i];
+      if (Number.isNaN(l[0]) || Number.isNaN(x)) continue;
+      matrix.set(l[0], l[1], l[2], x, l[3], l[4], l[5], xyz[3 * i + 1], l[6], l[7], l[8], xyz[3 * i + 2], 0, 0, 0, 1);
+      this.ellipsoids.setMatrixAt(count, matrix);
+      const own = rgba[Math.floor(i / keypoints)];
+      this.ellipsoids.setColorAt(count++, rgb_of(colour, own[3] ? own : this.setup.keypoint_rgb[i % keypoints] || [255, 255, 255]));
+    }
+    finish(this.ellipsoids, count);
+  }
+
+  take_trails({ t_s, people, keypoints, xyz, ids }) {
+    dispose(this.trails);
+    if (!this.shown.trails) return this.past.clear();
+    const now = new Set();
+    for (let n = 0; n < people; n++) {
+      for (const k of this.setup.trails) {
+        const key = `${ids[n]} ${k}`, at = 3 * (n * keypoints + k);
+        now.add(key);
+        const past = (this.past.get(key) || []).filter((one) => one.t_s > t_s - TRAIL_S && one.t_s < t_s);
+        past.push({ t_s, xyz: [xyz[at], xyz[at + 1], xyz[at + 2]] });
+        this.past.set(key, past);
+        const known = past.filter((one) => !Number.isNaN(one.xyz[0]));
+        const geometry = new THREE.BufferGeometry();
+        geometry.setAttribute("position", new THREE.Float32BufferAttribute(known.flatMap((one) => one.xyz), 3));
+        const [r, g, b] = this.setup.keypoint_rgb[k];
+        const material = new THREE.LineBasicMaterial({ color: (r << 16) | (g << 8) | b, transparent: true, opacity: 0.8 });
+        this.trails.add(new THREE.Line(geometry, material));
+      }
+    }
+    for (const key of this.past.keys()) if (!now.has(key)) this.past.delete(key);
+  }
+
+  name_people({ people, keypoints, xyz }, ids) {
+    const here = new Set(ids);
+    for (const [id, mark] of this.people) {
+      if (here.has(id)) continue;
+      this.scene.remove(mark);
+      mark.element.remove();
+      this.people.delete(id);
+    }
+    for (let n = 0; n < people; n++) {
+      let top = -Infinity, x = 0, y = 0, count = 0;
+      for (let k = 0; k < keypoints; k++) {
+        const at = 3 * (n * keypoints + k);
+        if (Number.isNaN(xyz[at])) continue;
+        top = Math.max(top, xyz[at + 2]);
+        x += xyz[at];
+        y += xyz[at + 1];
+        count++;
+      }
+      if (!this.people.has(ids[n])) this.people.set(ids[n], text_mark("", "pf-person"));
+      const mark = this.people.get(ids[n]);
+      const text = this.names[ids[n]] || `person ${ids[n]}`;
+      if (mark.element.textContent !== text) mark.element.textContent = text;
+      mark.visible = count > 0;
+      if (count) mark.position.set(x / count, y / count, top + 0.18);
+      if (!mark.parent) this.scene.add(mark);
+    }
+  }
+
+  show(parts) {
+    Object.assign(this.shown, parts);
+    if (this.rig) this.rig.visible = this.shown.cameras;
+    if (!this.shown.ellipsoids) finish(this.ellipsoids, 0);
+    if (!this.shown.trails) dispose(this.trails);
+    this.changed();
+  }
+
+  look(where) {
+    const [x, y] = this.setup.floor.centre, far = 1.5 * this.setup.floor.half_m + 1.5;
+    const from = { home: [0.75, -0.95, 0.75], top: [0, -0.001, 1.5], front: [0, -1.3, 0.25], side: [1.3, 0, 0.25] }[where];
+    this.controls.target.set(x, y, 0.9);
+    this.camera.position.set(x + from[0] * far, y + from[1] * far, 0.9 + from[2] * far);
+    this.controls.update();
+    this.changed();
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.labels.setSize(width, height);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.changed();
+  }
+
+  changed() {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      this.renderer.render(this.scene, this.camera);
+      this.labels.render(this.scene, this.camera);
+      window.posefuseDrawn.scene++;
+    });
+  }
+
+  close() {
+    this.observer.disconnect();
+    this.controls.dispose();
+    dispose(this.still);
+    dispose(this.trails);
+    this.renderer.dispose();
+  }
+}
+
+function instances(geometry, material, most) {
+  const mesh = new THREE.InstancedMesh(geometry, material, most);
+  mesh.count = 0;
+  mesh.frustumCulled = false;
+  mesh.setColorAt(0, new THREE.Color(1, 1, 1));
+  return mesh;
+}
+
+function finish(mesh, count) {
+  mesh.count = count;
+  mesh.instanceMatrix.needsUpdate = true;
+  mesh.instanceColor.needsUpdate = true;
+}
+
+function rgb_of(colour, rgb) {
+  return colour.setRGB(rgb[0] / 255, rgb[1] / 255, rgb[2] / 255, THREE.SRGBColorSpace);
+}
+
+function camera_mark(camera) {
+  const mark = new THREE.Group(), [a, b, c, d] = camera.corners, o = camera.centre;
+  const up = a.map((value, i) => (value + b[i]) / 2 + 0.25 * (a[i] - d[i]));
+  const lines = [o, a, o, b, o, c, o, d, a, b, b, c, c, d, d, a, a, up, up, b];
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(lines.flat(), 3));
+  const colour = camera.faulty ? 0xef5350 : 0x26a69a;
+  mark.add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: colour })));
+  const name = text_mark(camera.name, camera.faulty ? "pf-camera pf-faulty" : "pf-camera");
+  name.position.set(...o);
+  mark.add(name);
+  if (camera.ellipsoid) {
+    const l = camera.ellipsoid;
+    const ball = new THREE.Mesh(
+      new THREE.SphereGeometry(1, 24, 16),
+      new THREE.MeshStandardMaterial({ color: 0xffb300, transparent: true, opacity: 0.55, depthWrite: false }),
+    );
+    ball.matrixAutoUpdate = false;
+    ball.matrix.set(l[0], l[1], l[2], o[0], l[3], l[4], l[5], o[1], l[6], l[7], l[8], o[2], 0, 0, 0, 1);
+    mark.add(ball);
+  }
+  return mark;
+}
+
+function text_mark(text, classes) {
+  const element = document.createElement("div");
+  element.className = classes;
+  element.textContent = text;
+  return new CSS2DObject(element);
+}
+
+function dispose(group) {
+  group.traverse((one) => {
+    one.geometry?.dispose();
+    one.material?.dispose?.();
+    if (one.isCSS2DObject) one.element.remove();
+  });
+  group.clear();
+}

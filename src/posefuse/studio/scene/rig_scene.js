@@ -1,0 +1,39 @@
+import { listen, SETUP, POSES, LABELS, RigDrawing } from "posefuse-studio";
+
+export default {
+  template: `<div><canvas></canvas><div class="pf-labels"></div></div>`,
+  props: { stream: String, ellipsoids: Boolean, trails: Boolean, cameras: Boolean },
+  mounted() {
+    try {
+      this.drawing = new RigDrawing(this.$el, this.$el.children[0], this.$el.children[1]);
+    } catch {
+      this.$el.textContent = "This browser cannot draw in 3D (WebGL is off).";
+      return;
+    }
+    this.drawing.show({ ellipsoids: this.ellipsoids, trails: this.trails, cameras: this.cameras });
+    this.connect();
+  },
+  beforeUnmount() {
+    this.leave?.();
+    this.drawing?.close();
+  },
+  watch: {
+    stream() {
+      this.leave?.();
+      this.connect();
+    },
+    ellipsoids(on) { this.drawing?.show({ ellipsoids: on }); },
+    trails(on) { this.drawing?.show({ trails: on }); },
+    cameras(on) { this.drawing?.show({ cameras: on }); },
+  },
+  methods: {
+    connect() {
+      this.leave = listen(this.stream, (message) => {
+        if (message.kind === SETUP) this.drawing.take_setup(message.content);
+        else if (message.kind === POSES) this.drawing.take_poses(message);
+        else if (message.kind === LABELS) this.drawing.names = message.content;
+      });
+    },
+    look(where) { this.drawing?.look(where); },
+  },
+};

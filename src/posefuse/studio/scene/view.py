@@ -1,0 +1,72 @@
+"""The elements that pages place: each draws what comes over the stream of its name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# importing it registers the bundled three.js under the name that the component imports
+import nicegui.elements.scene  # noqa: F401
+from nicegui.element import Element
+
+
+class RigScene(Element, component="rig_scene.js", esm={"posefuse-studio": "lib"}):
+    """3D: skeletons, ellipsoids, trails, cameras and floor.
+
+    Args:
+        stream: name of the stream. ellipsoids, trails, cameras: what is shown at first.
+    """
+
+    def __init__(self, stream: str, *, ellipsoids: bool = True, trails: bool = False, cameras: bool = True) -> None:
+        super().__init__()
+        self._props.update(stream=stream, ellipsoids=ellipsoids, trails=trails, cameras=cameras)
+        self.classes("pf-scene")
+        self.props('role="img" aria-label="3D view; drag to turn, wheel to zoom"')
+
+    def show(self, *, ellipsoids: bool | None = None, trails: bool | None = None, cameras: bool | None = None) -> None:
+        """Switch parts on or off; None leaves them."""
+        changes = {"ellipsoids": ellipsoids, "trails": trails, "cameras": cameras}
+        self._props.update({name: value for name, value in changes.items() if value is not None})
+        self.update()
+
+    def look(self, where: str) -> None:
+        """``home``, ``top``, ``front`` or ``side``."""
+        self.run_method("look", where)
+
+
+class CameraTile(Element, component="camera_tile.js", esm={"posefuse-studio": "lib"}):
+    """A camera's newest image with its overlay.
+
+    Args:
+        stream: name of the stream. camera: its number in the setup. aspect: width / height. overlay: draw keypoints.
+    """
+
+    def __init__(self, stream: str, camera: int, *, aspect: float = 4 / 3, overlay: bool = True, name: str = "") -> None:
+        super().__init__()
+        self._props.update(stream=stream, camera=camera, aspect=aspect, overlay=overlay)
+        self.classes("pf-tile")
+        self.props(f'role="img" aria-label="camera {name or camera}"')
+
+    def show(self, overlay: bool) -> None:
+        """Switch the overlay."""
+        self._props["overlay"] = overlay
+        self.update()
+
+
+class ValuePlot(Element, component="value_plot.js", esm={"posefuse-studio": "lib"}):
+    """A running plot of some values of a stream.
+
+    Args:
+        stream: name of the stream. places: numbers of the values in the setup's plots. labels: one per value. unit: of all.
+        seconds: how much of the past is shown.
+    """
+
+    def __init__(self, stream: str, places: list[int], labels: list[str], *, unit: str = "deg", seconds: float = 10.0) -> None:
+        super().__init__()
+        self._props.update(stream=stream, places=places, labels=labels, unit=unit, seconds=seconds)
+        self.classes("pf-plot")
+
+    def choose(self, places: list[int], labels: list[str]) -> None:
+        """Show other values."""
+        changes: dict[str, Any] = {"places": places, "labels": labels}
+        self._props.update(changes)
+        self.update()

@@ -1,0 +1,40 @@
+"""What all pages share: the workspace, its jobs, the streams and the rule of access."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from .access import Access
+from .jobs import Jobs
+from .streams import Stream
+from .workspace import Workspace
+
+
+@dataclass(kw_only=True)
+class Studio:
+    """The state of one server; everything that must outlive it is in the workspace.
+
+    Attributes:
+        workspace: the files. access: who may look. jobs: long work. streams: what pages draw, by name.
+    """
+
+    workspace: Workspace
+    access: Access
+    jobs: Jobs
+    streams: dict[str, Stream] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, workspace: Workspace, access: Access) -> Studio:
+        """A new one."""
+        return cls(workspace=workspace, access=access, jobs=Jobs(workspace))
+
+    def stream(self, name: str, on_watched: Callable[[int], None] | None = None) -> Stream:
+        """The stream of a name, made where it is missing; `on_watched` is of the one who makes it."""
+        if name not in self.streams:
+            self.streams[name] = Stream(on_watched)
+        return self.streams[name]
+
+    def drop_stream(self, name: str) -> None:
+        """Forget a stream that is not needed any more."""
+        self.streams.pop(name, None)

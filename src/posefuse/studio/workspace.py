@@ -1,0 +1,121 @@
+"""The workspace: the only folder that the studio reads and writes."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import AsyncIterable, Iterable
+from pathlib import Path, PurePosixPath
+
+from posefuse.core import InputError
+from posefuse.foundation.atomic import atomic_file
+
+MOST_UPLOAD_BYTES = 4 * 2**30
+STATE_FOLDER = ".posefuse-studio"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}")
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{kind}{n}" for kind in ("com", "lpt") for n in range(1, 10))}
+
+
+class Workspace:
+    """A folder; every path that a page names is checked to lie inside it.
+
+    Attributes:
+        root: absolute, without links.
+
+    Raises:
+        InputError: `folder` is not an existing folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if not folder.is_dir():
+            raise InputError(f"workspace {folder}: expected an existing folder")
+        self.root = folder.resolve()
+
+    def path(self, name: str) -> Path:
+        """The absolute path of `name`, given with ``/`` relative to the workspace.
+
+        Raises:
+            InputError: an absolute path, one with ``..``, or one that leaves the workspace through a link.
+        """
+        relative = PurePosixPath(name)
+        if not name or "\\" in name or "\0" in name or ":" in name or relative.is_absolute() or ".." in relative.parts:
+            raise InputError(f"{name!r}: expected a path inside the workspace, without '..'")
+        target = self.root.joinpath(*relative.parts)
+        if not target.resolve().is_relative_to(self.root):
+            raise InputError(f"{name!r}: leads out of the workspace")
+        return target
+
+    def existing(self, name: str) -> Path:
+        """As `path`; raises InputError also where there is no such file or folder."""
+        target = self.path(name)
+        if not target.exists():
+            raise InputError(f"{name!r}: not in the workspace")
+        return target
+
+    def name_of(self, path: Path) -> str:
+        """The name that a page uses for a path inside the workspace; raises InputError for any other path."""
+        try:
+            return path.resolve().relative_to(self.root).as_posix()
+        except ValueError:
+            raise InputError(f"{path}: not inside the workspace {self.root}") from None
+
+    def free_name(self, folder: str, stem: str, suffix: str = "") -> str:
+        """``FOLDER/STEM``, or with ``-2``, ``-3`` ... where that exists; `folder` is made."""
+        place = self.folder(folder)
+        name, number = stem, 1
+        while (place / f"{name}{suffix}").exists():
+            number += 1
+            name = f"{stem}-{number}"
+        return f"{folder}/{name}{suffix}"
+
+    def folder(self, name: str) -> Path:
+        """A folder of the workspace, made where it is missing."""
+        target = self.path(name)
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{name}: cannot be made ({error.strerror})") from None
+        return target
+
+    def files(self, *suffixes: str, depth: int = 3) -> list[str]:
+        """Names of the files with these endings, at most `depth` folders deep, sorted; hidden and linked folders left out."""
+        found = [path for path in _walk(self.root, depth) if path.suffix.lower() in suffixes]
+        return sorted(path.relative_to(self.root).as_posix() for path in found)
+
+    async def upload(self, folder: str, file_name: str, parts: AsyncIterable[bytes], most_bytes: int = MOST_UPLOAD_BYTES) -> str:
+        """Write what a page sends under a free name in `folder`; returns that name.
+
+        Raises:
+            InputError: a file name that is not plain, or more than `most_bytes`. Nothing is left then.
+        """
+        check_name(file_name)
+        stem, suffix = Path(file_name).stem, Path(file_name).suffix
+        name = self.free_name(folder, stem, suffix)
+        with atomic_file(self.path(name)) as temporary, temporary.open("wb") as file:
+            size = 0
+            async for part in parts:
+                size += len(part)
+                if size > most_bytes:
+                    raise InputError(f"{file_name}: more than {most_bytes / 2**20:,.0f} MB; copy it into {self.root} instead")
+                file.write(part)
+        return name
+
+
+def check_name(name: str) -> None:
+    """Raise InputError for a name of a file or folder that is not plain on every system."""
+    if not _NAME.fullmatch(name) or name.endswith((".", " ")) or name.split(".")[0].lower() in _RESERVED:
+        raise InputError(f"{name!r}: expected a name of letters, digits, spaces, '.', '_' and '-'")
+
+
+def _walk(folder: Path, depth: int) -> Iterable[Path]:
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return
+    for entry in entries:
+        if entry.name.startswith(".") or entry.is_symlink():
+            continue
+        if entry.is_file():
+            yield Path(entry.path)
+        elif entry.is_dir() and depth > 0:
+            yield from _walk(Path(entry.path), depth - 1)

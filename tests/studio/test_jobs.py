@@ -1,0 +1,88 @@
+"""Jobs run in processes of their own; their state is in files that any server of the workspace reads."""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from posefuse.core import InputError
+from posefuse.studio import job_process
+from posefuse.studio.jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
+from posefuse.studio.workspace import Workspace
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    return Workspace(tmp_path)
+
+
+def done(workspace: Workspace, run: Callable[..., Mapping[str, Any]], monkeypatch: pytest.MonkeyPatch) -> Report:
+    """The report of a job whose work is `run`, done in this process."""
+    folder = workspace.folder(f"{JOBS_FOLDER}/one")
+    job = Job(id="one", work="made_up", title="Made up", arguments={"n": 3}, begun_s=time.time())
+    monkeypatch.setattr(job_process, "import_module", lambda name: SimpleNamespace(run=run))
+    job_process.run_job(workspace, job, job_process.Reporter(folder))
+    return Jobs(workspace).report("one")
+
+
+def test_progress_news_and_result_are_reported(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(arguments: Mapping[str, Any], place: Workspace, progress: Any) -> Mapping[str, Any]:
+        progress("detect", 1, 4, "half a word")
+        progress("detect", 2, 4)
+        return {"twice": 2 * arguments["n"]}
+
+    report = done(workspace, run, monkeypatch)
+    assert (report.state, report.stage, report.fraction, report.news) == ("done", "detect", 0.5, ("half a word",))
+    assert report.result == {"twice": 6} and report.ended
+
+
+def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> Mapping[str, Any]:
+        raise InputError("no such\nfolder")
+
+    def bug(*_: Any) -> Mapping[str, Any]:
+        raise ZeroDivisionError("by zero")
+
+    assert done(workspace, refuse, monkeypatch).error == "no such folder"
+    assert done(workspace, bug, monkeypatch).error.startswith("ZeroDivisionError: by zero")
+
+
+def test_a_cancelled_job_is_interrupted(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(*_: Any) -> Mapping[str, Any]:
+        Jobs(workspace).cancel("one")
+        threading.Event().wait(20.0)
+        return {}
+
+    assert done(workspace, run, monkeypatch).state == "cancelled"
+
+
+def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Workspace) -> None:
+    jobs = Jobs(workspace)
+    folder = workspace.folder(f"{JOBS_FOLDER}/old")
+    write_json(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
+    write_json(folder / "state.json", {"state": "running", "told_s": time.time()})
+    assert jobs.report("old").state == "running" and [job.id for job in jobs.running()] == ["old"]
+    write_json(folder / "state.json", {"state": "running", "told_s": time.time() - 100})
+    (folder / "log.txt").write_text("Killed\n\n", encoding="utf-8")
+    assert (jobs.report("old").state, jobs.report("old").error) == ("lost", "Killed")
+    assert jobs.running() == []
+
+
+def test_damaged_state_is_no_trouble(workspace: Workspace) -> None:
+    jobs = Jobs(workspace)
+    folder = workspace.folder(f"{JOBS_FOLDER}/bad")
+    (folder / "job.json").write_text("{", encoding="utf-8")
+    assert jobs.all() == [] and jobs.job("none") is None
+    with pytest.raises(InputError):
+        jobs.report("../x")
+
+
+def test_state_files_are_for_their_owner_only(workspace: Workspace) -> None:
+    write_json(workspace.root / "a.json", {"a": 1})
+    assert json.loads((workspace.root / "a.json").read_text(encoding="utf-8")) == {"a": 1}
+    assert (workspace.root / "a.json").stat().st_mode & 0o077 == 0

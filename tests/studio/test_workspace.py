@@ -1,0 +1,68 @@
+"""The studio reads and writes inside its workspace only."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from posefuse.core import InputError
+from posefuse.studio.workspace import Workspace, check_name
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "secret.txt").write_text("x", encoding="utf-8")
+    (tmp_path / "inside").mkdir()
+    return Workspace(tmp_path / "inside")
+
+
+@pytest.mark.parametrize("name", ["", "..", "../outside/secret.txt", "a/../../b", "/etc/passwd", "C:/x", "a\\..\\b", "a\0b"])
+def test_a_path_that_leaves_the_workspace_is_refused(workspace: Workspace, name: str) -> None:
+    with pytest.raises(InputError, match="inside the workspace"):
+        workspace.path(name)
+
+
+def test_a_link_that_leaves_the_workspace_is_refused(workspace: Workspace) -> None:
+    (workspace.root / "link").symlink_to(workspace.root.parent / "outside")
+    with pytest.raises(InputError, match="leads out"):
+        workspace.path("link/secret.txt")
+    assert workspace.files(".txt") == []
+
+
+def test_paths_inside_are_found_and_named(workspace: Workspace) -> None:
+    place = workspace.folder("a/b")
+    (place / "c.toml").write_text("", encoding="utf-8")
+    assert workspace.existing("a/b/c.toml") == place / "c.toml"
+    assert workspace.name_of(place / "c.toml") == "a/b/c.toml"
+    assert workspace.files(".toml") == ["a/b/c.toml"]
+    with pytest.raises(InputError, match="not in the workspace"):
+        workspace.existing("a/b/d.toml")
+    with pytest.raises(InputError, match="not inside"):
+        workspace.name_of(workspace.root.parent / "outside")
+
+
+def test_a_free_name_is_free(workspace: Workspace) -> None:
+    assert workspace.free_name("rigs", "rig", ".toml") == "rigs/rig.toml"
+    workspace.path("rigs/rig.toml").touch()
+    assert workspace.free_name("rigs", "rig", ".toml") == "rigs/rig-2.toml"
+
+
+@pytest.mark.parametrize("name", ["", ".hidden", "a/b", "a\\b", "con", "NUL.txt", "x" * 81, "trailing.", "a\nb", "é"])
+def test_names_that_are_not_plain_are_refused(name: str) -> None:
+    with pytest.raises(InputError):
+        check_name(name)
+
+
+def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: Workspace) -> None:
+    async def parts() -> AsyncIterator[bytes]:
+        for _ in range(3):
+            yield b"1234"
+
+    assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == "videos/cam 1.mp4"
+    assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == "videos/cam 1-2.mp4"
+    with pytest.raises(InputError, match="more than"):
+        asyncio.run(workspace.upload("videos", "large.mp4", parts(), most_bytes=8))
+    assert sorted(path.name for path in (workspace.root / "videos").iterdir()) == ["cam 1-2.mp4", "cam 1.mp4"]
+    assert (workspace.root / "videos" / "cam 1.mp4").read_bytes() == b"1234" * 3
