@@ -79,6 +79,10 @@ ACCEPTED = {
         "--out text",
         f"--cube, --page text, --json, --force, {TARGET}",
     ),
+    "studio WORKSPACE": (
+        "",
+        "--json, --port 9000, --host localhost, --token text, --no-open",
+    ),
     "view RESULT": (
         "",
         "--json, --session text",
