@@ -12,13 +12,13 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
 from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
+from posefuse.detection.openvino_cpu import Precision
 from posefuse.detection.regions import cut, img_from_crop, region_from_keypoints
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir
 
 from .looks import LandmarkNetwork, Look, averaged
-from .network import Precision
 from .persons import PersonNetwork, regions_from_outputs
 from .search import Stage, stages
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +12,7 @@ from posefuse.core import ModelError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.detection.models import ModelInput
-
-Precision = Literal["auto", "f32", "bf16"]
+from posefuse.detection.openvino_cpu import Precision, compiled_for_cpu, openvino_core
 
 
 class Network:
@@ -34,17 +32,8 @@ class Network:
     def __init__(self, path: Path, outputs: Sequence[str], takes: ModelInput, precision: Precision, streams: int) -> None:
         import openvino as ov
 
-        core = _runtime()
-        model = _pruned(core, path, outputs, takes)
-        if precision == "auto":
-            precision = "bf16" if "BF16" in core.get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "f32"
         self.side_px = takes.side_px
-        self.precision = precision
-        compiled = core.compile_model(
-            model,
-            "CPU",
-            {"NUM_STREAMS": streams, "INFERENCE_NUM_THREADS": streams, "INFERENCE_PRECISION_HINT": precision},
-        )
+        compiled = compiled_for_cpu(_pruned(path, outputs, takes), precision, streams)
         self._request = compiled.create_infer_request() if streams == 1 else None
         self._queue = ov.AsyncInferQueue(compiled, streams) if streams > 1 else None
         if self._queue is not None:
@@ -71,19 +60,12 @@ class Network:
             result[i] = request.get_output_tensor(k).data[0]  # type: ignore[attr-defined]
 
 
-@cache
-def _runtime() -> Any:
-    import openvino as ov
-
-    return ov.Core()
-
-
-def _pruned(core: Any, path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:
+def _pruned(path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:
     import openvino as ov
     from openvino.preprocess import PrePostProcessor
 
     try:
-        whole = core.read_model(path)
+        whole = openvino_core().read_model(path)
     except RuntimeError as error:
         raise ModelError(f"{path}: not a network OpenVINO can read ({str(error).strip().splitlines()[-1]})") from None
     ports = {name: port for port in whole.outputs for name in port.get_names()}

@@ -10,9 +10,9 @@ from typing import Annotated
 from annotated_types import Ge, Gt, Le
 
 from posefuse.core import ConfigError
-from posefuse.detection.blazepose.network import Precision
 from posefuse.detection.blazepose.persons import PersonNetwork
 from posefuse.detection.models import fetch_all, read_card
+from posefuse.detection.openvino_cpu import Precision
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir

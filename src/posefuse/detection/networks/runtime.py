@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -12,7 +11,7 @@ import numpy as np
 from posefuse.core import DependencyError, ModelError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.detection.blazepose.network import Precision
+from posefuse.detection.openvino_cpu import Precision, compiled_for_cpu, openvino_core
 
 from .card import NetworkCard, checked_file
 from .crops import normalised
@@ -67,9 +66,8 @@ class OpenVinoRunner:
     def __init__(self, card: NetworkCard, path: Path, precision: Precision, threads: int) -> None:
         import openvino as ov
 
-        core = _openvino()
         try:
-            model = core.read_model(path)
+            model = openvino_core().read_model(path)
         except RuntimeError as error:
             raise ModelError(f"{path}: not a network OpenVINO can read ({_last_line(error)})") from None
         named = {name: port for port in model.outputs for name in port.get_names()}
@@ -82,10 +80,7 @@ class OpenVinoRunner:
         if not shape.compatible(ov.PartialShape([1, 3, height, width])):
             raise ModelError(f"{path}: expected an input (1, 3, {height}, {width}), got {shape.to_string()}")
         model.reshape([1, 3, height, width])
-        if precision == "auto":
-            precision = "bf16" if "BF16" in core.get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "f32"
-        options = {"NUM_STREAMS": threads, "INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": precision}
-        self._queue = ov.AsyncInferQueue(core.compile_model(model, "CPU", options), threads)
+        self._queue = ov.AsyncInferQueue(compiled_for_cpu(model, precision, threads), threads)
         self._queue.set_callback(self._collect)
 
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
@@ -132,13 +127,6 @@ class OnnxRuntimeRunner:
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
         """See `Runner`."""
         return [list(self._session.run(list(self.output_names), {self._input.name: one})) for one in inputs]
-
-
-@cache
-def _openvino() -> Any:
-    import openvino as ov
-
-    return ov.Core()
 
 
 def _chosen(path: Path, wanted: Sequence[str], there: Sequence[str] | dict[str, Any]) -> list[str]:
