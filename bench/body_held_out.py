@@ -1,214 +1,179 @@
-"""The whole-body fit on rendered people who are used in no fit and no choice: errors with it and without it.
+"""The whole-body fit on rendered people who are used in no fit and no choice: `track --body off` and `--body auto` side by side.
 
-    python bench/body_held_out.py OUT [--for-s 500]     render and measure what is not there yet, then print the table
+    PYTHONPATH=. python bench/body_held_out.py --keep DIR [--only walk,T-pose] [--bodies 12] [--seeds 1,2,3] [--for-s 500]
 
-Twelve bodies of random seeds that were fixed before any of them was looked at; five motions each. OUT keeps the rendered scenes
-and one line of figures per scene, so that the work can be done in slices; with another version of the code, delete
-OUT/figures.jsonl. A table on stderr, one JSON object on stdout.
+One body per seed. The first run draws the seeds by chance and keeps them in DIR, so no one knows them before. DIR also keeps
+rendered scenes, what the networks saw in them, and a line of figures per row and body, so that work can be stopped and
+continued at any time: run the same command again. With another version of the code, delete DIR/figures.jsonl; nothing is
+rendered or detected anew. `--list` names the rows. Tables on stderr, one JSON object on stdout.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import secrets
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from body_figures import ENDS, FLEXIONS, SIDES, figures
+from body_rows import ACTIONS, ROWS, Row, scene_of
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.core import PoseSequence, Recording, Truth
-from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.metrics import joint_errors, true_xyz_at, typical_nees
+from posefuse.core import Recording
+from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.settings import settings_from_mapping
-from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import changed_config, read_config
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import config_of, solve_again
-from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import simulate
-from posefuse.tracking.segments import SEGMENTS, segment_lengths
+from posefuse.tracking.segments import SEGMENTS
 
-SEEDS = tuple(range(9101, 9113))
-SIDES = ("left", "right")
-JOINTS = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))
-FLEXIONS = ("hip", "knee", "elbow")
-SIGMAS_90 = 1.645
-WALK = {"kind": "walk", "speed_mps": 1.35, "path": {"shape": "random", "low_m": [-1.8, -1.8], "high_m": [1.8, 1.8]}}
-OCCLUDERS = (
-    {"kind": "wall", "from_m": [1.5, -0.6], "to_m": [1.4, 0.8], "height_m": 1.3},
-    {"kind": "wall", "from_m": [-0.5, 1.6], "to_m": [-1.4, 1.2], "height_m": 1.5},
-    {"kind": "box", "position_m": [-1.6, -0.8, 0.6], "size_m": [0.5, 0.7, 1.2], "yaw_deg": 20},
-)
+BODIES = 12
+WAYS = ("off", "auto")
+# fits and the reported experiments draw bodies of smaller seeds
+_SMALLEST_SEED, _SEEDS = 100_000, 900_000
 
 
-def scene_of(seed: int, motion: str) -> Scene:
-    """One body doing one thing; the rest of the scene is drawn by the same seed."""
-    side = SIDES[seed % 2]
-    moves: dict[str, dict[str, Any]] = {
-        "walk": WALK,
-        "T-pose": {"kind": "tpose"},
-        "T-pose, occluded": {"kind": "tpose"},
-        "squat": {"kind": "squat", "period_s": 2.7, "heading_deg": float(seed * 53 % 360)},
-        "reach": {"kind": "reach", "side": side, "period_s": 1.5, "heading_deg": float(seed * 31 % 360)},
-    }
-    still = motion.startswith("T-pose")
-    image = {"size_px": [640, 480], "horizontal_fov_deg": 60 if still else 66}
-    content = {
-        "duration_s": 0.5 if still else 4.0 if motion == "walk" else 2.0,
-        "rate_hz": 10,
-        "seed": seed,
-        "cameras": {"kind": "ring", "count": 8 if still else 4, "radius_m": 4.5, "height_m": 2.2, "image": image},
-        "people": [{"body": {"random_seed": seed}, "motion": moves[motion]}],
-        "occluders": list(OCCLUDERS) if "occluded" in motion else [],
-    }
-    return settings_from_mapping(content, Scene, where=f"{motion} {seed}")
+def seeds_of(keep: Path, count: int, given: str) -> list[int]:
+    """Seeds as given, or those kept in the folder; drawn now if there are none."""
+    if given:
+        return [int(seed) for seed in given.split(",")]
+    file = keep / "seeds.json"
+    seeds: list[int] = json.loads(file.read_text()) if file.exists() else []
+    while len(seeds) < count:
+        seeds.append(_SMALLEST_SEED + secrets.randbelow(_SEEDS))
+    file.write_text(json.dumps(seeds))
+    return seeds[:count]
 
 
-MOTIONS = ("walk", "T-pose", "T-pose, occluded", "reach", "squat")
-
-
-def recordings(folder: Path) -> dict[str, Recording]:
-    """Tracked once, solved without and with the whole-body fit."""
-    config = replace(read_config(None, ()), outputs=(), body="off")
+def tracked(keep: Path, row: Row, seed: int) -> Recording:
+    """The recording without the fit: from the folder, else rendered and tracked."""
+    session, folder = keep / f"{seed}-{row.scene}", keep / f"{seed}-{row.scene}-tracked{row.network and '-' + row.network}"
+    if (folder / "done").exists():
+        return read_recording(folder)
+    if not (session / "truth" / "truth.npz").exists() or (session / "INCOMPLETE").exists():
+        simulate(scene_of(row.scene, seed), session, processes=1)
+    network = [f"detector.options.landmarks={row.network}"] if row.network else []
+    config = replace(read_config(None, network), outputs=(), body="off")
 
     def silent(*_: object) -> None: ...
 
-    off = track_session(find_session(folder, config), config, StageClock(), silent, silent, silent).recording
-    return {"off": off, "on": solve_again(off, changed_config(config_of(off), {"body": "on"}))}
+    recording = track_session(find_session(session, config), config, StageClock(), silent, silent, silent).recording
+    folder.mkdir(exist_ok=True)
+    write_recording(folder, recording)
+    (folder / "done").touch()
+    return recording
 
 
-def figures(poses: PoseSequence, truth: Truth) -> dict[str, Any]:
-    """What the table is made of, of one scene."""
-    errors = joint_errors(poses, truth)
-    inside = (poses.t_ns >= truth.t_ns[0]) & (poses.t_ns <= truth.t_ns[-1])
-    true_xyz = true_xyz_at(truth, poses.t_ns[inside])[:, 0]
-    away = poses.xyz_world[inside, 0][:, poses.skeleton.indices(JOINTS)] - pick_keypoints(true_xyz, truth.skeleton, JOINTS)
-    sigma = np.sqrt(np.diagonal(poses.cov_world[inside, 0][:, poses.skeleton.indices(JOINTS)], axis1=-2, axis2=-1))
-    lengths, true_lengths = (segment_lengths(one.xyz_world, one.skeleton)[0] for one in (poses, truth))
-    return {
-        "mean_mm": errors.mpjpe_mm,
-        "joints_mm": dict(zip(errors.joints, errors.mean_mm.tolist(), strict=True)),
-        "nees": typical_nees(poses, truth, JOINTS),
-        "within_90": dict(zip(JOINTS, np.mean(np.abs(away) < SIGMAS_90 * sigma, axis=(0, 2)).tolist(), strict=True)),
-        "length_off": dict(zip(SEGMENTS, (np.abs(lengths - true_lengths) / true_lengths).tolist(), strict=True)),
-        "flexion_deg": flexion_errors(poses, truth, inside, true_xyz),
-    }
-
-
-def flexion_errors(poses: PoseSequence, truth: Truth, inside: np.ndarray, true_xyz: np.ndarray) -> dict[str, float]:
-    """RMSE of flexion angles in degrees, both sides together."""
-    shape = true_xyz.shape[:2]
-    exact = PoseSequence(
-        t_ns=poses.t_ns[inside],
-        skeleton=truth.skeleton,
-        person_id=np.arange(1),
-        xyz_world=true_xyz[:, None],
-        cov_world=np.broadcast_to(np.eye(3) * 1e-8, (shape[0], 1, shape[1], 3, 3)),
-        reproj_px=np.ones((shape[0], 1, shape[1])),
-        n_views=np.full((shape[0], 1, shape[1]), 4),
-        kind=np.ones((shape[0], 1, shape[1])),
-    )
-    got, wanted = joints_from_poses(poses).angle_rad[inside, 0], joints_from_poses(exact).angle_rad[:, 0]
-    out = {}
-    for joint in FLEXIONS:
-        at = [JOINT_NAMES.index(f"{side}_{joint}") for side in SIDES]
-        out[joint] = float(np.degrees(np.sqrt(np.nanmean((got[:, at, 0] - wanted[:, at, 0]) ** 2))))
-    return out
-
-
-def measured(out: Path, for_s: float) -> list[dict[str, Any]]:
-    """A line per scene; renders and measures what is missing, for so long."""
-    kept, began_s = out / "figures.jsonl", time.monotonic()
+def measured(keep: Path, rows: list[str], seeds: list[int], for_s: float) -> list[dict[str, Any]]:
+    """A line per row and body; makes what is missing, for so long."""
+    kept, began_s = keep / "figures.jsonl", time.monotonic()
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
-    done = {(line["seed"], line["motion"]) for line in lines}
-    for motion in MOTIONS:
-        for seed in SEEDS:
-            if (seed, motion) in done or time.monotonic() - began_s > for_s:
+    done = {(line["seed"], line["row"]) for line in lines}
+    for name in rows:
+        for seed in seeds:
+            if (seed, name) in done or time.monotonic() - began_s > for_s:
                 continue
-            folder = out / f"{seed}-{motion.replace(', ', '-')}"
-            if not (folder / "truth" / "truth.npz").exists() or (folder / "INCOMPLETE").exists():
-                simulate(scene_of(seed, motion), folder, processes=1)
-            truth = read_truth(folder / "truth" / "truth.npz")
-            line = {"seed": seed, "motion": motion, **{k: figures(r.poses, truth) for k, r in recordings(folder).items()}}
+            off = tracked(keep, ROWS[name], seed)
+            truth = read_truth(keep / f"{seed}-{ROWS[name].scene}" / "truth" / "truth.npz")
+            config = config_of(off)
+            ways = {way: solve_again(off, changed_config(config, {"body": way})) for way in WAYS}
+            line = {"seed": seed, "row": name, **{way: figures(one.poses, truth) for way, one in ways.items()}}
             lines.append(line)
             with kept.open("a") as file:
                 file.write(json.dumps(line) + "\n")
-            print(f"{seed} {motion}: measured", flush=True)
-    return lines
+            print(f"{name} {seed}: measured", file=sys.stderr, flush=True)
+    return [line for line in lines if line["row"] in rows and line["seed"] in seeds]
 
 
-def mean_of(lines: list[dict[str, Any]], which: str, key: str, *inner: str) -> float:
-    values = [[line[which][key][name] for name in inner] if inner else line[which][key] for line in lines]
+def mean_of(lines: list[dict[str, Any]], way: str, key: str, *inner: str) -> float:
+    values = [[line[way][key][name] for name in inner] if inner else line[way][key] for line in lines]
     return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
 
 
 def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
-    """By motion, without and with the fit."""
+    """By row, without and with the fit: means over bodies."""
     out: dict[str, Any] = {}
-    for motion in MOTIONS:
-        some = [line for line in lines if line["motion"] == motion]
+    for name, row in ROWS.items():
+        some = [line for line in lines if line["row"] == name]
         if not some:
             continue
-        row: dict[str, Any] = {"bodies": len(some)}
-        row["bodies_better"] = sum(line["on"]["mean_mm"] < line["off"]["mean_mm"] for line in some)
-        for which in ("off", "on"):
-            per_joint = {joint: mean_of(some, which, "within_90", *(f"{s}_{joint}" for s in SIDES)) for joint in ends()}
-            row[which] = {
-                "mean_mm": mean_of(some, which, "mean_mm"),
-                "worst_joint_mm": max(mean_of(some, which, "joints_mm", joint) for joint in PAPER14.keypoints),
-                "nees": mean_of(some, which, "nees"),
-                "within_90": per_joint,
-                "length_off": {segment: mean_of(some, which, "length_off", segment) for segment in SEGMENTS},
-                "flexion_deg": {joint: mean_of(some, which, "flexion_deg", joint) for joint in FLEXIONS},
+        found: dict[str, Any] = {"bodies": len(some), "must_mm": row.must_mm, "aim_mm": row.aim_mm}
+        for way in WAYS:
+            found[way] = {
+                "mean_mm": mean_of(some, way, "joints_mm", *row.joints),
+                "worst_joint_mm": max(mean_of(some, way, "joints_mm", joint) for joint in row.joints),
+                "nees": mean_of(some, way, "nees"),
+                "within_90": {end: mean_of(some, way, "within_90", *(f"{s}_{end}" for s in SIDES)) for end in ENDS},
+                "length_off": {segment: mean_of(some, way, "length_off", segment) for segment in SEGMENTS},
+                "flexion_deg": {joint: mean_of(some, way, "flexion_deg", joint) for joint in FLEXIONS},
+                "flexion_within_90": {joint: mean_of(some, way, "flexion_within_90", joint) for joint in FLEXIONS},
+                "skate_mm": mean_of(some, way, "skate_mm"),
             }
-        out[motion] = row
+        means = [{way: mean_of([line], way, "joints_mm", *row.joints) for way in WAYS} for line in some]
+        found["bodies_better"] = sum(one["auto"] < one["off"] for one in means)
+        out[name] = found
     return out
 
 
-def ends() -> tuple[str, ...]:
-    return tuple(joint.removeprefix("left_") for joint in JOINTS if joint.startswith("left_"))
-
-
 def show(found: dict[str, Any]) -> None:
-    console = Console(stderr=True, width=170)
-    table = Table(title="Held-out bodies, without -> with the whole-body fit", title_justify="left")
-    for column in (
-        "motion",
-        "bodies (better)",
-        "mean mm",
-        "worst joint mm",
-        "NEES",
-        "90 % intervals hold",
-        "flexion deg: hip, knee, elbow",
-    ):
-        table.add_column(column)
-    for motion, row in found.items():
-        off, on = row["off"], row["on"]
-        holds = " ".join(f"{joint} {100 * on['within_90'][joint]:.0f}" for joint in ends())
-        bends = " -> ".join(", ".join(f"{one['flexion_deg'][joint]:.1f}" for joint in FLEXIONS) for one in (off, on))
-        pairs = [f"{off[key]:.1f} -> {on[key]:.1f}" for key in ("mean_mm", "worst_joint_mm", "nees")]
-        table.add_row(motion, f"{row['bodies']} ({row['bodies_better']})", *pairs, holds, bends)
-    console.print(table)
-    if "walk" in found:
-        off, on = (found["walk"][which]["length_off"] for which in ("off", "on"))
-        told = ", ".join(f"{segment} {100 * off[segment]:.1f} -> {100 * on[segment]:.1f}" for segment in SEGMENTS)
-        console.print(f"walking, lengths off by %: {told}")
+    console = Console(stderr=True, width=190)
+    positions = Table(title="Held-out bodies: --body off -> auto", title_justify="left")
+    told = ("mean mm", "must", "aim", "worst joint mm", "NEES", "90 % intervals hold, %", "skate mm")
+    for column in ("row", "bodies (better)", *told):
+        positions.add_column(column)
+    for name, row in found.items():
+        off, auto = row["off"], row["auto"]
+        holds = " ".join(f"{end} {100 * auto['within_90'][end]:.0f}" for end in ENDS)
+        pairs = [f"{off[key]:.1f} -> {auto[key]:.1f}" for key in ("mean_mm", "worst_joint_mm", "nees", "skate_mm")]
+        wanted = ["" if np.isnan(row[key]) else f"{row[key]:g}" for key in ("must_mm", "aim_mm")]
+        positions.add_row(name, f"{row['bodies']} ({row['bodies_better']})", pairs[0], *wanted, *pairs[1:3], holds, pairs[3])
+    console.print(positions)
+    actions = [name for name in ACTIONS if name in found]
+    if actions:
+        worst = {way: max(actions, key=lambda name: found[name][way]["mean_mm"]) for way in WAYS}
+        least = " -> ".join(f"{worst[way]} {found[worst[way]][way]['mean_mm']:.1f}" for way in WAYS)
+        console.print(f"worst of {', '.join(actions)}: {least} mm (must 13, aim 10)")
+    title = "Flexion RMSE, degrees (90 % intervals that hold with the fit, %), and segment lengths off by, %"
+    angles = Table(title=title, title_justify="left")
+    for column in ("row", *FLEXIONS, *SEGMENTS):
+        angles.add_column(column)
+    for name, row in found.items():
+        off, auto = row["off"], row["auto"]
+        holds = {joint: f"({100 * share:.0f})" for joint, share in auto["flexion_within_90"].items()}
+        bends = [f"{off['flexion_deg'][j]:.1f} -> {auto['flexion_deg'][j]:.1f} {holds[j]}" for j in FLEXIONS]
+        lengths = [f"{100 * off['length_off'][s]:.1f} -> {100 * auto['length_off'][s]:.1f}" for s in SEGMENTS]
+        angles.add_row(name, *bends, *lengths)
+    console.print(angles)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
+    parser.add_argument("--keep", type=Path, help="folder that keeps scenes and figures")
+    parser.add_argument("--only", default="", help="rows, separated by commas; default: all")
+    parser.add_argument("--bodies", type=int, default=BODIES, help="how many")
+    parser.add_argument("--seeds", default="", help="these, separated by commas, instead of drawn ones")
     parser.add_argument("--for-s", type=float, default=1e9, help="begin no scene after so many seconds")
+    parser.add_argument("--list", action="store_true", help="name the rows")
     arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    found = summary(measured(arguments.out, arguments.for_s))
+    if arguments.list:
+        print("\n".join(ROWS))
+        return
+    rows = arguments.only.split(",") if arguments.only else list(ROWS)
+    unknown = [name for name in rows if name not in ROWS]
+    if unknown or arguments.keep is None:
+        parser.error(f"no row {unknown[0]!r}; there are: {', '.join(ROWS)}" if unknown else "--keep DIR is required")
+    arguments.keep.mkdir(parents=True, exist_ok=True)
+    seeds = seeds_of(arguments.keep, arguments.bodies, arguments.seeds)
+    found = summary(measured(arguments.keep, rows, seeds, arguments.for_s))
     show(found)
     print(json.dumps(found))
 

@@ -11,7 +11,7 @@ from posefuse.simulation.motion import MotionSettings, Person, build_person
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
 FEET = ("left_ankle", "right_ankle", "left_big_toe", "right_big_toe", "left_heel", "right_heel")
-STANDING = ("tpose", "idle", "reach", "squat", "wave")
+STANDING = ("tpose", "idle", "reach", "squat", "wave", "overhead", "sit")
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +131,36 @@ def test_wave_holds_the_hand_up_on_its_side(body: Body, side: str) -> None:
     assert np.ptp(point(state, f"{side}_wrist"), axis=0).max() > 0.1
     other = "left" if side == "right" else "right"
     assert (point(state, f"{other}_wrist")[:, 2] < point(state, f"{other}_elbow")[:, 2]).all()
+
+
+def test_arms_come_up_over_the_head_and_down_again(body: Body) -> None:
+    state = person(body, kind="overhead", period_s=2.0).at([0.0, 1.0, 2.0])
+    for side in ("left", "right"):
+        above_m = (point(state, f"{side}_wrist") - point(state, "nose"))[:, 2]
+        assert above_m[1] > 0.25 and (above_m[[0, 2]] < -0.5).all()
+
+
+def test_the_seated_have_level_thighs_and_upright_trunks(body: Body) -> None:
+    state = person(body, kind="sit", period_s=4.0, heading_deg=120).at(np.linspace(0, 4, 41))
+    knee = angle(state, "left_knee", 0)
+    assert knee[[0, -1]] == pytest.approx([0, 0], abs=12) and 80 < knee.max() < 105
+    seated = int(np.argmax(knee))
+    thigh = point(state, "left_hip")[seated] - point(state, "left_knee")[seated]
+    assert abs(thigh[2]) < 0.1 and np.linalg.norm(thigh[:2]) > 0.3
+    assert (point(state, "nose") - point(state, "left_hip"))[seated, 2] > 0.5
+
+
+def test_who_turns_on_the_spot_always_stands_on_a_foot(body: Body) -> None:
+    t_s = np.linspace(0, 4, 401)
+    state = person(body, kind="turn", period_s=4.0, position_m=(0.3, -0.2)).at(t_s)
+    ankles = np.stack([point(state, f"{side}_ankle") for side in ("left", "right")], axis=1)
+    speed = np.linalg.norm(np.gradient(ankles, t_s, axis=0), axis=-1)
+    assert (speed.min(axis=1) < 1e-6).mean() > 0.9 and speed.max() > 0.5
+    across = point(state, "left_hip") - point(state, "right_hip")
+    heading = np.unwrap(np.arctan2(across[:, 1], across[:, 0]))
+    assert np.degrees(heading[-1] - heading[0]) == pytest.approx(360, abs=1) and (np.diff(heading) > -1e-9).all()
+    lowest = body.vertices(state.world_from_bone[::40])[..., 2].min(axis=1)
+    assert (lowest > -2e-3).all() and np.linalg.norm(ankles[..., :2] - [0.3, -0.2], axis=-1).max() < 0.2
 
 
 def test_segments_and_angles_belong_together(body: Body) -> None:

@@ -12,7 +12,7 @@ from posefuse.core import SE3
 from posefuse.core.arrays import Array, frozen
 from posefuse.simulation.body import Body
 
-from . import standing
+from . import daily, standing
 from .gait import walking
 from .points import from_result, from_trc
 from .posture import Posture, bones_of
@@ -22,11 +22,14 @@ from .settings import (
     BvhSettings,
     IdleSettings,
     MotionSettings,
+    OverheadSettings,
     ReachSettings,
     ResultSettings,
+    SitSettings,
     SquatSettings,
     TPoseSettings,
     TrcSettings,
+    TurnSettings,
     WalkSettings,
     WaveSettings,
 )
@@ -83,6 +86,12 @@ def build_person(body: Body, motion: MotionSettings, seed: int) -> Person:
             return Person(body, standing.squat(body, motion))
         case ReachSettings():
             return Person(body, standing.reach(body, motion, seed))
+        case OverheadSettings():
+            return Person(body, daily.overhead(body, motion))
+        case SitSettings():
+            return Person(body, daily.sit(body, motion))
+        case TurnSettings():
+            return Person(body, daily.turning(body, motion))
         case WalkSettings():
             return Person(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
         case BvhSettings():

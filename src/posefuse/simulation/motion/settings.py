@@ -87,6 +87,48 @@ class WaveSettings:
 
 
 @settings
+class OverheadSettings:
+    """Raises both arms above the head and lowers them.
+
+    Attributes:
+        position_m, heading_deg: as for tpose. period_s: up and down.
+    """
+
+    kind: Literal["overhead"]
+    position_m: Place = (0.0, 0.0)
+    heading_deg: float = 0.0
+    period_s: Seconds = 3.0
+
+
+@settings
+class SitSettings:
+    """Sits down on something as high as the knee, which is not drawn, and gets up.
+
+    Attributes:
+        position_m: of the feet. heading_deg: as for tpose. period_s: from standing to standing.
+    """
+
+    kind: Literal["sit"]
+    position_m: Place = (0.0, 0.0)
+    heading_deg: float = 0.0
+    period_s: Seconds = 6.0
+
+
+@settings
+class TurnSettings:
+    """Turns to the left on the spot, step by step.
+
+    Attributes:
+        position_m, heading_deg: as for tpose, at time 0. period_s: of a whole turn.
+    """
+
+    kind: Literal["turn"]
+    position_m: Place = (0.0, 0.0)
+    heading_deg: float = 0.0
+    period_s: Seconds = 6.0
+
+
+@settings
 class CirclePath:
     """Round a circle, counter-clockwise unless `clockwise`.
 
@@ -215,7 +257,9 @@ class ResultSettings:
     loop: bool = False
 
 
-StandingSettings = TPoseSettings | IdleSettings | ReachSettings | SquatSettings | WaveSettings
+StandingSettings = (
+    TPoseSettings | IdleSettings | ReachSettings | SquatSettings | WaveSettings | OverheadSettings | SitSettings | TurnSettings
+)
 MotionSettings = Annotated[
     StandingSettings | WalkSettings | BvhSettings | TrcSettings | ResultSettings, Field(discriminator="kind")
 ]

@@ -275,9 +275,10 @@ def _target(seed: int, cycle: int, side: str) -> Array:
 def _there_and_back(part: Array) -> Array:
     """0 -> 1 -> 0 over one period by two minimum-jerk moves (Flash & Hogan 1985) with a stop between and after."""
     go, stay, back = 0.35, 0.5, 0.85
-    return _minimum_jerk(part / go) - _minimum_jerk((part - stay) / (back - stay))
+    return minimum_jerk(part / go) - minimum_jerk((part - stay) / (back - stay))
 
 
-def _minimum_jerk(x: Array) -> Array:
+def minimum_jerk(x: Array) -> Array:
+    """0 before 0, 1 after 1, in between one smooth push of speed (Flash & Hogan 1985)."""
     x = np.clip(x, 0.0, 1.0)
     return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))

@@ -1,0 +1,94 @@
+"""What `bench/body_held_out.py` measures of one person's recording against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import PoseSequence, Truth
+from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.evaluation.metrics import joint_errors, true_xyz_at, typical_nees
+from posefuse.kinematics import JOINT_NAMES, joints_from_poses
+from posefuse.tracking.segments import SEGMENTS, segment_lengths
+
+SIDES = ("left", "right")
+JOINTS = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))
+ENDS = tuple(joint.removeprefix("left_") for joint in JOINTS if joint.startswith("left_"))
+FLEXIONS = ("hip", "knee", "elbow")
+SIGMAS_90 = 1.645
+_SOLE = ("heel", "big_toe")
+# a point of a foot that moves slower than this, for so long at least, stands
+_STANDS_M_S, _STANCE_S = 0.1, 0.25
+
+
+def figures(poses: PoseSequence, truth: Truth) -> dict[str, Any]:
+    """Of the one person of a recording."""
+    errors = joint_errors(poses, truth)
+    inside = np.flatnonzero((poses.t_ns >= truth.t_ns[0]) & (poses.t_ns <= truth.t_ns[-1]))
+    true_xyz = true_xyz_at(truth, poses.t_ns[inside])[:, 0]
+    away = poses.xyz_world[inside, 0][:, poses.skeleton.indices(JOINTS)] - pick_keypoints(true_xyz, truth.skeleton, JOINTS)
+    sigma = np.sqrt(np.diagonal(poses.cov_world[inside, 0][:, poses.skeleton.indices(JOINTS)], axis1=-2, axis2=-1))
+    lengths, true_lengths = (segment_lengths(one.xyz_world, one.skeleton)[0] for one in (poses, truth))
+    return {
+        "joints_mm": dict(zip(errors.joints, errors.mean_mm.tolist(), strict=True)),
+        "nees": typical_nees(poses, truth, JOINTS),
+        "within_90": dict(zip(JOINTS, _held(away, sigma, (0, 2)), strict=True)),
+        "length_off": dict(zip(SEGMENTS, (np.abs(lengths - true_lengths) / true_lengths).tolist(), strict=True)),
+        "skate_mm": skate_mm(poses, truth),
+        **_flexions(poses, truth, inside, true_xyz),
+    }
+
+
+def _held(away: np.ndarray, sigma: np.ndarray, axes: tuple[int, ...]) -> list[float]:
+    """Share of known values that lie within the 90 % interval."""
+    known = np.isfinite(away) & np.isfinite(sigma)
+    inside = known & (np.abs(away) < SIGMAS_90 * sigma)
+    return np.asarray(inside.sum(axis=axes) / np.maximum(known.sum(axis=axes), 1)).tolist()
+
+
+def skate_mm(poses: PoseSequence, truth: Truth) -> float:
+    """Mean over stances of the largest horizontal distance between two places of a point of the foot that in truth stands."""
+    found = []
+    for name in (f"{side}_{part}" for side in SIDES for part in _SOLE):
+        true = pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, (name,))[:, 0]
+        got = pick_keypoints(poses.xyz_world[:, 0], poses.skeleton, (name,))[:, 0, :2]
+        for begin_ns, end_ns in _stances(truth.t_ns, true):
+            during = got[(poses.t_ns >= begin_ns) & (poses.t_ns <= end_ns)]
+            during = during[np.isfinite(during).all(axis=-1)]
+            if len(during) > 1:
+                found.append(float(np.linalg.norm(during[:, None] - during[None], axis=-1).max()))
+    return 1000 * float(np.mean(found)) if found else float("nan")
+
+
+def _stances(t_ns: np.ndarray, xyz: np.ndarray) -> Iterator[tuple[int, int]]:
+    slow = np.linalg.norm(np.gradient(xyz, t_ns * 1e-9, axis=0), axis=-1) < _STANDS_M_S
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
+    for begin, end in edges.reshape(-1, 2):
+        if (t_ns[end - 1] - t_ns[begin]) * 1e-9 >= _STANCE_S:
+            yield int(t_ns[begin]), int(t_ns[end - 1])
+
+
+def _flexions(poses: PoseSequence, truth: Truth, inside: np.ndarray, true_xyz: np.ndarray) -> dict[str, dict[str, float]]:
+    """RMSE of flexion angles in degrees, both sides together, and the share of 90 % intervals that hold."""
+    shape = true_xyz.shape[:2]
+    exact = PoseSequence(
+        t_ns=poses.t_ns[inside],
+        skeleton=truth.skeleton,
+        person_id=np.arange(1),
+        xyz_world=true_xyz[:, None],
+        cov_world=np.broadcast_to(np.eye(3) * 1e-8, (shape[0], 1, shape[1], 3, 3)),
+        reproj_px=np.ones((shape[0], 1, shape[1])),
+        n_views=np.full((shape[0], 1, shape[1]), 4),
+        kind=np.ones((shape[0], 1, shape[1])),
+    )
+    joints = joints_from_poses(poses)
+    wanted = joints_from_poses(exact).angle_rad[:, 0]
+    rmse, held = {}, {}
+    for joint in FLEXIONS:
+        at = [JOINT_NAMES.index(f"{side}_{joint}") for side in SIDES]
+        away = joints.angle_rad[inside, 0][:, at, 0] - wanted[:, at, 0]
+        rmse[joint] = float(np.degrees(np.sqrt(np.nanmean(away**2))))
+        held[joint] = _held(away, joints.sigma_rad[inside, 0][:, at, 0], (0, 1))
+    return {"flexion_deg": rmse, "flexion_within_90": held}
