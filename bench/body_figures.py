@@ -89,6 +89,7 @@ def _flexions(poses: PoseSequence, truth: Truth, inside: np.ndarray, true_xyz: n
     for joint in FLEXIONS:
         at = [JOINT_NAMES.index(f"{side}_{joint}") for side in SIDES]
         away = joints.angle_rad[inside, 0][:, at, 0] - wanted[:, at, 0]
-        rmse[joint] = float(np.degrees(np.sqrt(np.nanmean(away**2))))
+        known = away[np.isfinite(away)]
+        rmse[joint] = float(np.degrees(np.sqrt(np.mean(known**2)))) if len(known) else float("nan")
         held[joint] = _held(away, joints.sigma_rad[inside, 0][:, at, 0], (0, 1))
     return {"flexion_deg": rmse, "flexion_within_90": held}
