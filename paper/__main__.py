@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from paper.experiments.command import EXPERIMENTS, experiment
-from posefuse.cli.options.shared import settings_of_networks
-from posefuse.cli.terminal import Terminal
+from paper.experiments.console import Console
 from posefuse.core import PosefuseError
+from posefuse.detection import network_settings
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -30,10 +30,11 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
     parser.add_argument("--json", action="store_true", help="figures as one JSON object on stdout")
     args = parser.parse_args(words)
-    args.overrides = [*(one for name in args.networks for one in settings_of_networks(name)), *args.overrides]
-    terminal = Terminal(as_json=args.json)
+    console = Console(as_json=args.json)
     try:
-        terminal.figures(dict(experiment(args, terminal)))
+        networks = [f"{key}={value}" for name in args.networks for key, value in network_settings(name).items()]
+        args.overrides = [*networks, *args.overrides]
+        console.figures(dict(experiment(args, console)))
     except PosefuseError as error:
         print(f"paper {args.name}: {error}", file=sys.stderr)
         return 1

@@ -11,13 +11,10 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.networks import fetch_networks
-from posefuse.cli.terminal import Terminal
+from paper.experiments.console import Console
+from posefuse.detection import fetch_networks
 from posefuse.formats.page import Facts, Heading, write_page
-from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.growing_folder import growing_folder
-from posefuse.foundation.plain_values import plain
-from posefuse.foundation.plugins import build_plugin
+from posefuse.foundation import atomic_file, build_plugin, growing_folder, plain
 
 from .runs import Context, about
 from .summary import FILE as SUMMARY_FILE
@@ -26,7 +23,7 @@ from .summary import write_summary
 EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
 
 
-def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any]:
+def experiment(args: argparse.Namespace, console: Console) -> Mapping[str, Any]:
     """Run one experiment or all; returns the files written."""
     wanted = EXPERIMENTS if args.name == "all" else (args.name,)
     names = [f"{name}{ending}" for name in wanted for ending in (".html", ".json")] + ([] if args.quick else [SUMMARY_FILE])
@@ -36,7 +33,7 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     for name in wanted:
         command = f"python -m paper {name}{options}"
         sessions = args.sessions or args.out / "sessions"
-        context = Context(sessions, args.quick, args.workers, command, terminal, tuple(args.overrides))
+        context = Context(sessions, args.quick, args.workers, command, console, tuple(args.overrides))
         if name != "scaling":
             _check_detector(context)
         made = _one(name, context, args.out)
@@ -45,15 +42,20 @@ def experiment(args: argparse.Namespace, terminal: Terminal) -> Mapping[str, Any
     if not args.quick:
         written.append(write_summary(args.out))
         folder.add([folder.folder / written[-1].name])
-    terminal.facts("Experiments", {path.name: str(path) for path in written})
-    terminal.next(f"open {written[0]} in a browser", "the figures of the first experiment")
+    for path in written:
+        console.note(f"wrote {path}")
     return {"files": written}
 
 
 def _check_detector(context: Context) -> None:
     """Fetch and build the detector, so that an error shows before an hour of rendering."""
     choice = context.config.detector
-    fetch_networks(choice, context.terminal)
+
+    def show(stage: str, done: int, total: int | None, message: str = "") -> None:
+        if message:
+            context.console.note(message)
+
+    fetch_networks(choice, show)
     build_plugin("detectors", choice.name, choice.options)
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from paper.scenes.drift import drift
 from paper.scenes.inertial import SENSORS, SuitNoise, suit_joints
 from paper.scenes.scenes import PATHS, path_scene
-from posefuse.core.arrays import Array
-from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.core import PAPER14, Array, pick_keypoints
+from posefuse.evaluation import true_xyz_at
 from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plot, Plots, Table
 
 from .moments import pictures

@@ -13,11 +13,11 @@ import numpy as np
 
 from paper.scenes import paper
 from paper.scenes.scenes import walking_scene
-from posefuse.core.arrays import Array
+from posefuse.core import Array
+from posefuse.formats import read_video
 from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots, Table
-from posefuse.formats.video import read_video
-from posefuse.pipeline.clock import StageClock
-from posefuse.simulation.session import SessionPaths
+from posefuse.pipeline import StageClock
+from posefuse.simulation import SessionPaths
 
 from .live_page import live_blocks, live_figures, spread
 from .live_times import live_times

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from paper.scenes import paper
-from posefuse.core.arrays import Array
+from posefuse.core import Array
 from posefuse.formats.page import Bars, Block, Facts, Heading, Line, Plot, Plots, Spikes, Table
 
 from .live_times import SETTLED_S, STAGES, LiveTimes

@@ -13,16 +13,10 @@ from types import TracebackType
 
 import numpy as np
 
-from posefuse.core import SourceError
-from posefuse.core.arrays import Array
-from posefuse.formats.rig import read_rig
+from posefuse.core import Array, SourceError
+from posefuse.formats import read_rig
 from posefuse.outputs.live import JsonConfig
-from posefuse.realtime.clock import SessionClock
-from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.latency import Way
-from posefuse.realtime.output_plan import OutputPlan
-from posefuse.realtime.session import run_live
+from posefuse.realtime import LiveConfig, OutputPlan, SessionClock, ViewTimes, inputs_from_arguments, run_live
 
 from .runs import Context
 
@@ -113,7 +107,7 @@ def live_times(folder: Path, context: Context, duration_s: float) -> LiveTimes:
     settings = LiveConfig(detector=config.detector, associate=config.associate, fuse=config.fuse)
     with Listener() as listener:
         plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs={"json": JsonConfig(to=(listener.address,))})
-        done = run_live(rig, inputs_from_arguments([f"sim:{folder}"], rig), settings, plan, duration_s, context.terminal.note)
+        done = run_live(rig, inputs_from_arguments([f"sim:{folder}"], rig), settings, plan, duration_s, context.console.note)
     offset_ns = plan.clock.offset_ns
     arrivals = {t_ns: came_ns + offset_ns for t_ns, came_ns in listener.arrivals_ns().items()}
     ways = list(done.fusion.latencies.newest)
@@ -127,7 +121,7 @@ def live_times(folder: Path, context: Context, duration_s: float) -> LiveTimes:
 
 
 def passages(
-    ways: list[tuple[Way, int]], arrivals: Mapping[int, int], cameras: tuple[str, ...], zero_ns: int
+    ways: list[tuple[ViewTimes, int]], arrivals: Mapping[int, int], cameras: tuple[str, ...], zero_ns: int
 ) -> tuple[Array, Array]:
     """Camera (n,) and passages (n, S + 1) in seconds, as `LiveTimes` has them, of the views whose pose arrived.
 

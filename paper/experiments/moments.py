@@ -6,12 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from posefuse.core import Camera, Skeleton
-from posefuse.core.arrays import Array
-from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.pipeline.opening import build_source
-from posefuse.pipeline.session import find_session
+from posefuse.core import PAPER14, Array, Camera, Skeleton, pick_keypoints
+from posefuse.evaluation import true_xyz_at
+from posefuse.pipeline import build_source, find_session
 
 from .runs import Run
 
@@ -28,7 +25,7 @@ _BONES = (*_LIMBS, ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"
 
 def pictures(run: Run, camera: int, instants: Sequence[int], width_px: int = 480) -> dict[str, Array]:
     """Captions to pictures of one camera at time steps of the recording, with the fused skeleton drawn in."""
-    from posefuse.outputs.drawing import view_tile
+    from posefuse.outputs import view_tile
 
     width, height = run.recording.rig.cameras[camera].size_wh
     tile_wh = (width_px, round(width_px * height / width))

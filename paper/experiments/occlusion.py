@@ -8,9 +8,8 @@ import numpy as np
 
 from paper.scenes.inertial import SuitNoise, suit_joints
 from paper.scenes.scenes import HALF_HIDDEN, HIDDEN_JOINTS, half_hidden_scene
-from posefuse.core import Truth
-from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.metrics import JointErrors, summary, typical_nees
+from posefuse.core import PAPER14, Truth, pick_keypoints
+from posefuse.evaluation import JointErrors, summary, typical_nees
 from posefuse.formats.page import Block, Facts, Heading, Images, Page, Plots, Table
 
 from .moments import pictures

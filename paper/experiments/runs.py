@@ -9,21 +9,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from paper.experiments.console import Console
 from paper.scenes.scenes import scene_name
 from posefuse import __version__
-from posefuse.cli.terminal import Terminal
 from posefuse.core import PoseSequence, Recording, Truth
-from posefuse.evaluation.metrics import JointErrors, joint_errors
+from posefuse.evaluation import JointErrors, joint_errors
+from posefuse.formats import read_truth
 from posefuse.formats.page import Page
-from posefuse.formats.truth import read_truth
-from posefuse.foundation.platform import usable_cores
-from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.config import TrackConfig, read_config
-from posefuse.pipeline.run import track_session
-from posefuse.pipeline.second_pass import poses_over_time
-from posefuse.pipeline.session import UNFINISHED_FILE, find_session
-from posefuse.simulation.scene import Scene
-from posefuse.simulation.session import simulate
+from posefuse.foundation import usable_cores
+from posefuse.pipeline import UNFINISHED_FILE, StageClock, TrackConfig, find_session, poses_over_time, read_config, track_session
+from posefuse.simulation import Scene, simulate
 from posefuse.tracking import JointCentres
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
@@ -44,7 +39,7 @@ class Context:
     quick: bool
     workers: int | None
     command: str
-    terminal: Terminal
+    console: Console
     overrides: tuple[str, ...] = ()
 
     @property
@@ -100,8 +95,8 @@ def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | Non
     config = context.config
     folder = rendered(name, scene, context)
     session = find_session(folder, config)
-    with context.terminal.progress(f"tracking {name}") as advance:
-        tracked = track_session(session, config, clock or StageClock(), advance, context.terminal.note, context.terminal.warn)
+    with context.console.progress(f"tracking {name}") as advance:
+        tracked = track_session(session, config, clock or StageClock(), advance, context.console.note, context.console.warn)
     return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), tracked.joint_centres)
 
 
@@ -121,7 +116,7 @@ def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
     if not (folder / "truth" / "truth.npz").is_file() or (folder / UNFINISHED_FILE).exists():
-        with context.terminal.progress(f"rendering {name}") as advance:
+        with context.console.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder
 

@@ -24,7 +24,7 @@ SUMMARY = "error over number of cameras, distance, resolution, calibration error
 def run(context: Context) -> Outcome:
     """All studies."""
     studies: dict[str, Any] = {}
-    with context.terminal.progress("studies") as advance:
+    with context.console.progress("studies") as advance:
         for i, name in enumerate(STUDIES):
             studies[name] = study_figures(run_study(name, context.quick, context.config.fuse))
             advance(i + 1, len(STUDIES))

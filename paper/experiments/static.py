@@ -8,7 +8,7 @@ import numpy as np
 
 from paper.scenes import paper
 from paper.scenes.scenes import CHECK_SEEDS, static_scene
-from posefuse.evaluation.metrics import JointErrors
+from posefuse.evaluation import JointErrors
 from posefuse.formats.page import Block, Heading, Images, Page, Table
 
 from .moments import pictures

@@ -9,7 +9,7 @@ from typing import Any
 
 from paper.scenes import paper
 from paper.scenes.scenes import CHECK_SEEDS
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation import atomic_file
 
 from .occlusion import TITLES as TITLES_HALF_HIDDEN
 from .occlusion import summary_rows

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from paper.scenes.paper import Column
-from posefuse.core.skeleton import PAPER14
-from posefuse.evaluation.metrics import JointErrors
+from posefuse.core import PAPER14
+from posefuse.evaluation import JointErrors
 
 LANDMARKS = (
     "none, score, all: the paper's weights on the landmarks as they are, time step by time step. robust: our fusion on the same. "

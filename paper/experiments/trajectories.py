@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from posefuse.core import PoseSequence
-from posefuse.core.skeleton import pick_keypoints
-from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.core import PoseSequence, pick_keypoints
+from posefuse.evaluation import true_xyz_at
 from posefuse.formats.page import Line, Plot
 
 from .runs import Run

@@ -9,10 +9,8 @@ import numpy as np
 
 from paper.scenes import paper
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
-from posefuse.core import Pose3D
-from posefuse.core.arrays import Array
-from posefuse.core.skeleton import PAPER14
-from posefuse.evaluation.metrics import typical_nees
+from posefuse.core import PAPER14, Array, Pose3D
+from posefuse.evaluation import typical_nees
 from posefuse.formats.page import Block, Dots, Facts, Heading, Images, Page, Plot, Plots, Table
 from posefuse.fusion import FuseSettings, fuse
 

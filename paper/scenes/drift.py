@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core.arrays import Array
+from posefuse.core import Array
 
 _LEAST_POINTS = 10
 

@@ -17,10 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import ConfigError, Truth
-from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
-from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.core import PAPER14, Array, ConfigError, Truth, choices, pick_keypoints
 
 # pelvis, sternum, head, and per side: shoulder, upper arm, forearm, hand, thigh, shank, foot; no joint lies beyond head and hands
 SENSORS = 17

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from posefuse.core.skeleton import PAPER14
+from posefuse.core import PAPER14
 
 SOURCE = "the paper's table 'Static assessment of the weights effect' and its text"
 

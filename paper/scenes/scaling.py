@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, Pose3D, PoseSequence, Rig, Truth, Views
-from posefuse.core.arrays import Array
-from posefuse.core.skeleton import PAPER14
+from posefuse.core import PAPER14, SE3, Array, Pose3D, PoseSequence, Rig, Truth, Views
 from posefuse.detection import OracleNoise, oracle_views
-from posefuse.evaluation.metrics import joint_distances_mm, summary
-from posefuse.foundation.settings import settings_from_mapping
+from posefuse.evaluation import joint_distances_mm, summary
+from posefuse.foundation import settings_from_mapping
 from posefuse.fusion import FuseSettings, fuse
-from posefuse.simulation.exact import truth_of
-from posefuse.simulation.scene import Scene
+from posefuse.simulation import Scene, truth_of
 
 # of the real network on the walking session, as shares of the person's height in the picture: the rms error of one
 # coordinate, and the part of it that stays the same; shares of keypoints and of views that are something else altogether

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.scene import Scene
+from posefuse.foundation import settings_from_mapping
+from posefuse.simulation import Scene
 
 # other bodies, ways and rooms: the tables must agree on them within their spread
 CHECK_SEEDS = (21, 22, 23)

@@ -6,7 +6,9 @@ recording.joint_angles()["left_knee", "flexion"].deg
 recording.save("result/", formats=("trc", "c3d"))
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from .foundation.lazy_names import lazy_names
 
 __version__ = "0.2.0"
 
@@ -61,15 +63,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for, so that `import posefuse` stays light."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'posefuse' has no attribute {name!r}")
-    from importlib import import_module
-
-    value = getattr(import_module(f"posefuse.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazy_names(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

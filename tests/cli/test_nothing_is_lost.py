@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from posefuse.cli.main import main
-from posefuse.foundation.growing_folder import growing_folder
+from posefuse.foundation.growing import growing_folder
 from posefuse.foundation.manifest import MANIFEST_FILE, Manifest, listed, write_manifest
 from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
 

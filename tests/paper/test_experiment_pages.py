@@ -17,6 +17,7 @@ pytest.importorskip("anny")
 from paper.__main__ import main
 from paper.experiments import latency, runs, scaling
 from paper.experiments import live_times as module
+from paper.experiments.console import Console
 from paper.experiments.live_page import live_blocks, live_figures, view_spikes
 from paper.experiments.live_times import SETTLED_S, STAGES, Listener, LiveTimes, live_times, passages
 from paper.experiments.moments import ESTIMATE_RGB, TRUTH_RGB, moments
@@ -26,11 +27,10 @@ from paper.experiments.tables import joint_rows
 from paper.scenes import paper
 from paper.scenes.scaling import STUDIES, Errors, Study
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
-from posefuse.cli.terminal import Terminal
 from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
 from posefuse.messages.streams import UdpStream
-from posefuse.realtime.latency import Way
+from posefuse.realtime.latency import ViewTimes
 
 MADE_UP = Errors(1.0, 2.0, 1.0, 0.5, 1.0, 3.0)
 FUSION = SimpleNamespace(
@@ -57,7 +57,7 @@ def overrides(session: Path) -> tuple[str, ...]:
 
 
 def context_of(session: Path, where: Path) -> Context:
-    return Context(where, True, 1, "a test", Terminal(True), overrides(session))
+    return Context(where, True, 1, "a test", Console(True), overrides(session))
 
 
 def some_times(views: int = 60) -> LiveTimes:
@@ -155,7 +155,7 @@ def test_a_scene_is_rendered_once_and_finished_where_it_broke_off(tmp_path: Path
         (folder / "INCOMPLETE").unlink(missing_ok=True)
 
     monkeypatch.setattr(runs, "simulate", simulated)
-    context = Context(tmp_path, True, 1, "a test", Terminal(True))
+    context = Context(tmp_path, True, 1, "a test", Console(True))
     folder = runs.rendered("x", walking_scene(), context)
     assert runs.rendered("x", walking_scene(), context) == folder and len(made) == 1
     (folder / "INCOMPLETE").touch()
@@ -189,10 +189,10 @@ def test_a_view_is_followed_to_the_datagram_of_its_pose() -> None:
     zero, ms = 5_000_000_000, 1_000_000
     at = lambda *passed_ms: [zero + round(t * ms) for t in passed_ms]  # noqa: E731
     ways = [
-        (Way("b", *at(0, 2, 3, 13, 14)), zero + 20 * ms + 1),
-        (Way("a", *at(8, 9, 15, 25, 26)), zero + 30 * ms + 2),
+        (ViewTimes("b", *at(0, 2, 3, 13, 14)), zero + 20 * ms + 1),
+        (ViewTimes("a", *at(8, 9, 15, 25, 26)), zero + 30 * ms + 2),
         # its pose never came
-        (Way("a", *at(20, 21, 22, 32, 33)), zero + 40 * ms),
+        (ViewTimes("a", *at(20, 21, 22, 32, 33)), zero + 40 * ms),
     ]
     arrivals = {zero + 20 * ms: zero + 22 * ms, zero + 30 * ms: zero + 31 * ms}
     camera, passed_s = passages(ways, arrivals, ("a", "b"), zero)

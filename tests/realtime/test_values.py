@@ -19,7 +19,7 @@ from posefuse.realtime.board import Board
 from posefuse.realtime.capture import Capture, Caught, LiveInput, pick
 from posefuse.realtime.faults import Fault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
 from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.latency import Histogram, Latencies, Way
+from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
 from posefuse.realtime.messages import Seen
 from posefuse.realtime.news import News
 from posefuse.realtime.output_plan import NoOutputs
@@ -240,7 +240,7 @@ def test_quantiles_agree_with_numpy_to_a_bin() -> None:
 
 def test_stages_add_up_to_the_total() -> None:
     latencies = Latencies(("a", "b"))
-    latencies.view_out(Way("a", 0, 3_000_000, 5_000_000, 14_000_000, 15_000_000), 21_000_000)
+    latencies.view_out(ViewTimes("a", 0, 3_000_000, 5_000_000, 14_000_000, 15_000_000), 21_000_000)
     figures = latencies.figures()["cameras_ms"]
     spans = {stage: row["mean"] for stage, row in figures["a"].items()}
     assert spans == {"capture": 3.0, "wait": 2.0, "2D": 9.0, "fuse": 1.0, "output": 6.0, "total": 21.0}
@@ -252,7 +252,7 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> 
     for i in range(100):
         late_ns = 900_000_000 if i == 50 else 30_000_000
         for name in ("a", "b"):
-            latencies.view_out(Way(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
+            latencies.view_out(ViewTimes(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
     fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b", "silent"), id="r"))
     figures = {"latency": latencies.figures(), "events": [], "output_events": []}
     write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,10 @@ from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.outputs.rerun_scene import SPAWN
-from posefuse.realtime.camera_feed import CameraFeed, FedFrame
+from posefuse.realtime.camera_feed import CameraFeed
+from posefuse.realtime.frame_view import frame_view
 from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.record_view import RecordView
 from posefuse.realtime.recorder import CameraNews, record
 from posefuse.realtime.session import stop_requests
 
@@ -39,7 +41,7 @@ def record_session(options: RecordOptions, terminal: Terminal) -> Mapping[str, A
     with (
         stop_requests() as stopped,
         CameraFeed(inputs, rig=rig, packets=True) as feed,
-        _preview(names, place) as show,
+        frame_view(place, partial(RecordView, names)) as show,
         kept_videos(options.out, rig, inputs, command="record") as videos,
     ):
         assert videos is not None
@@ -76,21 +78,6 @@ def _reporter(terminal: Terminal) -> Callable[[float, tuple[CameraNews, ...]], N
             terminal.note(f"{seconds:.0f} s, frames/s: {rates}")
 
     return report
-
-
-@contextmanager
-def _preview(cameras: Sequence[str], place: str | None) -> Iterator[Callable[[FedFrame], None]]:
-    """What to do with the newest frames: show them in Rerun (``spawn``), write them to a .rrd file, or nothing (None)."""
-    if place is None:
-        yield lambda fed: None
-        return
-    from posefuse.realtime.record_view import RecordView
-
-    view = RecordView(cameras, place)
-    try:
-        yield view.look
-    finally:
-        view.close()
 
 
 def show_videos(figures: Mapping[str, Mapping[str, Any]], terminal: Terminal) -> None:

@@ -1,5 +1,6 @@
-"""The words everyone shares. Needs numpy only and knows no other room."""
+"""The values that every package shares. Needs numpy only and imports no other package."""
 
+from .arrays import Array
 from .camera import Camera
 from .errors import (
     CalibrationError,
@@ -11,6 +12,7 @@ from .errors import (
     PosefuseError,
     ShapeError,
     SourceError,
+    choices,
 )
 from .joint_angles import AngleSeries, JointAngles
 from .live_messages import (
@@ -30,15 +32,61 @@ from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
 from .recording import Recording
 from .rig import Rig
 from .se3 import SE3
-from .skeleton import SKELETONS, Skeleton
+from .skeleton import PAPER14, SKELETONS, Skeleton, pick_keypoints
 from .values import CameraTruth, Detections2D, Frame, Kind, Pose3D, PoseSequence, Region, Truth, Views
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [
-    "SE3", "SKELETONS", "AngleSeries", "CalibrationError", "Camera", "CameraHealth", "CameraTruth", "ConfigError",
-    "DependencyError", "DetectionBatch", "Detections2D", "Detector", "Frame", "InputError", "JointAngles", "Kind",
-    "LiveDetections", "LiveHealth", "LiveJointCentres", "LiveMessage", "LiveOutput", "LiveOutputConfig", "LivePose",
-    "LivePreview", "LiveStart", "LookKind", "MessageError", "ModelError", "Observations", "OutputHealth", "Pose3D",
-    "PoseSequence", "PosefuseError", "Progress", "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton",
-    "Source", "SourceError", "Truth", "ViewSequence", "Views", "observations_from_views", "silent", "views_over_time",
-]  # fmt: skip
+    "PAPER14",
+    "SE3",
+    "SKELETONS",
+    "AngleSeries",
+    "Array",
+    "CalibrationError",
+    "Camera",
+    "CameraHealth",
+    "CameraTruth",
+    "ConfigError",
+    "DependencyError",
+    "DetectionBatch",
+    "Detections2D",
+    "Detector",
+    "Frame",
+    "InputError",
+    "JointAngles",
+    "Kind",
+    "LiveDetections",
+    "LiveHealth",
+    "LiveJointCentres",
+    "LiveMessage",
+    "LiveOutput",
+    "LiveOutputConfig",
+    "LivePose",
+    "LivePreview",
+    "LiveStart",
+    "LookKind",
+    "MessageError",
+    "ModelError",
+    "Observations",
+    "OutputHealth",
+    "Pose3D",
+    "PoseSequence",
+    "PosefuseError",
+    "Progress",
+    "Recording",
+    "Region",
+    "Rig",
+    "ShapeError",
+    "Sink",
+    "Skeleton",
+    "Source",
+    "SourceError",
+    "Truth",
+    "ViewSequence",
+    "Views",
+    "choices",
+    "observations_from_views",
+    "pick_keypoints",
+    "silent",
+    "views_over_time",
+]

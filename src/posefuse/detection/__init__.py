@@ -1,13 +1,32 @@
 """Images to Detections2D: detector plug-ins, model cards, regions to look at."""
 
 from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
+from .build import DetectorChoice, network_settings
 from .clothing import with_clothing
+from .downloading import fetch_networks
 from .models import fetch, fetch_all, list_cards, read_card, status
 from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
 from .regions import region_from_keypoints, region_from_pose, up_angle_rad
 
 __all__ = [
-    "BlazePoseConfig", "BlazePoseDetector", "OracleConfig", "OracleDetector", "OracleNoise",
-    "OracleViews", "default_cards", "fetch", "fetch_all", "list_cards", "oracle_views", "read_card",
-    "region_from_keypoints", "region_from_pose", "status", "up_angle_rad", "with_clothing",
-]  # fmt: skip
+    "BlazePoseConfig",
+    "BlazePoseDetector",
+    "DetectorChoice",
+    "OracleConfig",
+    "OracleDetector",
+    "OracleNoise",
+    "OracleViews",
+    "default_cards",
+    "fetch",
+    "fetch_all",
+    "fetch_networks",
+    "list_cards",
+    "network_settings",
+    "oracle_views",
+    "read_card",
+    "region_from_keypoints",
+    "region_from_pose",
+    "status",
+    "up_angle_rad",
+    "with_clothing",
+]

@@ -1,1 +1,24 @@
 """What does not know cameras or people: safe writing, settings, compiled kernels, plug-ins, the platform."""
+
+from typing import TYPE_CHECKING
+
+from posefuse.foundation.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .atomic import atomic_file
+    from .growing import growing_folder
+    from .plain_values import plain
+    from .platform import usable_cores
+    from .plugins import build_plugin
+    from .settings import settings_from_mapping
+
+_HOMES = {
+    "atomic_file": "atomic",
+    "build_plugin": "plugins",
+    "growing_folder": "growing",
+    "plain": "plain_values",
+    "settings_from_mapping": "settings",
+    "usable_cores": "platform",
+}
+__all__ = ["atomic_file", "build_plugin", "growing_folder", "plain", "settings_from_mapping", "usable_cores"]
+__getattr__ = lazy_names(__name__, _HOMES)

@@ -1,6 +1,7 @@
 """Results to the world: one file per output. Those that show images take them from one pass, see `frames`."""
 
+from .drawing import view_tile
 from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs
 from .rerun import view_recording
 
-__all__ = ["FrameSets", "FrameSink", "FrameWriter", "Frames", "view_recording", "write_outputs"]
+__all__ = ["FrameSets", "FrameSink", "FrameWriter", "Frames", "view_recording", "view_tile", "write_outputs"]

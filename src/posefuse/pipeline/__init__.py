@@ -1,1 +1,39 @@
 """The recorded run: a session folder to a Recording, in steps that can be run again."""
+
+from typing import TYPE_CHECKING
+
+from posefuse.foundation.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .clock import StageClock
+    from .config import TrackConfig, read_config
+    from .opening import build_source
+    from .run import Tracked, track_session
+    from .second_pass import poses_over_time
+    from .session import UNFINISHED_FILE, Session, find_session
+
+_HOMES = {
+    "Session": "session",
+    "StageClock": "clock",
+    "TrackConfig": "config",
+    "Tracked": "run",
+    "UNFINISHED_FILE": "session",
+    "build_source": "opening",
+    "find_session": "session",
+    "poses_over_time": "second_pass",
+    "read_config": "config",
+    "track_session": "run",
+}
+__all__ = [
+    "UNFINISHED_FILE",
+    "Session",
+    "StageClock",
+    "TrackConfig",
+    "Tracked",
+    "build_source",
+    "find_session",
+    "poses_over_time",
+    "read_config",
+    "track_session",
+]
+__getattr__ = lazy_names(__name__, _HOMES)

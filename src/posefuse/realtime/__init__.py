@@ -1,1 +1,24 @@
 """The live pipeline: camera groups in processes of their own, one steady fusion loop, outputs next to it."""
+
+from typing import TYPE_CHECKING
+
+from posefuse.foundation.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .clock import SessionClock
+    from .config import LiveConfig
+    from .inputs import inputs_from_arguments
+    from .latency import ViewTimes
+    from .output_plan import OutputPlan
+    from .session import run_live
+
+_HOMES = {
+    "LiveConfig": "config",
+    "OutputPlan": "output_plan",
+    "SessionClock": "clock",
+    "ViewTimes": "latency",
+    "inputs_from_arguments": "inputs",
+    "run_live": "session",
+}
+__all__ = ["LiveConfig", "OutputPlan", "SessionClock", "ViewTimes", "inputs_from_arguments", "run_live"]
+__getattr__ = lazy_names(__name__, _HOMES)

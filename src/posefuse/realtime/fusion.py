@@ -20,7 +20,7 @@ from .board import Board
 from .clock import SessionClock
 from .gate import Gate, GateSettings
 from .joint_centres import Centring, live_centres
-from .latency import Latencies, Way
+from .latency import Latencies, ViewTimes
 from .messages import Centres, Seen, Status
 from .output_plan import Outlets
 from .rig_watch import RigWatch
@@ -81,7 +81,7 @@ class Fusion:
         self.poses = self.poses_with_people = 0
         self.sigma_px = np.full(len(rig), _SIGMA_PX)
         self._places = {name: c for c, name in enumerate(rig.names)}
-        self._waiting: list[Way] = []
+        self._waiting: list[ViewTimes] = []
         self._last_told: Pose3D | None = None
         self._followed = 0
         self._judged_ns = self._showing_ns = 0
@@ -156,7 +156,7 @@ class Fusion:
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1
         self._learn_noise(view.camera, view.sigma_px)
-        way = Way(view.camera, view.t_ns, seen.received_ns, seen.started_ns, seen.detected_ns, fused_ns)
+        way = ViewTimes(view.camera, view.t_ns, seen.received_ns, seen.started_ns, seen.detected_ns, fused_ns)
         self._waiting.append(way)
         stages = {
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -58,18 +57,3 @@ def guide(
     feed.close()
     report(state)
     return state
-
-
-@contextmanager
-def guide_view(cameras: Sequence[str], place: str | None) -> Iterator[Callable[[GuideFrame], None]]:
-    """What to do with every frame: show it in Rerun (``spawn``), write it to a .rrd file, or nothing (None)."""
-    if place is None:
-        yield lambda look: None
-        return
-    from .guide_view import GuideView
-
-    view = GuideView(cameras, place)
-    try:
-        yield view.look
-    finally:
-        view.close()

@@ -10,6 +10,8 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.outputs.rerun_scene import TIMELINE, camera_path, camera_views, opened_stream
 
+from .frame_view import Pace, small_image
+
 if TYPE_CHECKING:
     from posefuse.calibration.targets.guidance import Guidance
 
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
 
 _CAMERAS = "cameras"
 _EVERY_NS = 100_000_000
-_SHOWN_PX = 640
 _FOUND_RGB, _CORNERS = (255, 220, 60), 4
 _POOR_RGB, _RICH_RGB = np.array([235, 70, 60]), np.array([90, 200, 120])
 _NODE, _THICKEST = 0.09, 0.03
@@ -34,15 +35,14 @@ class GuideView:
         self._cameras = tuple(cameras)
         self._stream = opened_stream("posefuse calibrate guide", place, _blueprint(self._cameras))
         self._zero_ns: int | None = None
-        self._shown_ns: dict[int, int] = {}
+        self._pace = Pace(_EVERY_NS)
 
     def look(self, look: GuideFrame) -> None:
         """Show one frame and what it adds, unless its camera was shown just now."""
         if self._zero_ns is None:
             self._zero_ns = look.t_ns
-        if look.t_ns - self._shown_ns.get(look.camera, -_EVERY_NS) < _EVERY_NS:
+        if not self._pace.due(look.camera, look.t_ns):
             return
-        self._shown_ns[look.camera] = look.t_ns
         self._stream.set_time(TIMELINE, duration=(look.t_ns - self._zero_ns) / 1e9)
         self._image(look)
         self.state(look.state)
@@ -60,15 +60,14 @@ class GuideView:
         self._stream.disconnect()
 
     def _image(self, look: GuideFrame) -> None:
-        import cv2
         import rerun as rr
 
         from posefuse.calibration.targets.coverage import coverage_picture
 
-        path, factor = camera_path(self._cameras[look.camera], _CAMERAS), min(1.0, _SHOWN_PX / max(look.frame.size_wh))
-        width, height = (round(side * factor) for side in look.frame.size_wh)
-        small = cv2.resize(look.frame.image, (width, height), interpolation=cv2.INTER_AREA)
-        picture = coverage_picture(look.state.coverage.cells[look.camera], (width, height), small)
+        path = camera_path(self._cameras[look.camera], _CAMERAS)
+        small, factor = small_image(look.frame)
+        size_wh = (small.shape[1], small.shape[0])
+        picture = coverage_picture(look.state.coverage.cells[look.camera], size_wh, small)
         self._stream.log(f"{path}/image", rr.Image(picture).compress(jpeg_quality=75))
         # pixel centres are integers here and halves in Rerun
         xy = (look.corners.xy_img + 0.5) * factor

@@ -49,7 +49,7 @@ class Histogram:
 
 
 @dataclass(frozen=True)
-class Way:
+class ViewTimes:
     """When one view passed each stage, session ns: exposure, reached its process, 2D began, 2D done, in the tracker."""
 
     camera: str
@@ -72,7 +72,7 @@ class Latencies:
         self.stages = {name: {stage: Histogram() for stage in STAGES} for name in self.cameras}
         self.whole = Histogram()
         # newest views, and when their outputs went out, session ns
-        self.newest: deque[tuple[Way, int]] = deque(maxlen=_NEWEST)
+        self.newest: deque[tuple[ViewTimes, int]] = deque(maxlen=_NEWEST)
         self.periods = Histogram()
         self._first_out_ns: int | None = None
         self._last_out_ns: int | None = None
@@ -84,7 +84,7 @@ class Latencies:
             return float("nan")
         return (self.ticks.count - 1) * 1e9 / (self._last_out_ns - self._first_out_ns)
 
-    def view_out(self, way: Way, output_ns: int) -> None:
+    def view_out(self, way: ViewTimes, output_ns: int) -> None:
         """The first output that rests on this view has gone out."""
         times = (way.exposed_ns, way.received_ns, way.started_ns, way.detected_ns, way.fused_ns, output_ns)
         spans_ms = [(after - before) / 1e6 for before, after in itertools.pairwise(times)]

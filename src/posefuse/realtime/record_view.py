@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
-
 from posefuse.outputs.rerun_scene import TIMELINE, camera_path, camera_views, opened_stream
 
 from .camera_feed import FedFrame
+from .frame_view import Pace, small_image
 
 _CAMERAS = "cameras"
-_EVERY_NS, _SHOWN_PX, _QUALITY = 200_000_000, 640, 75
+_EVERY_NS, _QUALITY = 200_000_000, 75
 
 
 class RecordView:
@@ -27,18 +26,15 @@ class RecordView:
         self._cameras = tuple(cameras)
         blueprint = rrb.Blueprint(camera_views(self._cameras, _CAMERAS), collapse_panels=True)
         self._stream = opened_stream("posefuse record", place, blueprint)
-        self._shown_ns: dict[int, int] = {}
+        self._pace = Pace(_EVERY_NS)
 
     def look(self, fed: FedFrame) -> None:
         """Show one frame, unless its camera was shown just now."""
         import rerun as rr
 
-        if fed.t_ns - self._shown_ns.get(fed.camera, fed.t_ns - _EVERY_NS) < _EVERY_NS:
+        if not self._pace.due(fed.camera, fed.t_ns):
             return
-        self._shown_ns[fed.camera] = fed.t_ns
-        factor = min(1.0, _SHOWN_PX / max(fed.frame.size_wh))
-        width, height = (round(side * factor) for side in fed.frame.size_wh)
-        small = cv2.resize(fed.frame.image, (width, height), interpolation=cv2.INTER_AREA)
+        small, _ = small_image(fed.frame)
         self._stream.set_time(TIMELINE, duration=fed.t_ns / 1e9)
         self._stream.log(
             f"{camera_path(self._cameras[fed.camera], _CAMERAS)}/image", rr.Image(small).compress(jpeg_quality=_QUALITY)

@@ -1,4 +1,4 @@
-"""Which view to look at next when there is not time for all: the one that is expected to tell most."""
+"""Which view to process next when there is not time for all: the one with the largest expected information gain."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core import Camera, Pose3D, Rig
 from posefuse.core.arrays import Array
 
-# a view is looked at this often whatever it is worth: only a look tells that a person can be seen again
+# every view is processed at least this often: only then is it known that a person can be seen in it again
 LEAST_EVERY_S = 0.4
 
 

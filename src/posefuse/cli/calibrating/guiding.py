@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from posefuse.calibration.targets.guidance import Guidance
@@ -15,7 +16,9 @@ from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.realtime.camera_feed import CameraFeed
-from posefuse.realtime.guide import guide, guide_view
+from posefuse.realtime.frame_view import frame_view
+from posefuse.realtime.guide import guide
+from posefuse.realtime.guide_view import GuideView
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.session import stop_requests
 
@@ -42,7 +45,7 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, terminal: Ter
     with (
         stop_requests() as stopped,
         CameraFeed(inputs, packets=options.record is not None) as feed,
-        guide_view([one.camera for one in inputs], place) as look,
+        frame_view(place, partial(GuideView, [one.camera for one in inputs])) as look,
         kept_videos(options.record, None, inputs, command="record") as videos,
     ):
         found = guide(feed, kind, report, look, options.duration, videos=videos, stopped=stopped)

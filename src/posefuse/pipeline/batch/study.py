@@ -13,7 +13,7 @@ from posefuse.core import InputError, Progress, silent
 from posefuse.detection.downloading import fetch_networks
 from posefuse.formats.page import write_page
 from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.growing_folder import GrowingFolder, growing_folder
+from posefuse.foundation.growing import GrowingFolder, growing_folder
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.places import check_apart
 from posefuse.pipeline.writing import build_sinks

@@ -7,9 +7,9 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, cast
 
 from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Progress, Recording, silent
@@ -30,8 +30,22 @@ from .trials import Trial
 REPORT_FOLDER = "biomechanics"
 
 
+class _Message:
+    """A dataclass of plain values as one line of JSON; JSON has no tuples, so lists become tuples again."""
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The value of `to_json`; raises ValueError or TypeError for any other text."""
+        values, made = json.loads(text), cast("Callable[..., Self]", cls)
+        return made(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+    def to_json(self) -> str:
+        """One line."""
+        return json.dumps(plain(vars(self)))
+
+
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class Task(_Message):
     """One trial to be done.
 
     Attributes:
@@ -48,19 +62,9 @@ class Task:
     report: bool
     made_with: str
 
-    @classmethod
-    def from_json(cls, text: str) -> Task:
-        """The task of `to_json`."""
-        values = json.loads(text)
-        return cls(**{**values, "formats": tuple(values["formats"])})
-
-    def to_json(self) -> str:
-        """One line."""
-        return json.dumps(plain(asdict(self)))
-
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class Outcome(_Message):
     """What became of a trial.
 
     Attributes:
@@ -74,16 +78,6 @@ class Outcome:
     seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def from_json(cls, text: str) -> Outcome:
-        """The outcome of `to_json`; raises ValueError or TypeError for any other text."""
-        values = json.loads(text)
-        return cls(**{**values, "warnings": tuple(values["warnings"])})
-
-    def to_json(self) -> str:
-        """One line."""
-        return json.dumps(plain(asdict(self)))
 
 
 def run_task(task: Task, progress: Progress = silent) -> Outcome:

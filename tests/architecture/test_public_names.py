@@ -1,0 +1,51 @@
+"""What is public: `posefuse`, and what a package lists in its ``__all__``. The paper's experiments use nothing else."""
+
+import ast
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SRC = ROOT / "src"
+PACKAGES = sorted(
+    ".".join(path.parent.relative_to(SRC).parts)
+    for path in (SRC / "posefuse").rglob("__init__.py")
+    if "__all__" in path.read_text(encoding="utf-8")
+)
+PAPER = sorted((ROOT / "paper").rglob("*.py"))
+# the command line and the browser page are for people, not for programs
+FOR_PEOPLE = ("posefuse.cli",)
+
+
+def private_imports(code: str) -> Iterator[str]:
+    """What a program imports from posefuse that is not public."""
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Import):
+            yield from (one.name for one in node.names if one.name.split(".")[0] == "posefuse" and one.name != "posefuse")
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "posefuse":
+            module = node.module or ""
+            offered = (
+                set() if module not in PACKAGES or module.startswith(FOR_PEOPLE) else set(importlib.import_module(module).__all__)
+            )
+            yield from (f"{module}.{one.name}" for one in node.names if one.name not in offered)
+
+
+@pytest.mark.parametrize("path", PAPER, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_the_paper_uses_public_names_only(path: Path) -> None:
+    assert list(private_imports(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_name_is_there(package: str) -> None:
+    module = importlib.import_module(package)
+    assert [name for name in module.__all__ if not hasattr(module, name)] == []
+    assert len(set(module.__all__)) == len(module.__all__)
+
+
+def test_the_check_can_fail() -> None:
+    code = "import posefuse\nfrom posefuse import track\nfrom posefuse.core import Rig, frozen\nimport posefuse.core.rig"
+    assert list(private_imports(code)) == ["posefuse.core.frozen", "posefuse.core.rig"]
+    assert list(private_imports("from posefuse.core.rig import Rig as R")) == ["posefuse.core.rig.Rig"]
+    assert list(private_imports("from posefuse.cli.terminal import Terminal")) == ["posefuse.cli.terminal.Terminal"]
