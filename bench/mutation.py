@@ -1,128 +1,107 @@
 """Mutation testing: which small changes of the code would no test notice?
 
-Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--page docs/mutation.md]
+Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--minutes 4] [--page docs/mutation.md]
 
 A mutant is one changed operator, number or condition (cosmic-ray makes them). `--count` mutants of every package are drawn at
-random and tested in a copy of the repository by the quick tests of that package; the first failing test kills a mutant, and so
-does a run of more than `--limit-s`. What survives is either a missing test or a change without effect (marked neither way
-here; read them). JSON goes to stdout, the table to stderr and, on request, to a page.
+random and tested in a copy of the repository by the quick tests of that package; the first failing test kills a mutant. What
+survives is either a missing test or a change without effect: read them.
+
+It can be done in pieces: after `--minutes` it stops, and the next call goes on where it stopped. Answers are kept in `--work`
+until the code or the tests change; `--survivors` asks those again that survived before the tests changed. JSON goes to stdout.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
-import os
-import random
-import shutil
-import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from cosmic_ray import plugins
-from cosmic_ray.ast import get_ast
-from cosmic_ray.mutating import mutate_code
+from mutants import REPOSITORY, Copy, Mutant, draw
 
-REPOSITORY = Path(__file__).resolve().parents[1]
-_RECORDED = ("following", "images", "result_folder", "run", "second_pass", "session", "solve", "store", "time_steps", "writing")
+_RECORDED = ("following", "images", "run", "second_pass", "solve", "store", "time_steps")
 # name: files below src/posefuse, and the tests that are about them
 PACKAGES = {
     "association": (("association/**/*.py",), ("tests/association", "tests/laws/test_associate_laws.py")),
     "recorded pipeline": (
         tuple(f"pipeline/{name}.py" for name in _RECORDED),
-        ("tests/pipeline", "tests/truth/test_recorded_pipeline.py", "tests/cli/test_interruptions.py"),
+        (
+            "tests/pipeline/test_following.py",
+            "tests/pipeline/test_second_pass.py",
+            "tests/pipeline/test_others.py",
+            "tests/pipeline/test_session.py",
+            "tests/pipeline/test_live_recording.py",
+            "tests/cli/test_interruptions.py",
+            "tests/truth/test_recorded_pipeline.py",
+        ),
     ),
     "tracking": (("tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),
 }
-_COPIED = ("src", "tests", "examples", "bench", "paper", "docs", "pyproject.toml", "README.md")
-# `int | None` is an annotation nearly everywhere; decorators carry caching and `property`; variables need a list of names
-_LEFT_OUT = ("ReplaceBinaryOperator_BitOr", "RemoveDecorator", "Variable")
-_ANNOTATIONS = ("annassign", "tfpdef", "decorator", "import_from", "import_name")
+# a mutant that takes this many times as long as the tests alone hangs; so much more for compiling kernels anew
+_LONGER, _COMPILING_S = 4.0, 120.0
 
 
-@dataclass(frozen=True, order=True)
-class Mutant:
-    """One change: occurrence `index` of `operator` in `path` (relative to the repository), at `line`."""
-
-    path: str
-    line: int
-    operator: str
-    index: int
+def digest_of(tests: tuple[str, ...]) -> str:
+    """Changes with the tests."""
+    files = sorted(path for test in tests for path in (sorted((REPOSITORY / test).rglob("*.py")) or [REPOSITORY / test]))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
 
 
-def mutants_of(path: Path) -> Iterator[Mutant]:
-    """Every mutant of one file."""
-    nodes = list(_nodes(get_ast(path.read_text(encoding="utf-8")), annotation=False))
-    for name in plugins.operator_names():
-        if any(part in name for part in _LEFT_OUT):
-            continue
-        operator = plugins.get_operator(name)()
-        index = 0
-        for node, annotation in nodes:
-            for (line, _), _ in operator.mutation_positions(node):
-                if not annotation:
-                    yield Mutant(str(path.relative_to(REPOSITORY)), line, name, index)
-                index += 1
+class Answers:
+    """What is known about mutants, kept in a file after each one."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+
+    def of(self, mutant: Mutant, tests: str, survivors: bool) -> str | None:
+        """The answer; one of older tests counts if they killed the mutant, and with `survivors` also if not."""
+        found = self._known.get(mutant.key(""))
+        if found is None or (found["tests"] != tests and found["answer"] == "survived" and survivors):
+            return None
+        return str(found["answer"])
+
+    def keep(self, mutant: Mutant, tests: str, answer: str) -> None:
+        """Keep an answer."""
+        self._known[mutant.key("")] = {"answer": answer, "tests": tests, **vars(mutant)}
+        part = self._path.with_suffix(".part")
+        part.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
+        part.replace(self._path)
 
 
-def _nodes(node: Any, annotation: bool) -> Iterator[tuple[Any, bool]]:
-    """Every node of a syntax tree in the order in which mutations are counted, and whether it is part of an annotation."""
-    annotation = annotation or node.type in _ANNOTATIONS
-    yield node, annotation
-    for child in getattr(node, "children", ()):
-        yield from _nodes(child, annotation)
+def test_mutants(package: str, mutants: list[Mutant], answers: Answers, work: Path, until_s: float, survivors: bool) -> None:
+    """Ask the tests about every mutant that has no answer yet, until the time is over."""
+    tests = PACKAGES[package][1]
+    digest = digest_of(tests)
+    left = [mutant for mutant in mutants if answers.of(mutant, digest, survivors) is None]
+    if not left or time.monotonic() > until_s:
+        return
+    copy = Copy(work / "copy")
+    limit_s = _LONGER * copy.baseline_s(tests) + _COMPILING_S
+    for mutant in left:
+        if time.monotonic() > until_s:
+            return
+        answer = copy.answer(mutant, tests, limit_s)
+        answers.keep(mutant, digest, answer)
+        print(f"  {answer:9}{mutant.path}:{mutant.line} {mutant.diff()}", file=sys.stderr, flush=True)
 
 
-def draw(patterns: tuple[str, ...], count: int, seed: int) -> list[Mutant]:
-    """A random sample of the mutants of some files, the same for the same code and seed."""
-    files = sorted(path for pattern in patterns for path in (REPOSITORY / "src" / "posefuse").glob(pattern))
-    every = sorted({mutant for path in files for mutant in mutants_of(path)})
-    return sorted(random.Random(seed).sample(every, min(count, len(every))))
-
-
-def copy_repository(folder: Path) -> None:
-    """What the tests need."""
-    for name in _COPIED:
-        source = REPOSITORY / name
-        if source.is_dir():
-            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy2(source, folder / name)
-
-
-def tests_fail(folder: Path, tests: tuple[str, ...], limit_s: float) -> bool:
-    """Whether any test fails, or they do not end in time."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not realtime", *tests]
-    environment = os.environ | {"PYTHONPATH": str(folder / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
-    try:
-        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, timeout=limit_s).returncode != 0
-    except subprocess.TimeoutExpired:
-        return True
-
-
-def survivors_of(folder: Path, mutants: list[Mutant], tests: tuple[str, ...], limit_s: float) -> list[Mutant]:
-    """The mutants that no test notices."""
-    survivors = []
-    for mutant in mutants:
-        file = folder / mutant.path
-        original = file.read_text(encoding="utf-8")
-        changed = mutate_code(original, plugins.get_operator(mutant.operator)(), mutant.index)
-        if changed is None:
-            raise RuntimeError(f"{mutant}: no such place")
-        file.write_text(changed, encoding="utf-8")
-        try:
-            killed = tests_fail(folder, tests, limit_s)
-        finally:
-            file.write_text(original, encoding="utf-8")
-        print(
-            f"  {'killed  ' if killed else 'SURVIVED'} {mutant.path}:{mutant.line} {mutant.operator}", file=sys.stderr, flush=True
-        )
-        survivors += [] if killed else [mutant]
-    return survivors
+def results_of(mutants: list[Mutant], answers: Answers, digest: str) -> dict[str, Any]:
+    """Counts and survivors of a package."""
+    known = {mutant: answers.of(mutant, digest, survivors=False) for mutant in mutants}
+    count = Counter(known.values())
+    tested = len(mutants) - count[None]
+    return {
+        "drawn": len(mutants),
+        "tested": tested,
+        "killed": count["killed"] + count["timeout"],
+        "score": (count["killed"] + count["timeout"]) / tested if tested else 0.0,
+        "survivors": [{"place": one.place, "change": one.diff()} for one in mutants if known[one] == "survived"],
+    }
 
 
 def page(results: dict[str, dict[str, Any]], seed: int) -> str:
@@ -130,48 +109,46 @@ def page(results: dict[str, dict[str, Any]], seed: int) -> str:
     lines = [
         "# Mutation testing",
         "",
-        "How many small changes of the code do the quick tests of a package notice? Made by `make mutation` "
-        f"(`bench/mutation.py`, seed {seed}); a random sample of each package's mutants. A survivor is a missing test or a "
-        "change without effect.",
+        "How many small changes of the code do the quick tests of a package notice? A mutant is one changed operator, number or "
+        "condition; a random sample of each package's mutants is tested, one at a time, and the first failing test kills a "
+        f"mutant. Made by `make mutation` (`bench/mutation.py`, seed {seed}).",
         "",
-        "| package | mutants | killed | score |",
+        "| package | mutants tested | killed | score |",
         "|---|---|---|---|",
+        *(f"| {name} | {one['tested']} | {one['killed']} | {one['score']:.0%} |" for name, one in results.items()),
+        "",
+        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger).",
+        "",
     ]
-    for name, result in results.items():
-        lines.append(f"| {name} | {result['mutants']} | {result['killed']} | {result['score']:.0%} |")
-    lines += ["", "Survivors:", ""]
-    for result in results.values():
-        lines += [f"- `{one['path']}:{one['line']}` {one['operator'].removeprefix('core/')}" for one in result["survivors"]]
-    return "\n".join(lines) + "\n"
+    for name, one in results.items():
+        if one["survivors"]:
+            rows = [f"| `{each['place']}` | `{each['change']}` |" for each in one["survivors"]]
+            lines += [f"## Survivors in {name}", "", "| place | change |", "|---|---|", *rows, ""]
+    return "\n".join(lines)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--count", type=int, default=30, help="mutants of every package")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--limit-s", type=float, default=600.0)
-    parser.add_argument("--only", nargs="*", choices=sorted(PACKAGES), default=sorted(PACKAGES))
+    parser.add_argument("--only", nargs="*", choices=sorted(PACKAGES), default=list(PACKAGES))
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long; the next call goes on")
+    parser.add_argument("--survivors", action="store_true", help="ask survivors of older tests again")
+    parser.add_argument("--work", type=Path, default=Path("out/mutation"), help="copy of the repository, and answers so far")
     parser.add_argument("--page", type=Path)
     arguments = parser.parse_args()
 
+    until_s = time.monotonic() + 60 * arguments.minutes
+    arguments.work.mkdir(parents=True, exist_ok=True)
+    answers = Answers(arguments.work / "answers.json")
     results: dict[str, dict[str, Any]] = {}
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        copy_repository(folder)
-        drawn = {package: draw(PACKAGES[package][0], arguments.count, arguments.seed) for package in arguments.only}
-        for package in arguments.only:
-            mutants, tests = drawn[package], PACKAGES[package][1]
-            if tests_fail(folder, tests, arguments.limit_s):
-                raise SystemExit(f"{package}: the tests fail without any mutant")
-            survivors = survivors_of(folder, mutants, tests, arguments.limit_s)
-            killed = len(mutants) - len(survivors)
-            results[package] = {
-                "mutants": len(mutants),
-                "killed": killed,
-                "score": killed / len(mutants),
-                "survivors": [vars(one) for one in survivors],
-            }
-            print(f"{package}: {killed} of {len(mutants)} killed", file=sys.stderr, flush=True)
+    for package in PACKAGES:
+        mutants = draw(PACKAGES[package][0], arguments.count, arguments.seed)
+        if package in arguments.only:
+            test_mutants(package, mutants, answers, arguments.work, until_s, arguments.survivors)
+        results[package] = results_of(mutants, answers, digest_of(PACKAGES[package][1]))
+        one = results[package]
+        print(f"{package}: {one['killed']} of {one['tested']} killed, {one['drawn']} drawn", file=sys.stderr, flush=True)
     print(json.dumps(results, indent=2))
     if arguments.page:
         arguments.page.write_text(page(results, arguments.seed), encoding="utf-8")

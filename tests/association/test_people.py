@@ -181,7 +181,7 @@ def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
 
 def test_nobody_anywhere(ring_rig):
     rig = ring_rig(3)
-    views = associate([Detections2D.nobody(c.name, 5, COCO) for c in rig], rig, AssociateSettings())
+    views = associate([Detections2D.empty(c.name, 5, COCO) for c in rig], rig, AssociateSettings())
     assert views.person_id.tolist() == []
     assert views.xy_img.shape == (0, 3, 17, 2)
     assert views.t_ns == 5

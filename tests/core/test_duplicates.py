@@ -58,5 +58,5 @@ def test_detections_with_hardly_a_common_keypoint_are_left_alone() -> None:
 
 
 def test_nobody_and_share_zero() -> None:
-    assert duplicates(Detections2D.nobody("a", 0, COCO17), 0.08).tolist() == []
+    assert duplicates(Detections2D.empty("a", 0, COCO17), 0.08).tolist() == []
     assert not duplicates(seen(BODY, BODY), 0.0).any()

@@ -89,7 +89,7 @@ def test_a_recording_fits_its_rig(ring_rig) -> None:
 
 
 def test_nobody_is_an_empty_detection() -> None:
-    assert len(Detections2D.nobody("a", 0, COCO17)) == 0
+    assert len(Detections2D.empty("a", 0, COCO17)) == 0
 
 
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)

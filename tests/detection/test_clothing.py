@@ -68,4 +68,4 @@ def test_what_is_not_seen_has_no_colour() -> None:
     assert np.isnan(with_clothing(person(shift=1000), picture()).clothing_lab).all()
     cut = with_clothing(person(), picture()[:120]).clothing_lab[0]
     assert np.isfinite(cut[0]).all() and np.isnan(cut[1:]).all()
-    assert with_clothing(Detections2D.nobody("a", 0, COCO17), picture()).clothing_lab.shape == (0, 3, 3)
+    assert with_clothing(Detections2D.empty("a", 0, COCO17), picture()).clothing_lab.shape == (0, 3, 3)

@@ -36,7 +36,7 @@ def test_without_the_test_the_view_is_only_left_out(ring_rig, standing, views_of
     rig = ring_rig(4)
     wrong = exchanged(views_of(rig, COCO, standing[None], sigma_px=1.0, seed=2), [1], GROUPS["body"])
     arms = COCO.indices(["left_wrist", "right_wrist", "left_ankle", "right_ankle"])
-    assert (fuse(wrong, rig, FuseSettings(untangle_sides=False)).n_views[0, arms] == 3).all()
+    assert (fuse(wrong, rig, FuseSettings(swap_correction=False)).n_views[0, arms] == 3).all()
     assert (fuse(wrong, rig, FuseSettings()).n_views[0, arms] == 4).all()
 
 
@@ -90,6 +90,6 @@ def test_wrong_keypoints_are_not_taken_for_exchanged_sides(ring_rig, standing, v
         wrong = rng.random(xy.shape[:-1]) < 0.2
         xy[wrong] += rng.uniform(-60, 60, (int(wrong.sum()), 2))
         planes = xy.copy(), seen.score.copy(), seen.sigma_px.copy()
-        sides.solve_untangled(rig, *planes, COCO, None, FuseSettings())
+        sides.solve_with_swaps_corrected(rig, *planes, COCO, None, FuseSettings())
         exchanges += int((planes[0] != xy).any(axis=(0, 2, 3)).sum())
     assert exchanges <= 1 if voted else exchanges >= 5

@@ -27,7 +27,7 @@ COCO, BLAZE = SKELETONS["coco17"], BLAZEPOSE33
 
 
 def nobody(camera: str, t_ns: int = T0, skeleton: Skeleton = BLAZE) -> Detections2D:
-    return Detections2D.nobody(camera, t_ns, skeleton)
+    return Detections2D.empty(camera, t_ns, skeleton)
 
 
 def begun(*cameras: str) -> Senders:

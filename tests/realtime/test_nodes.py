@@ -97,7 +97,7 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
             end = time.monotonic() + 20
             while not (counts.refused and strangers and sum(strangers.values()) > 30) and time.monotonic() < end:
                 for camera in ("cam00", "elsewhere"):
-                    view = Detections2D.nobody(camera, time.time_ns(), skeleton)
+                    view = Detections2D.empty(camera, time.time_ns(), skeleton)
                     stranger.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
                 broken = Detections2D(
                     camera="cam01",

@@ -4,7 +4,7 @@ import numpy as np
 
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.health.clock_finding import ClockFinder
-from posefuse.health.common_times import CommonInstants
+from posefuse.health.common_times import CommonTimeSteps
 from posefuse.realtime.rig_watch import Watcher
 
 S = 1_000_000_000
@@ -13,7 +13,7 @@ ILL = {"a": Verdict("moved", "a is off by 21 mm relative to the other cameras")}
 
 def told(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
     state = CameraState(camera="a", state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0)
-    monitor.told(state, round(t_s * S))
+    monitor.take_state(state, round(t_s * S))
 
 
 def test_overload_is_said_instead_of_a_finding() -> None:
@@ -38,7 +38,7 @@ def test_a_finding_stands_where_frames_are_used() -> None:
 
 def test_views_far_apart_are_not_read_between() -> None:
     for apart_s, there in ((0.1, True), (0.2, False)):
-        instants, read = CommonInstants(("a", "b")), []
+        instants, read = CommonTimeSteps(("a", "b")), []
         for i in range(60):
             for name in "ab":
                 instants.add(name, round((i * apart_s + 0.03 * (name == "b")) * S), np.full((2, 2), float(i)), np.ones(2, bool))

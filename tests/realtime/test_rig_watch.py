@@ -12,7 +12,7 @@ import pytest
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Detections2D, Rig, Truth
 from posefuse.formats.truth import read_truth
-from posefuse.health.common_times import CommonInstants
+from posefuse.health.common_times import CommonTimeSteps
 from posefuse.realtime.rig_watch import RigWatch, Watcher, watching
 
 S = 1_000_000_000
@@ -31,7 +31,7 @@ def line(t_ns: int) -> np.ndarray:
 
 
 def test_views_are_read_at_common_instants_wherever_they_lie() -> None:
-    instants, rng = CommonInstants(("a", "b")), np.random.default_rng(1)
+    instants, rng = CommonTimeSteps(("a", "b")), np.random.default_rng(1)
     times = [("ab"[c], int(t_ns)) for c in range(2) for t_ns in np.cumsum(rng.integers(20_000_000, 120_000_000, 60))]
     read = []
     for name, t_ns in sorted(times, key=lambda one: one[1]):
@@ -46,7 +46,7 @@ def test_views_are_read_at_common_instants_wherever_they_lie() -> None:
 
 
 def test_a_camera_that_is_silent_is_nan_and_one_that_is_ahead_pushes_nobody() -> None:
-    instants, read = CommonInstants(("a", "b", "c")), []
+    instants, read = CommonTimeSteps(("a", "b", "c")), []
     for step in range(90):
         for name, ahead_ns in (("a", 0), ("b", 0), ("c", 3600 * S)):
             if name != "b" or step < 30:
@@ -60,7 +60,7 @@ def test_a_camera_that_is_silent_is_nan_and_one_that_is_ahead_pushes_nobody() ->
 
 
 def test_nothing_is_read_across_a_gap_nor_where_a_point_was_not_seen() -> None:
-    back, gaps = CommonInstants(("a", "b")), {}
+    back, gaps = CommonTimeSteps(("a", "b")), {}
     for t_ns in (*range(0, S, S // 30), *range(2 * S, 3 * S, S // 30)):
         back.add("a", t_ns, line(t_ns), np.ones(2, bool))
         back.add("b", t_ns, line(t_ns), np.array([True, False]))
@@ -72,7 +72,7 @@ def test_nothing_is_read_across_a_gap_nor_where_a_point_was_not_seen() -> None:
 
 
 def test_memory_stays_bounded() -> None:
-    instants = CommonInstants(("a", "b"))
+    instants = CommonTimeSteps(("a", "b"))
     for step in range(2000):
         instants.add("a", step * S // 30, line(0), np.ones(2, bool))
     assert len(instants._views["a"]) <= 256
@@ -114,7 +114,7 @@ def test_two_cameras_are_not_watched(truth: Truth) -> None:
 
 
 def test_a_watch_that_is_killed_is_said_and_ends_nothing(truth: Truth) -> None:
-    view = Detections2D.nobody("cam00", 5 * S, truth.skeleton)
+    view = Detections2D.empty("cam00", 5 * S, truth.skeleton)
     with RigWatch(truth.rig, clocks=True) as watch:
         pid = int(watch.whereabouts().split()[-1])
         assert watch.timed(view, 1) is view

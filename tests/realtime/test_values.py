@@ -53,7 +53,7 @@ def pose_at(t_ns: int, people: int = 2, seed: int = 3) -> Pose3D:
 
 def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> Seen:
     return Seen(
-        detections=Detections2D.nobody(camera, t_ns, SKELETON),
+        detections=Detections2D.empty(camera, t_ns, SKELETON),
         state=None,
         received_ns=received_ns,
         started_ns=received_ns,
@@ -189,7 +189,7 @@ def test_a_flood_is_cut_off_and_named() -> None:
 def test_silence_ends_and_dead_processes_are_named() -> None:
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
-    monitor.told(
+    monitor.take_state(
         CameraState(camera="b", state="ended", text="the source has ended", captured=30, used=30, replaced=0, missing=0), 101 * S
     )
     verdicts = monitor.judge(103 * S, {"c": "process 1 ended by signal SIGKILL"})
@@ -211,7 +211,7 @@ def test_all_that_changes_is_told_however_long_a_session_runs() -> None:
 def test_counts_go_on_when_a_process_was_started_again() -> None:
     monitor = Monitor(("a",))
     for captured in (10, 40, 5, 9):
-        monitor.told(
+        monitor.take_state(
             CameraState(camera="a", state="running", text="", captured=captured, used=captured, replaced=1, missing=0),
             captured * S,
         )

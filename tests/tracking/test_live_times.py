@@ -156,7 +156,7 @@ def test_nobody_and_nothing_finite_are_no_one(world, told, name):
     tracker = w.tracker(tracker=name)
     assert len(tracker.at(0).person_id) == 0
     for i, camera in enumerate(w.rig.names):
-        tracker.add(Detections2D.nobody(camera, i * 1_000_000, COCO17))
+        tracker.add(Detections2D.empty(camera, i * 1_000_000, COCO17))
         blank = told(camera, 0.05 + i * 1e-3, np.full((17, 2), 5.0))
         tracker.add(
             replace(blank, xy_img=np.full((1, 17, 2), np.nan), score=np.zeros((1, 17)), sigma_px=np.full((1, 17), np.nan))

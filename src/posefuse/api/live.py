@@ -36,7 +36,7 @@ class Newest:
 
     Attributes:
         message: pose and joint angles. t_ns: what time the pose is for. measured_ns: mid-exposure of the newest image in it.
-        cameras, cameras_ns: state of every camera, and when it was told.
+        cameras, cameras_ns: state of every camera, and when it was reported.
     """
 
     message: LivePose
@@ -64,7 +64,7 @@ class LiveSession:
         self._changed = threading.Condition()
         self._newest: LivePose | None = None
         self._offset_ns: int | None = None
-        self._measured_ns = self._told_ns = 0
+        self._measured_ns = self._cameras_ns = 0
         self._given_ns: int | None = None
         self._ended = False
         self._error: PosefuseError | None = None
@@ -134,7 +134,7 @@ class LiveSession:
                 t_ns=self._newest.pose.t_ns - self._offset_ns,
                 measured_ns=self._measured_ns - self._offset_ns,
                 cameras=self.cameras,
-                cameras_ns=self._told_ns - self._offset_ns,
+                cameras_ns=self._cameras_ns - self._offset_ns,
             )
 
     @property
@@ -231,7 +231,7 @@ class LiveSession:
                         self._newest = message
                         self._measured_ns = message.stages_ns.get("exposed", self._measured_ns)
                     elif isinstance(message, LiveHealth):
-                        self.cameras, self._told_ns = message.cameras, message.t_ns
+                        self.cameras, self._cameras_ns = message.cameras, message.t_ns
                     elif isinstance(message, LiveStart):
                         self._offset_ns = message.clock_offset_ns
                     self._changed.notify_all()

@@ -129,7 +129,7 @@ class CameraNode:
                 self._send(message)
             elif isinstance(message, Status):
                 for state in message.cameras:
-                    self.monitor.told(state, message.t_ns)
+                    self.monitor.take_state(state, message.t_ns)
             elif isinstance(message, Centres):
                 now_ns = self._clock.now_ns()
                 self._node.publish(topics.JOINT_CENTRES, message_from_centres(message, now_ns), now_ns)

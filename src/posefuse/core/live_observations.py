@@ -30,7 +30,7 @@ def observations_from_frames(skeleton: Skeleton, camera_names: Sequence[str], fr
     other = sorted({one.skeleton.name for one in frames if one.skeleton != skeleton})
     if other:
         raise ShapeError(f"Observations: expected detections of skeleton {skeleton.name}, got {choices(other)}")
-    found = [Detections2D.nobody("", 0, skeleton), *frames]
+    found = [Detections2D.empty("", 0, skeleton), *frames]
     joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in DETECTION_ARRAYS}
     return Observations(
         skeleton=skeleton,

@@ -242,7 +242,7 @@ class Observations:
         times = {batch.step: batch.t_ns for batch in batches}
         if sorted(times) != list(range(len(times))):
             raise ShapeError("Observations: expected a batch for every time step from 0 on")
-        none = Detections2D.nobody("", 0, skeleton)
+        none = Detections2D.empty("", 0, skeleton)
         found = [none, *(one for _, one in frames)]
         ids = [ids for batch in person_ids for ids in batch] if person_ids is not None else []
         joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in DETECTION_ARRAYS}

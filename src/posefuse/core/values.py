@@ -150,7 +150,7 @@ class Detections2D:
         return replace(self, **{name: getattr(self, name)[rows] for name in DETECTION_ARRAYS})
 
     @staticmethod
-    def nobody(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:
+    def empty(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:
         """No person seen."""
         k = len(skeleton)
         return Detections2D(

@@ -125,7 +125,7 @@ class OracleDetector:
             seen = (score > 0).any(-1)
             xy, score, sigma = xy[seen], score[seen], sigma[seen]
         if not len(xy):
-            return Detections2D.nobody(camera, t_ns, self.skeleton)
+            return Detections2D.empty(camera, t_ns, self.skeleton)
         return Detections2D(
             camera=camera, t_ns=t_ns, skeleton=self.skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=_boxes(xy)
         )

@@ -9,7 +9,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
 from .settings import FuseSettings
-from .sides import solve_untangled
+from .sides import solve_with_swaps_corrected
 from .triangulate import Triangulated, plain_weight, settled, solve_all, solve_robust, solve_weighted, stated_sigma
 
 
@@ -56,8 +56,8 @@ def _solve(
         return solve_all(rig, xy, score, sigma=sigma, skeleton=views.skeleton, previous_world=before, settings=settings)
     if settings.weights != "robust":
         return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
-    if settings.untangle_sides:
-        return solve_untangled(rig, xy, score, sigma=sigma, skeleton=views.skeleton, before=before, settings=settings)
+    if settings.swap_correction:
+        return solve_with_swaps_corrected(rig, xy, score, sigma=sigma, skeleton=views.skeleton, before=before, settings=settings)
     return settled(solve_robust(rig, xy, score, sigma, settings), rig, xy, score, sigma, settings)
 
 

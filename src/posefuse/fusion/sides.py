@@ -76,7 +76,7 @@ class _Person:
             plane[rows, group] = plane[rows, self.skeleton.mirror[group]]
 
 
-def solve_untangled(
+def solve_with_swaps_corrected(
     rig: Rig, xy: Array, score: Array, sigma: Array, skeleton: Skeleton, before: Array | None, settings: FuseSettings
 ) -> Triangulated:
     """Robust fusion of groups (G, C, K, ...) with views put right side out; `xy`, `score` and `sigma` are exchanged in place.
@@ -89,7 +89,7 @@ def solve_untangled(
     if not (solved.square > robust.USED).any():
         return settled(solved, rig, xy, score, sigma, settings)
     touched = [
-        _untangle(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.points.xyz[g], solved.square[g], past)
+        _correct_swaps(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.points.xyz[g], solved.square[g], past)
         for g, past in enumerate([None] * len(xy) if before is None else before)
     ]
     if any(touched):
@@ -97,7 +97,7 @@ def solve_untangled(
     return settled(solved, rig, xy, score, sigma, settings)
 
 
-def _untangle(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
+def _correct_swaps(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
     """Exchange what is exchanged, limb group by limb group; says whether anything was."""
     touched = False
     exchanged = _exchanged_squares(person, xyz)

@@ -141,8 +141,8 @@ class RobustSolution:
     rival: Array
     contradicted: Array
 
-    def told(self) -> Triangulated:
-        """The points, without those that have a rival: no one can tell which one is right."""
+    def unambiguous(self) -> Triangulated:
+        """The points without those that have a rival: nothing decides which of the two is right."""
         points = self.points
         if self.rival.any():
             points.xyz[self.rival], points.cov[self.rival], points.reproj[self.rival] = np.nan, np.nan, np.nan
@@ -158,19 +158,19 @@ def solve_robust(rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: 
 
 
 def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings) -> Triangulated:
-    """What was `solved` from these views, told; where they contradict each other all over, the rig is taken to be wrong.
+    """The unambiguous points of `solved`; where the views contradict each other everywhere, the rig is taken to be wrong.
 
-    No view is then singled out: sigma grows until they agree. To be asked last, when sides have been put right: those
-    make views contradict each other as well.
+    No view is then blamed: sigma grows until they agree. Call it last, after left/right swaps are corrected: these make
+    views contradict each other as well.
     """
     from .kernels import robust
 
-    points = solved.told()
+    points = solved.unambiguous()
     if solved.contradicted.any():
         at = np.flatnonzero(solved.contradicted)
         again = _solve_robust(rig, xy_img[at], score[at], sigma[at], robust.LAST_SCALE, settings)
         at, kept = at[~again.contradicted], np.flatnonzero(~again.contradicted)
-        for plane, anew in zip(vars(points).values(), vars(again.told()).values(), strict=True):
+        for plane, anew in zip(vars(points).values(), vars(again.unambiguous()).values(), strict=True):
             plane[at] = anew[kept]
     return points
 

@@ -15,24 +15,24 @@ from posefuse.core import Detections2D
 
 OK = "ok"
 _S = 1_000_000_000
-# the same image for so long is no picture of a room any more
+# a camera whose image stays identical this long is frozen
 FROZEN_NS = _S // 2
-# frames whose age differs from the usual one by so much carry a wrong time
+# the time stamp of a frame is wrong when the frame's age differs from the usual one by this much
 JUMP_NS = _S // 2
 _AGREE_NS = _S // 10
 _AGREEING = 8
-# frames that are older than usual by less than this may just be late (a stream or a processor that is behind): they must
-# agree for longer before it is the clock that is blamed
+# frames older than usual by less than this may just be late (a slow stream or processor): more of them must agree before
+# the clock is blamed
 _LATE_NS = 3 * _S
 _AGREEING_LATE = 90
 _USUAL_OF = 31
 _AGE_UNTIL_KNOWN_NS = 40_000_000
 SILENT_NS = _S
-# so many cameras make a pose
+# cameras needed for a pose
 _ENOUGH = 2
-# where less of a camera's frames is used, over so long, the machine is overloaded: what is left says too little about the rig
+# the machine is overloaded when a smaller share of a camera's frames is used over this time: too few to judge the rig
 _OVERLOAD_SHARE, _SHARE_NS = 0.7, 2 * _S
-# one camera may deliver so many frames a second
+# the most frames per second that one camera may deliver
 FLOOD_HZ = 250
 _WINDOW_NS = _S // 2
 _COUNT_NS = _S // 5
@@ -40,12 +40,12 @@ _COUNT_NS = _S // 5
 
 @dataclass(frozen=True, kw_only=True)
 class CameraState:
-    """How one camera fares in its group.
+    """Status of one camera in its group.
 
     Attributes:
         state: ``opening``, ``running``, ``ended`` (source is over) or ``lost`` (tries again).
         text: why, when not running.
-        captured: frames that reached the process. used: looked at. replaced: given up for a newer one.
+        captured: frames that reached the process. used: processed by the detector. replaced: dropped for a newer one.
         missing: frames the camera counted but never delivered.
     """
 
@@ -119,7 +119,7 @@ class _Watch:
     jumped_at_ns: int = -(10**18)
     changed_ns: int | None = None
     frozen: bool = False
-    heard_ns: int | None = None
+    seen_ns: int | None = None
     window_ns: int = 0
     in_window: int = 0
     flooding_ns: int = -(10**18)
@@ -151,7 +151,7 @@ class Monitor:
         watch = self._watches.get(seen.detections.camera)
         if watch is None:
             return None
-        watch.heard_ns = now_ns
+        watch.seen_ns = now_ns
         if self._floods(watch, now_ns):
             _count(watch, "flood")
             return None
@@ -164,8 +164,8 @@ class Monitor:
             return None
         return seen.detections if t_ns == seen.detections.t_ns else replace(seen.detections, t_ns=t_ns)
 
-    def told(self, state: CameraState, now_ns: int) -> None:
-        """What the camera's own process says."""
+    def take_state(self, state: CameraState, now_ns: int) -> None:
+        """Take the status that the camera's own process reports."""
         watch = self._watches.get(state.camera)
         if watch is None:
             return
@@ -186,10 +186,12 @@ class Monitor:
             watch.before = captured + last.captured, replaced + last.replaced, missing + last.missing
         watch.source = state
 
-    def judge(self, now_ns: int, troubles: Mapping[str, str], ill: Mapping[str, Verdict] | None = None) -> Mapping[str, Verdict]:
-        """Every camera's state; `troubles` says what is wrong with its process, `ill` with where it stands, by camera."""
+    def judge(
+        self, now_ns: int, troubles: Mapping[str, str], faulty: Mapping[str, Verdict] | None = None
+    ) -> Mapping[str, Verdict]:
+        """Every camera's state; by camera, `troubles` are those of its process, `faulty` those of its pose and clock."""
         for name, watch in self._watches.items():
-            verdict = self._verdict(watch, now_ns, troubles.get(name, ""), (ill or {}).get(name, Verdict(OK)))
+            verdict = self._verdict(watch, now_ns, troubles.get(name, ""), (faulty or {}).get(name, Verdict(OK)))
             if verdict.state != self._verdicts[name].state:
                 self.events.append(Event(now_ns, name, verdict.state, verdict.text))
                 self.event_count += 1
@@ -197,11 +199,11 @@ class Monitor:
         return dict(self._verdicts)
 
     def overloaded(self, camera: str) -> bool:
-        """Whether too few of its frames are used to judge where it stands and how its clock runs."""
+        """Whether too few of its frames are used to judge its pose and clock."""
         return self._watches[camera].used_share < _OVERLOAD_SHARE
 
     def does_without(self, camera: str) -> bool:
-        """Whether enough other cameras are well to leave this one's views out; one more is counted as refused."""
+        """Whether enough other cameras are healthy to leave this one's views out; counts one more refused view."""
         enough = sum(verdict.state == OK for name, verdict in self._verdicts.items() if name != camera) >= _ENOUGH
         if enough:
             _count(self._watches[camera], self._verdicts[camera].state)
@@ -212,7 +214,7 @@ class Monitor:
         return dict(self._watches[camera].refused)
 
     def source(self, camera: str) -> CameraState | None:
-        """What the camera's process said last, counts over all processes it has had."""
+        """The newest status of the camera's process, with counts over all processes it has had."""
         watch = self._watches[camera]
         if watch.source is None:
             return None
@@ -234,15 +236,15 @@ class Monitor:
         if watch.source is not None and watch.source.state in ("ended", "lost"):
             return Verdict(watch.source.state, watch.source.text)
         if now_ns - watch.flooding_ns < _S:
-            return Verdict("flood", f"{watch.flood_hz:,.0f} frames/s; only the newest are looked at")
+            return Verdict("flood", f"{watch.flood_hz:,.0f} frames/s; only the newest are used")
         if now_ns - watch.jumped_at_ns < _S or watch.strange_ns:
             return Verdict("late" if watch.late else "clock", watch.jumped or "its time stamps jumped")
         if watch.frozen:
             return Verdict("frozen", "delivers the same image again and again")
-        if watch.heard_ns is None:
+        if watch.seen_ns is None:
             return Verdict("opening", "no frame yet")
-        if now_ns - watch.heard_ns > SILENT_NS:
-            return Verdict("silent", f"no frame for {(now_ns - watch.heard_ns) / _S:.1f} s")
+        if now_ns - watch.seen_ns > SILENT_NS:
+            return Verdict("silent", f"no frame for {(now_ns - watch.seen_ns) / _S:.1f} s")
         if otherwise.state != OK and watch.used_share < _OVERLOAD_SHARE:
             return Verdict("overload", f"only {watch.used_share:.0%} of its frames are used: too few to watch the rig")
         return otherwise
@@ -257,7 +259,7 @@ class Monitor:
         return True
 
     def _timed(self, watch: _Watch, seen: TimedDetections, now_ns: int) -> int | None:
-        """Mid-exposure by a clock that agrees with arrival; None while that has to be found out."""
+        """Mid-exposure by a clock that agrees with arrival; None until enough frames agree."""
         t_ns = seen.detections.t_ns + watch.shift_ns
         age_ns = seen.received_ns - t_ns
         usual_ns = int(median(watch.ages_ns)) if watch.ages_ns else _AGE_UNTIL_KNOWN_NS
@@ -288,8 +290,8 @@ class Monitor:
         if seen.still == 0 or watch.changed_ns is None:
             watch.changed_ns = t_ns
         watch.frozen = t_ns - watch.changed_ns >= FROZEN_NS
-        # where every image stands still, it is the scene that does, in pictures without noise
-        others = [other for other in self._watches.values() if other is not watch and other.heard_ns is not None]
+        # if all cameras are frozen, the scene is static and free of noise
+        others = [other for other in self._watches.values() if other is not watch and other.seen_ns is not None]
         return watch.frozen and (not others or any(not other.frozen for other in others))
 
 

@@ -1,7 +1,7 @@
-"""How far the stamps of cameras are apart, from a person who moves in front of them; cheap enough for a busy machine.
+"""Clock offsets of cameras from a person who moves in front of them; cheap enough for a busy machine.
 
-Paths of the person's points and offsets are sought together (Gauss-Newton, `calibrate.sync_paths`). Every block of new seconds
-is looked at once; what it says is added to what earlier ones said, which fades.
+Paths of the person's points and offsets are estimated together (Gauss-Newton, `calibration.clocks.paths`). Every block of new
+seconds is used once; its normal equations are added to those of earlier blocks, which fade exponentially.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from posefuse.calibration.keypoints import MIN_SCORE
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
-# new seconds looked at in one go, the longest looked at when more have come, and what is looked at again at both ends
+# a block of new seconds, the longest one when more have come, and the overlap at both ends
 _BLOCK_S, _LONGEST_S, _MARGIN_S = 2.0, 6.0, 0.3
 _FAR_S, _FAR_SIGMAS = 0.02, 5.0
-# of all cameras' offsets before anything is seen
+# prior standard deviation of every offset
 _BEFORE_S = 0.3
 _FORGOTTEN_S, _TRUSTED_S = 20.0, 0.005
 
 
 class ClockFinder:
-    """Offsets of all cameras' stamps about their mean; feed it views, ask it now and then."""
+    """Clock offsets of all cameras about their mean: `add` every view, call `find` now and then."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
@@ -58,15 +58,15 @@ class ClockFinder:
             self._views.popleft()
 
     def cut(self) -> None:
-        """What comes next does not go on from what came: nothing is compared across."""
+        """The scene jumps here: views before and after are not compared."""
         self._views.clear()
 
     def find(self) -> dict[str, float] | None:
-        """Offset of each camera that is known well enough; None while there is nothing new."""
-        heard = [s for s in self._newest_s if np.isfinite(s)]
-        if len(heard) < 2:
+        """Offset in s of each camera that is known well enough; None while there is nothing new."""
+        newest_s = [s for s in self._newest_s if np.isfinite(s)]
+        if len(newest_s) < 2:
             return None
-        end_s = float(np.median(heard)) - _MARGIN_S
+        end_s = float(np.median(newest_s)) - _MARGIN_S
         begin_s = max(self._done_s, end_s - _LONGEST_S)
         if end_s - begin_s < _BLOCK_S:
             return None
@@ -75,13 +75,13 @@ class ClockFinder:
         views = self._between(begin_s - _MARGIN_S, end_s + _MARGIN_S)
         nothing = ClockSums(np.zeros_like(self._sums.information), np.zeros_like(self._sums.pull))
         before = ClockSums(fade * self._sums.information, fade * self._sums.pull)
-        if (told := _told(self._rig, views, self._offset_s, before)) is not None:
-            if _elsewhere(told, self._offset_s):
-                # a clock that was set, or the first look: paths were wrong, so this block only says where to begin
-                told = _told(self._rig, views, self._offset_s, nothing) or told
-                self._sums, self._offset_s = nothing, _settled(told)
+        if (sums := _sums_of(self._rig, views, self._offset_s, before)) is not None:
+            if _elsewhere(sums, self._offset_s):
+                # a clock that was set, or the first block: the paths were wrong, so it only gives a new start
+                sums = _sums_of(self._rig, views, self._offset_s, nothing) or sums
+                self._sums, self._offset_s = nothing, _settled(sums)
             else:
-                self._sums = before.and_also(told)
+                self._sums = before.and_also(sums)
                 self._offset_s = _settled(self._sums)
         return self._known()
 
@@ -100,7 +100,7 @@ class ClockFinder:
 
 
 def _only_differences(count: int) -> Array:
-    """Information that holds the mean of all offsets at 0, and each about there before anything is seen."""
+    """Prior information: the mean of all offsets is 0, and each is near 0."""
     return np.ones((count, count)) / (count * _TRUSTED_S) ** 2 + np.eye(count) / _BEFORE_S**2
 
 
@@ -109,22 +109,22 @@ def _settled(sums: ClockSums) -> Array:
     return np.asarray(offset_s - offset_s.mean())
 
 
-def _elsewhere(told: ClockSums, offset_s: Array) -> bool:
-    """Whether offsets are clearly far from where they were looked for."""
-    sigma_s = np.sqrt(np.diag(np.linalg.inv(told.information + _only_differences(len(offset_s)))))
-    return bool((np.abs(_settled(told) - offset_s) > np.maximum(_FAR_S, _FAR_SIGMAS * sigma_s)).any())
+def _elsewhere(sums: ClockSums, offset_s: Array) -> bool:
+    """Whether the offsets are clearly far from where they were searched."""
+    sigma_s = np.sqrt(np.diag(np.linalg.inv(sums.information + _only_differences(len(offset_s)))))
+    return bool((np.abs(_settled(sums) - offset_s) > np.maximum(_FAR_S, _FAR_SIGMAS * sigma_s)).any())
 
 
-def _told(rig: Rig, views: MovingViews, offset_s: Array, before: ClockSums) -> ClockSums | None:
-    """What the views say of the offsets, looked for about `offset_s` and what was known `before`; None when there are too few."""
+def _sums_of(rig: Rig, views: MovingViews, offset_s: Array, before: ClockSums) -> ClockSums | None:
+    """Normal equations of the views for the offsets, searched near `offset_s`; None when there are too few views."""
     if sum(np.bincount(views.c, minlength=len(rig)) >= LEAST_VIEWS) < 2:
         return None
     paths = Paths(rig, views)
     for acceleration in ACCELERATIONS_M_S2:
-        told = paths.step(offset_s, acceleration)
-        told = ClockSums(told.information, told.pull + told.information @ offset_s)
-        moved_s = np.clip(_settled(before.and_also(told)) - offset_s, -LONGEST_STEP_S, LONGEST_STEP_S)
+        sums = paths.step(offset_s, acceleration)
+        sums = ClockSums(sums.information, sums.pull + sums.information @ offset_s)
+        moved_s = np.clip(_settled(before.and_also(sums)) - offset_s, -LONGEST_STEP_S, LONGEST_STEP_S)
         offset_s = offset_s + moved_s
         if acceleration == ACCELERATIONS_M_S2[-1] and np.abs(moved_s).max() < SETTLED_S:
             break
-    return told
+    return sums

@@ -20,7 +20,7 @@ _GAP_NS = 2_000_000_000
 _MOST_VIEWS = 256
 
 
-class CommonInstants:
+class CommonTimeSteps:
     """Every camera's points at ten time steps a second, linear between its views on both sides."""
 
     def __init__(self, cameras: Iterable[str]) -> None:

@@ -1,9 +1,8 @@
-"""What points that all cameras see say of each camera's own turn and lateness.
+"""Rotation and clock error of each camera, estimated from points that several cameras see.
 
-At every time step the points are where the rays of all cameras meet; what is left over is looked at in metres at the point, as
-a 2D network errs by about the same share of a body in every view. A camera that was turned, or whose clock is off, leaves
-something that the points cannot take up: the points are eliminated, and what remains is linear in the unknowns of all cameras
-together. So a bad camera, which spoils the residuals of the others, can be told from them.
+At every time step the points are triangulated from all cameras. Residuals are taken in metres at the point, because a 2D network
+errs by about the same share of a body in every view. The points are eliminated; the rest is linear in the rotations and clock
+errors of all cameras together. This separates a faulty camera from those whose residuals it contaminates.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from posefuse.calibration.extrinsics.world import linear_points
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
-# unknowns of a camera: its turn about its own axes in rad, and how late its images are in s
+# unknowns of a camera: its rotation about its own axes in rad, and the delay of its images in s
 UNKNOWNS, TURN, LATE = 4, slice(0, 3), slice(3, 4)
-# a point that fits worse than so many times the median of the time step's points pulls with constant force
+# Huber loss: threshold in medians of the time step's residuals
 _WORSE = 2.0
 _LEAST_DEPTH_M, _MOST_OFF_M = 0.2, 3.0
 
@@ -46,10 +45,10 @@ class Instant:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sums:
-    """What time steps say of the unknowns u (4 C) of all cameras; squares in m^2.
+    """Normal equations of time steps for the unknowns u (4 C) of all cameras; squares in m^2.
 
     Attributes:
-        information: (4C, 4C) of squares over u, the points taken out. pull: (4C,). squares: of what is left over.
+        information: (4C, 4C), the points eliminated. pull: (4C,) right-hand side. squares: sum of squared residuals.
         count: of redundant coordinates.
         own: (C, 4, 4) squares by which each camera's unknowns displace its own points. points: (C,) of them.
         places: (5,) of the middle of the points: how many, sums of x, y, z in m, and of their squares.
@@ -65,7 +64,7 @@ class Sums:
 
     @property
     def walked_m(self) -> float:
-        """How far about its mean the middle of the points was, rms."""
+        """How far the middle of the points moved about its mean, rms."""
         count, *place, square = self.places / max(self.places[0], 1e-9)
         return float(np.sqrt(max(square - np.dot(place, place), 0.0))) if count else 0.0
 
@@ -124,7 +123,7 @@ def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
 
 
 def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
-    """What a time step says, its points moving at (P, 3) m/s; NaN where that is not known."""
+    """Normal equations of one time step whose points move at (P, 3) m/s, NaN where unknown."""
     good = np.isfinite(now.misfit_m) & np.isfinite(velocity_world).all(axis=-1)
     cameras = len(rig)
     if not good.any():

@@ -1,8 +1,8 @@
 """Watch a rig while it is used: a moved camera, a swapped cable or a lost synchronisation shows in its residuals.
 
 A pure function of an explicit state: `observe` takes what fusion has just used and returns the next state and what it
-found. A 2D network errs by many px, but differently from keypoint to keypoint and from moment to moment, so single residuals tell
-little. What one camera's turn, or its lateness, explains of all that was left over for some seconds tells (`misalignment`).
+found. A 2D network errs by many px, but differently for every keypoint and time step, so single residuals prove little. The test
+is how much of the residuals of some seconds the rotation or delay of one camera explains (`misalignment`).
 """
 
 from __future__ import annotations
@@ -18,26 +18,27 @@ from posefuse.core.arrays import Array
 
 from .misalignment import LATE, TURN, UNKNOWNS, Instant, Sums, instant_of, sums_of
 
-BUMPED, OUT_OF_STEP, SWAPPED = "moved", "unsynchronised", "swapped"
-# what is seen fades within the first for what is gross, within the second for what is small
+MOVED, UNSYNCHRONISED, SWAPPED = "moved", "unsynchronised", "swapped"
+# time constants of the two windows: short for gross errors, long for small ones
 MEMORIES_S = (2.0, 8.0)
-# squares explained, in those that a redundant coordinate keeps; `bench/rig_monitor.py --fit` prints what nothing wrong explains
-_SURE = {BUMPED: (60.0, 70.0), OUT_OF_STEP: (40.0, 30.0)}
-# a network is off by less in the same way all along the person's way; by more for as long as they stand, most of all where
-# limbs are hidden. Who moved less than this about the middle of their way, rms, stands
+# likelihood-ratio threshold of each window, in units of the residual variance per degree of freedom; `bench/rig_monitor.py
+# --fit` prints what healthy rigs reach
+_SURE = {MOVED: (60.0, 70.0), UNSYNCHRONISED: (40.0, 30.0)}
+# smallest displacement reported while the person walks, and while they stand: detector bias averages out over a walk. A person
+# stands who moved less than the third value, rms
 _LEAST_M, _LEAST_STANDING_M, _STANDS_M = 0.02, 0.15, 0.25
-# a rig is calibrated about so well
-_LEAST = {BUMPED: float(np.deg2rad(0.2)), OUT_OF_STEP: 0.012}
-_UNKNOWNS = {BUMPED: TURN, OUT_OF_STEP: LATE}
-# of a camera that is right again, so much of what was told is left
+# smallest rotation and delay reported: a calibrated rig has about this error
+_LEAST = {MOVED: float(np.deg2rad(0.2)), UNSYNCHRONISED: 0.012}
+_UNKNOWNS = {MOVED: TURN, UNSYNCHRONISED: LATE}
+# hysteresis: a finding is cleared when the displacement falls below this share of its peak
 _LEFT = 0.4
 _SURE_AFTER_S = 0.6
 _LEAST_COUNT = 200.0
-# of two no one can tell which is wrong
+# with two cameras the faulty one cannot be identified
 LEAST_CAMERAS = 3
-# a camera explains more than any other by this share of what makes it sure
+# margin to the second-best explanation, as a share of the threshold
 _APART = 0.5
-# where rays pass each other by so much, not only a little is wrong with the rig
+# mean distance between rays above which cameras may be swapped
 _GROSS_M = 0.1
 _SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
 _NEWEST_APART_S = 1.0
@@ -49,7 +50,7 @@ class Finding:
 
     Attributes:
         kind: ``moved``, ``unsynchronised`` or ``swapped``. cameras: which. t_ns: when it was noticed.
-        detail: one line with numbers. displaced_m: by how much rays passed the person. amount: rad of turn, or s of lateness.
+        detail: one line with numbers. displaced_m: distance of the rays from the person. amount: rotation in rad, or delay in s.
     """
 
     kind: str
@@ -62,14 +63,14 @@ class Finding:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MonitorState:
-    """What is remembered of a rig.
+    """State of the monitor.
 
     Attributes:
         sums: one per memory. before: up to two time steps, the newer last. recent: points of the newest time steps, (C, P, 2)
             each.
-        finding: what goes on; None while all is well. well_ns: since when it seems to be over.
-        doubt: kind and cameras that are named next if that lasts, and since_ns.
-        others: of the cameras that are not named, while some are.
+        finding: the present one; None while the rig is healthy. well_ns: since when it seems to be over.
+        doubt: kind and cameras that are reported if it lasts, since `since_ns`.
+        others: state of the cameras that are not reported, while some are.
     """
 
     sums: tuple[Sums, ...]
@@ -83,7 +84,7 @@ class MonitorState:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All that goes on."""
+        """All present findings."""
         if self.finding is None:
             return ()
         return (self.finding, *(self.others.findings if self.others is not None else ()))
@@ -98,7 +99,7 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
     """Take in matched points (C, P, 2) raw px of one time step (NaN where unseen); P stays the same from call to call.
 
     Returns:
-        The next state, whose `findings` are all that go on, and those that are new.
+        The next state, whose `findings` are all present ones, and those that are new.
     """
     now = instant_of(rig, t_ns, xy_img)
     recent = (*state.recent, np.array(xy_img, np.float64))[-_SWAP_INSTANTS:]
@@ -117,9 +118,9 @@ class Suspect:
     """What would be wrong with a camera, if anything is.
 
     Attributes:
-        kind: ``moved`` or ``unsynchronised``. camera: its place. amount: rad of turn, or s of lateness.
+        kind: ``moved`` or ``unsynchronised``. camera: its index. amount: rotation in rad, or delay in s.
         displaced_m: by how much that displaces the person in its views, at the person.
-        gain: squares it explains. sure: those, in squares that a redundant coordinate keeps.
+        gain: squared residuals it explains. sure: the same in units of the residual variance per degree of freedom.
     """
 
     kind: str
@@ -131,7 +132,7 @@ class Suspect:
 
 
 def suspects(sums: Sums) -> list[Suspect]:
-    """What each camera's turn and lateness explain, each by itself."""
+    """What the rotation and the delay of each camera explain, each alone."""
     found = []
     for kind, unknowns in _UNKNOWNS.items():
         amount, displaced_m, gain = _explained(sums, unknowns)
@@ -151,7 +152,7 @@ def suspects(sums: Sums) -> list[Suspect]:
 
 
 def _explained(sums: Sums, unknowns: slice) -> tuple[Array, Array, Array]:
-    """Rad turned or s late, m by which that displaces what a camera sees, and the squares it explains; (C,) each."""
+    """Rotation in rad or delay in s, the displacement it causes in m, and the squared residuals it explains; (C,) each."""
     cameras = len(sums.points)
     own = np.arange(cameras)[:, None] * UNKNOWNS + np.arange(UNKNOWNS)[unknowns]
     information, pull = sums.information[own[:, :, None], own[:, None, :]], sums.pull[own]
@@ -174,7 +175,7 @@ def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, lis
 
 
 def _suspected(state: MonitorState, rig: Rig) -> Finding | None:
-    """The one thing that explains most of what is left over, if anything does."""
+    """The one explanation that accounts for most of the residuals, if there is one."""
     short = state.sums[0]
     if (short.points > 0).sum() < LEAST_CAMERAS or short.count < _LEAST_COUNT:
         return None
@@ -186,8 +187,8 @@ def _suspected(state: MonitorState, rig: Rig) -> Finding | None:
 
 
 def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
-    """What explains most of what was left over, and how many times as much as is needed; None where that is too little, or
-    something else explains about as much."""
+    """The best explanation of the residuals and how far it exceeds its threshold; None where it does not, or another one is
+    about as good."""
     found = suspects(sums)
     worst = max(found, key=lambda one: one.gain)
     needed = _SURE[worst.kind][memory]
@@ -197,7 +198,7 @@ def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
     least_m = _LEAST_STANDING_M if sums.walked_m < _STANDS_M else _LEAST_M
     if worst.displaced_m < least_m or abs(worst.amount) < _LEAST[worst.kind]:
         return None
-    # a camera that looks at another person is not put right by any turn
+    # no rotation explains a camera that looks at another person
     if np.sqrt((sums.squares - worst.gain) / sums.count) > _GROSS_M:
         return None
     return worst.sure / needed, worst
@@ -208,12 +209,12 @@ def _misfit_m(sums: Sums) -> float:
 
 
 def _named(rig: Rig, suspect: Suspect) -> Finding:
-    name, beside_mm = rig.names[suspect.camera], 1e3 * suspect.displaced_m
-    if suspect.kind == OUT_OF_STEP:
+    name, off_mm = rig.names[suspect.camera], 1e3 * suspect.displaced_m
+    if suspect.kind == UNSYNCHRONISED:
         words = f"{name} is unsynchronised: its images lag by about {1e3 * suspect.amount:+.0f} ms"
     else:
         degrees = np.rad2deg(suspect.amount)
-        words = f"{name} sees everything {beside_mm:.0f} mm off where the others do ({degrees:.1f} deg): was it moved?"
+        words = f"{name} is off by {off_mm:.0f} mm ({degrees:.1f} deg) compared with the other cameras: was it moved?"
     return Finding(
         kind=suspect.kind, cameras=(name,), t_ns=0, detail=words, displaced_m=suspect.displaced_m, amount=suspect.amount
     )
@@ -226,14 +227,14 @@ def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
         kind=SWAPPED,
         cameras=cameras,
         t_ns=0,
-        detail=f"the images of {words} fit when they are exchanged: a swapped cable",
+        detail=f"{words} appear to be swapped: check the cables",
         displaced_m=gross_m,
     )
 
 
 def _gone_on(state: MonitorState, finding: Finding, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
-    """The state with its finding as it is by now, and what is found of the cameras that are not named; or without it, after
-    it has been over for a while."""
+    """The state with its finding updated, and new findings of the other cameras; without the finding once it has been over
+    for a while."""
     assert state.others is not None
     named = np.isin(rig.names, finding.cameras)
     others, new = observe(state.others, rig, t_ns, np.where(named[:, None, None], np.nan, xy_img))
@@ -245,12 +246,12 @@ def _gone_on(state: MonitorState, finding: Finding, rig: Rig, t_ns: int, xy_img:
         return replace(state, finding=worse, well_ns=None), new
     if state.well_ns is None or (t_ns - state.well_ns) / 1e9 < _SURE_AFTER_S:
         return replace(state, well_ns=t_ns if state.well_ns is None else state.well_ns), new
-    # what is remembered is still full of what is over
+    # the windows still hold the residuals of the time before
     return replace(start(rig), before=state.before), []
 
 
 def _by_now(sums: Sums, finding: Finding, rig: Rig) -> tuple[Finding, float]:
-    """A finding at its worst so far, and by how much rays pass the person now."""
+    """A finding with its largest displacement so far, and the present displacement."""
     if finding.kind == SWAPPED:
         now_m = _misfit_m(sums)
         return replace(finding, displaced_m=max(finding.displaced_m, now_m)), now_m
@@ -258,15 +259,15 @@ def _by_now(sums: Sums, finding: Finding, rig: Rig) -> tuple[Finding, float]:
     [now] = [one for one in suspects(sums) if one.camera == camera and one.kind == finding.kind]
     if now.displaced_m > finding.displaced_m:
         return replace(_named(rig, now), t_ns=finding.t_ns), now.displaced_m
-    if finding.kind == OUT_OF_STEP:
-        # of a person who stands still a late camera shows the same
+    if finding.kind == UNSYNCHRONISED:
+        # a delay cannot be seen while the person stands still
         would_m = now.displaced_m * abs(finding.amount) / max(abs(now.amount), 1e-9)
         return finding, finding.displaced_m * (abs(now.amount / finding.amount) if would_m > _LEAST_M else 1.0)
     return finding, now.displaced_m
 
 
 def _exchanged(rig: Rig, recent: Sequence[Array]) -> list[tuple[int, int]]:
-    """Pairs of cameras whose exchange brings the rays together: the best, and others about as good; none where none does."""
+    """Pairs of cameras whose exchange makes the rays meet: the best, and others about as good; none where none does."""
     xy_img = np.concatenate(recent, axis=1)
     now_m = _misfit_over(rig, xy_img, np.arange(len(rig)))
     misfit_m = {}

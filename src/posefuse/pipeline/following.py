@@ -165,7 +165,7 @@ class Follower:
                 self._keep(batch)
         with self._clock.stage("fuse"):
             by_camera = {one.camera: one for one in batch.detections}
-            absent = Detections2D.nobody("", step.t_ns, self._skeleton)
+            absent = Detections2D.empty("", step.t_ns, self._skeleton)
             detections = [by_camera.get(name) or replace(absent, camera=name) for name in self._rig.names]
             assignment = assign(
                 detections,
@@ -191,9 +191,9 @@ def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) 
     batches, person_ids = [], []
     for one in followed:
         for place, batch in enumerate(one.batches):
-            nobody = [np.full(len(found), NOT_KEPT) for found in batch.detections]
+            no_one_kept = [np.full(len(found), NOT_KEPT) for found in batch.detections]
             batches.append(batch)
-            person_ids.append(one.person_ids if place == one.chosen else nobody)
+            person_ids.append(one.person_ids if place == one.chosen else no_one_kept)
     return Observations.from_batches(skeleton, rig.names, batches, person_ids)
 
 

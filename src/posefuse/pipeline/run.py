@@ -17,7 +17,7 @@ from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.plain_values import plain
 from posefuse.health.recorded import rig_findings
-from posefuse.health.rig_monitor import OUT_OF_STEP, Finding
+from posefuse.health.rig_monitor import UNSYNCHRONISED, Finding
 from posefuse.sources.video import recorded_at
 from posefuse.tracking import JointCentres, proportional_joint_centres
 
@@ -186,7 +186,7 @@ def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[
 
 def finding_line(finding: Finding, session: Path) -> str:
     """When it shows, what is wrong with a camera, and what to do about it."""
-    remedy = f"; `posefuse calibrate clocks {session}` finds its offset" if finding.kind == OUT_OF_STEP else ""
+    remedy = f"; `posefuse calibrate clocks {session}` finds its offset" if finding.kind == UNSYNCHRONISED else ""
     return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"
 
 

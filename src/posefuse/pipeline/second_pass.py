@@ -42,8 +42,8 @@ def poses_over_time(
     single time step can tell.
     """
     fused = _fused(views, rig, fusing)
-    if fusing.weights == "robust" and fusing.untangle_sides:
-        named = replace(fusing, untangle_sides=False)
+    if fusing.weights == "robust" and fusing.swap_correction:
+        named = replace(fusing, swap_correction=False)
         reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
         xy, score, sigma = sides_like(reference, rig, views.xy_img, views.score, views.sigma_px)
         fused = _fused(replace(views, xy_img=xy, score=score, sigma_px=sigma), rig, named)

@@ -27,7 +27,7 @@ from .rig_watch import RigWatch
 from .scheduling import expected_gain
 
 _S = 1_000_000_000
-# views are told where to look this often, and judged this often
+# the expected pose is published, and cameras are judged, this often
 _BOARD_NS = _S // 40
 _JUDGE_NS = _S // 4
 # a camera's usual noise, until its own views have said
@@ -54,7 +54,7 @@ class Intake(Protocol):
 class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
-    The tracker follows what the networks mark, and by that the views are told where to look; what goes out is moved to joint
+    The tracker follows the landmarks of the networks, and their prediction says where to look; what goes out is moved to joint
     centres where `centring` wants it, and passes the `gate`.
     """
 
@@ -82,7 +82,7 @@ class Fusion:
         self.sigma_px = np.full(len(rig), _SIGMA_PX)
         self._places = {name: c for c, name in enumerate(rig.names)}
         self._waiting: list[ViewTimes] = []
-        self._last_told: Pose3D | None = None
+        self._last_published: Pose3D | None = None
         self._followed = 0
         self._judged_ns = self._showing_ns = 0
 
@@ -117,7 +117,7 @@ class Fusion:
             self.outlets.offer(live_centres(message, self.clock.now_ns()))
         elif isinstance(message, Status):
             for state in message.cameras:
-                self.monitor.told(state, message.t_ns)
+                self.monitor.take_state(state, message.t_ns)
         elif isinstance(message, LivePreview):
             self.outlets.offer(message)
 
@@ -142,7 +142,7 @@ class Fusion:
     def _see(self, seen: Seen) -> None:
         now_ns = self.clock.now_ns()
         if seen.state is not None:
-            self.monitor.told(seen.state, now_ns)
+            self.monitor.take_state(seen.state, now_ns)
         view = self.monitor.admit(seen, now_ns)
         if view is None:
             return
@@ -185,14 +185,14 @@ class Fusion:
 
     def _tell(self, t_ns: int) -> None:
         """Put the prediction where camera groups look for it."""
-        before = self._last_told
+        before = self._last_published
         if before is not None and 0 <= t_ns - before.t_ns < _BOARD_NS:
             return
         pose = self.tracker.looked_for(t_ns)
         known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
         shown = pose if known.all() else pose.people(known)
         self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
-        self._last_told = shown
+        self._last_published = shown
 
     def _judge(self, intake: Intake, now_ns: int) -> None:
         if now_ns - self._judged_ns < _JUDGE_NS:
@@ -227,7 +227,7 @@ class Fusion:
 
 
 def velocity_between(before: Pose3D | None, now: Pose3D) -> Array:
-    """(N, K, 3) from the prediction told before; 0 for people or keypoints it did not have."""
+    """(N, K, 3) from the prediction published before; 0 for people or keypoints it did not have."""
     if before is None or now.t_ns <= before.t_ns or not np.array_equal(before.person_id, now.person_id):
         return np.zeros(now.xyz_world.shape)
     return np.nan_to_num((now.xyz_world - before.xyz_world) * (_S / (now.t_ns - before.t_ns)))

@@ -30,9 +30,9 @@ class Centring:
         self._wanted = wanted
         self._lengths: LearntLengths | None = None
 
-    def learn(self, told: Centres) -> None:
+    def learn(self, centres: Centres) -> None:
         """What is known of some cameras, from now on."""
-        self._tables.update({name: told.table for name in told.cameras if name in self._tables})
+        self._tables.update({name: centres.table for name in centres.cameras if name in self._tables})
         table = next((table for table in self._tables.values() if table is not None), None)
         if table is None:
             self._lengths = None
@@ -51,14 +51,14 @@ class Centring:
         return at_joint_centres(pose, self._lengths.table, self._lengths.step(pose))
 
 
-def live_centres(told: Centres, t_ns: int) -> LiveJointCentres:
+def live_centres(centres: Centres, t_ns: int) -> LiveJointCentres:
     """For outputs."""
-    return LiveJointCentres(t_ns=t_ns, cameras=told.cameras, fields=asdict(told.table or _NO_TABLE))
+    return LiveJointCentres(t_ns=t_ns, cameras=centres.cameras, fields=asdict(centres.table or _NO_TABLE))
 
 
-def message_from_centres(told: Centres, t_ns: int) -> Any:
+def message_from_centres(centres: Centres, t_ns: int) -> Any:
     """For the network."""
-    return message_from_live_centres(live_centres(told, t_ns))
+    return message_from_live_centres(live_centres(centres, t_ns))
 
 
 def centres_from_message(msg: Any) -> Centres:

@@ -86,7 +86,7 @@ def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, chann
 
 
 def _hand_out(channel: Channel, workers: Sequence[Worker]) -> None:
-    told, told_s = _states(workers), time.monotonic()
+    reported, reported_s = _states(workers), time.monotonic()
     while True:
         channel.wait(_WAIT_S)
         while (message := channel.receive()) is not None:
@@ -96,8 +96,8 @@ def _hand_out(channel: Channel, workers: Sequence[Worker]) -> None:
                 worker.put(message)
         now_s, states = time.monotonic(), _states(workers)
         # a report there is no room for is sent again
-        if (states != told or now_s - told_s > _REPORT_S) and channel.send(OutputsHealth(_health(workers))):
-            told, told_s = states, now_s
+        if (states != reported or now_s - reported_s > _REPORT_S) and channel.send(OutputsHealth(_health(workers))):
+            reported, reported_s = states, now_s
 
 
 def _health(workers: Sequence[Worker]) -> dict[str, OutputHealth]:
@@ -122,7 +122,7 @@ class Worker:
         self._part, self._retry_s, self._again_s = start.part, _FIRST_RETRY_S, 0.0
         self._failed_s = self._busy_s = 0.0
         self._output: LiveOutput | None = self._opened()
-        self._told = OutputHealth(where=self._output.where)
+        self._now = OutputHealth(where=self._output.where)
         self._dropped = 0
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -144,11 +144,11 @@ class Worker:
 
     def health(self) -> OutputHealth:
         """As it is now."""
-        told = replace(self._told, dropped=self._dropped)
+        now = replace(self._now, dropped=self._dropped)
         busy_s = self._busy_s
-        if told.state == OK and busy_s and time.monotonic() - busy_s > _HANGS_S:
-            return replace(told, state=HANGS, text=f"has taken nothing for more than {_HANGS_S:g} s")
-        return told
+        if now.state == OK and busy_s and time.monotonic() - busy_s > _HANGS_S:
+            return replace(now, state=HANGS, text=f"has taken nothing for more than {_HANGS_S:g} s")
+        return now
 
     def finish(self) -> None:
         """Ask for the end, after what is queued; an output that hangs loses one message for it."""
@@ -180,7 +180,7 @@ class Worker:
         self._busy_s = time.monotonic()
         try:
             output.take(message)
-            self._told = replace(self._told, taken=self._told.taken + 1)
+            self._now = replace(self._now, taken=self._now.taken + 1)
         except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
             self._dropped += 1
             self._again_later(words_of(error, output.where))
@@ -209,7 +209,7 @@ class Worker:
             self._again_later(words_of(error, self.name), counts=False)
             return False
         where = self._output.where
-        self._told = replace(self._told, state=OK, text=f"goes on in {where}" if where else "goes on", where=where)
+        self._now = replace(self._now, state=OK, text=f"goes on in {where}" if where else "goes on", where=where)
         return True
 
     def _again_later(self, why: str, counts: bool = True) -> None:
@@ -225,8 +225,8 @@ class Worker:
         self._fail(why, counts)
 
     def _fail(self, why: str, counts: bool = True) -> None:
-        told = self._told
-        self._told = replace(told, state=FAILED, text=why, fault=why, failures=told.failures + counts)
+        now = self._now
+        self._now = replace(now, state=FAILED, text=why, fault=why, failures=now.failures + counts)
 
     def _close(self) -> None:
         output, self._output = self._output, None

@@ -141,14 +141,14 @@ class OutputProcess:
             for kept in self._kept.messages():
                 self._channel.send(kept)
             goes_on = "goes on in {}" if self._deaths else "{}"
-            self._learn({name: replace(told, text=goes_on.format(told.where)) for name, told in message.health.items()})
+            self._learn({name: replace(health, text=goes_on.format(health.where)) for name, health in message.health.items()})
         elif isinstance(message, OutputsHealth):
             self._retry_s = _FIRST_RETRY_S
             self._finished = message.final
             self._learn(message.health)
 
-    def _learn(self, told: Mapping[str, OutputHealth]) -> None:
-        for name, now in told.items():
+    def _learn(self, health: Mapping[str, OutputHealth]) -> None:
+        for name, now in health.items():
             known, before = self.health[name], self._before[name]
             new = replace(
                 now,

@@ -24,7 +24,7 @@ from posefuse.foundation.platform import lower_priority
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
-from posefuse.health.common_times import CommonInstants
+from posefuse.health.common_times import CommonTimeSteps
 
 from .processes import ended, spawned
 
@@ -149,10 +149,10 @@ def _one_thread() -> Iterator[None]:
 
 
 def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
-    """Body of the process: collects views, tells what it finds."""
+    """Body of the process: collects views, reports what it finds."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     lower_priority(_NICENESS)
-    watcher, told = Watcher(rig, clocks), Watched()
+    watcher, reported = Watcher(rig, clocks), Watched()
     with contextlib.suppress(ChannelClosed):
         while True:
             channel.wait(_WAIT_S)
@@ -162,8 +162,8 @@ def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
                 else:
                     watcher.add(*view)
             found = watcher.look()
-            if found != told and channel.send(found):
-                told = found
+            if found != reported and channel.send(found):
+                reported = found
     os._exit(0)
 
 
@@ -173,7 +173,7 @@ class Watcher:
     def __init__(self, rig: Rig, clocks: bool) -> None:
         self._rig = rig
         self._finder = ClockFinder(rig) if clocks else None
-        self._instants = CommonInstants(rig.names)
+        self._instants = CommonTimeSteps(rig.names)
         self._state = monitor.start(rig)
         self._offset_s: Mapping[str, float] = {}
 
@@ -188,7 +188,7 @@ class Watcher:
         """Nothing is compared across this point of time."""
         if self._finder is not None:
             self._finder.cut()
-        self._instants = CommonInstants(self._rig.names)
+        self._instants = CommonTimeSteps(self._rig.names)
         self._state = replace(self._state, before=(), recent=())
 
     def look(self) -> Watched:

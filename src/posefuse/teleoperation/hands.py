@@ -39,7 +39,7 @@ def operator_view(
     ids = [int(one) for one in pose.person_id]
     n = (0 if ids else None) if person_id is None else ids.index(person_id) if person_id in ids else None
     if n is None:
-        return _nobody(pose.t_ns, measured_ns, len(hands))
+        return _no_person(pose.t_ns, measured_ns, len(hands))
     names = pose.skeleton.keypoints
     xyz, sigma = pose.xyz_world[n], _worst_sigma(pose.cov_world[n])
     wrists = [names.index(f"{side}_wrist") for side in hands]
@@ -98,7 +98,7 @@ def _raised(xyz: Array, names: tuple[str, ...], side: str) -> bool:
     return bool(xyz[names.index(f"{side}_wrist"), 2] > xyz[names.index(f"{side}_shoulder"), 2])
 
 
-def _nobody(t_ns: int, measured_ns: int, hands: int) -> OperatorView:
+def _no_person(t_ns: int, measured_ns: int, hands: int) -> OperatorView:
     nan = np.full((len(BODY), 3), np.nan)
     return OperatorView(
         t_ns=t_ns,

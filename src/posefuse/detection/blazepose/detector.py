@@ -180,7 +180,7 @@ class BlazePoseDetector:
     def _result(self, frame: Frame, people: Sequence[Look], keep_all: bool) -> Detections2D:
         shown = [look for look in people if keep_all or look.presence >= self._config.least_presence]
         if not shown:
-            return Detections2D.nobody(frame.camera, frame.t_ns, self._skeleton)
+            return Detections2D.empty(frame.camera, frame.t_ns, self._skeleton)
         xy = np.stack([look.xy for look in shown])
         score = np.stack([look.score for look in shown])
         sigma = np.stack([look.sigma_px for look in shown])

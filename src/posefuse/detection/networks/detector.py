@@ -89,19 +89,19 @@ class _Networked:
         """A person in raw px; no person where the keypoints score too little on average."""
         score = seen.keypoints.score[0]
         if score.mean() < self._network.card.least_keypoint_score:
-            return self._nobody()
+            return self._no_person()
         both = self._noise.sigma(seen.keypoints, self.skeleton.keypoints, seen.height_px)[0]
         # one number for both axes of the image: the crop may be turned
         sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
         return _Person(img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan))
 
-    def _nobody(self) -> _Person:
+    def _no_person(self) -> _Person:
         k = len(self.skeleton)
         return _Person(np.full((k, 2), np.nan), np.zeros(k), np.full(k, np.nan))
 
     def _result(self, frame: Frame, people: Sequence[_Person]) -> Detections2D:
         if not people:
-            return Detections2D.nobody(frame.camera, frame.t_ns, self.skeleton)
+            return Detections2D.empty(frame.camera, frame.t_ns, self.skeleton)
         xy = np.stack([person.xy for person in people])
         score, sigma = (np.stack([getattr(person, name) for person in people]) for name in ("score", "sigma_px"))
         known = np.isfinite(xy)
@@ -234,7 +234,7 @@ class OneStageDetector(_Networked):
         for region in regions:
             away = np.linalg.norm(middles - region.centre_img, axis=-1) / region.side_px
             near = len(people) > 0 and away.min() < _IN_REGION
-            chosen.append(people[int(away.argmin())] if near else self._nobody())
+            chosen.append(people[int(away.argmin())] if near else self._no_person())
         return chosen
 
 

@@ -11,9 +11,13 @@ SOURCES = {
     ),
     "Murray 1964, 1970": (
         "M. P. Murray, A. B. Drought, R. C. Kory, Walking patterns of normal men, J. Bone Joint Surg. 46A (1964) 335-360; "
-        "M. P. Murray, R. C. Kory, S. B. Sepic, Walking patterns of normal women, Arch. Phys. Med. Rehabil. 51 (1970) 637-650"
+        "M. P. Murray, R. C. Kory, S. B. Sepic, Walking patterns of normal women, Arch. Phys. Med. Rehabil. 51 (1970) 637-650; "
+        "as quoted by D. Thompson, Stride analysis, University of Oklahoma Health Sciences Center (2002)"
     ),
-    "Loudon 2008": ("J. Loudon et al., The Clinical Orthopedic Assessment Guide, 2nd ed., Human Kinetics, 2008, 395-408"),
+    "Loudon 2008": (
+        "J. Loudon et al., The Clinical Orthopedic Assessment Guide, 2nd ed., Human Kinetics, 2008, 395-408; as quoted by "
+        "Physiopedia, Joint range of motion during gait"
+    ),
 }
 CAUTION = (
     "Normal values are of healthy adults who walk at a speed they choose. They change with age, sex, height and speed, and other "

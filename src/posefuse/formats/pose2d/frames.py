@@ -77,7 +77,7 @@ class Pose2DFrames:
         """
         place = self._place.get(number)
         if place is None:
-            return Detections2D.nobody(self.camera, t_ns, self.skeleton)
+            return Detections2D.empty(self.camera, t_ns, self.skeleton)
         people = self.people(place)
         points = people.points
         far = points[..., :2][np.abs(np.nan_to_num(points[..., :2], posinf=np.inf)) > _FARTHEST_PX]
@@ -123,7 +123,7 @@ def _shown(points: Array) -> Array:
 def _detections(camera: str, t_ns: int, skeleton: Skeleton, people: People2D) -> Detections2D:
     points = people.points
     if not len(points):
-        return Detections2D.nobody(camera, t_ns, skeleton)
+        return Detections2D.empty(camera, t_ns, skeleton)
     score = np.clip(np.nan_to_num(points[..., 2]), 0, 1)
     xy = np.where(score[..., None] > 0, points[..., :2], np.nan)
     score = np.where(np.isfinite(xy).all(-1), score, 0.0)

@@ -162,9 +162,9 @@ class RosLiveOutput:
             self._ros.epoch_offset_ns = self._clock.clock.sim_from_real(t_ns) - t_ns
 
 
-def message_from_live_centres(told: LiveJointCentres) -> Any:
+def message_from_live_centres(centres: LiveJointCentres) -> Any:
     """`posefuse_msgs/JointCentres`."""
-    return message_from_joint_centres(told.cameras, told.fields, told.t_ns)
+    return message_from_joint_centres(centres.cameras, centres.fields, centres.t_ns)
 
 
 def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> None:

@@ -199,7 +199,7 @@ class AsynchronousTracker:
         self._tried_ns = newest_ns
         skeleton = self._model.skeleton
         together = [
-            replace(views[name], t_ns=newest_ns) if name in views else Detections2D.nobody(name, newest_ns, skeleton)
+            replace(views[name], t_ns=newest_ns) if name in views else Detections2D.empty(name, newest_ns, skeleton)
             for name in self._place
         ]
         pose = self._solve(together, None)

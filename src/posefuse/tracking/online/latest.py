@@ -83,7 +83,7 @@ class LatestTracker:
         self._stale = False
         newest_ns = self._admission.newest_ns or 0
         oldest_ns = newest_ns - round(self._settings.lag_s * 1e9)
-        nothing = Detections2D.nobody("", newest_ns, self._skeleton)
+        nothing = Detections2D.empty("", newest_ns, self._skeleton)
         views = [self._newest.get(name, nothing) for name in self._names]
         together = [
             replace(view, t_ns=newest_ns) if view.t_ns >= oldest_ns and len(view) else replace(nothing, camera=name)
