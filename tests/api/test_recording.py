@@ -66,7 +66,7 @@ def test_plots_draw_the_values_and_return_their_axes(make_recording: Make) -> No
     np.testing.assert_array_equal(axes[1].lines[0].get_ydata(), recording.keypoint("right_ankle")[:, 0, 1])
 
 
-def test_several_people_must_be_told_apart(make_recording: Make) -> None:
+def test_several_people_must_be_distinguished(make_recording: Make) -> None:
     recording = make_recording(people=(7, 3))
     with pytest.raises(InputError, match="choose one of several; there are: 7, 3"):
         recording.plot("nose")

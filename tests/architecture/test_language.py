@@ -50,6 +50,21 @@ def test_standard_terms_are_used(path: Path) -> None:
     assert not found_in(path)
 
 
+def odd_names(code: str) -> list[str]:
+    """Test functions whose names have a refused term."""
+    return [name for name in re.findall(r"^ *def (test_\w+)\(", code, re.MULTILINE) if PATTERN.search(name.replace("_", " "))]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "tests").rglob("test_*.py")), ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_tests_are_named_in_standard_terms(path: Path) -> None:
+    assert odd_names(path.read_text(encoding="utf-8")) == []
+
+
+def test_the_check_of_names_can_fail() -> None:
+    code = "def test_nobody_is_there(rig): ...\ndef test_an_instantaneous_step(): ...\ndef test_every_instant(): ..."
+    assert odd_names(code) == ["test_nobody_is_there", "test_every_instant"]
+
+
 def test_the_check_can_fail(tmp_path: Path) -> None:
     (tmp_path / "a.py").write_text('"""Nobody is there."""\nfilm = 1  # at every instant\nkey = "film"\n', encoding="utf-8")
     assert found_in(tmp_path / "a.py") == ["line 1: 'Nobody'", "line 2: 'instant'"]

@@ -86,7 +86,7 @@ def test_the_only_person_has_a_name_at_once_and_gets_it_back() -> None:
 
 
 @pytest.mark.parametrize("back", [(1, 2), (2, 1)])
-def test_two_who_left_are_told_apart_when_they_return_elsewhere(back: tuple[int, int]) -> None:
+def test_two_who_left_are_distinguished_when_they_return_elsewhere(back: tuple[int, int]) -> None:
     room = Room([1.0, 0.93, 1.06], people_max=3)
     room.frames(40, {0: (0, 0.0), 1: (1, 1.5), 2: (2, 3.0)})
     room.frames(30, {0: (0, 0.0)})
@@ -99,7 +99,7 @@ def test_two_who_left_are_told_apart_when_they_return_elsewhere(back: tuple[int,
 
 
 @pytest.mark.parametrize("exchanged", [False, True])
-def test_two_who_touched_are_told_apart_after_they_part(exchanged: bool) -> None:
+def test_two_who_touched_are_distinguished_after_they_part(exchanged: bool) -> None:
     room = Room([0.95, 1.05], people_max=2)
     room.frames(40, {0: (0, 0.0), 1: (1, 2.0)})
     room.frames(15, {0: (0, 0.9), 1: (1, 1.1)})
@@ -123,7 +123,7 @@ def test_two_of_one_size_keep_their_names_as_nothing_speaks_against_it() -> None
     assert len(room.state.names) == 2
 
 
-def test_nobody_is_ever_two_tracks_of_one_frame() -> None:
+def test_no_person_is_ever_two_tracks_of_one_frame() -> None:
     room = Room([1.0, 0.95, 1.05], people_max=2)
     room.frames(20, {0: (0, 0.0)})
     room.frames(20, {0: (0, 0.0), 1: (1, 2.0), 2: (2, 4.0)})
@@ -190,7 +190,7 @@ def test_one_wrong_cue_does_not_outweigh_three_that_agree() -> None:
     assert sameness(known, learnt(other)) > -15, "no cue is trusted blindly"
 
 
-def test_a_body_that_nobody_can_have_is_not_plausible() -> None:
+def test_a_body_that_no_person_can_have_is_not_plausible() -> None:
     lengths = body_lengths_m(np.stack([body(1.0), body(2.2), body(0.3), body(0.65)]), COCO17)
     assert plausible_share(lengths).round(2).tolist()[0] == 1
     assert (plausible_share(lengths)[1:3] < 0.5).all()

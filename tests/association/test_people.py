@@ -111,7 +111,7 @@ def test_the_one_most_views_agree_on(ring_rig, body):
         assert_is(views, 0, reports, order, 1, [c])
 
 
-def test_everybody_gets_their_own_views_and_keeps_their_id(ring_rig, body):
+def test_every_person_gets_their_own_views_and_keeps_their_id(ring_rig, body):
     rig = ring_rig(5)
     people = crowd(body, *PLACES)
     settings = AssociateSettings(max_people=4)
@@ -179,7 +179,7 @@ def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
     np.testing.assert_array_equal(views.xy_img[0, 1], reports[1].xy_img[0])
 
 
-def test_nobody_anywhere(ring_rig):
+def test_no_person_anywhere(ring_rig):
     rig = ring_rig(3)
     views = associate([Detections2D.empty(c.name, 5, COCO) for c in rig], rig, AssociateSettings())
     assert views.person_id.tolist() == []
@@ -223,7 +223,7 @@ def test_every_view_of_noisy_people_is_found_as_choices_are_settled_twice(ring_r
     assert_is(views, 1, reports, order, 1 - first)
 
 
-def test_two_views_that_meet_in_no_human_body_make_nobody(ring_rig, body):
+def test_two_views_that_meet_in_no_human_body_make_no_person(ring_rig, body):
     rig = ring_rig(3)
     giant, child = body * 3, body * 0.6
     for people, count in ((giant, 0), (child, 1)):

@@ -27,7 +27,7 @@ def test_recordings_are_named_by_mapping_or_by_file(tmp_path: Path) -> None:
         paths_by_camera(["one/cam.mp4", "two/cam.mp4"])
 
 
-def test_what_is_wrong_is_said_before_any_work(lab: Any, tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="needs a target of markers"):
         calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=BOARD, floor=FloorMarker(7))
     with pytest.raises(InputError, match=r"none\.mp4: no such video"):

@@ -96,7 +96,7 @@ def test_a_folder_that_is_not_there_is_named_before_any_work(tmp_path: Path) -> 
         run("intrinsics", "--out", str(tmp_path / "r.toml"), "--report", str(nowhere), "a.mp4")
 
 
-def test_what_is_wrong_with_the_floor_is_said_before_any_look(tmp_path: Path, lab: Any) -> None:
+def test_what_is_wrong_with_the_floor_is_reported_before_any_look(tmp_path: Path, lab: Any) -> None:
     lenses = tmp_path / "lenses.toml"
     write_rig(lenses, lab.rig)
     extrinsics = ("extrinsics", "--marker-mm", "120", "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml"))

@@ -111,7 +111,7 @@ def test_only_the_ratios_of_the_stated_noise_count(lab: Any) -> None:
     )
 
 
-def test_somebody_who_stays_in_one_place_far_away_is_not_turned_inside_out(ring_rig: Any) -> None:
+def test_a_person_who_stays_in_one_place_far_away_is_not_turned_inside_out(ring_rig: Any) -> None:
     """A mirrored body in a mirrored room fits nearly as well, and is what a solve may begin with."""
     rig, t_s = ring_rig(4, radius_m=12.0), np.arange(10) / 2.0
     body = walker(t_s, lap_rad_s=0.0).reshape(-1, 3)
@@ -135,7 +135,7 @@ def test_mirrored_videos_are_refused_by_name(lab: Any) -> None:
         calibrate_from_person(flipped, lab.rig.cameras, KnownLength(stature_m=STATURE_M))
 
 
-def test_a_camera_that_sees_nobody_or_somebody_else_is_named(lab: Any) -> None:
+def test_a_camera_that_sees_no_person_or_another_person_is_named(lab: Any) -> None:
     views = watched(lab.rig)
     length = KnownLength(stature_m=STATURE_M)
     blind = views.xy_img.copy()
@@ -174,7 +174,7 @@ def rough(views: PersonViews, rig: Rig) -> Rig:
     return rough_rig(views, rig.cameras, KnownLength(stature_m=STATURE_M))
 
 
-def test_somebody_who_stays_in_one_place_is_refused_and_a_line_will_do(lab: Any) -> None:
+def test_a_person_who_stays_in_one_place_is_refused_and_a_line_will_do(lab: Any) -> None:
     views, length = watched(lab.rig), KnownLength(stature_m=STATURE_M)
     t_s = views.t_ns / 1e9
 
@@ -201,7 +201,7 @@ def tracks_of(rig: Rig, offset_s: np.ndarray) -> list[PersonTrack]:
     ]
 
 
-def test_cameras_in_step_are_taken_so(lab: Any) -> None:
+def test_cameras_synchronised_are_taken_so(lab: Any) -> None:
     length, tracks = KnownLength(stature_m=STATURE_M), tracks_of(lab.rig, np.zeros(4))
     assert unplaced_clocks(tracks, lab.rig.cameras, length, "auto", 1.0) is None
     assert unplaced_clocks(tracks_of(lab.rig, np.array([0, 1, 2, 3.0])), lab.rig.cameras, length, "together", 1.0) is None

@@ -51,7 +51,7 @@ def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: 
 
 
 @pytest.mark.slow
-def test_webcams_out_of_step_are_not_taken_as_synchronised(board_views: Observations, reference: Rig, board: Charuco) -> None:
+def test_webcams_unsynchronised_are_not_taken_as_synchronised(board_views: Observations, reference: Rig, board: Charuco) -> None:
     with pytest.raises(RefusedCalibration, match=r"cause: .*the clock of cam_1 is off by \+1\d\d ms"):
         calibrate_extrinsics(board_views, reference.cameras, board, Options(clocks="together"))
 

@@ -93,7 +93,7 @@ def test_a_rig_that_was_refused_says_so_from_its_file(lab: Any, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("height_m", "said"), [(0.5, "got 0.5"), (178.0, "did you mean 1.78 m")])
-def test_a_height_nobody_has_is_refused(height_m: float, said: str) -> None:
+def test_a_height_no_person_has_is_refused(height_m: float, said: str) -> None:
     with pytest.raises(CalibrationError, match=f"height of the person: .*{said}"):
         KnownLength(stature_m=height_m)
     assert KnownLength(stature_m=1.2).stature_m == 1.2

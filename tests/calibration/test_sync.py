@@ -160,7 +160,7 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
         assert abs(seen.t_ns - at.t_ns) <= 0.5e9 / rate_hz + 1
 
 
-def test_a_camera_out_of_step_is_told_with_the_command_that_helps() -> None:
+def test_a_camera_unsynchronised_is_reported_with_the_command_that_helps() -> None:
     line = finding_line(
         Finding(
             kind="unsynchronised", cameras=("cam01",), t_ns=12_000_000_000, detail="cam01 is unsynchronised", displaced_m=0.1

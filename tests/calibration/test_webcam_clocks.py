@@ -66,7 +66,7 @@ def test_the_board_never_rests_so_no_still_moment_can_settle_it(board_views: Obs
     assert least_px > 2.0
 
 
-def test_one_webcam_exposes_on_a_beat_of_its_own_that_its_stamps_do_not_show(
+def test_one_webcam_exposes_on_a_tick_of_its_own_that_its_stamps_do_not_show(
     board_views: Observations, shared_data: Path
 ) -> None:
     """In cam_1's images alone every third step is half as long: a 10 Hz camera read at 6 Hz (100, 200, 200 ms)."""
@@ -81,7 +81,7 @@ def test_one_webcam_exposes_on_a_beat_of_its_own_that_its_stamps_do_not_show(
     assert np.diff(stamps) == pytest.approx(FRAME_S, abs=0.016)
 
 
-def test_stamps_on_that_beat_halve_the_residual_and_leave_the_cameras_where_they_are(
+def test_stamps_on_that_tick_halve_the_residual_and_leave_the_cameras_where_they_are(
     found: Calibration, board_views: Observations, reference: Rig, board: Charuco
 ) -> None:
     late_ms = np.array([-33, 0, -67])[frames_of(board_views) % 3]
@@ -129,7 +129,7 @@ def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_
     assert rms(ours) < 1.0e-3 < rms(theirs)
 
 
-def test_taken_as_in_step_and_every_corner_as_a_free_point_the_reference_comes_out(
+def test_taken_as_synchronised_and_every_corner_as_a_free_point_the_reference_comes_out(
     found: Calibration, board_views: Observations, reference: Rig
 ) -> None:
     """So the lenses, the corners and the reading of its file agree; what differs is the clocks, and 1.4 px are left."""

@@ -46,7 +46,7 @@ def test_a_tile_face_down_puts_cameras_below_the_floor_and_is_refused(lab: Any) 
     assert failed == {"cameras are above the floor", "images are upright"}
 
 
-def test_a_tile_that_nobody_sees_or_that_moves_is_refused(lab: Any) -> None:
+def test_a_tile_that_no_person_sees_or_that_moves_is_refused(lab: Any) -> None:
     seen = tile_views(lab.rig, SE3.identity())
     with pytest.raises(CalibrationError, match=r"target 41: no camera sees it; seen are: \[40\]"):
         FloorTile(seen, TILE, 41).new_from_old(lab.rig)
@@ -99,7 +99,7 @@ def test_without_a_floor_up_is_where_the_images_say(lab: Any) -> None:
     assert np.ptp(found.centres_world()[:, 2]) < 0.02
 
 
-def test_verification_measures_millimetres_and_finds_a_bumped_camera_and_a_wrong_scale(lab: Any) -> None:
+def test_verification_measures_millimetres_and_finds_a_moved_camera_and_a_wrong_scale(lab: Any) -> None:
     target = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
     seen = observe_prop(lab.rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.2, seed=4))
     true = verify(lab.rig, seen, target)
@@ -189,7 +189,7 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
     assert "lag by about +" in late[0].detail
 
 
-def test_a_camera_that_looks_at_somebody_else_is_not_called_bumped(lab: Any) -> None:
+def test_a_camera_that_looks_at_another_person_is_not_called_moved(lab: Any) -> None:
     def somebody_else(t: float) -> np.ndarray:
         xy = lab.rig.project(walk(np.array([t]))[0])
         if t >= 5:
@@ -214,7 +214,7 @@ def test_who_stands_tells_of_gross_displacements_alone(lab: Any, reach_m: float,
     assert [one.kind for one in run_monitor(lab.rig, pictures, seconds=9)] == kinds
 
 
-def test_a_camera_that_is_put_right_again_is_well_and_may_be_bumped_anew(lab: Any) -> None:
+def test_a_camera_that_is_put_right_again_is_well_and_may_be_moved_anew(lab: Any) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)
     after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.start(lab.rig)

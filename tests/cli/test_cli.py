@@ -141,7 +141,7 @@ def test_a_bug_prints_a_trace_and_exits_2(monkeypatch: pytest.MonkeyPatch, capsy
     assert "Traceback" in err and "oops" in err and "bug in posefuse" in err
 
 
-def test_ctrl_c_is_said_and_exits_130(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_ctrl_c_is_reported_and_exits_130(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     def stopped() -> Figures:
         raise KeyboardInterrupt
 
@@ -149,7 +149,7 @@ def test_ctrl_c_is_said_and_exits_130(monkeypatch: pytest.MonkeyPatch, capsys) -
     assert run(capsys, "plugins")[::2] == (130, "posefuse plugins: stopped by Ctrl-C\n")
 
 
-def test_a_request_to_terminate_is_said_and_exits_143(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_a_request_to_terminate_is_reported_and_exits_143(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     before = signal.getsignal(signal.SIGTERM)
     in_place_of_plugins(monkeypatch, lambda: signal.raise_signal(signal.SIGTERM) or {})
     assert run(capsys, "plugins")[::2] == (143, "posefuse plugins: stopped by SIGTERM\n")

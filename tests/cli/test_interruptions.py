@@ -203,7 +203,7 @@ def test_a_failing_output_costs_no_other_and_is_named(session: Path, whole: dict
         assert results(out) == {name: content for name, content in whole.items() if name != "pose.trc"}
 
 
-def test_a_disk_that_is_full_is_told_before_or_costs_no_detection(
+def test_a_disk_that_is_full_is_reported_before_or_costs_no_detection(
     session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
 ) -> None:
     disk = small_disk(8)

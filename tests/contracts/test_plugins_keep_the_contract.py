@@ -263,7 +263,7 @@ def test_the_live_output_check_can_fail(tmp_path: Path) -> None:
     check_live_output(Notebook(tmp_path / "good"), tmp_path / "good")
 
 
-def test_a_live_config_that_cannot_be_sent_is_told() -> None:
+def test_a_live_config_that_cannot_be_sent_is_reported() -> None:
     broken = Notebook(lambda: None)
     with pytest.raises(ContractError, match="comes out of pickle"):
         check_live_output(broken, Path())

@@ -57,6 +57,6 @@ def test_detections_with_hardly_a_common_keypoint_are_left_alone() -> None:
     assert not duplicates(seen(upper, lower), 0.08).any()
 
 
-def test_nobody_and_share_zero() -> None:
+def test_no_person_and_share_zero() -> None:
     assert duplicates(Detections2D.empty("a", 0, COCO17), 0.08).tolist() == []
     assert not duplicates(seen(BODY, BODY), 0.0).any()

@@ -62,7 +62,7 @@ def test_the_parts_of_a_log_are_the_log() -> None:
         joined.of("up")
 
 
-def test_views_of_cameras_in_step_are_what_was_seen() -> None:
+def test_views_of_cameras_synchronised_are_what_was_seen() -> None:
     rng = np.random.default_rng(0)
     score = rng.uniform(0.1, 1, (6, 2, 3, K))
     score[2:4, 1], score[5, :, 0] = 0, 0

@@ -88,7 +88,7 @@ def test_a_recording_fits_its_rig(ring_rig) -> None:
         replace(made, poses=PoseSequence.from_poses([pose(5)]))
 
 
-def test_nobody_is_an_empty_detection() -> None:
+def test_no_person_is_an_empty_detection() -> None:
     assert len(Detections2D.empty("a", 0, COCO17)) == 0
 
 
@@ -110,7 +110,7 @@ def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
     assert set(PAPER14.keypoints) <= {*BODY_25.keypoints}
 
 
-def test_an_empty_pose_has_nobody_and_its_own_time() -> None:
+def test_an_empty_pose_has_no_person_and_its_own_time() -> None:
     nobody = Pose3D.empty(9, COCO17)
     assert (nobody.t_ns, nobody.person_id.shape, nobody.cov_world.shape) == (9, (0,), (0, K, 3, 3))
 

@@ -42,7 +42,7 @@ def test_it_finds_the_man_where_openpose_does(detector, seen, shared_data):
     assert (seen.sigma_px > 0).all() and (seen.score > 0).all()
 
 
-def test_a_region_gives_the_same_man_and_an_empty_one_nobody(detector, frame, seen):
+def test_a_region_gives_the_same_man_and_an_empty_one_no_person(detector, frame, seen):
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
     nowhere = Region(centre_img=np.array([80.0, 80.0]), side_px=100.0)
     (both,) = detector.detect([frame], [[nowhere, there]])

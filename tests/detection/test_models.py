@@ -53,7 +53,7 @@ def test_the_cards_that_come_with_the_package_are_complete():
     assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
 
 
-def test_a_card_nobody_wrote_is_named_with_those_that_exist():
+def test_a_card_no_person_wrote_is_named_with_those_that_exist():
     with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: blazepose_best, blazepose_full, blazepose_heavy"):
         read_card("blazepose_heavier")
 

@@ -65,7 +65,7 @@ def test_votes_for_one_person_are_merged_and_two_people_stay_two():
     assert np.allclose(people[1][1].centre_img, one + [2, 0] - 0.5, atol=1e-4)
 
 
-def test_nobody_is_found_below_the_threshold():
+def test_no_person_is_found_below_the_threshold():
     boxes, logits = empty()
     draw(boxes, logits, 70, np.array([90.0, 90.0]), np.array([90.0, 40.0]), logit=0.2)
     looked_at = Region(centre_img=np.array([111.5, 111.5]), side_px=224.0)

@@ -30,7 +30,7 @@ def settings(request):
     return FuseSettings(weights=request.param)
 
 
-def test_nobody(ring_rig, settings):
+def test_no_person(ring_rig, settings):
     rig = ring_rig(3)
     pose = fuse(views(rig, np.zeros((0, 3, 17, 2))), rig, settings)
     assert pose.xyz_world.shape == (0, 17, 3)

@@ -40,7 +40,7 @@ def test_bias_spread_and_rmse_over_whole_turns_and_gaps():
     assert len(rows) == 6
 
 
-def test_instants_are_matched_by_time():
+def test_time_steps_are_matched_by_time():
     truth = np.broadcast_to(np.arange(100.0)[:, None, None, None] * 0.01, (100, 1, 2, 3))
     every_second = joints_of(truth[::2], step_ns=20_000_000)
     assert angle_errors(every_second, joints_of(truth))[0].rmse_deg == pytest.approx(0, abs=1e-9)

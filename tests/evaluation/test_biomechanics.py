@@ -76,7 +76,7 @@ def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, mo
     assert not (tmp_path / "opensim").exists()
 
 
-def test_one_instant_has_angles_and_no_animation(recording, tmp_path):
+def test_one_time_step_has_angles_and_no_animation(recording, tmp_path):
     names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     poses = recording.poses
     one = dataclasses.replace(poses, t_ns=poses.t_ns[:1], **{name: getattr(poses, name)[:1] for name in names})

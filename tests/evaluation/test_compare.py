@@ -64,14 +64,14 @@ def test_a_mirror_image_is_not_taken_for_a_rotation() -> None:
     assert np.linalg.det(rotation) == pytest.approx(1)
 
 
-def test_nothing_in_common_is_said_with_the_names() -> None:
+def test_nothing_in_common_is_reported_with_the_names() -> None:
     a = mover(50)
     with pytest.raises(InputError, match=r"neck.*tail|tail.*neck"):
         compare(a, Tracks("other", ("tail",), a.t_s, a.xyz_m[:, :1]))
 
 
 @pytest.mark.parametrize("late_s", [0.4, 1.3, 2.2])
-def test_whole_gait_cycles_are_told_apart_by_positions_where_speeds_repeat(late_s: float) -> None:
+def test_whole_gait_cycles_are_distinguished_by_positions_where_speeds_repeat(late_s: float) -> None:
     def walk(t_s: np.ndarray) -> np.ndarray:
         """Straight on at 1.2 m/s; limbs swing with a period of 1.1 s, so speeds are the same every cycle."""
         phase = 2 * np.pi * t_s / 1.1

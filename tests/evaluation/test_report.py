@@ -187,7 +187,7 @@ def test_the_player_shows_the_recording(read_page, tmp_path, ring_rig):
     assert [SKELETON.index("right_hip"), SKELETON.index("left_hip")] in content["across"]
 
 
-def test_several_people_and_nobody(read_page, tmp_path, ring_rig):
+def test_several_people_and_no_person(read_page, tmp_path, ring_rig):
     xyz, t_ns = walker(people=2)
     xyz[:, 1] = np.nan
     recording = recording_of(ring_rig, xyz, t_ns)

@@ -91,7 +91,7 @@ def test_two_writers_do_not_share_a_log(log: Path) -> None:
     assert not is_in_use(log)
 
 
-def test_what_is_no_log_is_said(tmp_path: Path, log: Path) -> None:
+def test_what_is_no_log_is_reported(tmp_path: Path, log: Path) -> None:
     other = tmp_path / "other.log"
     with pytest.raises(InputError, match="cannot be read"):
         read_log(other)

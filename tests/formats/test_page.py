@@ -163,7 +163,7 @@ def test_bands_widen_the_axes_but_do_not_flatten_the_line(read_page, tmp_path):
         assert low - 2 < least <= low and high <= most < high + 2
 
 
-def test_long_series_are_thinned_and_it_is_said(read_page, tmp_path):
+def test_long_series_are_thinned_and_it_is_reported(read_page, tmp_path):
     x = np.arange(20_000.0)
     plot = shown(read_page, tmp_path, Plots([axes(Line("l", x, x), Band("b", x, x - 1, x + 1))])).plot("p")
     assert len(plot["series"][1]["x"]) <= 900 and plot["series"][1]["x"][-1] > 19_900
@@ -195,7 +195,7 @@ def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):
     assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and player.note == ""
 
 
-def test_a_long_recording_is_cut_and_it_is_said():
+def test_a_long_recording_is_cut_and_it_is_reported():
     t_s = np.arange(12_000) / 30
     player = Player(t_s, np.zeros((12_000, 1, 1, 3)), bones=np.zeros((0, 2), int), sides=(), people=("a",))
     assert len(player.kept) == 5400 and player.note == "The first 180 s of 400 s."

@@ -241,7 +241,7 @@ def test_a_parent_that_cannot_be_written_to(tmp_path: Path) -> None:
     refused(tmp_path / "mine" / "result", "no folder can be made there")
 
 
-def test_a_full_disk_is_told_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 10**9 - 5_000_000, 5_000_000))
     refused(tmp_path / "new" / "result", "about 7 MB will be written, 5 MB are free", estimated_bytes=7_000_000)

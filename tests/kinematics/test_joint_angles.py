@@ -256,7 +256,7 @@ def test_swapped_sides_are_refused(posed):
     assert np.isfinite(joints_from_poses(swapped, JointSettings(sides_checked=False)).angle_rad).any()
 
 
-def test_nobody_and_all_missing_give_empty_and_nan(posed):
+def test_no_person_and_all_missing_give_empty_and_nan(posed):
     sequence = posed([BENT] * 3)
     nan = PoseSequence(
         t_ns=sequence.t_ns,

@@ -31,7 +31,7 @@ def scene(ring_rig):
 
 
 @pytest.mark.parametrize("people", [1, 3])
-def test_moving_the_world_changes_nobody(scene, people):
+def test_moving_the_world_changes_no_person(scene, people):
     rig, reports = scene
     settings = AssociateSettings(max_people=people)
     moved = rig.moved(SE3.from_rotvec([0.3, -1.1, 2.0], [5.0, -3.0, 0.7]))
@@ -41,7 +41,7 @@ def test_moving_the_world_changes_nobody(scene, people):
 
 
 @pytest.mark.parametrize("people", [1, 3])
-def test_the_order_of_cameras_changes_nobody(scene, people):
+def test_the_order_of_cameras_changes_no_person(scene, people):
     rig, reports = scene
     settings = AssociateSettings(max_people=people)
     order = [2, 0, 3, 1]
@@ -50,7 +50,7 @@ def test_the_order_of_cameras_changes_nobody(scene, people):
     np.testing.assert_array_equal(there.xy_img, here.xy_img[:, order])
 
 
-def test_the_order_within_a_camera_changes_nobody(scene):
+def test_the_order_within_a_camera_changes_no_person(scene):
     rig, reports = scene
     turned = [
         Detections2D(

@@ -176,7 +176,7 @@ def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_no_mcap_is_said(tmp_path):
+def test_what_is_no_mcap_is_reported(tmp_path):
     path = tmp_path / "x.mcap"
     path.write_bytes(b"RIFF" * 100)
     with pytest.raises(SourceError, match="cannot be read as MCAP"):
@@ -207,7 +207,7 @@ def test_a_type_of_our_name_but_other_fields_is_refused(tmp_path):
         list(bags.read_poses(path))
 
 
-def test_types_nobody_here_knows_are_passed_over(tmp_path, some_pose):
+def test_types_no_person_here_knows_are_passed_over(tmp_path, some_pose):
     from mcap.writer import Writer
 
     path = tmp_path / "a.mcap"
@@ -219,7 +219,7 @@ def test_types_nobody_here_knows_are_passed_over(tmp_path, some_pose):
     assert list(bags.read_mcap(path)) == []
 
 
-def test_a_rig_without_poses_is_said(tmp_path, ring_rig):
+def test_a_rig_without_poses_is_reported(tmp_path, ring_rig):
     from posefuse.messages.camera_messages import info_from_camera
 
     with bags.Recorder(tmp_path / "a.mcap") as recorder:

@@ -135,5 +135,5 @@ def test_without_hips_there_is_nothing(standing):
     assert np.isnan(bodies.world_from_link.xyz).all()
 
 
-def test_nobody(some_pose):
+def test_no_person(some_pose):
     assert bodies_from_pose(some_pose(people=0)).position_rad.shape == (0, len(JOINTS))

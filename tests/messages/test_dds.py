@@ -209,12 +209,12 @@ def test_topics_of_others_with_their_types(local):
         assert node.topics() == {}
 
 
-def test_an_interface_that_is_not_there_is_said():
+def test_an_interface_that_is_not_there_is_reported():
     with pytest.raises(SourceError, match=r"no network interface 'nope0', there are: .*\blo\b"):
         RosNode("x", Network(interface="nope0"))
 
 
-def test_ports_in_use_are_said():
+def test_ports_in_use_are_reported():
     domain = 91 + os.getpid() % 10
     with ExitStack() as taken:
         for port in range(7410 + 250 * domain, 7410 + 250 * domain + 64):

@@ -43,7 +43,7 @@ def test_poses_come_back_exactly(some_pose, people):
     assert stages == STAGES
 
 
-def test_a_skeleton_nobody_knows_is_made_from_its_names(some_detections):
+def test_a_skeleton_no_person_knows_is_made_from_its_names(some_detections):
     sent = some_detections(2, SEVEN)
     back, _ = messages.detections_from_message(over_the_wire(messages.message_from_detections(sent, {})))
     assert back.skeleton == SEVEN
@@ -59,7 +59,7 @@ def test_a_time_ros_cannot_hold_is_refused():
         messages.time_from_ns(2**62)
 
 
-def test_joint_angles_are_named_and_of_the_last_instant(some_joints):
+def test_joint_angles_are_named_and_of_the_last_time_step(some_joints):
     first, second = messages.messages_from_joints(some_joints, "world", 6_000_000_000)
     assert (first.person_id, second.person_id) == (40, 7)
     assert first.name[:4] == ["left_hip/flexion", "left_hip/adduction", "left_hip/rotation", "left_knee/flexion"]

@@ -45,7 +45,7 @@ def test_rep155_topics_and_types(kept, some_pose, some_joints, ring_rig):
     assert kept.on("/humans/bodies/tracked")[0].ids == ["p40", "p7"]
 
 
-def test_who_is_tracked_is_said_when_it_changes(kept, some_pose):
+def test_who_is_tracked_is_reported_when_it_changes(kept, some_pose):
     output = RosOutput(kept)
     for t_s, people in ((0, 1), (4, 1), (8, 2), (12, 0), (13, 0), (14.9, 0)):
         output.step(some_pose(people, t_ns=round(t_s * 1e9)))
@@ -130,7 +130,7 @@ def test_points_far_outside_are_not_bent_back_into_the_image(kept, standing, rin
     assert msg.skeleton[4].c == 0
 
 
-def test_a_view_camera_that_is_not_there_is_said(kept, ring_rig):
+def test_a_view_camera_that_is_not_there_is_reported(kept, ring_rig):
     with pytest.raises(CalibrationError, match="cam00, cam01"):
         RosOutput(kept, ring_rig(2), view_camera="front")
 
@@ -186,7 +186,7 @@ def test_ids_are_parts_of_ros_names(person):
     assert body_id(person).isidentifier()
 
 
-def test_what_nobody_listens_to_is_not_made(kept, standing, some_joints, ring_rig, monkeypatch):
+def test_what_no_person_listens_to_is_not_made(kept, standing, some_joints, ring_rig, monkeypatch):
     output = RosOutput(kept, ring_rig(2))
     of_body = {f"/humans/bodies/p1/{part}" for part in topics.BODY_PARTS}
     kept.unwanted = (of_body | {"/tf", "/posefuse/markers"}) - {"/humans/bodies/p1/joint_states"}

@@ -110,14 +110,14 @@ def test_json(tmp_path: Path, make_recording: Make) -> None:
     assert (sigma, views, reproj, kind) == (pytest.approx((14e-4 / 3) ** 0.5, abs=1e-6), 3, 1.5, "fused")
 
 
-def test_one_instant_is_enough(tmp_path: Path, make_recording: Make) -> None:
+def test_one_time_step_is_enough(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording(times=1)
     for sink in (TrcSink(), C3dSink(), CsvSink(), JsonSink()):
         path, *_ = sink.write(recording, tmp_path)
         assert path.stat().st_size > 0
 
 
-def test_nobody_at_all(tmp_path: Path, make_recording: Make) -> None:
+def test_no_person_at_all(tmp_path: Path, make_recording: Make) -> None:
     full = make_recording()
     poses = {name: getattr(full.poses, name)[:, :0] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     empty = PoseSequence(t_ns=full.poses.t_ns, skeleton=full.poses.skeleton, person_id=np.zeros(0), **poses)

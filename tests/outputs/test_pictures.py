@@ -28,7 +28,7 @@ def film(path: Path) -> list[av.VideoFrame]:
         return list(container.decode(video=0))
 
 
-def test_the_film_has_every_instant_at_its_time(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+def test_the_video_has_every_time_step_at_its_time(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
     recording = make_recording(cameras=3)
     [path] = write_outputs([OverlaySink(width_px=640, height_px=480).build()], recording, tmp_path, grey_frames(recording))
     frames = film(path)
@@ -134,7 +134,7 @@ def test_overview(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> 
     assert abs(int(picture[grid.tile_wh[1] - 3, 3, 0]) - 100) < 3
 
 
-def test_the_best_instant_is_whole_and_near_the_middle(make_recording: Make) -> None:
+def test_the_best_time_step_is_whole_and_near_the_middle(make_recording: Make) -> None:
     recording = make_recording(times=7)
     assert (recording.poses.kind[best_instant(recording)] == Kind.FUSED).all()
     assert best_instant(recording) in (2, 4)
@@ -162,7 +162,7 @@ def test_uncertainty_is_drawn_to_scale(make_recording: Make) -> None:
     assert drawn[0] < drawn[1]
 
 
-def test_nobody_in_the_picture(tmp_path: Path, make_recording: Make) -> None:
+def test_no_person_in_the_picture(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording()
     nobody = replace(
         recording,
@@ -193,7 +193,7 @@ def test_one_pass_feeds_all_outputs(tmp_path: Path, make_recording: Make, grey_f
     assert asked == recording.poses.t_ns.tolist()
 
 
-def test_a_pass_that_fails_leaves_no_film(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+def test_a_pass_that_fails_leaves_no_video(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
     recording = make_recording()
 
     def broken() -> Iterator:
@@ -205,7 +205,7 @@ def test_a_pass_that_fails_leaves_no_film(tmp_path: Path, make_recording: Make, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_frames_find_their_instant(make_recording: Make) -> None:
+def test_frames_find_their_time_step(make_recording: Make) -> None:
     recording = make_recording(times=4, cameras=2)
     t_ns = recording.poses.t_ns.tolist()
     marks = [("early",), ("first",), ("third",), ("late",)]

@@ -174,7 +174,7 @@ def test_moments_show_the_truth_and_the_estimate(done: Run) -> None:
             assert (np.abs(picture.astype(int) - colour).max(axis=-1) < 12).sum() > 30
 
 
-def test_joints_stand_beside_the_papers(done: Run) -> None:
+def test_joints_stand_next_to_the_papers(done: Run) -> None:
     from paper.experiments.tables import errors_row
 
     head, rows = joint_rows({"ours": errors_row(done.default_errors())}, paper.STATIC["free"], {"told": (3.0, 1.0, 9.0)})
@@ -242,7 +242,7 @@ def test_a_session_played_live_gives_every_views_passage(demo_session: Path, tmp
     assert (times.stages_ms > -5).all() and (times.total_ms > 0).all()
 
 
-def test_a_live_session_without_a_pose_is_said(demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_live_session_without_a_pose_is_reported(demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "passages", lambda *_: (np.zeros(0, int), np.zeros((0, len(STAGES) + 1))))
     monkeypatch.setattr(module, "run_live", lambda *_: SimpleNamespace(fusion=FUSION, zero_ns=0))
     with pytest.raises(SourceError, match="played live for 3 s, and no view of 40 led to a pose"):

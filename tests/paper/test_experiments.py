@@ -90,7 +90,7 @@ def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
         read_tracks(path)
 
 
-def test_what_cannot_be_compared_is_said_in_one_line(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_compared_is_reported_in_one_line(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = trc.with_suffix(".xyz")
     other.write_text("?")
     assert main(["compare", str(trc), str(other)]) == 1

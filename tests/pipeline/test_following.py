@@ -104,13 +104,13 @@ def test_one_search_then_the_pose_tells_every_view_where_to_look(ring_rig) -> No
         assert (one.pose.n_views == 4).all()
 
 
-def test_views_whose_search_finds_nobody_contribute_from_the_first_instant(ring_rig) -> None:
+def test_views_whose_search_finds_no_person_contribute_from_the_first_time_step(ring_rig) -> None:
     seen = followed(Stage(ring_rig(4), {0: range(30)}, blind=(1, 3)))
     assert (seen[0].pose.n_views == 4).all()
     assert np.isfinite(seen[0].views.xy_img).all()
 
 
-def test_somebody_lost_is_searched_at_once_then_now_and_then(ring_rig) -> None:
+def test_a_person_lost_is_searched_at_once_then_now_and_then(ring_rig) -> None:
     stage = Stage(ring_rig(4), {0: range(8)}, count=30)
     seen = followed(stage)
     assert [len(one.pose.person_id) for one in seen[:8]] == [1] * 8
@@ -118,7 +118,7 @@ def test_somebody_lost_is_searched_at_once_then_now_and_then(ring_rig) -> None:
     assert len(stage.searches) <= 1 + 1 + (30 - 8) // 5 + 1
 
 
-def test_somebody_who_returns_is_followed_again_under_the_same_name(ring_rig) -> None:
+def test_a_person_who_returns_is_followed_again_under_the_same_name(ring_rig) -> None:
 
     stage = Stage(ring_rig(4), {0: range(30)})
     stage.present = {0: [*range(6), *range(12, 30)]}
@@ -137,7 +137,7 @@ def test_a_second_person_who_enters_is_found_while_the_first_is_followed(ring_ri
     assert len(stage.searches) < 12
 
 
-def test_nobody_at_all_is_no_error_and_not_searched_every_time(ring_rig) -> None:
+def test_no_person_at_all_is_no_error_and_not_searched_every_time(ring_rig) -> None:
     stage = Stage(ring_rig(3), {0: range(0)}, count=20)
     seen = followed(stage)
     assert [len(one.pose.person_id) for one in seen] == [0] * 20

@@ -93,7 +93,7 @@ def test_without_a_frame_rate_it_asks_for_one(project: Path, tmp_path: Path, cap
     assert set(np.diff(read_recording(tmp_path / "out").poses.t_ns)) == {40_000_000}
 
 
-def test_the_videos_beside_them_state_the_rate(project: Path, tmp_path: Path, demo_session: Path) -> None:
+def test_the_videos_next_to_them_state_the_rate(project: Path, tmp_path: Path, demo_session: Path) -> None:
     (project / "Config.toml").unlink()
     (project / "videos").mkdir()
     (project / "videos" / "cam00.mp4").write_bytes((demo_session / "videos" / "cam00.mp4").read_bytes())

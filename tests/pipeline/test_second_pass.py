@@ -66,7 +66,7 @@ def worst_mm(poses) -> float:
     return float(1000 * np.abs(poses.xyz_world - true)[inner].max())
 
 
-def test_cameras_out_of_step_agree_once_brought_to_common_instants(ring_rig) -> None:
+def test_cameras_unsynchronised_agree_once_brought_to_common_time_steps(ring_rig) -> None:
     rig = ring_rig(4, distortion=(-0.1, 0.02, 0.0, 0.0))
     seen = seen_by(rig, LATE_NS)
     views = views_of(seen)
@@ -76,7 +76,7 @@ def test_cameras_out_of_step_agree_once_brought_to_common_instants(ring_rig) -> 
     assert worst_mm(brought) < 0.3
 
 
-def test_cameras_in_step_are_left_as_they_are(ring_rig) -> None:
+def test_cameras_synchronised_are_left_as_they_are(ring_rig) -> None:
     rig = ring_rig(4)
     seen = seen_by(rig, np.array([0, 50_000, -80_000, 0]))
     views = views_of(seen)
@@ -95,7 +95,7 @@ def test_no_interpolation_across_a_hole(ring_rig) -> None:
     assert np.allclose(nine, rig.cameras[1].project(body(9 * PERIOD_NS)), atol=0.2)
 
 
-def test_whoever_was_seen_for_a_moment_only_is_left_out(ring_rig) -> None:
+def test_any_person_was_seen_for_a_moment_only_is_left_out(ring_rig) -> None:
     rig = ring_rig(4)
     seen = seen_by(rig, LATE_NS * 0, people={0: range(T), 1: range(3)})
     assert views_of(seen).person_id.tolist() == [0]

@@ -246,7 +246,7 @@ def test_a_healthy_session_has_no_failure(fed: Fed, tmp_path: Path) -> None:
     assert {topics.POSE.name, topics.DETECTIONS.name, topics.DIAGNOSTICS.name} <= recorded
 
 
-def test_what_cannot_be_opened_is_said_before_the_session_begins(tmp_path: Path) -> None:
+def test_what_cannot_be_opened_is_reported_before_the_session_begins(tmp_path: Path) -> None:
     pytest.importorskip("mcap", reason="the extra ros is not installed")
     outputs = OutputProcess(plan(tmp_path / "no" / "live.mcap"))
     with pytest.raises(InputError, match="cannot be written"):

@@ -16,7 +16,7 @@ def told(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
     monitor.take_state(state, round(t_s * S))
 
 
-def test_overload_is_said_instead_of_a_finding() -> None:
+def test_overload_is_reported_instead_of_a_finding() -> None:
     monitor = Monitor(("a", "b"))
     for t_s in range(1, 9):
         told(monitor, t_s, 30 * t_s, 15 * t_s)

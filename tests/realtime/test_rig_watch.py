@@ -30,7 +30,7 @@ def line(t_ns: int) -> np.ndarray:
     return np.array([[100.0, 50.0], [200.0, 80.0]]) + np.array([[30.0, -10.0], [0.0, 4.0]]) * t_ns / S
 
 
-def test_views_are_read_at_common_instants_wherever_they_lie() -> None:
+def test_views_are_read_at_common_time_steps_wherever_they_lie() -> None:
     instants, rng = CommonTimeSteps(("a", "b")), np.random.default_rng(1)
     times = [("ab"[c], int(t_ns)) for c in range(2) for t_ns in np.cumsum(rng.integers(20_000_000, 120_000_000, 60))]
     read = []
@@ -45,7 +45,7 @@ def test_views_are_read_at_common_instants_wherever_they_lie() -> None:
     assert np.isfinite([xy for _, xy in read[2:]]).all()
 
 
-def test_a_camera_that_is_silent_is_nan_and_one_that_is_ahead_pushes_nobody() -> None:
+def test_a_camera_that_is_silent_is_nan_and_one_that_is_ahead_pushes_no_person() -> None:
     instants, read = CommonTimeSteps(("a", "b", "c")), []
     for step in range(90):
         for name, ahead_ns in (("a", 0), ("b", 0), ("c", 3600 * S)):
@@ -96,7 +96,7 @@ def fed(watcher: Watcher, truth: Truth, rig: Rig, begin_s: float, seconds: float
     return {name: verdict.state for name, verdict in known.ill.items()}
 
 
-def test_a_bumped_camera_is_found_among_cameras_that_do_not_wait_for_each_other(truth: Truth) -> None:
+def test_a_moved_camera_is_found_among_cameras_that_do_not_wait_for_each_other(truth: Truth) -> None:
     rig, watcher = truth.rig, Watcher(truth.rig, clocks=False)
     assert fed(watcher, truth, rig, 0.0, 5.0) == {}
     cameras = list(rig.cameras)
@@ -113,7 +113,7 @@ def test_two_cameras_are_not_watched(truth: Truth) -> None:
     assert fed(Watcher(two, clocks=False), truth, Rig((turned, two.cameras[1])), 0.0, 4.0) == {}
 
 
-def test_a_watch_that_is_killed_is_said_and_ends_nothing(truth: Truth) -> None:
+def test_a_watch_that_is_killed_is_reported_and_ends_nothing(truth: Truth) -> None:
     view = Detections2D.empty("cam00", 5 * S, truth.skeleton)
     with RigWatch(truth.rig, clocks=True) as watch:
         pid = int(watch.whereabouts().split()[-1])

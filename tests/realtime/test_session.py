@@ -77,7 +77,7 @@ def test_ctrl_c_leaves_a_whole_recording_and_no_process(killed: tuple[dict, Path
     assert all(gone(pid) for pid in pids)
 
 
-def test_poses_come_at_every_beat_and_are_near_the_truth_at_output_time(
+def test_poses_come_at_every_tick_and_are_near_the_truth_at_output_time(
     killed: tuple[dict, Path, list[int]], demo_session: Path
 ) -> None:
     figures, recording, _ = killed
@@ -169,7 +169,7 @@ def test_the_report_says_where_the_time_went(killed: tuple[dict, Path, list[int]
     assert len(read_page(folder / "latency.html").data["plots"]) == len(written["cameras"])
 
 
-def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> None:
+def test_faulty_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> None:
     with listener() as osc, listener() as plain:
         live = Live(
             command(
@@ -190,7 +190,7 @@ def test_ill_cameras_are_named_while_the_others_carry_on(demo_session: Path) -> 
     assert figures["poses_with_people"] > 0.7 * figures["poses"]
 
 
-def test_a_bumped_camera_is_named_and_left_out_and_killing_the_watch_ends_nothing(demo_session: Path) -> None:
+def test_a_moved_camera_is_named_and_left_out_and_killing_the_watch_ends_nothing(demo_session: Path) -> None:
     live = Live(command(demo_session, "--loop", "10", "--fault", "cam01=bump@1"))
     watch = int(live.wait_for(r"rig watched in process (\d+)")[1])
     live.wait_for(r"cam01: moved: cam01 sees everything \d+ mm off")

@@ -59,7 +59,7 @@ def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_
     assert figures["equal"] == figures["poses"] == len(first)
 
 
-def test_a_disk_that_is_full_is_told_and_recorded_on_once_there_is_room(
+def test_a_disk_that_is_full_is_reported_and_recorded_on_once_there_is_room(
     demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path, record_property
 ) -> None:
     disk, report = small_disk(8), tmp_path / "report"

@@ -198,7 +198,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
     assert {event.camera for event in monitor.events} == {"a", "b", "c"}
 
 
-def test_all_that_changes_is_told_however_long_a_session_runs() -> None:
+def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, said.append)
     for second in range(1200):
@@ -440,7 +440,7 @@ def test_a_bump_moves_what_is_seen_as_a_turned_camera_would_see_it(ring_rig) -> 
     np.testing.assert_allclose(before_bump(region, camera).centre_img, view.xy_img[0, 2], atol=1e-3)
 
 
-def test_what_the_rig_watch_finds_is_told_unless_something_worse_is_wrong() -> None:
+def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() -> None:
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
     ill = {"a": Verdict("moved", "a looks next to"), "b": Verdict("moved")}
@@ -450,7 +450,7 @@ def test_what_the_rig_watch_finds_is_told_unless_something_worse_is_wrong() -> N
     assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "moved"), ("a", "ok")]
 
 
-def test_a_film_begins_again_at_every_turn(ring_rig, demo_session) -> None:
+def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
     [entry] = inputs_from_arguments([f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"], ring_rig(2))
     capture = Capture(replace(entry, loop_s=0.3), ring_rig(2)["cam00"], threading.Condition())
     capture.begin(time.monotonic_ns())

@@ -34,7 +34,7 @@ def printed(path: Path) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
-def test_people_pictures_and_ill_cameras_are_logged(tmp_path, ring_rig) -> None:
+def test_people_pictures_and_faulty_cameras_are_logged(tmp_path, ring_rig) -> None:
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     k, now_ns = len(skeleton), clock.now_ns()
     sink = RerunLiveConfig(file=tmp_path / "live.rrd").build()

@@ -70,7 +70,7 @@ def session(tmp_path_factory, backend) -> Path:
     return folder
 
 
-def test_films_carry_the_cameras_own_times_and_the_truth_the_true_ones(session):
+def test_videos_carry_the_cameras_own_times_and_the_truth_the_true_ones(session):
     truth = read_truth(session / "truth" / "truth.npz")
     shots = read_arrays(session / "truth" / "shots.npz")
     for i, view in enumerate(truth.views):
@@ -219,7 +219,7 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     assert said[1:] == [f"the earlier session is kept in {kept}"]
 
 
-def test_a_disk_that_is_too_small_is_told_before_anything_is_rendered(tmp_path, monkeypatch):
+def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=1000))
     with pytest.raises(InputError, match="MB will be written"):
         simulate(_SCENE, tmp_path / "deep" / "session")
@@ -268,7 +268,7 @@ def test_image_folders_are_read_with_their_times(tmp_path, backend):
     assert frames[0].size_wh == (160, 120)
 
 
-def test_a_live_camera_draws_what_the_film_shows(session):
+def test_a_live_camera_draws_what_the_video_shows(session):
     scene = session / "scene.yaml"
     drawn = list(SimulatedConfig(scene, "cam02", paced=False).build().frames())
     played = list(SimulatedConfig(session, "cam02", paced=False).build().frames())

@@ -78,7 +78,7 @@ def _standing(x_m: float) -> np.ndarray:
     return np.array(points)
 
 
-def test_somebody_in_front_hides_and_nobody_hides_the_side_that_is_seen():
+def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():
     people = np.stack([_standing(0.0), _standing(1.5)])[None]
     flesh = np.tile(FLESH_M, 2)
     eye = np.array([5.0, 0.0, 1.4])

@@ -74,7 +74,7 @@ def test_a_server_that_never_answers_is_one_line(protocol: str) -> None:
             StreamConfig(where=address, camera="cam", open_s=0.3).build()
 
 
-def test_nobody_there_is_one_line() -> None:
+def test_no_person_there_is_one_line() -> None:
     with pytest.raises(SourceError, match="switched on"):
         StreamConfig(where="http://127.0.0.1:9/none", camera="cam").build()
     with pytest.raises(SourceError, match="there are"):
@@ -151,7 +151,7 @@ def test_an_rtsp_camera_that_is_away_or_silent_is_one_line() -> None:
 
 
 @pytest.mark.realtime
-def test_a_film_comes_at_its_own_pace_and_from_the_zero_it_is_given(demo_session) -> None:
+def test_a_video_comes_at_its_own_pace_and_from_the_zero_it_is_given(demo_session) -> None:
     film = demo_session / "videos" / "cam00.mp4"
     late_ns = 4_000_000_000
     zero_ns = time.monotonic_ns() - late_ns

@@ -103,7 +103,7 @@ def test_a_topic_that_is_not_there_says_which_are(sender):
     assert f"image topics in domain {DOMAIN}: {there}" in refusal("/cam2/image_raw", there)
 
 
-def test_a_topic_of_another_type_is_said(sender):
+def test_a_topic_of_another_type_is_reported(sender):
     carried = "it carries std_msgs/msg/String, expected sensor_msgs/msg/Image"
     assert carried in refusal("/chatter", carried)
 

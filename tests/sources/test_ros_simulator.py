@@ -129,7 +129,7 @@ def test_what_cannot_be_the_camera_is_refused(ring_rig):
     ("image", "info"),
     [("/a/image_raw", "/a/camera_info"), ("/a/b/image_rect/compressed", "/a/b/camera_info"), ("/image", "/camera_info")],
 )
-def test_camera_info_lies_beside_the_image(image, info):
+def test_camera_info_lies_next_to_the_image(image, info):
     assert info_topic(image) == info
 
 

@@ -141,7 +141,7 @@ def grouped_ms(sets) -> list[tuple[int | None, ...]]:
     return [tuple(None if f is None else f.t_ns // 1_000_000 for f in s.frames) for s in sets]
 
 
-def test_frames_go_to_the_nearest_instant_and_none_is_used_twice() -> None:
+def test_frames_go_to_the_nearest_time_step_and_none_is_used_twice() -> None:
     streams = {"a": Scripted("a", [0, 10, 20, 30]).frames(), "b": Scripted("b", [4, 13, 33, 41]).frames()}
     sets = list(frame_sets(streams, start_ns=0, period_ns=10_000_000))
     assert grouped_ms(sets) == [(0, 4), (10, 13), (20, None), (30, 33), (None, 41)]

@@ -75,7 +75,7 @@ def test_a_joystick_is_held_until_it_is_let_go_or_pulled_out(tmp_path):
     assert not switch.poll(NOW_NS, None).beats
 
 
-def test_a_gesture_beats_once_for_each_new_pose():
+def test_a_gesture_ticks_once_for_each_new_pose():
     from dataclasses import replace
 
     view = person_view(np.array([0.3, -0.25, 1.1]), NOW_NS, measured_ns=NOW_NS - 40_000_000)

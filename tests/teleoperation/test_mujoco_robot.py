@@ -77,7 +77,7 @@ def test_the_arm_moves_first_and_the_base_when_it_is_stretched():
     assert all(reached) and made.ik.q[0] > 0.5
 
 
-def test_what_cannot_be_reached_is_said_and_joint_limits_are_kept():
+def test_what_cannot_be_reached_is_reported_and_joint_limits_are_kept():
     made = robot()
     start, chain = made.posture().xyz_world, made.ik.chain
     reached = [drive(made, start + [[0, 0, 0.003 * k]]) for k in range(400)]

@@ -69,7 +69,7 @@ def test_the_robot_moves_by_orders_and_stands_without_them(link):
     assert "watchdog" in link.state.limited and np.abs(link.state.xyz_world - start).max() > 1e-3
 
 
-def test_a_robot_process_that_is_killed_is_said(link):
+def test_a_robot_process_that_is_killed_is_reported(link):
     os.kill(link.pid, signal.SIGKILL)
     with pytest.raises(SourceError, match="its process has ended"):
         for _ in range(400):
@@ -77,7 +77,7 @@ def test_a_robot_process_that_is_killed_is_said(link):
             time.sleep(0.01)
 
 
-def test_a_robot_that_cannot_be_driven_is_said_in_one_line():
+def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
     made = RobotLink(RobotPlan(settings=TeleoperationSettings(), frames=("tool",)))
     try:
         with pytest.raises(ConfigError, match="no site 'tool'"):

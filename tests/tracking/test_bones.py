@@ -48,7 +48,7 @@ def test_holding_bones_helps_and_the_covariance_says_by_how_much():
     assert squared.mean() == pytest.approx(3.0, abs=0.25)
 
 
-def test_missing_keypoints_stay_missing_and_pull_on_nobody():
+def test_missing_keypoints_stay_missing_and_pull_on_no_person():
     truth = tumbling(50)
     xyz, cov, used = measured(truth)
     elbow, wrist = COCO.index("left_elbow"), COCO.index("left_wrist")

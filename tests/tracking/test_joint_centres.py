@@ -61,7 +61,7 @@ def standing() -> np.ndarray:
     return xyz
 
 
-def test_directions_of_somebody_standing_are_what_their_names_say() -> None:
+def test_directions_of_a_person_standing_are_what_their_names_say() -> None:
     for side, out in (("left", [0, 1, 0]), ("right", [0, -1, 0])):
         known = directions(standing(), BLAZEPOSE33, side)
         for joint in ("shoulder", "hip"):

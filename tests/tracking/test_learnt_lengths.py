@@ -68,7 +68,7 @@ def test_they_go_from_usual_to_what_a_recording_finds_and_nothing_jumps() -> Non
 
 
 @pytest.mark.parametrize("how", [{"kind": Kind.PREDICTED}, {"sigma_m": 0.1}])
-def test_what_nobody_measured_well_teaches_nothing(how: dict) -> None:
+def test_what_no_person_measured_well_teaches_nothing(how: dict) -> None:
     np.testing.assert_array_equal(told(200, 1.05 * BODY, **how)[-1, 0], USUAL)
 
 

@@ -151,7 +151,7 @@ def test_a_flood_is_refused_and_memory_stays_bounded(world):
 
 
 @pytest.mark.parametrize("name", TRACKERS)
-def test_nobody_and_nothing_finite_are_no_one(world, told, name):
+def test_no_person_and_nothing_finite_are_no_one(world, told, name):
     w = world()
     tracker = w.tracker(tracker=name)
     assert len(tracker.at(0).person_id) == 0

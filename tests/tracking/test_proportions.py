@@ -113,7 +113,7 @@ def test_who_has_usual_proportions_and_a_good_detector_stays(table):
     assert np.nanmax(off) < 0.01
 
 
-def test_unusual_people_are_not_moved_by_more_than_is_told(table):
+def test_unusual_people_are_not_moved_by_more_than_is_reported(table):
     truth = person(LENGTHS)
     moved = to_joint_centres(sequence(truth), table).xyz_world[:, 0]
     sigma = max(value for directions in offset_sigma_m().values() for value in directions.values())

@@ -80,7 +80,7 @@ def test_it_does_not_depend_on_where_the_world_is() -> None:
     assert np.allclose(steady_sides(moved).xyz_world, new_from_old @ steady_sides(confused).xyz_world)
 
 
-def test_two_instants_tell_nothing() -> None:
+def test_two_time_steps_tell_nothing() -> None:
     clean = walkers()
     arrays = {name: getattr(clean, name)[:2] for name in ("t_ns", "xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     short = exchanged(replace(clean, **arrays), slice(1, 2), 0, LEFT_LEG)

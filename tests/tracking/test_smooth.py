@@ -140,7 +140,7 @@ def test_errors_that_last_are_stated_and_not_averaged_away(share, lasts_s):
     np.testing.assert_array_equal(*with_bones)
 
 
-def test_uncertain_instants_are_followed_less():
+def test_uncertain_time_steps_are_followed_less():
     _, seen = wander(200)
     cov = np.broadcast_to(NOISE, (200, 1, 17, 3, 3)).copy()
     seen[100, 0, 0] += 0.03
@@ -158,7 +158,7 @@ def test_the_cutoff_gives_way_to_slow_cameras():
     assert cutoff_hz(times_ns(1), SmoothSettings(cutoff_hz=6.0)) == 6.0
 
 
-def test_a_single_instant_and_no_people():
+def test_a_single_time_step_and_no_people():
     _, seen = wander(1)
     np.testing.assert_allclose(smooth(sequence(seen), SmoothSettings()).xyz_world, seen, atol=1e-9)
     assert smooth(sequence(seen[:, :0]), SmoothSettings()).xyz_world.shape == (1, 0, 17, 3)

@@ -77,7 +77,7 @@ def test_a_camera_that_cannot_be_read_is_left_out_and_named(broken_session: Path
     assert read_recording(tmp_path / "result").rig.names == ("cam00", "cam02", "cam03")
 
 
-def test_a_film_that_breaks_off_costs_only_its_rest(broken_session: Path, tmp_path: Path, capsys) -> None:
+def test_a_video_that_breaks_off_costs_only_its_rest(broken_session: Path, tmp_path: Path, capsys) -> None:
     film = broken_session / "videos" / "cam02.mp4"
     content = bytearray(film.read_bytes())
     media = content.index(b"mdat")
@@ -98,7 +98,7 @@ def test_too_few_readable_cameras_are_an_error_and_leave_nothing(broken_session:
     assert not list(tmp_path.glob("result*"))
 
 
-def test_films_of_another_size_are_an_error_with_both_sizes(broken_session: Path, tmp_path: Path, capsys) -> None:
+def test_videos_of_another_size_are_an_error_with_both_sizes(broken_session: Path, tmp_path: Path, capsys) -> None:
     rig = broken_session / "rig.toml"
     text = rig.read_text()
     assert "640" in text

@@ -90,7 +90,7 @@ def test_simcc_without_subpixel_is_the_highest_bin(tmp_path):
     assert np.abs(seen.xy_img[0] - raw_px(np.rint(2 * xy) / 2)).max() < TOLERANCE_PX
 
 
-def test_simcc_spread_is_told_per_axis_and_a_wider_one_makes_it_less_sure(tmp_path):
+def test_simcc_spread_is_reported_per_axis_and_a_wider_one_makes_it_less_sure(tmp_path):
     xy = marks(3)
     card = read_network_card(simcc_card(tmp_path, xy, sigma_bins=5.0))
     network = OnnxNetwork(card, "openvino", "f32", (), 1)
@@ -248,7 +248,7 @@ def test_a_turned_image_fits_into_its_letterbox(tmp_path):
         assert up[0] == pytest.approx(0, abs=1e-9) and up[1] < 0
 
 
-def test_a_wrong_card_is_told_in_one_line(tmp_path):
+def test_a_wrong_card_is_reported_in_one_line(tmp_path):
     xy = marks(8)
     card = simcc_card(tmp_path, xy)
     text = card.read_text()

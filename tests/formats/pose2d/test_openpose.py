@@ -39,7 +39,7 @@ def write(folder, number, people):
 
 
 @pytest.mark.parametrize("name", ["body_25", "body_25b", "coco17"])
-def test_the_order_is_told_from_the_people(tmp_path, name):
+def test_the_order_is_reported_from_the_people(tmp_path, name):
     write(tmp_path, 0, [])
     write(tmp_path, 1, [person(name), person(name, 1)])
     folder = read_openpose_folder(tmp_path, "cam1")
@@ -75,7 +75,7 @@ def test_a_keypoint_of_score_0_is_missing_and_noise_grows_as_the_score_falls(tmp
     assert seen.sigma_px[0, 6] == pytest.approx(3 * seen.sigma_px[0, 5], rel=1e-4)
 
 
-def test_a_frame_without_a_file_shows_nobody(tmp_path):
+def test_a_frame_without_a_file_shows_no_person(tmp_path):
     write(tmp_path, 3, [person("body_25")])
     folder = read_openpose_folder(tmp_path, "cam1")
     assert folder.numbers == (3,)

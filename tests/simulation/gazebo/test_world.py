@@ -131,7 +131,7 @@ def test_a_gazebo_camera_looks_along_its_x(scene):
     assert up[2] > 0 and abs(left[2]) < 1e-12
 
 
-def test_beside_the_world_stand_rig_truth_and_settings(written):
+def test_next_to_the_world_stand_rig_truth_and_settings(written):
     folder = written.world.folder
     assert read_rig(folder / "rig.toml").id == written.live.rig.id
     truth = read_truth(folder / "truth" / "truth.npz")
