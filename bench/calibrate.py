@@ -26,10 +26,10 @@ from posefuse.calibration.targets.kinds import Markers
 from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
 from posefuse.core import SE3, Camera, Rig
 from posefuse.formats.rig import read_rig
+from posefuse.simulation import SessionPaths, simulate
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.props import ArucoCube
 from posefuse.simulation.scene import read_scene
-from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources import VideoConfig
 
 REAL = Path("../shared/data/pose2sim_single")
@@ -102,7 +102,7 @@ def rendered(session: Path) -> dict[str, float]:
     cube_ = next(prop for prop in scene.props if isinstance(prop, ArucoCube))
     target = Markers(cube_.marker_m, cube_.dictionary, tuple(range(cube_.first_id, cube_.first_id + 6)))
     begin = time.perf_counter()
-    seen = observe_all([VideoConfig(paths.film(camera.name), camera.name).build() for camera in rig], target)
+    seen = observe_all([VideoConfig(paths.video(camera.name), camera.name).build() for camera in rig], target)
     detected, begun_cpu = time.perf_counter(), time.process_time()
     late = np.array([placed.sensor.offset_s for placed in live_scene(scene).placed])
     found = calibrate_extrinsics(seen, rig.cameras, target, Options(clocks="offset"))

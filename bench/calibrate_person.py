@@ -22,7 +22,7 @@ from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
-from posefuse.simulation.session import SessionPaths, simulate
+from posefuse.simulation import SessionPaths, simulate
 
 # where `python -m paper` keeps its own: the first walk is the one it reports
 SESSIONS = Path("out/paper/sessions")
@@ -62,7 +62,7 @@ def simulated() -> dict:
     for seed, longest_s, rate_hz in WALKS:
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
-        films = {camera.name: paths.film(camera.name) for camera in rig}
+        films = {camera.name: paths.video(camera.name) for camera in rig}
         views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), TIME_STEPS)
         for seconds in (s for s in SECONDS if s <= longest_s):
             figures[f"seed {seed}, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)

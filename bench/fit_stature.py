@@ -25,9 +25,9 @@ from posefuse.core.arrays import Array
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
+from posefuse.simulation import SessionPaths, simulate
 from posefuse.simulation.body.colours import completed
 from posefuse.simulation.scene import read_scene
-from posefuse.simulation.session import SessionPaths, simulate
 
 FITTED, LEFT_OUT = range(7300, 7305), range(7305, 7310)
 SECONDS, RATE_HZ, TIME_STEPS = 6.0, 15.0, 60
@@ -47,7 +47,7 @@ def render(out: Path) -> None:
 def keypoints(paths: SessionPaths) -> tuple[Skeleton, Array]:
     """The person's keypoints (T, K, 3) in the true rig, as the default network marks them."""
     rig = read_rig(paths.rig)
-    films = {camera.name: paths.film(camera.name) for camera in rig}
+    films = {camera.name: paths.video(camera.name) for camera in rig}
     views, _, _ = person_in_videos(films, rig, KnownLength(stature_m=1.7), DetectorChoice(), TIME_STEPS)
     xy = np.where(views.usable[..., None], views.xy_img, np.nan)
     xyz = triangulate(rig, xy.reshape(len(rig), -1, 2)).reshape(*xy.shape[1:3], 3)

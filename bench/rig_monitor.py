@@ -36,8 +36,8 @@ from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
+from posefuse.simulation import SessionPaths, simulate
 from posefuse.simulation.scene import Scene
-from posefuse.simulation.session import SessionPaths, simulate
 
 SESSIONS = Path("out/paper/sessions")
 RATE_HZ = 10.0

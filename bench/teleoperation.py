@@ -110,7 +110,7 @@ def live(session_folder, networks: str | None) -> None:
     import posefuse as pf
     from posefuse.core.skeleton import pick_keypoints
     from posefuse.formats.truth import read_truth
-    from posefuse.simulation.session import SessionPaths
+    from posefuse.simulation import SessionPaths
     from posefuse.teleoperation.deadman import Pressed
     from posefuse.teleoperation.heartbeats import Beat
     from posefuse.teleoperation.rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length

@@ -52,7 +52,7 @@ def run(context: Context) -> Outcome:
     folder = rendered("walking-1", scene, context)
     blocks: list[Block] = []
     live = live_times(folder, context, _QUICK_S if context.quick else _LIVE_S)
-    alone_ms = {name: decode_ms(SessionPaths(folder).film(name)) for name in live.cameras}
+    alone_ms = {name: decode_ms(SessionPaths(folder).video(name)) for name in live.cameras}
     figures: dict[str, Any] = {"live": live_figures(live, alone_ms)}
     blocks += live_blocks(live, figures["live"])
     clock = SpikeClock()

@@ -258,12 +258,13 @@ def simulated(results: Path, out: Path, force: bool) -> int:
     from posefuse.core import InputError
     from posefuse.simulation import read_scene
     from posefuse.simulation import session as sessions
+    from posefuse.simulation.session_files import remove_parts
 
     scene = results / "scene.yaml"
     scene.write_text("duration_s: 0.1\ncameras: {kind: ring, count: 1}\n")
 
     def finish(live: object, paths: sessions.SessionPaths) -> None:
-        sessions._remove_parts([], paths)
+        remove_parts([], paths)
         paths.rig.write_text("a rig")
         manifest = Manifest(command="simulate", target=".")
         write_manifest(paths.folder, listed(paths.folder, manifest, [paths.rig, paths.scene]))
@@ -272,7 +273,7 @@ def simulated(results: Path, out: Path, force: bool) -> int:
     with pytest.MonkeyPatch.context() as patched:
         for name in ("working_backend", "check_framebuffer", "_job", "_render"):
             patched.setattr(sessions, name, lambda *_: None)
-        patched.setattr(sessions, "_finish", finish)
+        patched.setattr(sessions, "finish", finish)
         try:
             sessions.simulate(read_scene(scene), out, replace=force)
         except InputError:

@@ -27,6 +27,8 @@ from posefuse.simulation.render.stage import Stage
 from posefuse.simulation.scene import JpegSettings, PersonSettings
 from posefuse.simulation.scene_files import plain_settings
 from posefuse.simulation.session import body_poses, model_of
+from posefuse.simulation.session_files import FrameRun, remove_parts
+from posefuse.simulation.session_folder import MARKER_TEXT
 from posefuse.simulation.source import SimulatedConfig
 from posefuse.simulation.surroundings import BoxOccluder
 from posefuse.sources.images import ImagesConfig
@@ -183,7 +185,7 @@ def test_a_folder_with_something_else_is_left_alone(session, tmp_path):
 
 
 def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_path):
-    (tmp_path / "INCOMPLETE").write_text(sessions._MARKER_TEXT)
+    (tmp_path / "INCOMPLETE").write_text(MARKER_TEXT)
     (tmp_path / "scene.yaml").write_text("duration_s: 3\ncameras: {kind: ring}\n")
     with pytest.raises(InputError, match="unfinished session of another scene"):
         simulate(_SCENE, tmp_path)
@@ -235,10 +237,10 @@ def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
 def test_a_file_of_the_user_among_the_parts_stays(tmp_path):
     paths = sessions.SessionPaths(tmp_path)
     paths.parts.mkdir()
-    run = sessions._Run(0, slice(0, 1), paths.parts / "cam00-00000.mp4", paths.parts / "cam00-00000.npz")
+    run = FrameRun(0, slice(0, 1), paths.parts / "cam00-00000.mp4", paths.parts / "cam00-00000.npz")
     for path in (run.film, run.done, paths.parts / "notes.txt"):
         path.touch()
-    sessions._remove_parts([run], paths)
+    remove_parts([run], paths)
     assert [path.name for path in paths.parts.iterdir()] == ["notes.txt"]
 
 

@@ -12,10 +12,7 @@ SESSION/INCOMPLETE            as long as something of the above is missing; simu
 
 from __future__ import annotations
 
-import csv
-import enum
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,85 +21,25 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import optics_of
 from posefuse.core.se3 import wxyz_from_matrix
-from posefuse.formats.npz import read_arrays
-from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import write_arrays, write_truth
-from posefuse.formats.video import join_videos
-from posefuse.foundation.manifest import Manifest, listed, write_manifest
-from posefuse.foundation.output_folder import check_replaceable, clear_aside, move_aside
+from posefuse.foundation.output_folder import clear_aside, move_aside
 from posefuse.foundation.places import check_space, real_path
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
-from .exact import flesh_of_points, prop_truth, seen_points, truth_with
+from .exact import flesh_of_points, seen_points
 from .render.backend import check_framebuffer, working_backend
 from .render.model import RenderModel, render_model
 from .render.shot import moments_of
-from .render.workers import RenderJob, RenderTask, image_name, render_all
+from .render.workers import RenderJob, RenderTask, render_all
 from .scene import H264Settings, Scene
-from .scene_files import SCENE_FILE, scene_copies, scene_text, write_scene
+from .scene_files import write_scene
+from .session_files import FrameRun, finish, runs_of
+from .session_folder import MARKER_TEXT, Earlier, SessionPaths, earlier_session
 
 Progress = Callable[[int, int], None]
-TIMES_FILE = "timestamps.csv"
-# frames of one task: what is lost when a session is interrupted
-_RUN = 30
-_RUN_OF_PICTURES = 240
-_COMMAND = "simulate"
 # measured on the bundled scene: bytes per pixel of every frame
 _H264_BYTES, _H264_AT_CRF, _CRF_THAT_HALVES = 0.0045, 23, 6
 _JPEG_BYTES = 0.18
-_MARKER_TEXT = "This session is not finished. Simulate the same scene into this folder to go on.\n"
-
-
-@dataclass(frozen=True)
-class SessionPaths:
-    """Where things are in a session folder."""
-
-    folder: Path
-
-    @property
-    def rig(self) -> Path:
-        """The exact cameras."""
-        return self.folder / "rig.toml"
-
-    @property
-    def videos(self) -> Path:
-        """One video or image folder per camera."""
-        return self.folder / "videos"
-
-    @property
-    def scene(self) -> Path:
-        """Every setting."""
-        return self.folder / SCENE_FILE
-
-    @property
-    def truth(self) -> Path:
-        """`core.Truth`."""
-        return self.folder / "truth" / "truth.npz"
-
-    @property
-    def shots(self) -> Path:
-        """True and stamped times of every frame."""
-        return self.folder / "truth" / "shots.npz"
-
-    @property
-    def props(self) -> Path:
-        """Exact poses and pixels of the props."""
-        return self.folder / "truth" / "props.npz"
-
-    @property
-    def incomplete(self) -> Path:
-        """Marks a session that is not finished."""
-        return self.folder / "INCOMPLETE"
-
-    @property
-    def parts(self) -> Path:
-        """Finished runs of frames of an unfinished session."""
-        return self.folder / "parts"
-
-    def film(self, camera: str) -> Path:
-        """The H.264 video of a camera."""
-        return self.videos / f"{camera}.mp4"
 
 
 def simulate(
@@ -128,30 +65,30 @@ def simulate(
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
     paths = SessionPaths(Path(out))
-    earlier = _earlier(paths, scene, replace)
+    earlier = earlier_session(paths, scene, replace)
     live = live_scene(scene)
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
-    if earlier is not _Earlier.RESUMED:
+    if earlier is not Earlier.RESUMED:
         check_space(_existing(paths.folder), estimated_bytes(live))
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
     aside = None
     try:
-        aside = move_aside(paths.folder) if earlier is not _Earlier.RESUMED else None
+        aside = move_aside(paths.folder) if earlier is not Earlier.RESUMED else None
         _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
         check_framebuffer(backend, int(largest.max()))
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
         _render(live, job, paths, progress, processes or usable_cores())
-        _finish(live, paths)
+        finish(live, paths)
     except BaseException as error:
         if aside is not None and warn is not None:
             warn(f"the earlier session is kept in {aside}")
         if isinstance(error, OSError):
             raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
         raise
-    if aside is not None and earlier is _Earlier.REPLACED:
+    if aside is not None and earlier is Earlier.REPLACED:
         clear_aside(aside, paths.folder, warn)
     elif aside is not None and warn is not None:
         warn(f"the unfinished session of another scene is kept in {aside}")
@@ -195,39 +132,9 @@ def body_poses(live: LiveScene, t_s: Array) -> Array:
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(t_s), 0, 7))
 
 
-class _Earlier(enum.Enum):
-    """What becomes of what is in the folder of a session before it is rendered."""
-
-    RESUMED = "an unfinished session of this scene: it is finished"
-    KEPT_ASIDE = "an unfinished session of another scene: moved aside"
-    REPLACED = "nothing, or a session that posefuse finished: moved aside, and removed in the end"
-
-
-def _earlier(paths: SessionPaths, scene: Scene, replace: bool) -> _Earlier:
-    """Look at what is there; raises InputError unless it can be resumed or, with `replace`, moved aside."""
-    if not _is_unfinished(paths):
-        check_replaceable(paths.folder, command=_COMMAND, replace=replace)
-        return _Earlier.REPLACED
-    if not paths.scene.is_file() or paths.scene.read_text(encoding="utf-8") == scene_text(scene):
-        return _Earlier.RESUMED
-    if not replace:
-        raise InputError(
-            f"{paths.folder}: holds an unfinished session of another scene; choose another folder or move it aside with --force"
-        )
-    return _Earlier.KEPT_ASIDE
-
-
-def _is_unfinished(paths: SessionPaths) -> bool:
-    """Whether the marker is there, and is ours."""
-    try:
-        return paths.incomplete.read_text(encoding="utf-8") == _MARKER_TEXT
-    except (OSError, ValueError):
-        return False
-
-
 def _begin(paths: SessionPaths, scene: Scene) -> None:
     paths.folder.mkdir(parents=True, exist_ok=True)
-    paths.incomplete.write_text(_MARKER_TEXT, encoding="utf-8")
+    paths.incomplete.write_text(MARKER_TEXT, encoding="utf-8")
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
     write_scene(scene, paths.folder)
@@ -246,30 +153,8 @@ def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJo
     )
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Frames `frames` of camera number `camera`, stored as `film` and `done`."""
-
-    camera: int
-    frames: slice
-    film: Path
-    done: Path
-
-
-def _runs(live: LiveScene, paths: SessionPaths) -> list[_Run]:
-    runs = []
-    for c, shots in enumerate(live.shots):
-        pictures = len(moments_of(live.placed[c].sensor, live.rig.cameras[c].size_wh[1]))
-        length = max(1, min(_RUN, _RUN_OF_PICTURES // pictures))
-        for i, first in enumerate(range(0, len(shots), length)):
-            name = f"{shots.camera}-{i:05d}"
-            film = paths.parts / f"{name}.mp4" if isinstance(live.scene.record, H264Settings) else paths.videos / shots.camera
-            runs.append(_Run(c, slice(first, min(first + length, len(shots))), film, paths.parts / f"{name}.npz"))
-    return runs
-
-
 def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Progress | None, processes: int) -> None:
-    runs = _runs(live, paths)
+    runs = runs_of(live, paths)
     if not isinstance(live.scene.record, H264Settings):
         for camera in live.rig:
             (paths.videos / camera.name).mkdir(exist_ok=True)
@@ -284,7 +169,7 @@ def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Prog
             progress(done, total)
 
 
-def _tasks(live: LiveScene, runs: list[_Run]) -> Iterator[RenderTask]:
+def _tasks(live: LiveScene, runs: list[FrameRun]) -> Iterator[RenderTask]:
     for run in runs:
         shots, camera = live.shots[run.camera], live.rig.cameras[run.camera]
         t_s = shots.t_ns[run.frames] / 1e9
@@ -298,66 +183,6 @@ def _tasks(live: LiveScene, runs: list[_Run]) -> Iterator[RenderTask]:
             poses=poses.reshape(len(t_s), len(after_s), *poses.shape[1:]),
             xyz_world=seen.xyz_world,
             possible=seen.possible,
-            film=run.film,
+            film=run.video,
             done=run.done,
         )
-
-
-def _finish(live: LiveScene, paths: SessionPaths) -> None:
-    runs = _runs(live, paths)
-    visible = []
-    for c, shots in enumerate(live.shots):
-        own = [run for run in runs if run.camera == c]
-        visible.append(np.concatenate([read_arrays(run.done)["visible"] for run in own]))
-        if isinstance(live.scene.record, H264Settings):
-            join_videos([run.film for run in own], paths.film(shots.camera))
-        else:
-            _write_times(paths.videos / shots.camera / TIMES_FILE, shots.stamp_ns)
-    write_rig(paths.rig, live.rig)
-    write_truth(paths.truth, truth_with(live, visible))
-    write_arrays(paths.shots, shot_arrays(live))
-    if live.props:
-        write_arrays(paths.props, prop_truth(live, visible))
-    _remove_parts(runs, paths)
-    manifest = Manifest(command=_COMMAND, target=".")
-    write_manifest(paths.folder, listed(paths.folder, manifest, _written(live, paths)))
-    paths.incomplete.unlink()
-
-
-def _remove_parts(runs: list[_Run], paths: SessionPaths) -> None:
-    """Remove the finished runs, and the folder unless something else is in it."""
-    own = {run.done for run in runs} | {run.film for run in runs if run.film.parent == paths.parts}
-    # a process that was killed while it wrote leaves a file of this kind
-    own |= {path for path in paths.parts.iterdir() if path.name.startswith(".") and path.suffix == ".npz"}
-    for path in own:
-        path.unlink(missing_ok=True)
-    if not any(paths.parts.iterdir()):
-        paths.parts.rmdir()
-
-
-def _written(live: LiveScene, paths: SessionPaths) -> set[Path]:
-    """Every file of a finished session."""
-    files = {paths.rig, paths.truth, paths.shots} | ({paths.props} if live.props else set())
-    files |= scene_copies(live.scene, paths.folder)
-    for shots in live.shots:
-        if isinstance(live.scene.record, H264Settings):
-            files.add(paths.film(shots.camera))
-        else:
-            names = (TIMES_FILE, *(image_name(int(t)) for t in shots.stamp_ns))
-            files |= {paths.videos / shots.camera / name for name in names}
-    return files
-
-
-def shot_arrays(live: LiveScene) -> dict[str, Array]:
-    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` what its video says."""
-    arrays: dict[str, Array] = {}
-    for i, shots in enumerate(live.shots):
-        arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}
-    return arrays
-
-
-def _write_times(path: Path, stamp_ns: Array) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["file", "t_s"])
-        table.writerows([image_name(int(t)), f"{t / 1e9:.9f}"] for t in stamp_ns)

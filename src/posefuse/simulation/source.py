@@ -28,7 +28,8 @@ from .render.backend import working_backend
 from .render.shot import CameraShooter
 from .render.stage import Stage
 from .scene import read_scene
-from .session import SessionPaths, body_poses, model_of
+from .session import body_poses, model_of
+from .session_folder import SessionPaths
 
 # numbers (F,), stamps (F,) in ns, and the image of the frame at a place, asked for in order
 _Film = tuple[Array, Array, Callable[[int], Array]]
@@ -127,7 +128,7 @@ class SimulatedSource:
     def _played(self) -> Iterator[_Film]:
         """Frames of a video, decoded in order."""
         shots = read_arrays(self._paths.shots)
-        decoded = enumerate(read_video(self._paths.film(self.camera)))
+        decoded = enumerate(read_video(self._paths.video(self.camera)))
         yield (
             shots[f"seq{self._index}"],
             shots[f"stamp{self._index}_ns"],

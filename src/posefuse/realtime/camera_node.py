@@ -1,0 +1,97 @@
+"""A camera node: sends detections of this machine's cameras, and takes the fused pose that says where to look."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton
+from posefuse.foundation.channel import wait_any
+from posefuse.health.cameras import Monitor
+from posefuse.messages import topics
+from posefuse.messages.dds import RosNode
+from posefuse.messages.intake import Intake
+from posefuse.messages.messages import POSE_TYPE, message_from_detections, pose_from_message
+from posefuse.messages.ros_output import RosOutput
+from posefuse.outputs.live.ros import health_lines, publish_preview
+
+from .board import Board
+from .clock import SessionClock
+from .fusion import velocity_between
+from .joint_centres import message_from_centres
+from .messages import Centres, Seen, Status
+from .processes import Groups
+from .scheduling import expected_gain
+
+_S = 1_000_000_000
+_POLL_S = 0.01
+_JUDGE_NS = _S // 4
+_SIGMA_PX = 4.0
+_MAX_BYTES = 2**20
+
+
+class CameraNode:
+    """Sends the detections of its groups, and gives predictions from the network to them."""
+
+    def __init__(
+        self, rig: Rig, cameras: Sequence[str], node: RosNode, board: Board, clock: SessionClock, skeleton: Skeleton
+    ) -> None:
+        self.cameras, self.monitor, self.sent = tuple(cameras), Monitor(cameras), dict.fromkeys(cameras, 0)
+        self._rig, self._node, self._board, self._clock = rig, node, board, clock
+        self._poses = node.reader(topics.POSE)
+        self._intake = Intake(POSE_TYPE, pose_from_message, _MAX_BYTES)
+        self._looked_for: Pose3D | None = None
+        self._fusion, self._taken_ns = "", 0
+        self._skeleton = skeleton
+        self._judged_ns = 0
+        self._output = RosOutput(node, None)
+        # announced now: a fusion node that waits for it need not wait for the first person
+        node.writer(topics.DETECTIONS)
+
+    def step(self, groups: Groups) -> None:
+        """Wait for messages for 10 ms at most and handle them."""
+        wait_any(groups.channels(), _POLL_S)
+        self._take_poses()
+        for message in groups.messages():
+            if isinstance(message, Seen):
+                self._send(message)
+            elif isinstance(message, Status):
+                for state in message.cameras:
+                    self.monitor.take_state(state, message.t_ns)
+            elif isinstance(message, Centres):
+                now_ns = self._clock.now_ns()
+                self._node.publish(topics.JOINT_CENTRES, message_from_centres(message, now_ns), now_ns)
+            elif isinstance(message, LivePreview):
+                publish_preview(self._node, message, self._rig)
+        now_ns = self._clock.now_ns()
+        if now_ns - self._judged_ns > _JUDGE_NS:
+            self._judged_ns = now_ns
+            verdicts = self.monitor.judge(now_ns, groups.troubles())
+            cameras = {name: CameraHealth(state=v.state, text=v.text) for name, v in verdicts.items()}
+            self._output.diagnose(now_ns, health_lines(LiveHealth(t_ns=now_ns, cameras=cameras)))
+
+    def _send(self, seen: Seen) -> None:
+        view = self.monitor.admit(seen, self._clock.now_ns())
+        if view is not None:
+            stages = {"received": seen.received_ns, "started": seen.started_ns, "detected": seen.detected_ns}
+            self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
+            self.sent[view.camera] += 1
+
+    def _take_poses(self) -> None:
+        for sample in self._poses.take()[-1:]:
+            now_ns = self._clock.now_ns()
+            taken = self._intake.take(sample.raw)
+            # one fusion node at a time, which goes by the same keypoints; another one only after that is gone
+            if taken is None or taken[0].skeleton != self._skeleton:
+                continue
+            if sample.sender != self._fusion and now_ns - self._taken_ns < _S:
+                continue
+            self._fusion, self._taken_ns = sample.sender, now_ns
+            self._look_for(taken[0])
+
+    def _look_for(self, pose: Pose3D) -> None:
+        sigma = np.full(len(self._rig), _SIGMA_PX)
+        self._board.write(pose, velocity_between(self._looked_for, pose), expected_gain(pose, self._rig, sigma))
+        if self._looked_for is None or pose.t_ns - self._looked_for.t_ns > 25_000_000:
+            self._looked_for = pose

@@ -1,0 +1,113 @@
+"""Runs of rendered frames of a session, and its files once all are rendered."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+from posefuse.formats.npz import read_arrays
+from posefuse.formats.rig import write_rig
+from posefuse.formats.truth import write_arrays, write_truth
+from posefuse.formats.video import join_videos
+from posefuse.foundation.manifest import Manifest, listed, write_manifest
+
+from .build import LiveScene
+from .exact import prop_truth, truth_with
+from .render.shot import moments_of
+from .render.workers import image_name
+from .scene import H264Settings
+from .scene_files import scene_copies
+from .session_folder import COMMAND, SessionPaths
+
+TIMES_FILE = "timestamps.csv"
+# frames of one task: what is lost when a session is interrupted
+_RUN = 30
+_RUN_OF_PICTURES = 240
+
+
+@dataclass(frozen=True)
+class FrameRun:
+    """Frames `frames` of camera number `camera`, stored as `video` and `done`."""
+
+    camera: int
+    frames: slice
+    video: Path
+    done: Path
+
+
+def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
+    """All frames of a session, in runs short enough to lose little with one."""
+    runs = []
+    for c, shots in enumerate(live.shots):
+        pictures = len(moments_of(live.placed[c].sensor, live.rig.cameras[c].size_wh[1]))
+        length = max(1, min(_RUN, _RUN_OF_PICTURES // pictures))
+        for i, first in enumerate(range(0, len(shots), length)):
+            name = f"{shots.camera}-{i:05d}"
+            video = paths.parts / f"{name}.mp4" if isinstance(live.scene.record, H264Settings) else paths.videos / shots.camera
+            runs.append(FrameRun(c, slice(first, min(first + length, len(shots))), video, paths.parts / f"{name}.npz"))
+    return runs
+
+
+def finish(live: LiveScene, paths: SessionPaths) -> None:
+    """Join the runs, write rig and truth, and remove the marker of an unfinished session."""
+    runs = runs_of(live, paths)
+    visible = []
+    for c, shots in enumerate(live.shots):
+        own = [run for run in runs if run.camera == c]
+        visible.append(np.concatenate([read_arrays(run.done)["visible"] for run in own]))
+        if isinstance(live.scene.record, H264Settings):
+            join_videos([run.video for run in own], paths.video(shots.camera))
+        else:
+            _write_times(paths.videos / shots.camera / TIMES_FILE, shots.stamp_ns)
+    write_rig(paths.rig, live.rig)
+    write_truth(paths.truth, truth_with(live, visible))
+    write_arrays(paths.shots, shot_arrays(live))
+    if live.props:
+        write_arrays(paths.props, prop_truth(live, visible))
+    remove_parts(runs, paths)
+    manifest = Manifest(command=COMMAND, target=".")
+    write_manifest(paths.folder, listed(paths.folder, manifest, _written(live, paths)))
+    paths.incomplete.unlink()
+
+
+def remove_parts(runs: list[FrameRun], paths: SessionPaths) -> None:
+    """Remove the finished runs, and the folder unless something else is in it."""
+    own = {run.done for run in runs} | {run.video for run in runs if run.video.parent == paths.parts}
+    # a process that was killed while it wrote leaves a file of this kind
+    own |= {path for path in paths.parts.iterdir() if path.name.startswith(".") and path.suffix == ".npz"}
+    for path in own:
+        path.unlink(missing_ok=True)
+    if not any(paths.parts.iterdir()):
+        paths.parts.rmdir()
+
+
+def _written(live: LiveScene, paths: SessionPaths) -> set[Path]:
+    """Every file of a finished session."""
+    files = {paths.rig, paths.truth, paths.shots} | ({paths.props} if live.props else set())
+    files |= scene_copies(live.scene, paths.folder)
+    for shots in live.shots:
+        if isinstance(live.scene.record, H264Settings):
+            files.add(paths.video(shots.camera))
+        else:
+            names = (TIMES_FILE, *(image_name(int(t)) for t in shots.stamp_ns))
+            files |= {paths.videos / shots.camera / name for name in names}
+    return files
+
+
+def shot_arrays(live: LiveScene) -> dict[str, Array]:
+    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` what its video says."""
+    arrays: dict[str, Array] = {}
+    for i, shots in enumerate(live.shots):
+        arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}
+    return arrays
+
+
+def _write_times(path: Path, stamp_ns: Array) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["file", "t_s"])
+        table.writerows([image_name(int(t)), f"{t / 1e9:.9f}"] for t in stamp_ns)
