@@ -20,7 +20,7 @@ from posefuse.core import SKELETONS, Region
 from posefuse.core.skeleton import mirror_name
 from posefuse.detection import fetch, read_card, region_from_keypoints
 from posefuse.detection.blazepose.landmarks import landmarks_from_outputs
-from posefuse.detection.blazepose.network import Network
+from posefuse.detection.blazepose.network import BlazePoseNetwork
 from posefuse.detection.blazepose.noise import features
 from posefuse.detection.regions import crop_from_img, cut
 from posefuse.evaluation.fitting import is_rendered, render_everyday
@@ -49,7 +49,7 @@ class Samples:
     visible: np.ndarray
 
 
-def collect(folder: Path, network: Network, side_px: int) -> Samples:
+def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> Samples:
     """What the network says about every rendered person, and how wrong it is, seen through regions as they are in use."""
     truth = read_truth(folder / "truth" / "truth.npz")
     rng = np.random.default_rng(int(folder.name.removeprefix("scene")))
@@ -148,7 +148,7 @@ def fit(out: Path, card_name: str) -> None:
     card = read_card(card_name)
     decoding = card.decoding
     file = fetch(card, default_cache_dir())
-    network = Network(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
+    network = BlazePoseNetwork(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
     folders = [folder for folder in sorted(out.glob("scene*")) if is_rendered(folder)]
     samples = [collect(folder, network, card.input.side_px) for folder in folders]
     print(f"{len(folders)} scenes; each judged by a fit to the scenes of the other three quarters")

@@ -38,7 +38,7 @@ from posefuse.health.cameras import CameraState
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.joint_centres import Centring
-from posefuse.realtime.messages import Centres, Seen
+from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.session import new_board, ready_joints, ready_tracker
 from posefuse.sources.video import VideoConfig
@@ -97,7 +97,7 @@ def image_stages(frames: list[Frame], camera: Camera, network: str, rig: Rig, sp
         crop = spent.of("cut the crop", lambda frame=frame, region=region: cut(frame.image, region, landmarks.network.side_px))
         spent.of(f"network {network}", lambda crop=crop: landmarks.network([crop]))
         [seen] = spent.of("whole detector", lambda frame=frame, region=region: detector.detect([frame], [[region]]))
-        message = Seen(detections=seen, state=state_of(seen.camera), received_ns=0, started_ns=0, detected_ns=0)
+        message = SeenView(detections=seen, state=state_of(seen.camera), received_ns=0, started_ns=0, detected_ns=0)
         spent.of("message to the fusion", lambda message=message: (ours.send(message), theirs.receive()))
     for end in (ours, theirs):
         end.close()
@@ -141,7 +141,7 @@ def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
             spent.of("output tick: pose, joint centres, angles, where to look", lambda: fusion.tick(clock.now, PERIOD_NS))
             continue
         times = {"received_ns": clock.now - 20_000_000, "started_ns": clock.now - 10_000_000, "detected_ns": clock.now}
-        seen = Seen(detections=replace(view, t_ns=view.t_ns), state=state_of(view.camera), **times)
+        seen = SeenView(detections=replace(view, t_ns=view.t_ns), state=state_of(view.camera), **times)
         spent.of("view into the tracker", lambda seen=seen: fusion.take(seen))
 
 

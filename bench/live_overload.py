@@ -19,7 +19,7 @@ from rich.table import Table
 
 from posefuse.core import Pose3D
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.realtime.gate import Gate, GateSettings
+from posefuse.realtime.gate import KeypointGate, KeypointGateSettings
 from posefuse.tracking.online import LiveSettings, build_tracker
 
 LATENCY_S, USED = (0.05, 0.3), 0.5
@@ -71,7 +71,7 @@ def main() -> None:
 
     come = overloaded(arrivals(rig, place, args.seconds, args.seed, latency_s=LATENCY_S), len(rig), args.seed)
     tracker, waiting = build_tracker(rig, ANATOMICAL23, LiveSettings(), solver(rig)), iter(come)
-    gate, made, sent = Gate(GateSettings()), [], []
+    gate, made, sent = KeypointGate(KeypointGateSettings()), [], []
     head = next(waiting, None)
     for tick in range(int(args.seconds * OUTPUT_HZ)):
         t_ns = round(tick / OUTPUT_HZ * 1e9)

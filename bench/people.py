@@ -31,7 +31,7 @@ from posefuse.core import Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.crowds import crowd_figures, frame_matches, person_distances, returned_right
 from posefuse.fusion import FuseSettings
-from posefuse.pipeline.following import Follower
+from posefuse.pipeline.following import PeopleFollower
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import build_solve
 from posefuse.realtime.identity import NamedTracker
@@ -44,7 +44,7 @@ AWAY, SETTLED = round(RATE_HZ), round(RATE_HZ / 2)
 def recorded(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
     """Poses of the first pass, and the processor seconds of each time step outside the network."""
     settings = AssociateSettings(max_people=people)
-    follower = Follower(skeleton=network.skeleton, rig=network.rig, associating=settings, fusing=FuseSettings())
+    follower = PeopleFollower(skeleton=network.skeleton, rig=network.rig, associating=settings, fusing=FuseSettings())
     followed, spent = [], []
     began, looked = time.thread_time(), network.spent_s
     for one in follower.follow(network.steps()):

@@ -207,7 +207,7 @@ def later(clip: Clip, late_s: float) -> np.ndarray:
     return out
 
 
-def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[monitor.Finding]:
+def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[monitor.RigFinding]:
     """What the monitor says of keypoints (T, C, K, 2); a while after the first finding after `after_s` all has been said."""
     chosen = limb_keypoints(clip.skeleton.keypoints)
     state, found = monitor.start(clip.rig), []

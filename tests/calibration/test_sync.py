@@ -22,7 +22,7 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import SKELETONS, InputError, LookKind, Rig
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.settings import read_settings
-from posefuse.health.rig_monitor import Finding
+from posefuse.health.rig_monitor import RigFinding
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.pose2d import pose2d_instants
 from posefuse.pipeline.run import finding_line
@@ -162,14 +162,14 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
 
 def test_a_camera_unsynchronised_is_reported_with_the_command_that_helps() -> None:
     line = finding_line(
-        Finding(
+        RigFinding(
             kind="unsynchronised", cameras=("cam01",), t_ns=12_000_000_000, detail="cam01 is unsynchronised", displaced_m=0.1
         ),
         Path("trial"),
     )
     assert line == "at 12.0 s: cam01 is unsynchronised; `posefuse calibrate clocks trial` finds its offset"
     assert "posefuse" not in finding_line(
-        Finding(kind="moved", cameras=("cam01",), t_ns=0, detail="cam01 was moved", displaced_m=0.1), Path("trial")
+        RigFinding(kind="moved", cameras=("cam01",), t_ns=0, detail="cam01 was moved", displaced_m=0.1), Path("trial")
     )
 
 

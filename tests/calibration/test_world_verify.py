@@ -148,7 +148,7 @@ def walk(t_s: np.ndarray) -> np.ndarray:
     return middle[:, None] + swing
 
 
-def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.Finding]:
+def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.RigFinding]:
     random = np.random.default_rng(3)
     state, found = monitor.start(rig), []
     for k in range(round(seconds * 10)):

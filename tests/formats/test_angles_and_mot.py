@@ -5,7 +5,7 @@ import pytest
 
 from posefuse.core import SE3, InputError, JointAngles
 from posefuse.formats.angles import read_angles, write_angles
-from posefuse.formats.mot import Motion, motion_from_joints, read_mot, write_mot
+from posefuse.formats.mot import MotTable, motion_from_joints, read_mot, write_mot
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_a_motion_comes_back(tmp_path, joints):
 
 
 def test_radians_stay_radians(tmp_path):
-    write_mot(tmp_path / "a.sto", Motion(name="m", t_s=[0.0, 0.1], columns=("q",), values=[[1.0], [np.nan]], in_degrees=False))
+    write_mot(tmp_path / "a.sto", MotTable(name="m", t_s=[0.0, 0.1], columns=("q",), values=[[1.0], [np.nan]], in_degrees=False))
     back = read_mot(tmp_path / "a.sto")
     assert not back.in_degrees
     assert np.isnan(back.values[1, 0])

@@ -16,7 +16,7 @@ import numpy as np
 from posefuse.core import SKELETONS, Camera, Kind, PoseSequence, Recording, Rig
 from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
-from posefuse.formats.mot import Motion, write_mot
+from posefuse.formats.mot import MotTable, write_mot
 from posefuse.formats.recording import write_recording
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.formats.trc import TrcData, write_trc
@@ -93,7 +93,7 @@ def _bvh(folder: Path) -> None:
 def _mot(folder: Path) -> None:
     write_mot(
         folder / "a.mot",
-        Motion(name="angles", t_s=np.arange(5) / 10, columns=("hip", "knee"), values=np.ones((5, 2)), in_degrees=True),
+        MotTable(name="angles", t_s=np.arange(5) / 10, columns=("hip", "knee"), values=np.ones((5, 2)), in_degrees=True),
     )
 
 

@@ -12,7 +12,7 @@ from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, 
 from posefuse.core.skeleton import COCO17
 from posefuse.core.views_over_time import keypoint_boxes
 from posefuse.fusion import FuseSettings
-from posefuse.pipeline.following import Follower, observations_of
+from posefuse.pipeline.following import PeopleFollower, observations_of
 from posefuse.pipeline.images import common_timeline
 from posefuse.pipeline.time_steps import stored_steps
 
@@ -91,8 +91,8 @@ def followed(stage: Stage, people: int = 1) -> list:
     return one.identified(list(one.follow(stage)))
 
 
-def follower(rig: Rig, people: int) -> Follower:
-    return Follower(skeleton=COCO17, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings())
+def follower(rig: Rig, people: int) -> PeopleFollower:
+    return PeopleFollower(skeleton=COCO17, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings())
 
 
 def test_one_search_then_the_pose_tells_every_view_where_to_look(ring_rig) -> None:

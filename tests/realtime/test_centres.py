@@ -15,7 +15,7 @@ from posefuse.outputs.live import RecordConfig
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.gate import Gate
+from posefuse.realtime.gate import KeypointGate
 from posefuse.realtime.joint_centres import Centring, centres_from_message, live_centres, message_from_centres
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.provenance import notes_of
@@ -166,7 +166,7 @@ def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, somebody, tmp_pat
     start_ns, notes = clock.now_ns(), notes_of(rig, config)
     sink.take(LiveStart(t_ns=start_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns, notes=notes))
     tracker, centring = ready_tracker(rig, BLAZEPOSE33, config), Centring(rig.names, wanted=True)
-    gate = Gate(config.gate)
+    gate = KeypointGate(config.gate)
     told = Centres(rig.names, FULL)
     sink.take(live_centres(told, BEGIN_NS))
     centring.learn(told)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Kind, Pose3D
-from posefuse.realtime.gate import Gate, GateSettings, worst_sigma_m
+from posefuse.realtime.gate import KeypointGate, KeypointGateSettings, worst_sigma_m
 
 S = 1_000_000_000
 COCO = SKELETONS["coco17"]
@@ -32,7 +32,7 @@ def test_a_keypoint_too_unsure_is_missing_in_every_field() -> None:
     cov = given.cov_world.copy()
     cov[0, 4, 2, 2] = 0.16**2
     cov[0, 5, 2, 2] = 0.14**2
-    gate = Gate(GateSettings())
+    gate = KeypointGate(KeypointGateSettings())
     got = gate.passed(Pose3D(**{**vars(given), "cov_world": cov}))
     assert got.kind[0, 4] == Kind.MISSING and got.n_views[0, 4] == 0
     assert np.isnan(got.xyz_world[0, 4]).all() and np.isnan(got.cov_world[0, 4]).all() and np.isnan(got.reproj_px[0, 4])
@@ -44,14 +44,14 @@ def test_a_person_of_whom_nothing_is_left_is_not_there() -> None:
     given = pose(1.0)
     cov = given.cov_world.copy()
     cov[0] *= 100
-    gate = Gate(GateSettings(sigma_m=0.1))
+    gate = KeypointGate(KeypointGateSettings(sigma_m=0.1))
     assert gate.passed(Pose3D(**{**vars(given), "cov_world": cov})).person_id.tolist() == [8]
     assert gate.people == (2, 1)
     assert gate.passed(pose(1.01)).person_id.tolist() == [3, 8]
 
 
 def test_what_was_not_measured_for_long_is_withheld_however_sure() -> None:
-    gate = Gate(GateSettings(unmeasured_s=0.4))
+    gate = KeypointGate(KeypointGateSettings(unmeasured_s=0.4))
     gate.passed(pose(1.0))
     for t_s, there in ((1.1, 2), (1.39, 2), (1.41, 0), (1.9, 0)):
         assert len(gate.passed(pose(t_s, kind=Kind.PREDICTED)).person_id) == there
@@ -62,6 +62,6 @@ def test_what_was_not_measured_for_long_is_withheld_however_sure() -> None:
 
 def test_what_is_good_is_not_touched() -> None:
     given = pose(1.0)
-    assert Gate(GateSettings()).passed(given) is given
+    assert KeypointGate(KeypointGateSettings()).passed(given) is given
     nobody = pose(1.0, people=())
-    assert len(Gate(GateSettings()).passed(nobody).person_id) == 0
+    assert len(KeypointGate(KeypointGateSettings()).passed(nobody).person_id) == 0

@@ -8,7 +8,7 @@ from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.core.skeleton import COCO17
 from posefuse.realtime.identity import NamedTracker
 from posefuse.realtime.scheduling import search_slot
-from posefuse.tracking.online import CameraHealth, LiveSettings
+from posefuse.tracking.online import CameraStatistics, LiveSettings
 
 PERIOD_NS = 33_333_333
 RED, BLUE = np.tile([45.0, 60.0, 40.0], (3, 1)), np.tile([40.0, 10.0, -50.0], (3, 1))
@@ -39,7 +39,7 @@ class TrackerOfTwins:
         return self.at(t_ns)
 
     @property
-    def health(self) -> Mapping[str, CameraHealth]:
+    def health(self) -> Mapping[str, CameraStatistics]:
         return {}
 
 

@@ -13,7 +13,7 @@ from posefuse.messages.messages import message_from_detections
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.joint_centres import Centring, message_from_centres
-from posefuse.realtime.messages import Centres, Seen
+from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import Sample, ViewIntake
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.senders import Senders
@@ -134,7 +134,7 @@ def test_joint_centres_are_taken_from_the_sender_of_the_views() -> None:
     views.view(sample(message_from_detections(nobody("b"), {}), "node"), T0)
     first, second = views.view(view, T0), views.view(view, T0)
     assert first[0] == Centres(("a",), table)
-    assert [type(one) for one in first[1:] + second] == [Seen, Seen]
+    assert [type(one) for one in first[1:] + second] == [SeenView, SeenView]
     assert views.centres(sample(message_from_centres(Centres(("a",), theirs), T0), "stranger")) == []
     again = views.centres(sample(message_from_centres(Centres(("a", "b"), None), T0), "node"))
     assert again == [Centres(("a",), None)]

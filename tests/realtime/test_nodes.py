@@ -14,7 +14,7 @@ from running import Running
 from posefuse.core import SKELETONS, Detections2D
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.joint_centres import message_from_centres
-from posefuse.realtime.messages import Centres, Seen
+from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.tracking import JointCentres
 
@@ -119,4 +119,4 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
     assert "scores in 0..1" in counts.last_refusal
     assert skeleton_told == skeleton
     assert [told for told in got if isinstance(told, Centres)] == [table]
-    assert {seen.detections.camera for seen in got if isinstance(seen, Seen)} == {"cam00"}
+    assert {seen.detections.camera for seen in got if isinstance(seen, SeenView)} == {"cam00"}

@@ -17,10 +17,10 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime.board import Board
 from posefuse.realtime.capture import Capture, Caught, LiveInput, pick
-from posefuse.realtime.faults import Fault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
+from posefuse.realtime.faults import SourceFault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
-from posefuse.realtime.messages import Seen
+from posefuse.realtime.messages import SeenView
 from posefuse.realtime.news import News
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.processes import Groups, _Member, ended
@@ -51,8 +51,8 @@ def pose_at(t_ns: int, people: int = 2, seed: int = 3) -> Pose3D:
     )
 
 
-def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> Seen:
-    return Seen(
+def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> SeenView:
+    return SeenView(
         detections=Detections2D.empty(camera, t_ns, SKELETON),
         state=None,
         received_ns=received_ns,
@@ -407,18 +407,20 @@ def test_the_frame_worth_most_is_taken_and_only_the_newest_waits(ring_rig) -> No
 
 def test_faults_are_read_and_happen(ring_rig) -> None:
     rig = ring_rig(2)
-    assert faults_from_arguments(["cam01=freeze@3-6"], rig) == {"cam01": (Fault("freeze", 3.0, 6.0),)}
+    assert faults_from_arguments(["cam01=freeze@3-6"], rig) == {"cam01": (SourceFault("freeze", 3.0, 6.0),)}
     with pytest.raises(ConfigError, match="melt"):
         faults_from_arguments(["cam01=melt@3"], rig)
     frames = [
         Frame(camera="a", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.full((4, 4, 3), i, np.uint8)) for i in range(3)
     ]
-    frozen = list(disturbed(iter(frames), [Fault("freeze", 0.0, 1e9)], begun_s=0.0))
+    frozen = list(disturbed(iter(frames), [SourceFault("freeze", 0.0, 1e9)], begun_s=0.0))
     assert [int(frame.image[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
     assert [frame.t_ns + wrong.off_ns for frame, wrong in frozen] == [frame.t_ns for frame in frames]
-    jumped = disturbed(iter(frames), [Fault("jump", 0.0, 1e9)], begun_s=0.0)
+    jumped = disturbed(iter(frames), [SourceFault("jump", 0.0, 1e9)], begun_s=0.0)
     assert [wrong for _, wrong in jumped] == [Wrong(3600 * S)] * 3
-    assert [wrong for _, wrong in disturbed(iter(frames), [Fault("bump", 0.0, 1e9)], begun_s=0.0)] == [Wrong(bumped=True)] * 3
+    assert [wrong for _, wrong in disturbed(iter(frames), [SourceFault("bump", 0.0, 1e9)], begun_s=0.0)] == [
+        Wrong(bumped=True)
+    ] * 3
 
 
 def test_a_bump_moves_what_is_seen_as_a_turned_camera_would_see_it(ring_rig) -> None:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body import ANGLE_NAMES, JOINTS, SEGMENTS, Body, BodySettings, build_body, rotation_of
+from posefuse.simulation.body import ANGLE_NAMES, JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, rotation_of
 from posefuse.simulation.body.angles import angles_of, joint_segments
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
@@ -19,11 +19,11 @@ FLIP = np.array([1.0, -1.0, 1.0])
 
 
 @pytest.fixture(scope="module")
-def body() -> Body:
-    return build_body(BodySettings(sex=0.3, age_years=41, height_m=1.71, weight_kg=63, muscle=0.6))
+def body() -> SimulatedBody:
+    return build_body(BodyShapeSettings(sex=0.3, age_years=41, height_m=1.71, weight_kg=63, muscle=0.6))
 
 
-def random_turns(body: Body, count: int, size_rad: float = 0.6, seed: int = 5) -> dict[str, np.ndarray]:
+def random_turns(body: SimulatedBody, count: int, size_rad: float = 0.6, seed: int = 5) -> dict[str, np.ndarray]:
     """World turns of every bone: each turned a little against its parent."""
     rng = np.random.default_rng(seed)
     turns: dict[str, np.ndarray] = {}
@@ -33,7 +33,7 @@ def random_turns(body: Body, count: int, size_rad: float = 0.6, seed: int = 5) -
     return turns
 
 
-def anny_out(body: Body, pose: np.ndarray, parameterization: str) -> tuple[np.ndarray, np.ndarray]:
+def anny_out(body: SimulatedBody, pose: np.ndarray, parameterization: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and bone poses of anny itself for our bone poses, in our axes."""
     import torch
 
@@ -54,13 +54,13 @@ def anny_out(body: Body, pose: np.ndarray, parameterization: str) -> tuple[np.nd
     return out["vertices"].numpy() @ axes.T - origin, poses
 
 
-def test_skin_is_anny_s_own(body: Body) -> None:
+def test_skin_is_anny_s_own(body: SimulatedBody) -> None:
     pose = body.pose(random_turns(body, 3), np.array([[0.4, -1.1, 0.8], [0, 0, 1.0], [2, 1, 0.5]]))
     vertices, _ = anny_out(body, pose, "world")
     assert np.abs(body.vertices(pose) - vertices).max() < 1e-5
 
 
-def test_kinematics_are_anny_s_own_when_bones_turn_about_their_heads(body: Body) -> None:
+def test_kinematics_are_anny_s_own_when_bones_turn_about_their_heads(body: SimulatedBody) -> None:
     heads = replace(body, bone_centre=body.world_from_bone_rest[:, :3, 3])
     pose = heads.pose(random_turns(body, 3), np.array([[0.4, -1.1, 0.8], [0, 0, 1.0], [2, 1, 0.5]]))
     vertices, poses = anny_out(heads, pose, "world-orient")
@@ -68,7 +68,7 @@ def test_kinematics_are_anny_s_own_when_bones_turn_about_their_heads(body: Body)
     assert np.abs(heads.vertices(pose) - vertices).max() < 1e-5
 
 
-def test_rest_keypoints_are_anny_s_regressor(body: Body) -> None:
+def test_rest_keypoints_are_anny_s_regressor(body: SimulatedBody) -> None:
     import anny
 
     from posefuse.simulation.body import mesh
@@ -80,7 +80,7 @@ def test_rest_keypoints_are_anny_s_regressor(body: Body) -> None:
 
 @pytest.mark.parametrize("joint", HINGES)
 @pytest.mark.parametrize(("side", "letter"), [("left", "L"), ("right", "R")])
-def test_joint_centre_is_fixed_in_both_segments(body: Body, joint: str, side: str, letter: str) -> None:
+def test_joint_centre_is_fixed_in_both_segments(body: SimulatedBody, joint: str, side: str, letter: str) -> None:
     turns = random_turns(body, 6, size_rad=1.5)
     if joint == "shoulder":
         # the girdle is no part of the shoulder's proximal side here
@@ -100,7 +100,7 @@ def test_joint_centre_is_fixed_in_both_segments(body: Body, joint: str, side: st
         assert np.abs(local - body.points_rest[f"{side}_{joint}"]).max() < 1e-9
 
 
-def test_body_is_mirror_symmetric(body: Body) -> None:
+def test_body_is_mirror_symmetric(body: SimulatedBody) -> None:
     for name, point in body.points_rest.items():
         other = KEYPOINTS.keypoints[KEYPOINTS.mirror[KEYPOINTS.index(name)]]
         assert np.allclose(point, body.points_rest[other] * FLIP, atol=2e-3), name
@@ -110,7 +110,7 @@ def test_body_is_mirror_symmetric(body: Body) -> None:
             assert np.allclose(angles[JOINTS.index(joint)], angles[JOINTS.index("right_" + joint[5:])], atol=np.deg2rad(0.5))
 
 
-def test_stands_on_the_floor_facing_x(body: Body) -> None:
+def test_stands_on_the_floor_facing_x(body: SimulatedBody) -> None:
     assert body.vertices_rest[:, 2].min() == pytest.approx(0.0, abs=1e-12)
     hips = (body.points_rest["left_hip"] + body.points_rest["right_hip"]) / 2
     assert np.allclose(hips[:2], 0.0, atol=1e-12)
@@ -118,7 +118,7 @@ def test_stands_on_the_floor_facing_x(body: Body) -> None:
     assert body.points_rest["left_hip"][1] > 0 > body.points_rest["right_hip"][1]
 
 
-def test_skin_weights_and_colours(body: Body) -> None:
+def test_skin_weights_and_colours(body: SimulatedBody) -> None:
     assert np.allclose(body.bone_weight.sum(axis=1), 1.0)
     assert (np.bincount(body.colour_group, minlength=len(body.colour_names)) > 100).all()
     assert body.colours.shape == (len(body.colour_names), 3)
@@ -134,7 +134,7 @@ def test_angles_come_back(joint: str) -> None:
 
 
 @pytest.mark.parametrize("joint", JOINTS)
-def test_truth_gives_back_an_imposed_rotation(body: Body, joint: str) -> None:
+def test_truth_gives_back_an_imposed_rotation(body: SimulatedBody, joint: str) -> None:
     wanted = np.deg2rad([33.0, 21.0, -14.0])
     parent, child = joint_segments(joint)
     rest = body.segment_axes
@@ -164,7 +164,9 @@ def test_truth_gives_back_an_imposed_rotation(body: Body, joint: str) -> None:
         ("neck", 2, "nose", [0, 1, 0]), ("right_elbow", 0, "right_wrist", [1, 0, 0]),
     ],
 )  # fmt: skip
-def test_positive_angles_mean_what_they_are_called(body: Body, joint: str, angle: int, moves: str, towards: list[int]) -> None:
+def test_positive_angles_mean_what_they_are_called(
+    body: SimulatedBody, joint: str, angle: int, moves: str, towards: list[int]
+) -> None:
     def point(value: float) -> np.ndarray:
         axes = {"pelvis": np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])}
         for j in JOINTS:
@@ -188,7 +190,7 @@ def test_names_fit() -> None:
 
 
 def test_stature_and_weight_are_met() -> None:
-    body = build_body(BodySettings(sex="female", height_m=1.58, weight_kg=52.0))
+    body = build_body(BodyShapeSettings(sex="female", height_m=1.58, weight_kg=52.0))
     assert np.ptp(body.vertices_rest[:, 2]) == pytest.approx(1.58, abs=2e-3)
     corners = body.vertices_rest[body.faces]
     volume = abs(np.einsum("fi,fi->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])) / 6
@@ -197,7 +199,7 @@ def test_stature_and_weight_are_met() -> None:
 
 def test_impossible_body_says_what_is_possible() -> None:
     with pytest.raises(ConfigError, match=r"weight_kg: expected \d+\.\d+ to \d+\.\d+ kg .* got 190\.00 kg"):
-        build_body(BodySettings(height_m=1.7, weight_kg=190))
+        build_body(BodyShapeSettings(height_m=1.7, weight_kg=190))
 
 
 @pytest.mark.parametrize(
@@ -211,14 +213,14 @@ def test_impossible_body_says_what_is_possible() -> None:
 )
 def test_bad_settings_are_named(content: dict, text: str) -> None:
     with pytest.raises(ConfigError, match=text):
-        settings_from_mapping(content, BodySettings, "scene.yaml")
+        settings_from_mapping(content, BodyShapeSettings, "scene.yaml")
 
 
 def test_same_seed_same_body() -> None:
-    one, same, other = (build_body(BodySettings(random_seed=seed)) for seed in (3, 3, 4))
+    one, same, other = (build_body(BodyShapeSettings(random_seed=seed)) for seed in (3, 3, 4))
     assert one.vertices_rest.tobytes() == same.vertices_rest.tobytes()
     assert np.array_equal(one.colours, same.colours)
     assert one.settings != other.settings
-    kept = build_body(BodySettings(random_seed=3, height_m=1.66))
+    kept = build_body(BodyShapeSettings(random_seed=3, height_m=1.66))
     assert kept.settings.height_m == 1.66
     assert kept.settings.hair == one.settings.hair

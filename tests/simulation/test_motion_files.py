@@ -11,8 +11,8 @@ from posefuse.formats.bvh import read_bvh
 from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body import SEGMENTS, Body, BodySettings, build_body
-from posefuse.simulation.motion import MotionSettings, Person, build_person
+from posefuse.simulation.body import SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
+from posefuse.simulation.motion import MotionSettings, MovingPerson, build_person
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
@@ -67,11 +67,11 @@ def frames(count: int = 40, size_deg: float = 25.0) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def body() -> Body:
-    return build_body(BodySettings(sex=0.7, age_years=50))
+def body() -> SimulatedBody:
+    return build_body(BodyShapeSettings(sex=0.7, age_years=50))
 
 
-def person(body: Body, **content: object) -> Person:
+def person(body: SimulatedBody, **content: object) -> MovingPerson:
     return build_person(body, settings_from_mapping(content, MotionSettings, "scene.yaml"), 1)
 
 
@@ -81,7 +81,7 @@ def written(folder: Path, text: str) -> str:
     return str(path)
 
 
-def test_bvh_keeps_segment_directions(tmp_path: Path, body: Body) -> None:
+def test_bvh_keeps_segment_directions(tmp_path: Path, body: SimulatedBody) -> None:
     file = written(tmp_path, bvh_text(frames()))
     data = read_bvh(file)
     times = np.arange(len(data)) * data.frame_s
@@ -96,7 +96,7 @@ def test_bvh_keeps_segment_directions(tmp_path: Path, body: Body) -> None:
             assert np.abs(ours - theirs).max() < 1e-6, (side, segment)
 
 
-def test_bvh_path_is_scaled_by_leg_length(tmp_path: Path, body: Body) -> None:
+def test_bvh_path_is_scaled_by_leg_length(tmp_path: Path, body: SimulatedBody) -> None:
     file = written(tmp_path, bvh_text(frames()))
     data = read_bvh(file)
     state = person(body, kind="bvh", file=file, position_m=(2.0, -1.0)).at([0.0, 0.78])
@@ -111,7 +111,7 @@ def test_bvh_path_is_scaled_by_leg_length(tmp_path: Path, body: Body) -> None:
 
 
 @pytest.mark.parametrize("rest", ["tpose", "askew"])
-def test_bvh_rest_pose_stands_upright(tmp_path: Path, body: Body, rest: str) -> None:
+def test_bvh_rest_pose_stands_upright(tmp_path: Path, body: SimulatedBody, rest: str) -> None:
     still = np.zeros((3, 3 + 3 * len(JOINTS)))
     still[:, 1] = 95
     if rest == "askew":
@@ -124,7 +124,7 @@ def test_bvh_rest_pose_stands_upright(tmp_path: Path, body: Body, rest: str) -> 
 
 
 @pytest.mark.parametrize("start", [0.0, 0.4])
-def test_bvh_start_and_end(tmp_path: Path, body: Body, start: float) -> None:
+def test_bvh_start_and_end(tmp_path: Path, body: SimulatedBody, start: float) -> None:
     file = written(tmp_path, bvh_text(frames()))
     plain = person(body, kind="bvh", file=file).at([start, 0.78, 0.0])
     later = person(body, kind="bvh", file=file, start_s=start).at([0.0, 30.0, -30.0])
@@ -133,12 +133,12 @@ def test_bvh_start_and_end(tmp_path: Path, body: Body, start: float) -> None:
     assert np.allclose(again.keypoints_world[0], again.keypoints_world[1:], atol=1e-9)
 
 
-def test_bvh_feet_stay_above_the_floor(tmp_path: Path, body: Body) -> None:
+def test_bvh_feet_stay_above_the_floor(tmp_path: Path, body: SimulatedBody) -> None:
     state = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames(80, 18.0)))).at(np.arange(0, 1.6, 0.05))
     assert body.vertices(state.world_from_bone)[..., 2].min() > -5e-3
 
 
-def test_cmu_file(shared_data: Path, body: Body) -> None:
+def test_cmu_file(shared_data: Path, body: SimulatedBody) -> None:
     file = str(shared_data / "motion" / "cmu" / "01_01.bvh")
     state = person(body, kind="bvh", file=file).at(np.arange(0, 20, 0.2))
     lowest = body.vertices(state.world_from_bone)[..., 2].min(axis=1)
@@ -155,14 +155,14 @@ def test_cmu_file(shared_data: Path, body: Body) -> None:
         ({"RightLeg": "RightArm", "RightArm": "RightLeg"}, "broken hierarchy: expected joint 'RightLeg' below 'RightUpLeg'"),
     ],
 )
-def test_bvh_with_unusable_joints(tmp_path: Path, body: Body, names: dict[str, str], text: str) -> None:
+def test_bvh_with_unusable_joints(tmp_path: Path, body: SimulatedBody, names: dict[str, str], text: str) -> None:
     file = written(tmp_path, bvh_text(frames(), names))
     with pytest.raises(InputError, match=f"motion.bvh: {text}"):
         person(body, kind="bvh", file=file)
 
 
 @pytest.mark.parametrize(("style", "prefix"), [("mixamo", "mixamorig:"), ("spaced", "figure: ")])
-def test_bvh_name_prefixes(tmp_path: Path, body: Body, style: str, prefix: str) -> None:
+def test_bvh_name_prefixes(tmp_path: Path, body: SimulatedBody, style: str, prefix: str) -> None:
     renamed = {name: prefix.strip() + name for name, *_ in JOINTS}
     plain = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames()))).at([0.3])
     other = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames(), renamed))).at([0.3])
@@ -170,7 +170,7 @@ def test_bvh_name_prefixes(tmp_path: Path, body: Body, style: str, prefix: str) 
 
 
 @pytest.fixture(scope="module")
-def squat(body: Body) -> tuple[np.ndarray, np.ndarray]:
+def squat(body: SimulatedBody) -> tuple[np.ndarray, np.ndarray]:
     """Times and keypoints of a person who squats facing +Y."""
     times = np.arange(0, 4, 1 / 50)
     state = person(body, kind="squat", heading_deg=90, position_m=(0.4, -0.7)).at(times)
@@ -184,7 +184,9 @@ MARKERS = {
 
 
 @pytest.mark.parametrize("style", MARKERS)
-def test_trc_moves_the_body_as_recorded(tmp_path: Path, body: Body, squat: tuple[np.ndarray, np.ndarray], style: str) -> None:
+def test_trc_moves_the_body_as_recorded(
+    tmp_path: Path, body: SimulatedBody, squat: tuple[np.ndarray, np.ndarray], style: str
+) -> None:
     times, points = squat
     names = [MARKERS[style][n] for n in KEYPOINTS.keypoints]
     if style == "openpose":
@@ -197,7 +199,9 @@ def test_trc_moves_the_body_as_recorded(tmp_path: Path, body: Body, squat: tuple
     assert np.median(error) < 25e-3
 
 
-def test_trc_gaps_are_closed_and_missing_markers_named(tmp_path: Path, body: Body, squat: tuple[np.ndarray, np.ndarray]) -> None:
+def test_trc_gaps_are_closed_and_missing_markers_named(
+    tmp_path: Path, body: SimulatedBody, squat: tuple[np.ndarray, np.ndarray]
+) -> None:
     times, points = squat
     holes = points.copy()
     holes[20:24, KEYPOINTS.index("left_knee")] = np.nan
@@ -214,7 +218,7 @@ def test_trc_gaps_are_closed_and_missing_markers_named(tmp_path: Path, body: Bod
         person(body, kind="trc", file=str(tmp_path / "none.trc"))
 
 
-def test_real_trc(shared_data: Path, body: Body) -> None:
+def test_real_trc(shared_data: Path, body: SimulatedBody) -> None:
     folder = shared_data / "pose2sim_single" / "reference"
     file = next(folder.glob("*butterworth.trc"))
     state = person(body, kind="trc", file=str(file)).at(np.arange(0, 1.6, 0.05))
@@ -240,7 +244,7 @@ def recording(times: np.ndarray, people: dict[int, np.ndarray], rig) -> Recordin
     return Recording.from_views(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
 
 
-def test_result_animates_a_person(tmp_path: Path, body: Body, squat: tuple[np.ndarray, np.ndarray], ring_rig) -> None:
+def test_result_animates_a_person(tmp_path: Path, body: SimulatedBody, squat: tuple[np.ndarray, np.ndarray], ring_rig) -> None:
     times, points = squat
     seldom = points + [1.0, 0, 0]
     seldom[: len(times) // 2] = np.nan
@@ -254,7 +258,7 @@ def test_result_animates_a_person(tmp_path: Path, body: Body, squat: tuple[np.nd
         person(body, kind="result", file=str(tmp_path), person=3)
 
 
-def test_turns_between_frames_are_the_shortest(tmp_path: Path, body: Body) -> None:
+def test_turns_between_frames_are_the_shortest(tmp_path: Path, body: SimulatedBody) -> None:
     two = np.zeros((2, 3 + 3 * len(JOINTS)))
     two[:, 1] = 95
     two[1, 3 + 3] = 40.0

@@ -7,7 +7,7 @@ import pytest
 
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body import JOINTS, Body, BodySettings, build_body
+from posefuse.simulation.body import JOINTS, BodyShapeSettings, SimulatedBody, build_body
 from posefuse.simulation.motion import MotionSettings, PersonState, build_person
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
@@ -28,7 +28,7 @@ class Walk:
     t_s: np.ndarray
     state: PersonState
     speed_mps: float
-    body: Body
+    body: SimulatedBody
 
     def point(self, name: str) -> np.ndarray:
         return self.state.keypoints_world[:, KEYPOINTS.index(name)]
@@ -41,25 +41,25 @@ class Walk:
         return (self.point("left_hip") + self.point("right_hip")) / 2
 
 
-def walk(body: Body, path: dict, speed_mps: float, times: np.ndarray, seed: int = 3) -> Walk:
+def walk(body: SimulatedBody, path: dict, speed_mps: float, times: np.ndarray, seed: int = 3) -> Walk:
     content = {"kind": "walk", "path": path, "speed_mps": speed_mps}
     person = build_person(body, settings_from_mapping(content, MotionSettings, "scene.yaml"), seed)
     return Walk(times, person.at(times), speed_mps, body)
 
 
 @pytest.fixture(scope="module")
-def body() -> Body:
-    return build_body(BodySettings(sex=0.4))
+def body() -> SimulatedBody:
+    return build_body(BodyShapeSettings(sex=0.4))
 
 
 @pytest.fixture(scope="module", params=PATHS)
-def walked(request: pytest.FixtureRequest, body: Body) -> Walk:
+def walked(request: pytest.FixtureRequest, body: SimulatedBody) -> Walk:
     path, speed = PATHS[request.param]
     return walk(body, path, speed, np.arange(-2.0, 14.0, 1 / HZ))
 
 
 @pytest.fixture(scope="module")
-def circle(body: Body) -> Walk:
+def circle(body: SimulatedBody) -> Walk:
     return walk(body, *PATHS["circle"], np.arange(0.0, 20.0, 1 / HZ))
 
 
@@ -122,14 +122,14 @@ def test_circle_speed_radius_and_heading(circle: Walk) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.6, 1.0, 1.6])
-def test_straight_speed_is_as_asked(body: Body, speed: float) -> None:
+def test_straight_speed_is_as_asked(body: SimulatedBody, speed: float) -> None:
     way = walk(body, {"shape": "line", "start_m": (0, 0), "end_m": (0, 9)}, speed, np.arange(0, 9 / speed, 1 / HZ))
     on = (way.hips[:, 1] > 2.5) & (way.hips[:, 1] < 6.5)
     track, times = way.hips[on, 1], way.t_s[on]
     assert (track[-1] - track[0]) / (times[-1] - times[0]) == pytest.approx(speed, rel=0.02)
 
 
-def test_line_starts_and_ends_standing(body: Body) -> None:
+def test_line_starts_and_ends_standing(body: SimulatedBody) -> None:
     way = walk(body, *PATHS["line"], np.array([-5.0, 0.0, 20.0, 30.0]))
     assert np.allclose(way.hips[:2, :2], [-2.0, 0.5], atol=0.03)
     assert np.allclose(way.hips[2:, :2], [2.5, 1.5], atol=0.03)
@@ -139,7 +139,7 @@ def test_line_starts_and_ends_standing(body: Body) -> None:
     assert abs(feet[:2] @ ahead) < 0.03
 
 
-def test_joint_ranges_are_human(body: Body) -> None:
+def test_joint_ranges_are_human(body: SimulatedBody) -> None:
     way = walk(body, {"shape": "line", "start_m": (0, 0), "end_m": (12, 0)}, 1.35, np.arange(3.0, 7.0, 1 / HZ))
     for side in ("left", "right"):
         hip, knee, ankle = (way.angle(f"{side}_{j}") for j in ("hip", "knee", "ankle"))
@@ -156,7 +156,7 @@ def test_joint_ranges_are_human(body: Body) -> None:
     assert np.corrcoef(arm, way.point("right_ankle")[:, 0] - way.hips[:, 0])[0, 1] > 0.7
 
 
-def test_half_a_cycle_later_is_the_mirror_image(body: Body) -> None:
+def test_half_a_cycle_later_is_the_mirror_image(body: SimulatedBody) -> None:
     times = np.arange(4.0, 6.5, 1 / HZ)
     way = walk(body, {"shape": "line", "start_m": (0, 0), "end_m": (12, 0)}, 1.2, times)
     left, right = (way.angle(f"{side}_knee") for side in ("left", "right"))
@@ -165,18 +165,18 @@ def test_half_a_cycle_later_is_the_mirror_image(body: Body) -> None:
     assert min(gaps) < 3.0
 
 
-def test_step_length_grows_with_speed_and_leg(body: Body) -> None:
-    def step_m(who: Body, speed: float) -> float:
+def test_step_length_grows_with_speed_and_leg(body: SimulatedBody) -> None:
+    def step_m(who: SimulatedBody, speed: float) -> float:
         way = walk(who, {"shape": "line", "start_m": (0, 0), "end_m": (9, 0)}, speed, np.arange(2, 6, 1 / HZ))
         places = [way.point("left_ankle")[s, 0].mean() for s in held(way.point("left_heel"), 0.06)]
         return float(np.median(np.diff(np.unique(np.round(places, 1)))) / 2)
 
-    child = build_body(BodySettings(age_years=9, height_m=1.3))
+    child = build_body(BodyShapeSettings(age_years=9, height_m=1.3))
     assert step_m(body, 0.8) < step_m(body, 1.5)
     assert step_m(child, 1.2) < step_m(body, 1.2)
 
 
-def test_sideways_faces_one_way_and_never_crosses(body: Body) -> None:
+def test_sideways_faces_one_way_and_never_crosses(body: SimulatedBody) -> None:
     way = walk(body, *PATHS["sideways"], np.arange(0, 12, 1 / HZ))
     assert (way.point("nose")[:, 1] > way.hips[:, 1]).all()
     # facing +Y the left foot stays on the -X side
@@ -184,13 +184,13 @@ def test_sideways_faces_one_way_and_never_crosses(body: Body) -> None:
     assert np.ptp(way.hips[:, 0]) == pytest.approx(3.0, abs=0.05)
 
 
-def test_random_way_stays_in_its_area(body: Body) -> None:
+def test_random_way_stays_in_its_area(body: SimulatedBody) -> None:
     way = walk(body, *PATHS["random"], np.arange(0, 60, 0.1))
     assert (way.hips[:, :2] > [-2.0, -1.5]).all()
     assert (way.hips[:, :2] < [2.0, 1.5]).all()
 
 
-def test_same_seed_same_bytes(body: Body) -> None:
+def test_same_seed_same_bytes(body: SimulatedBody) -> None:
     times = np.array([5.0, -1.0, 0.3])
     one, same, other = (walk(body, *PATHS["random"], times, seed).state.world_from_bone for seed in (3, 3, 4))
     assert one.tobytes() == same.tobytes()
@@ -219,21 +219,23 @@ def test_bad_settings_are_named(content: dict, text: str) -> None:
         ({"shape": "random", "low_m": (0, 0), "high_m": (1, 5)}, 1.0, "high_m: expected at least 2 m beyond low_m"),
     ],
 )  # fmt: skip
-def test_paths_that_cannot_be_walked(body: Body, path: dict, speed: float, text: str) -> None:
+def test_paths_that_cannot_be_walked(body: SimulatedBody, path: dict, speed: float, text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         walk(body, path, speed, np.zeros(1))
 
 
 def test_short_legs_cannot_walk_as_fast() -> None:
-    child = build_body(BodySettings(age_years=7, height_m=1.2))
+    child = build_body(BodyShapeSettings(age_years=7, height_m=1.2))
     with pytest.raises(
         ConfigError, match=r"speed_mps: expected at most 1\.\d\d m/s for a hip height of 0\.\d\d m \(faster is running"
     ):
         walk(child, {"shape": "line", "start_m": (0, 0), "end_m": (5, 0)}, 2.0, np.zeros(1))
 
 
-@pytest.mark.parametrize("settings", [BodySettings(age_years=5), BodySettings(height_m=2.0), BodySettings(random_seed=1)])
-def test_every_body_walks(settings: BodySettings) -> None:
+@pytest.mark.parametrize(
+    "settings", [BodyShapeSettings(age_years=5), BodyShapeSettings(height_m=2.0), BodyShapeSettings(random_seed=1)]
+)
+def test_every_body_walks(settings: BodyShapeSettings) -> None:
     who = build_body(settings)
     fastest = 0.98 * np.sqrt(0.5 * 9.81 * who.points_rest["left_hip"][2])
     for speed in (0.3, float(min(fastest, 2.2))):

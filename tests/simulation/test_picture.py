@@ -9,13 +9,13 @@ from posefuse.detection import default_cards, status
 from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.foundation.user_cache import default_cache_dir
 from posefuse.simulation import Scene
-from posefuse.simulation.body import BodySettings
+from posefuse.simulation.body import BodyShapeSettings
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ImageSettings, RingCameras
 from posefuse.simulation.exact import seen_points
 from posefuse.simulation.motion.settings import WaveSettings
 from posefuse.simulation.render.shot import CameraShooter
-from posefuse.simulation.render.stage import Stage
+from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import PersonSettings
 from posefuse.simulation.session import model_of
 from posefuse.simulation.source import shot_image
@@ -37,10 +37,10 @@ def network():
 @pytest.mark.gl
 @pytest.mark.parametrize("sex", ["female", "male"])
 def test_the_network_finds_the_person_from_every_side(sex, network, backend):
-    person = PersonSettings(body=BodySettings(sex=sex), motion=WaveSettings(kind="wave", heading_deg=15))
+    person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=WaveSettings(kind="wave", heading_deg=15))
     ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
     live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
-    stage = Stage(model_of(live, (640, 480)), backend)
+    stage = RenderStage(model_of(live, (640, 480)), backend)
     frames, truth = [], []
     for c, camera in enumerate(live.rig):
         image, visible = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))

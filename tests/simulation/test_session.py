@@ -23,7 +23,7 @@ from posefuse.simulation.cameras import CameraOverride, ImageSettings, RingCamer
 from posefuse.simulation.motion.settings import IdleSettings, TPoseSettings
 from posefuse.simulation.paths import CarriedPath
 from posefuse.simulation.props import ArucoCube
-from posefuse.simulation.render.stage import Stage
+from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import JpegSettings, PersonSettings
 from posefuse.simulation.scene_files import plain_settings
 from posefuse.simulation.session import body_poses, model_of
@@ -113,7 +113,7 @@ def test_visible_joints_lie_on_their_person_and_hidden_ones_exist(session, backe
     live, truth = live_scene(_SCENE), read_truth(session / "truth" / "truth.npz")
     optics = [optics_of(camera) for camera in live.rig]
     largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-    stage = Stage(model_of(live, (int(largest[0]), int(largest[1]))), backend)
+    stage = RenderStage(model_of(live, (int(largest[0]), int(largest[1]))), backend)
     inside = []
     for camera, view, lens in zip(live.rig, truth.views, optics, strict=True):
         for f, t_ns in enumerate(view.t_ns):

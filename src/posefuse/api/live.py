@@ -208,12 +208,12 @@ class LiveSession:
                     threading.Thread(target=self._hear_poses, args=(connection,), daemon=True).start()
 
     def _hear_control(self, connection: Connection, report: Progress) -> None:
-        from posefuse.realtime.serve import Ended, News
+        from posefuse.realtime.serve import Ended, NewsLine
 
         with suppress(EOFError, OSError):
             while True:
                 message = connection.recv()
-                if isinstance(message, News):
+                if isinstance(message, NewsLine):
                     self.news.append(message.line)
                     report("live", 0, None, message.line)
                 elif isinstance(message, Ended):

@@ -25,7 +25,7 @@ EXTRAS = {
 
 
 @dataclass(frozen=True)
-class Check:
+class MachineCheck:
     """One line of `posefuse doctor`.
 
     Attributes:
@@ -40,7 +40,7 @@ class Check:
     cure: str = ""
 
 
-def machine_checks() -> list[Check]:
+def machine_checks() -> list[MachineCheck]:
     """All checks, needed ones first."""
     return [
         _python(),
@@ -56,17 +56,17 @@ def machine_checks() -> list[Check]:
     ]
 
 
-def _python() -> Check:
+def _python() -> MachineCheck:
     found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    return Check("Python", sys.version_info >= (3, 11), True, found, "install Python 3.11 or newer")
+    return MachineCheck("Python", sys.version_info >= (3, 11), True, found, "install Python 3.11 or newer")
 
 
-def _processor() -> Check:
+def _processor() -> MachineCheck:
     flags = _cpu_flags()
     fast = [name for name in ("avx2", "avx512f", "avx512_bf16", "amx_bf16") if name in flags]
     cores = usable_cores()
     found = f"{cores} cores; {', '.join(fast) or 'no AVX2'}"
-    return Check("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
+    return MachineCheck("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
 
 
 def _cpu_flags() -> set[str]:
@@ -77,12 +77,12 @@ def _cpu_flags() -> set[str]:
     return set(lines[0].split()) if lines else set()
 
 
-def _disk() -> Check:
+def _disk() -> MachineCheck:
     folder = default_cache_dir()
     nearest = next(parent for parent in (folder, *folder.parents) if parent.exists())
     writable = os.access(nearest, os.W_OK)
     free_gb = shutil.disk_usage(nearest).free / 1e9
-    return Check(
+    return MachineCheck(
         "model cache",
         writable,
         True,
@@ -109,13 +109,13 @@ def _installed(names: Sequence[str]) -> tuple[list[str], list[str]]:
     return present, absent
 
 
-def _packages() -> list[Check]:
+def _packages() -> list[MachineCheck]:
     present, absent = _installed(_names_of(None))
     found = f"{len(present)} packages" + (f"; missing: {', '.join(absent)}" if absent else "")
-    return [Check("core packages", not absent, True, found, "pip install posefuse")]
+    return [MachineCheck("core packages", not absent, True, found, "pip install posefuse")]
 
 
-def _tracking() -> Check:
+def _tracking() -> MachineCheck:
     """Whether `track` can begin: its modules import and the detector is ready, for real."""
     cure = "the first line that is MISSING above says what to do; else please report this line"
     try:
@@ -124,34 +124,36 @@ def _tracking() -> Check:
 
         cache_dir = default_cache_dir()
         if any(status(card, cache_dir) != "ready" for card in default_cards()):
-            return Check("tracking", False, True, f"{run.__name__} works; its networks are missing", "posefuse models")
+            return MachineCheck("tracking", False, True, f"{run.__name__} works; its networks are missing", "posefuse models")
         detector = BlazePoseConfig().build()
     except Exception as error:  # noqa: BLE001 - whatever stops this stops `track` as well
-        return Check("tracking", False, True, f"{type(error).__name__}: {error}", cure)
-    return Check("tracking", True, True, f"the detector is ready ({len(detector.skeleton)} keypoints)")
+        return MachineCheck("tracking", False, True, f"{type(error).__name__}: {error}", cure)
+    return MachineCheck("tracking", True, True, f"the detector is ready ({len(detector.skeleton)} keypoints)")
 
 
-def _extras() -> list[Check]:
+def _extras() -> list[MachineCheck]:
     checks = []
     for extra, purpose in EXTRAS.items():
         present, absent = _installed(_names_of(extra))
         found = ", ".join(present) if not absent else f"missing: {', '.join(absent)}"
-        checks.append(Check(f"extra {extra}: {purpose}", not absent, False, found, f'pip install "posefuse[{extra}]"'))
+        checks.append(MachineCheck(f"extra {extra}: {purpose}", not absent, False, found, f'pip install "posefuse[{extra}]"'))
     return checks
 
 
-def _video_codec() -> Check:
+def _video_codec() -> MachineCheck:
     import av
 
     codecs = [name for name in ("h264", "hevc", "vp9", "libx264") if name in av.codecs_available]
-    return Check("video", "h264" in codecs, True, f"PyAV {av.__version__}: {', '.join(codecs)}", "reinstall PyAV: pip install av")
+    return MachineCheck(
+        "video", "h264" in codecs, True, f"PyAV {av.__version__}: {', '.join(codecs)}", "reinstall PyAV: pip install av"
+    )
 
 
-def _models() -> list[Check]:
+def _models() -> list[MachineCheck]:
     cache_dir = default_cache_dir()
     needed = {card.name for card in default_cards()}
     return [
-        Check(
+        MachineCheck(
             f"model {card.name}",
             state == "ready",
             card.name in needed,
@@ -163,18 +165,18 @@ def _models() -> list[Check]:
     ]
 
 
-def _rendering() -> list[Check]:
+def _rendering() -> list[MachineCheck]:
     from posefuse.core import DependencyError
     from posefuse.simulation.render.backend import working_backend
 
     name = "rendering (simulator)"
     try:
-        return [Check(name, True, False, working_backend())]
+        return [MachineCheck(name, True, False, working_backend())]
     except DependencyError as error:
-        return [Check(name, False, False, "no", str(error))]
+        return [MachineCheck(name, False, False, "no", str(error))]
 
 
-def _display() -> Check:
+def _display() -> MachineCheck:
     found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or ""
     cure = "only `posefuse view` and `--view` need one; files can be looked at elsewhere"
-    return Check("display", bool(found), False, found or "none", cure)
+    return MachineCheck("display", bool(found), False, found or "none", cure)

@@ -13,7 +13,7 @@ from posefuse.messages import topics
 from posefuse.messages.bags import Warn, read_mcap
 from posefuse.messages.messages import detections_from_message, pose_from_message
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.gate import Gate
+from posefuse.realtime.gate import KeypointGate
 from posefuse.realtime.joint_centres import Centring, centres_from_message
 from posefuse.realtime.provenance import read_provenance
 from posefuse.realtime.session import ready_tracker
@@ -47,7 +47,7 @@ def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) 
 
 def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:
     """Pairs (recorded pose, pose of a new tracker at the same place of the same stream); `warn` as in `read_mcap`."""
-    tracker, centring, gate = None, Centring(rig.names, config.joint_centres), Gate(config.gate)
+    tracker, centring, gate = None, Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
     for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}, warn):
         if entry.topic == topics.JOINT_CENTRES.name:
             centring.learn(centres_from_message(entry.msg))

@@ -47,7 +47,7 @@ class SourceView:
 
 
 @dataclass(frozen=True, eq=False)
-class Optics:
+class IdealOptics:
     """How a camera's image is made from an ideal picture.
 
     Attributes:
@@ -59,13 +59,13 @@ class Optics:
     map_px: Array | None
 
 
-def optics_of(camera: Camera) -> Optics:
+def optics_of(camera: Camera) -> IdealOptics:
     """Source picture and map; raises ConfigError when the lens sees further aside than can be rendered."""
     width, height = camera.size_wh
     fx, fy, skew = camera.K[0, 0], camera.K[1, 1], camera.K[0, 1]
     if not camera.distortion.any() and camera.model == "pinhole" and abs(fx - fy) < _SQUARE * fx and skew == 0:
         view = SourceView((-0.5 - camera.K[0, 2]) / fx, (-0.5 - camera.K[1, 2]) / fx, 1 / fx, width, height)
-        return Optics(view, None)
+        return IdealOptics(view, None)
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))
     norm = camera.norm_from_px(np.stack([columns, rows], axis=-1))
     seen = np.isfinite(norm).all(axis=-1)
@@ -85,7 +85,7 @@ def optics_of(camera: Camera) -> Optics:
     size[0] += tuple(size) == camera.size_wh
     first = low - (_MARGIN_PX + 0.5) * step
     view = SourceView(float(first[0]), float(first[1]), step, int(size[0]), int(size[1]))
-    return Optics(view, view.px_from_norm(norm).astype(np.float32))
+    return IdealOptics(view, view.px_from_norm(norm).astype(np.float32))
 
 
 def has_lens(camera: Camera) -> bool:

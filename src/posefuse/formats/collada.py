@@ -56,7 +56,7 @@ class Mesh:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Skeleton:
+class ColladaSkeleton:
     """The joints a mesh hangs on, and how they move.
 
     Attributes:
@@ -80,7 +80,7 @@ def joint_name(name: str) -> str:
     return re.sub(r"\W", "_", name)
 
 
-def write_collada(path: Path, mesh: Mesh, skeleton: Skeleton | None = None) -> None:
+def write_collada(path: Path, mesh: Mesh, skeleton: ColladaSkeleton | None = None) -> None:
     """Write a mesh; raises InputError when the file cannot be written or joints have no usable names."""
     if skeleton is not None:
         _check_names(path, skeleton)
@@ -106,7 +106,7 @@ def write_collada(path: Path, mesh: Mesh, skeleton: Skeleton | None = None) -> N
         raise InputError(f"{path}: cannot be written ({error})") from None
 
 
-def _check_names(path: Path, skeleton: Skeleton) -> None:
+def _check_names(path: Path, skeleton: ColladaSkeleton) -> None:
     wrong = [name for name in skeleton.names if joint_name(name) != name]
     if wrong or len(set(skeleton.names)) != len(skeleton.names):
         raise InputError(
@@ -153,7 +153,7 @@ def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
         _add(triangles, "p", " ".join(map(str, np.repeat(faces.ravel(), 3))))
 
 
-def _controller(root: ElementTree.Element, skeleton: Skeleton) -> None:
+def _controller(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
     skin = _add(_add(_add(root, "library_controllers"), "controller", id="skin", name="skin"), "skin", source="#mesh")
     _add(skin, "bind_shape_matrix", _numbers(np.eye(4)))
     names = _add(skin, "source", id="skin-joints")
@@ -173,7 +173,7 @@ def _controller(root: ElementTree.Element, skeleton: Skeleton) -> None:
     _add(weights, "v", " ".join(map(str, pairs.ravel())))
 
 
-def _animations(root: ElementTree.Element, skeleton: Skeleton) -> None:
+def _animations(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
     library = _add(root, "library_animations", id="motion", name="motion")
     for j, name in enumerate(skeleton.names):
         moving = _add(library, "animation", id=f"{name}-motion", name=f"{name}-motion")
@@ -189,7 +189,7 @@ def _animations(root: ElementTree.Element, skeleton: Skeleton) -> None:
         _add(moving, "channel", source=f"#{name}-sampled", target=f"{name}/transform")
 
 
-def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: Skeleton | None) -> None:
+def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: ColladaSkeleton | None) -> None:
     scene = _add(_add(root, "library_visual_scenes"), "visual_scene", id="scene", name="scene")
     if skeleton is not None:
         for rest, node in zip(_rest_in_parent(skeleton), _joint_nodes(scene, skeleton), strict=True):
@@ -206,7 +206,7 @@ def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: Skeleton | None) -> 
     _add(_add(root, "scene"), "instance_visual_scene", url="#scene")
 
 
-def _joint_nodes(scene: ElementTree.Element, skeleton: Skeleton) -> Iterator[ElementTree.Element]:
+def _joint_nodes(scene: ElementTree.Element, skeleton: ColladaSkeleton) -> Iterator[ElementTree.Element]:
     nodes: list[ElementTree.Element] = []
     for name, parent in zip(skeleton.names, skeleton.parent, strict=True):
         over = scene if parent < 0 else nodes[parent]
@@ -214,7 +214,7 @@ def _joint_nodes(scene: ElementTree.Element, skeleton: Skeleton) -> Iterator[Ele
         yield nodes[-1]
 
 
-def _rest_in_parent(skeleton: Skeleton) -> Array:
+def _rest_in_parent(skeleton: ColladaSkeleton) -> Array:
     world = skeleton.world_from_joint_rest
     over = np.where(skeleton.parent[:, None, None] < 0, np.eye(4), world[skeleton.parent])
     return np.asarray(np.linalg.inv(over) @ world)

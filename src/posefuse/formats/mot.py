@@ -15,7 +15,7 @@ from posefuse.foundation.parsing import one_line, read_text
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motion:
+class MotTable:
     """Named quantities over time, as OpenSim stores them.
 
     Attributes:
@@ -37,7 +37,7 @@ class Motion:
         freeze_fields(self, dict.fromkeys(("t_s", "values"), np.float64))
         sizes = check_fields(self, {"t_s": "T", "values": "T Q"})
         if sizes["Q"] != len(self.columns) or len(set(self.columns)) != len(self.columns):
-            raise ShapeError(f"Motion: expected {sizes['Q']} different column names, got {len(set(self.columns))}")
+            raise ShapeError(f"MotTable: expected {sizes['Q']} different column names, got {len(set(self.columns))}")
 
     def column(self, name: str) -> Array:
         """(T,) values of one column; raises InputError for a name that is not there."""
@@ -46,16 +46,16 @@ class Motion:
         return np.asarray(self.values[:, self.columns.index(name)])
 
 
-def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> Motion:
+def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> MotTable:
     """One person's angles as columns ``joint_angle`` in degrees, time from the first time step; all-NaN columns are left out."""
     columns = [f"{joint}_{angle}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for angle in names]
     values = np.degrees(joints.angle_rad[:, person].reshape(len(joints.t_ns), -1))
     kept = np.flatnonzero(np.isfinite(values).any(axis=0))
     t_s = (joints.t_ns - joints.t_ns[0]) * 1e-9 if len(joints.t_ns) else np.zeros(0)
-    return Motion(name=name, t_s=t_s, columns=tuple(columns[i] for i in kept), values=values[:, kept])
+    return MotTable(name=name, t_s=t_s, columns=tuple(columns[i] for i in kept), values=values[:, kept])
 
 
-def write_mot(path: Path, motion: Motion) -> None:
+def write_mot(path: Path, motion: MotTable) -> None:
     """Write a .mot or .sto file; unknown values are written as ``nan``, which OpenSim reads."""
     header = [
         motion.name.replace("\n", " "), "version=1", f"nRows={len(motion.t_s)}", f"nColumns={len(motion.columns) + 1}",
@@ -66,7 +66,7 @@ def write_mot(path: Path, motion: Motion) -> None:
         temporary.write_text("\n".join((*header, *rows)) + "\n", encoding="utf-8")
 
 
-def read_mot(path: Path) -> Motion:
+def read_mot(path: Path) -> MotTable:
     """Read a .mot or .sto file.
 
     Raises:
@@ -82,7 +82,7 @@ def read_mot(path: Path) -> Motion:
         raise InputError(f"{path}: line {end + 2}: expected the first column 'time', got {first}")
     rows = [_row(path, i, lines[i], len(names)) for i in range(end + 2, len(lines)) if lines[i].strip()]
     table = np.array(rows, np.float64).reshape(-1, len(names))
-    return Motion(
+    return MotTable(
         name=lines[0].strip(), t_s=table[:, 0], columns=tuple(names[1:]), values=table[:, 1:], in_degrees=_in_degrees(lines[:end])
     )
 

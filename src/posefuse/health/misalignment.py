@@ -24,7 +24,7 @@ _LEAST_DEPTH_M, _MOST_OFF_M = 0.2, 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Instant:
+class TriangulatedStep:
     """Points of one time step, and how they fit.
 
     Attributes:
@@ -95,7 +95,7 @@ class Sums:
         )
 
 
-def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
+def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> TriangulatedStep:
     """Points (C, P, 2) in raw px, NaN where unseen, as they fit the rig."""
     norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
     points = linear_points(rig, norm)
@@ -119,10 +119,10 @@ def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> Instant:
     with np.errstate(divide="ignore", invalid="ignore"):
         misfit = np.sqrt(np.where(redundant > 0, (off**2).sum(axis=(1, 2)) / redundant, np.nan))
     xyz_cam = np.where(seen[..., None], np.einsum("cij,pj->pci", turn, points) + shift, 0.0)
-    return Instant(t_ns=t_ns, xyz_world=points, misfit_m=misfit, rows=rows, off_m=off, xyz_cam=xyz_cam, seen=seen)
+    return TriangulatedStep(t_ns=t_ns, xyz_world=points, misfit_m=misfit, rows=rows, off_m=off, xyz_cam=xyz_cam, seen=seen)
 
 
-def sums_of(rig: Rig, now: Instant, velocity_world: Array) -> Sums:
+def sums_of(rig: Rig, now: TriangulatedStep, velocity_world: Array) -> Sums:
     """Normal equations of one time step whose points move at (P, 3) m/s, NaN where unknown."""
     good = np.isfinite(now.misfit_m) & np.isfinite(velocity_world).all(axis=-1)
     cameras = len(rig)

@@ -7,13 +7,13 @@ import numpy as np
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.core import Rig, ViewSequence
 
-from .rig_monitor import Finding, observe, start
+from .rig_monitor import RigFinding, observe, start
 
 # more tells no more: a network's errors last longer than this
 _EVERY_S = 0.1
 
 
-def rig_findings(views: ViewSequence, rig: Rig) -> list[Finding]:
+def rig_findings(views: ViewSequence, rig: Rig) -> list[RigFinding]:
     """Cameras that were moved, swapped or unsynchronised, as the first person's keypoints show; needs three cameras."""
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9 if len(views.t_ns) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))

@@ -16,7 +16,7 @@ import numpy as np
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
-from .misalignment import LATE, TURN, UNKNOWNS, Instant, Sums, instant_of, sums_of
+from .misalignment import LATE, TURN, UNKNOWNS, Sums, TriangulatedStep, instant_of, sums_of
 
 MOVED, UNSYNCHRONISED, SWAPPED = "moved", "unsynchronised", "swapped"
 # time constants of the two windows: short for gross errors, long for small ones
@@ -45,7 +45,7 @@ _NEWEST_APART_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class RigFinding:
     """Something is wrong with a camera.
 
     Attributes:
@@ -74,16 +74,16 @@ class MonitorState:
     """
 
     sums: tuple[Sums, ...]
-    before: tuple[Instant, ...] = ()
+    before: tuple[TriangulatedStep, ...] = ()
     recent: tuple[Array, ...] = ()
-    finding: Finding | None = None
+    finding: RigFinding | None = None
     well_ns: int | None = None
     doubt: tuple[str, tuple[str, ...]] | None = None
     since_ns: int = 0
     others: MonitorState | None = None
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[RigFinding, ...]:
         """All present findings."""
         if self.finding is None:
             return ()
@@ -95,7 +95,7 @@ def start(rig: Rig) -> MonitorState:
     return MonitorState(sums=tuple(Sums.nothing(len(rig)) for _ in MEMORIES_S))
 
 
-def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
+def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[RigFinding]]:
     """Take in matched points (C, P, 2) raw px of one time step (NaN where unseen); P stays the same from call to call.
 
     Returns:
@@ -162,7 +162,7 @@ def _explained(sums: Sums, unknowns: slice) -> tuple[Array, Array, Array]:
     return amount, np.sqrt(squares / np.maximum(sums.points, 1e-9)), (pull * found).sum(axis=1)
 
 
-def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, list[Finding]]:
+def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, list[RigFinding]]:
     found = _suspected(state, rig)
     if found is None:
         return replace(state, doubt=None), []
@@ -174,7 +174,7 @@ def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, lis
     return replace(state, finding=found, well_ns=None, doubt=None, others=start(rig)), [found]
 
 
-def _suspected(state: MonitorState, rig: Rig) -> Finding | None:
+def _suspected(state: MonitorState, rig: Rig) -> RigFinding | None:
     """The one explanation that accounts for most of the residuals, if there is one."""
     short = state.sums[0]
     if (short.points > 0).sum() < LEAST_CAMERAS or short.count < _LEAST_COUNT:
@@ -208,22 +208,22 @@ def _misfit_m(sums: Sums) -> float:
     return float(np.sqrt(sums.squares / sums.count)) if sums.count > 0 else 0.0
 
 
-def _named(rig: Rig, suspect: Suspect) -> Finding:
+def _named(rig: Rig, suspect: Suspect) -> RigFinding:
     name, off_mm = rig.names[suspect.camera], 1e3 * suspect.displaced_m
     if suspect.kind == UNSYNCHRONISED:
         words = f"{name} is unsynchronised: its images lag by about {1e3 * suspect.amount:+.0f} ms"
     else:
         degrees = np.rad2deg(suspect.amount)
         words = f"{name} is off by {off_mm:.0f} mm ({degrees:.1f} deg) compared with the other cameras: was it moved?"
-    return Finding(
+    return RigFinding(
         kind=suspect.kind, cameras=(name,), t_ns=0, detail=words, displaced_m=suspect.displaced_m, amount=suspect.amount
     )
 
 
-def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
+def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> RigFinding:
     words = " or ".join(f"{rig.names[a]} and {rig.names[b]}" for a, b in pairs)
     cameras = tuple(rig.names[c] for c in sorted({c for pair in pairs for c in pair}))
-    return Finding(
+    return RigFinding(
         kind=SWAPPED,
         cameras=cameras,
         t_ns=0,
@@ -232,7 +232,9 @@ def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> Finding:
     )
 
 
-def _gone_on(state: MonitorState, finding: Finding, rig: Rig, t_ns: int, xy_img: Array) -> tuple[MonitorState, list[Finding]]:
+def _gone_on(
+    state: MonitorState, finding: RigFinding, rig: Rig, t_ns: int, xy_img: Array
+) -> tuple[MonitorState, list[RigFinding]]:
     """The state with its finding updated, and new findings of the other cameras; without the finding once it has been over
     for a while."""
     assert state.others is not None
@@ -250,7 +252,7 @@ def _gone_on(state: MonitorState, finding: Finding, rig: Rig, t_ns: int, xy_img:
     return replace(start(rig), before=state.before), []
 
 
-def _by_now(sums: Sums, finding: Finding, rig: Rig) -> tuple[Finding, float]:
+def _by_now(sums: Sums, finding: RigFinding, rig: Rig) -> tuple[RigFinding, float]:
     """A finding with its largest displacement so far, and the present displacement."""
     if finding.kind == SWAPPED:
         now_m = _misfit_m(sums)

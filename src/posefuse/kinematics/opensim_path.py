@@ -18,7 +18,7 @@ import numpy as np
 
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.core.arrays import Array
-from posefuse.formats.mot import Motion, read_mot
+from posefuse.formats.mot import MotTable, read_mot
 from posefuse.formats.trc import TrcData, write_trc
 
 from .body.model import Body, bodies_from_poses
@@ -76,7 +76,7 @@ _BODY_OF_NODE = {"pelvis": "pelvis", "stretch": "torso", "head": "head"} | {
 }  # fmt: skip
 
 
-def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: Body | None = None) -> Motion:
+def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: Body | None = None) -> MotTable:
     """Build the person's model, write the keypoints as TRC, run OpenSim's inverse kinematics, read the .mot back.
 
     Args:

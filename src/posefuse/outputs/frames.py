@@ -50,7 +50,7 @@ class FrameSink(Sink, Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class OutputOutcome:
     """What came of writing outputs.
 
     Attributes:
@@ -69,7 +69,7 @@ def write_outputs(sinks: Sequence[Sink], recording: Recording, folder: Path, fra
     return list(outcome.files)
 
 
-def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_sets: FrameSets | None = None) -> Outcome:
+def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_sets: FrameSets | None = None) -> OutputOutcome:
     """Write all outputs of a recording into an existing folder, reading the frames once and keeping one set at a time.
 
     Time steps that `frame_sets` leaves out are shown without images; frame sets that are at no time step are skipped. An
@@ -100,7 +100,7 @@ def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_
             writer.__exit__(None, None, None)
             made[place] = writer.files
     files = tuple(path for place in sorted(made) for path in made[place])
-    return Outcome(files=files, failed={sinks[place].name: error for place, error in sorted(failed.items())})
+    return OutputOutcome(files=files, failed={sinks[place].name: error for place, error in sorted(failed.items())})
 
 
 @contextmanager

@@ -39,7 +39,7 @@ _MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
-    """The result of one time step. Ids are tracks, until `Follower.identified` tells who they are.
+    """The result of one time step. Ids are tracks, until `PeopleFollower.identified` tells who they are.
 
     Attributes:
         batches: every look that the detector took, in order. chosen: index of the one that the people are taken from.
@@ -66,7 +66,7 @@ class _Seen:
     hints: Hints
 
 
-class Follower:
+class PeopleFollower:
     """First pass over a recording: finds people, follows them, and reports to each view where to look next.
 
     While people are followed, the pose expected at a time step (constant velocity) gives each view its region. As long as

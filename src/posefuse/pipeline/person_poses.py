@@ -38,7 +38,7 @@ from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.detection.downloading import fetch_networks
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import CameraInput
-from posefuse.pipeline.following import Follower, observations_of
+from posefuse.pipeline.following import PeopleFollower, observations_of
 from posefuse.pipeline.images import ImageInstants, Timeline, common_timeline
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
@@ -153,7 +153,7 @@ def poses_together(
         InputError: no person could be followed. SourceError: a video breaks off.
     """
     instants, followed = ImageInstants(rig, sources, detector, timeline, _raise), []
-    follower = Follower(skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(), fusing=FuseSettings())
+    follower = PeopleFollower(skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(), fusing=FuseSettings())
     try:
         for one in follower.follow(instants.steps()):
             followed.append(one)

@@ -17,13 +17,13 @@ from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.plain_values import plain
 from posefuse.health.recorded import rig_findings
-from posefuse.health.rig_monitor import UNSYNCHRONISED, Finding
+from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
 from posefuse.tracking import JointCentres, proportional_joint_centres
 
 from .clock import StageClock
 from .config import TrackConfig
-from .following import Followed, Follower, observations_of
+from .following import Followed, PeopleFollower, observations_of
 from .opening import Opened, open_session
 from .others import others_line, others_seen
 from .session import LEAST_CAMERAS, Session
@@ -150,7 +150,7 @@ def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store |
         if store is not None and batch.step >= first:
             store.append(batch)
 
-    follower = Follower(
+    follower = PeopleFollower(
         skeleton=skeleton, rig=rig, associating=config.associate, fusing=config.fuse, clock=clock, keep=keep
     )  # fmt: skip
     steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps.steps(first))
@@ -184,7 +184,7 @@ def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[
     }
 
 
-def finding_line(finding: Finding, session: Path) -> str:
+def finding_line(finding: RigFinding, session: Path) -> str:
     """When it shows, what is wrong with a camera, and what to do about it."""
     remedy = f"; `posefuse calibrate clocks {session}` finds its offset" if finding.kind == UNSYNCHRONISED else ""
     return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"

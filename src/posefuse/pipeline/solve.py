@@ -21,7 +21,7 @@ from posefuse.tracking import JointCentres, SmoothSettings
 
 from .clock import StageClock
 from .config import TrackConfig
-from .following import Follower
+from .following import PeopleFollower
 from .live_steps import live_timeline
 from .second_pass import long_enough, poses_over_time
 from .time_steps import stored_steps
@@ -80,7 +80,7 @@ def solve(
     Raises:
         InputError: no person could be followed.
     """
-    follower = Follower(
+    follower = PeopleFollower(
         skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
     )
     steps, person_id = list(stored_steps(observations)), np.full(len(observations), NOT_KEPT)

@@ -20,7 +20,7 @@ from .board import Board
 from .clock import SessionClock
 from .fusion import velocity_between
 from .joint_centres import message_from_centres
-from .messages import Centres, Seen, Status
+from .messages import Centres, SeenView, Status
 from .processes import Groups
 from .scheduling import expected_gain
 
@@ -54,7 +54,7 @@ class CameraNode:
         wait_any(groups.channels(), _POLL_S)
         self._take_poses()
         for message in groups.messages():
-            if isinstance(message, Seen):
+            if isinstance(message, SeenView):
                 self._send(message)
             elif isinstance(message, Status):
                 for state in message.cameras:
@@ -71,7 +71,7 @@ class CameraNode:
             cameras = {name: CameraHealth(state=v.state, text=v.text) for name, v in verdicts.items()}
             self._output.diagnose(now_ns, health_lines(LiveHealth(t_ns=now_ns, cameras=cameras)))
 
-    def _send(self, seen: Seen) -> None:
+    def _send(self, seen: SeenView) -> None:
         view = self.monitor.admit(seen, self._clock.now_ns())
         if view is not None:
             stages = {"received": seen.received_ns, "started": seen.started_ns, "detected": seen.detected_ns}

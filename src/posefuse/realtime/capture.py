@@ -15,7 +15,7 @@ from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.health.cameras import CameraState
 
-from .faults import Fault, Wrong, disturbed
+from .faults import SourceFault, Wrong, disturbed
 from .video_keeping import VideoKeeper
 
 _RETRY_S = 1.0
@@ -39,7 +39,7 @@ class LiveInput:
     kind: str
     config: Any
     reopen: bool
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[SourceFault, ...] = ()
     loop_s: float | None = None
 
     @property

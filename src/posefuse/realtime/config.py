@@ -14,7 +14,7 @@ from posefuse.fusion import FuseSettings
 from posefuse.kinematics import JointSettings
 from posefuse.tracking.online import LiveSettings
 
-from .gate import GateSettings
+from .gate import KeypointGateSettings
 from .ros_cameras import CameraInfoUse
 
 # 32 years
@@ -53,7 +53,7 @@ class LiveConfig:
     angles: bool = True
     camera_info: CameraInfoUse = "check"
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
-    gate: GateSettings = field(default_factory=GateSettings)
+    gate: KeypointGateSettings = field(default_factory=KeypointGateSettings)
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     track: LiveSettings = field(default_factory=LiveSettings)
     associate: AssociateSettings = field(default_factory=AssociateSettings)

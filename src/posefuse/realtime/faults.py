@@ -22,7 +22,7 @@ _POLL_S = 0.02
 
 
 @dataclass(frozen=True)
-class Fault:
+class SourceFault:
     """What goes wrong with a camera, and when.
 
     Attributes:
@@ -37,16 +37,16 @@ class Fault:
     end_s: float
 
 
-def faults_from_arguments(arguments: Sequence[str], rig: Rig) -> dict[str, tuple[Fault, ...]]:
+def faults_from_arguments(arguments: Sequence[str], rig: Rig) -> dict[str, tuple[SourceFault, ...]]:
     """Faults by camera of ``CAMERA=KIND@START[-END]``; raises ConfigError for anything else."""
-    found: dict[str, tuple[Fault, ...]] = {}
+    found: dict[str, tuple[SourceFault, ...]] = {}
     for argument in arguments:
         match = re.fullmatch(r"([^=]+)=([a-z]+)@([0-9.]+)(?:-([0-9.]+))?", argument)
         if not match or match[2] not in FAULTS or match[1] not in rig.names:
             raise ConfigError(
                 f"--fault {argument}: expected CAMERA=KIND@START[-END], cameras: {choices(rig.names)}; kinds: {choices(FAULTS)}"
             )
-        fault = Fault(match[2], float(match[3]), float(match[4]) if match[4] else float("inf"))
+        fault = SourceFault(match[2], float(match[3]), float(match[4]) if match[4] else float("inf"))
         found[match[1]] = (*found.get(match[1], ()), fault)
     return found
 
@@ -59,7 +59,7 @@ class Wrong:
     bumped: bool = False
 
 
-def disturbed(frames: Iterator[Frame], faults: Sequence[Fault], begun_s: float) -> Iterator[tuple[Frame, Wrong]]:
+def disturbed(frames: Iterator[Frame], faults: Sequence[SourceFault], begun_s: float) -> Iterator[tuple[Frame, Wrong]]:
     """The frames of a faulty camera, and what else is wrong with each; `begun_s`: monotonic time that faults count from."""
     last: Frame | None = None
     for frame in frames:

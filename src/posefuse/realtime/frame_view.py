@@ -38,7 +38,7 @@ def frame_view(place: str | None, opened: Callable[[str], FrameView[F_contra]]) 
         view.close()
 
 
-class Pace:
+class DrawPace:
     """Which frames to draw, so that every camera is drawn at a pace an eye can follow."""
 
     def __init__(self, every_ns: int) -> None:

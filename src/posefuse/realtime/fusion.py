@@ -18,10 +18,10 @@ from posefuse.tracking.online import Tracker
 
 from .board import Board
 from .clock import SessionClock
-from .gate import Gate, GateSettings
+from .gate import KeypointGate, KeypointGateSettings
 from .joint_centres import Centring, live_centres
 from .latency import Latencies, ViewTimes
-from .messages import Centres, Seen, Status
+from .messages import Centres, SeenView, Status
 from .output_plan import Outlets
 from .rig_watch import RigWatch
 from .scheduling import expected_gain
@@ -35,7 +35,7 @@ _SIGMA_PX = 4.0
 _SIGMA_FORGET = 0.02
 
 
-class Intake(Protocol):
+class ViewIntake(Protocol):
     """Where views come from: camera groups of this machine, or a network."""
 
     def channels(self) -> list[Channel]:
@@ -68,14 +68,14 @@ class Fusion:
         centring: Centring,
         watch: RigWatch | None = None,
         joints: JointTracker | None = None,
-        gate: Gate | None = None,
+        gate: KeypointGate | None = None,
     ) -> None:
         self.rig, self.tracker, self._board, self.clock, self.outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
         self.centring = centring
         self.watch, self._joints = watch, joints
-        self.gate = gate or Gate(GateSettings())
+        self.gate = gate or KeypointGate(KeypointGateSettings())
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
@@ -86,7 +86,7 @@ class Fusion:
         self._followed = 0
         self._judged_ns = self._showing_ns = 0
 
-    def run(self, intake: Intake, rate_hz: float, until: Callable[[int], bool]) -> None:
+    def run(self, intake: ViewIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
         """Work until `until(now)` says so."""
         period_ns = round(_S / rate_hz)
         due_ns = self.clock.now_ns() + period_ns
@@ -110,7 +110,7 @@ class Fusion:
 
     def take(self, message: Any) -> None:
         """One message of a camera group, or of another machine."""
-        if isinstance(message, Seen):
+        if isinstance(message, SeenView):
             self._see(message)
         elif isinstance(message, Centres):
             self.centring.learn(message)
@@ -139,7 +139,7 @@ class Fusion:
         self.poses_with_people += self._followed > 0
         self._tell(due_ns)
 
-    def _see(self, seen: Seen) -> None:
+    def _see(self, seen: SeenView) -> None:
         now_ns = self.clock.now_ns()
         if seen.state is not None:
             self.monitor.take_state(seen.state, now_ns)
@@ -175,7 +175,7 @@ class Fusion:
             c = self._places[camera]
             self.sigma_px[c] += _SIGMA_FORGET * (median(stated) - self.sigma_px[c])
 
-    def _listen(self, intake: Intake, due_ns: int) -> None:
+    def _listen(self, intake: ViewIntake, due_ns: int) -> None:
         channels = intake.channels()
         wait_s = max(0, due_ns - self.clock.now_ns()) / _S
         if not wait_any(channels, wait_s) and channels:
@@ -194,7 +194,7 @@ class Fusion:
         self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
         self._last_published = shown
 
-    def _judge(self, intake: Intake, now_ns: int) -> None:
+    def _judge(self, intake: ViewIntake, now_ns: int) -> None:
         if now_ns - self._judged_ns < _JUDGE_NS:
             return
         self._judged_ns = now_ns

@@ -18,7 +18,7 @@ from posefuse.foundation.settings import settings
 
 
 @settings
-class GateSettings:
+class KeypointGateSettings:
     """What may be sent out.
 
     Attributes:
@@ -31,7 +31,7 @@ class GateSettings:
     unmeasured_s: Annotated[float, Gt(0)] = 0.4
 
 
-class Gate:
+class KeypointGate:
     """Passes poses on in the order of their times.
 
     Attributes:
@@ -39,7 +39,7 @@ class Gate:
             no keypoint is left.
     """
 
-    def __init__(self, rules: GateSettings) -> None:
+    def __init__(self, rules: KeypointGateSettings) -> None:
         self._rules = rules
         self.keypoints = self.people = (0, 0)
         # by person: when each keypoint was last measured

@@ -25,7 +25,7 @@ from .capture import Capture, Caught, LiveInput, pick
 from .changeable_detector import ChangeableDetector
 from .clock import SessionClock
 from .faults import before_bump, seen_by_bumped
-from .messages import Centres, Failed, Go, Ready, Seen, Status, Stop, Use
+from .messages import Centres, Go, GroupFailed, Ready, SeenView, Status, Stop, Use
 from .preview import preview
 from .scheduling import LEAST_EVERY_S, search_slot
 from .searching import SearchSchedule
@@ -74,7 +74,7 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
             group = _opened(plan, channel, board)
             group.run()
         except PosefuseError as error:
-            channel.send(Failed(plan.group, str(error)), _SEND_S)
+            channel.send(GroupFailed(plan.group, str(error)), _SEND_S)
     # a thread that hangs in a driver must not keep the process
     os._exit(0)
 
@@ -171,7 +171,7 @@ class Group:
         if regions is None:
             self._whole_images += 1
             self._searches[name].searched(caught.sample, time.monotonic(), found=len(shown) > 0)
-        seen = Seen(
+        seen = SeenView(
             detections=shown,
             state=capture.state(),
             received_ns=frame.received_ns + shift_ns,

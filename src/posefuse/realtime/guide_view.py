@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.outputs.rerun_scene import TIMELINE, camera_path, camera_views, opened_stream
 
-from .frame_view import Pace, small_image
+from .frame_view import DrawPace, small_image
 
 if TYPE_CHECKING:
     from posefuse.calibration.targets.guidance import Guidance
@@ -35,7 +35,7 @@ class GuideView:
         self._cameras = tuple(cameras)
         self._stream = opened_stream("posefuse calibrate guide", place, _blueprint(self._cameras))
         self._zero_ns: int | None = None
-        self._pace = Pace(_EVERY_NS)
+        self._pace = DrawPace(_EVERY_NS)
 
     def look(self, look: GuideFrame) -> None:
         """Show one frame and what it adds, unless its camera was shown just now."""

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, median_clothing, with_persons
 from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.tracking.online import CameraHealth, LiveSettings, Tracker
+from posefuse.tracking.online import CameraStatistics, LiveSettings, Tracker
 
 # poses of a track say something new about the body this often
 _LEARN_NS = 30_000_000
@@ -59,7 +59,7 @@ class NamedTracker:
         return self._tracker.looked_for(t_ns)
 
     @property
-    def health(self) -> Mapping[str, CameraHealth]:
+    def health(self) -> Mapping[str, CameraStatistics]:
         """See `Tracker.health`."""
         return self._tracker.health
 

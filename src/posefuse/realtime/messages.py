@@ -27,7 +27,7 @@ class Centres:
 
 
 @dataclass(frozen=True)
-class Failed:
+class GroupFailed:
     """A group cannot begin: one line says why."""
 
     group: int
@@ -47,7 +47,7 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Seen:
+class SeenView:
     """One frame looked at.
 
     Attributes:

@@ -17,7 +17,7 @@ from posefuse.messages.messages import DETECTIONS_TYPE, detections_from_message
 
 from .clock import SessionClock
 from .joint_centres import centres_from_message
-from .messages import Centres, Seen
+from .messages import Centres, SeenView
 from .senders import Senders
 
 _WAIT_S = 0.2
@@ -41,7 +41,7 @@ class ViewIntake:
         # what the nodes say about joint centres, by sender
         self._centres: dict[str, Centres] = {}
 
-    def centres(self, sample: Sample) -> list[Seen | Centres]:
+    def centres(self, sample: Sample) -> list[SeenView | Centres]:
         """What a node says about joint centres: of the cameras whose views are its own; of others it is kept."""
         if (received := self._centres_intake.take(sample.raw)) is None:
             return []
@@ -51,7 +51,7 @@ class ViewIntake:
         own = tuple(name for name in received.cameras if self.senders.sender(name) == sample.sender)
         return [replace(received, cameras=own)] if own else []
 
-    def view(self, sample: Sample, now_ns: int) -> list[Seen | Centres]:
+    def view(self, sample: Sample, now_ns: int) -> list[SeenView | Centres]:
         """A view that came at `now_ns`, and before the first one of a sender what it says about the camera's joint centres."""
         if not self.senders.read(sample.sender, now_ns):
             return []
@@ -94,7 +94,7 @@ class NetworkIntake:
         """For `select`."""
         return [self._ours]
 
-    def messages(self) -> Iterator[Seen | Centres]:
+    def messages(self) -> Iterator[SeenView | Centres]:
         """What has come; never waits."""
         for _ in range(_AT_ONCE):
             received = self._ours.receive()
@@ -145,10 +145,10 @@ class NetworkIntake:
             self._chosen.set()
 
 
-def _seen(view: Any, stages: Mapping[str, int], sent_ns: int, now_ns: int) -> Seen:
+def _seen(view: Any, stages: Mapping[str, int], sent_ns: int, now_ns: int) -> SeenView:
     received_ns = stages.get("received", min(sent_ns, now_ns))
     started_ns = stages.get("started", received_ns)
-    return Seen(
+    return SeenView(
         detections=view,
         state=None,
         received_ns=received_ns,

@@ -12,7 +12,7 @@ from posefuse.foundation.platform import peak_memory_mb
 
 from .clock import SessionClock
 from .config import LiveConfig
-from .messages import Centres, Seen
+from .messages import Centres, SeenView
 from .network_intake import NetworkIntake
 from .news import Say
 from .session import ready_tracker
@@ -63,7 +63,7 @@ class NetworkViews:
         """For `select`."""
         return self.intake.channels()
 
-    def messages(self) -> Iterator[Seen | Centres]:
+    def messages(self) -> Iterator[SeenView | Centres]:
         """What has come; never waits."""
         return self.intake.messages()
 

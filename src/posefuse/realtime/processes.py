@@ -18,7 +18,7 @@ from posefuse.foundation.platform import peak_memory_mb
 
 from .board import Board
 from .group import GroupPlan, run_group
-from .messages import Centres, Failed, Go, Ready, Status, Stop
+from .messages import Centres, Go, GroupFailed, Ready, Status, Stop
 from .video_keeping import FINISH_S
 
 START_S = 120.0
@@ -204,7 +204,7 @@ class Groups:
             message = member.channel.receive()
         except ChannelClosed:
             raise SourceError(f"cameras {_cameras(member.plan)}: {death_of(member.process)} while starting") from None
-        if isinstance(message, Failed):
+        if isinstance(message, GroupFailed):
             raise SourceError(message.reason)
         if isinstance(message, Ready):
             member.marks, member.ready = message, True
@@ -222,7 +222,7 @@ class Groups:
             if isinstance(message, Ready) and self._go is not None:
                 member.ready = True
                 self._send_go(member, self._go, 0.1)
-            elif isinstance(message, Failed):
+            elif isinstance(message, GroupFailed):
                 self._died(member, message.reason)
                 return
             else:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from posefuse.outputs.rerun_scene import TIMELINE, camera_path, camera_views, opened_stream
 
 from .camera_feed import FedFrame
-from .frame_view import Pace, small_image
+from .frame_view import DrawPace, small_image
 
 _CAMERAS = "cameras"
 _EVERY_NS, _QUALITY = 200_000_000, 75
@@ -26,7 +26,7 @@ class RecordView:
         self._cameras = tuple(cameras)
         blueprint = rrb.Blueprint(camera_views(self._cameras, _CAMERAS), collapse_panels=True)
         self._stream = opened_stream("posefuse record", place, blueprint)
-        self._pace = Pace(_EVERY_NS)
+        self._pace = DrawPace(_EVERY_NS)
 
     def look(self, fed: FedFrame) -> None:
         """Show one frame, unless its camera was shown just now."""

@@ -37,7 +37,7 @@ class ServePlan:
 
 
 @dataclass(frozen=True)
-class News:
+class NewsLine:
     """One line of news."""
 
     line: str
@@ -62,7 +62,7 @@ def serve(connection: Connection) -> None:
     try:
 
         def say(line: str) -> None:
-            connection.send(News(line))
+            connection.send(NewsLine(line))
 
         rig = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
         outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs)

@@ -25,7 +25,7 @@ from .board import Board
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
 from .fusion import Fusion, build_solve
-from .gate import Gate
+from .gate import KeypointGate
 from .group import GroupPlan
 from .group_views import GroupViews
 from .identity import NamedTracker
@@ -91,7 +91,9 @@ def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextMa
                 joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
                 tracker = ready_tracker(rig, skeleton, config)
             centring = Centring(rig.names, config.joint_centres)
-            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=Gate(config.gate))
+            fusion = Fusion(
+                rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=KeypointGate(config.gate)
+            )
             for told in views.centres():
                 fusion.take(told)
             zero_ns = views.start(clock)

@@ -11,9 +11,9 @@ from posefuse.core import SE3, ConfigError, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import ANATOMICAL23
 
-from .body import Body, build_body
+from .body import SimulatedBody, build_body
 from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
-from .motion import Person, build_person
+from .motion import MovingPerson, build_person
 from .paths import CarriedPath, poses_in_hand, poses_on_path
 from .props import Prop, prop_from_settings
 from .scene import Scene, check_scene
@@ -41,8 +41,8 @@ class LiveScene:
     placed: tuple[PlacedCamera, ...]
     rig: Rig
     shots: tuple[Shots, ...]
-    bodies: tuple[Body, ...]
-    people: tuple[Person, ...]
+    bodies: tuple[SimulatedBody, ...]
+    people: tuple[MovingPerson, ...]
     boxes: tuple[Box, ...]
     props: tuple[Prop, ...]
 
@@ -163,7 +163,7 @@ def _check_not_in_a_person(camera: str, centre: Array, keypoints: Array, t_s: Ar
         )
 
 
-def _grip(body: Body, path: CarriedPath) -> tuple[int, SE3]:
+def _grip(body: SimulatedBody, path: CarriedPath) -> tuple[int, SE3]:
     """The bone that ends the forearm, and where on it the prop sits: beyond the wrist, upright at rest."""
     rest = body.keypoints(body.world_from_bone_rest[None])[0]
     elbow, wrist = (rest[ANATOMICAL23.index(f"{path.side}_{joint}")] for joint in ("elbow", "wrist"))

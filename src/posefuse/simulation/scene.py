@@ -14,7 +14,7 @@ from posefuse.core import ConfigError
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_settings, settings
 
-from .body import BodySettings
+from .body import BodyShapeSettings
 from .cameras import CameraSettings, placed_cameras
 from .motion import MotionSettings
 from .paths import CarriedPath
@@ -26,7 +26,7 @@ from .surroundings import OccluderSettings, RoomSettings
 class PersonSettings:
     """One person: a body and how it moves."""
 
-    body: BodySettings = BodySettings()
+    body: BodyShapeSettings = BodyShapeSettings()
     motion: MotionSettings
 
 

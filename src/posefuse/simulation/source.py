@@ -26,7 +26,7 @@ from .build import LiveScene, live_scene
 from .exact import flesh_of_points, seen_points
 from .render.backend import working_backend
 from .render.shot import CameraShooter
-from .render.stage import Stage
+from .render.stage import RenderStage
 from .scene import read_scene
 from .session import body_poses, model_of
 from .session_folder import SessionPaths
@@ -117,7 +117,7 @@ class SimulatedSource:
         live, i = self._live, self._index
         camera, shots = live.rig.cameras[i], live.shots[i]
         view = optics_of(camera).view
-        stage = Stage(model_of(live, (view.width, view.height)), working_backend())
+        stage = RenderStage(model_of(live, (view.width, view.height)), working_backend())
         try:
             shooter = CameraShooter(camera, live.placed[i].sensor, stage)
             yield shots.seq, shots.stamp_ns, lambda k: shot_image(live, i, k, shooter)[0]

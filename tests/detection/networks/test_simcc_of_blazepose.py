@@ -10,7 +10,7 @@ import pytest
 from posefuse.core import SKELETONS, Recording
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection import BlazePoseConfig
-from posefuse.detection.blazepose.network import Network
+from posefuse.detection.blazepose.network import BlazePoseNetwork
 from posefuse.detection.blazepose.persons import PersonNetwork
 from posefuse.detection.models import read_card
 from posefuse.detection.networks.card import NetworkCard, NetworkInput
@@ -33,7 +33,9 @@ class BlazePoseAsSimcc:
     def __init__(self) -> None:
         landmarks = read_card("blazepose_full")
         file = BlazePoseConfig().fetch()[1]
-        self._network = Network(file, (landmarks.decoding.heatmaps, landmarks.decoding.presence), landmarks.input, "f32", 1)
+        self._network = BlazePoseNetwork(
+            file, (landmarks.decoding.heatmaps, landmarks.decoding.presence), landmarks.input, "f32", 1
+        )
         self.card = NetworkCard(
             name="simcc", folder=Path(), kind="simcc", file="none", sha256="0" * 64, licence="Apache-2.0",
             keypoints="blazepose33", input=NetworkInput(size_wh=(SIDE, SIDE)), least_keypoint_score=0.2,

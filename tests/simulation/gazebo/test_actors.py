@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from posefuse.core import ConfigError, InputError
-from posefuse.formats.collada import Mesh, Skeleton, Surface, write_collada
+from posefuse.formats.collada import ColladaSkeleton, Mesh, Surface, write_collada
 from posefuse.simulation.gazebo.animation import baked, halfway
 
 MM = 1e-3
@@ -129,7 +129,7 @@ def test_halfway_is_half_the_turn_of_each_joint_in_its_parent():
 @pytest.mark.parametrize("names", [("a.b",), ("a", "a"), ("two words",)])
 def test_joints_with_names_that_readers_take_for_another_are_refused(names, tmp_path):
     count = len(names)
-    skeleton = Skeleton(
+    skeleton = ColladaSkeleton(
         names=names,
         parent=np.arange(count) - 1,
         world_from_joint_rest=np.tile(np.eye(4), (count, 1, 1)),

@@ -20,7 +20,7 @@ from posefuse.foundation.user_cache import default_cache_dir
 
 from .looks import LandmarkNetwork, Look, averaged
 from .persons import PersonNetwork, regions_from_outputs
-from .search import Stage, stages
+from .search import SearchStage, stages
 
 # two looks whose keypoints are closer than this share of the longer side of the person (median) show one person. A body that
 # is cut off at the edge of one square and whole in another differs by up to a tenth.
@@ -141,7 +141,7 @@ class BlazePoseDetector:
         regions = [[region_from_keypoints(look.xy, self._skeleton) for look in people] for people in found]
         return [[region for region in some if region is not None] for some in regions]
 
-    def _next_stage(self, plan: Iterator[Stage], found: bool) -> Stage | None:
+    def _next_stage(self, plan: Iterator[SearchStage], found: bool) -> SearchStage | None:
         return next((stage for stage in plan if not (found and stage.for_first)), None)
 
     def _look_at_squares(self, frames: Sequence[Frame], squares: Sequence[tuple[int, Region]], found: list[list[Look]]) -> None:

@@ -13,7 +13,7 @@ from posefuse.core.arrays import Array
 from posefuse.detection.models import LandmarkDecoding, ModelCard
 
 from .landmarks import landmarks_from_outputs
-from .network import Network, Precision
+from .network import BlazePoseNetwork, Precision
 from .noise import NoiseModel, read_noise
 
 # a network whose presence is below this says nothing about where keypoints are
@@ -41,7 +41,7 @@ class Look:
 class LandmarkNetwork:
     """A landmark network, the noise model fitted to it, and the skeleton it marks."""
 
-    network: Network
+    network: BlazePoseNetwork
     noise: NoiseModel
     skeleton: Skeleton
 
@@ -52,7 +52,7 @@ class LandmarkNetwork:
         if not isinstance(decoding, LandmarkDecoding):
             raise ModelError(f"model card {card.name}: expected kind heatmap_landmarks, got {card.kind}")
         outputs = (decoding.landmarks, decoding.presence, decoding.heatmaps)
-        network = Network(file, outputs, card.input, precision, streams)
+        network = BlazePoseNetwork(file, outputs, card.input, precision, streams)
         return cls(network, read_noise(card.folder / decoding.noise), SKELETONS[decoding.skeleton])
 
     def look(self, crops: Sequence[Array]) -> list[Look]:

@@ -15,7 +15,7 @@ from posefuse.detection.models import ModelInput
 from posefuse.detection.openvino_cpu import Precision, compiled_for_cpu, openvino_core
 
 
-class Network:
+class BlazePoseNetwork:
     """A .tflite file compiled for this CPU.
 
     Args:

@@ -17,7 +17,7 @@ from posefuse.core.arrays import Array
 from posefuse.detection.models import ModelCard, PersonDecoding
 from posefuse.detection.regions import img_from_crop
 
-from .network import Network, Precision
+from .network import BlazePoseNetwork, Precision
 
 # the circle is tight; the landmark network was trained on squares this much larger
 _ROOM = 1.25
@@ -29,7 +29,7 @@ _FIRST_POINT = 4
 class PersonNetwork:
     """A person detector and how to read it."""
 
-    network: Network
+    network: BlazePoseNetwork
     decoding: PersonDecoding
 
     @classmethod
@@ -38,7 +38,7 @@ class PersonNetwork:
         if not isinstance(card.decoding, PersonDecoding):
             raise ModelError(f"model card {card.name}: expected kind person_ssd, got {card.kind}")
         outputs = (card.decoding.boxes, card.decoding.scores)
-        return cls(Network(file, outputs, card.input, precision, streams), card.decoding)
+        return cls(BlazePoseNetwork(file, outputs, card.input, precision, streams), card.decoding)
 
 
 def regions_from_outputs(

@@ -16,7 +16,7 @@ _OVERLAP = 0.4
 
 
 @dataclass(frozen=True)
-class Stage:
+class SearchStage:
     """Squares to look at together.
 
     Attributes:
@@ -28,7 +28,7 @@ class Stage:
     for_first: bool = False
 
 
-def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[Stage]:
+def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[SearchStage]:
     """Where to look, stage by stage until a stage finds no new person.
 
     Args:
@@ -39,15 +39,15 @@ def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[Stage]:
         The whole image as it is; turned upright by gravity; turned by quarters; and tiles of it, ever smaller.
     """
     tilted = abs(up_rad) > _UPRIGHT_RAD
-    yield Stage([_whole(size_wh, 0.0)])
+    yield SearchStage([_whole(size_wh, 0.0)])
     if tilted:
-        yield Stage([_whole(size_wh, up_rad)])
-    yield Stage([_whole(size_wh, up_rad + quarter * np.pi / 2) for quarter in (1, 3, 2)], for_first=True)
+        yield SearchStage([_whole(size_wh, up_rad)])
+    yield SearchStage([_whole(size_wh, up_rad + quarter * np.pi / 2) for quarter in (1, 3, 2)], for_first=True)
     for zoom in _ZOOMS:
-        yield Stage(_tiles(size_wh, max(size_wh) / zoom, up_rad))
+        yield SearchStage(_tiles(size_wh, max(size_wh) / zoom, up_rad))
     if tilted:
         for zoom in _ZOOMS:
-            yield Stage(_tiles(size_wh, max(size_wh) / zoom, 0.0), for_first=True)
+            yield SearchStage(_tiles(size_wh, max(size_wh) / zoom, 0.0), for_first=True)
 
 
 def _whole(size_wh: tuple[int, int], angle_rad: float) -> Region:

@@ -14,11 +14,11 @@ from . import anatomy
 from .angles import SEGMENTS, joint_angles
 from .colours import GROUPS, colour_groups, completed
 from .mesh import rest_mesh
-from .settings import BodySettings
+from .settings import BodyShapeSettings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Body:
+class SimulatedBody:
     """One body: what the renderer draws and what is true about it. Made by `build_body`.
 
     Rest pose: standing on the floor at the origin, facing +X, left +Y, up +Z, metres.
@@ -36,7 +36,7 @@ class Body:
         points_rest: each `ANATOMICAL23` keypoint (3,) at rest.
     """
 
-    settings: BodySettings
+    settings: BodyShapeSettings
     bone_names: tuple[str, ...]
     bone_parent: Array
     bone_centre: Array
@@ -117,7 +117,7 @@ class Body:
         return joint_angles(moved[..., :3, :3] @ self.segment_axes)
 
 
-def build_body(settings: BodySettings) -> Body:
+def build_body(settings: BodyShapeSettings) -> SimulatedBody:
     """Make a body. Needs the extra ``sim``.
 
     Raises:
@@ -128,7 +128,7 @@ def build_body(settings: BodySettings) -> Body:
     axes, origin = anatomy.segment_frames(mesh)
     share, moment = anatomy.keypoint_moments(mesh)
     group, colours = colour_groups(mesh, decided)
-    return Body(
+    return SimulatedBody(
         settings=decided,
         bone_names=mesh.bone_names,
         bone_parent=mesh.bone_parent,

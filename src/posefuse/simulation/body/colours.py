@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 
 from .mesh import RestMesh
-from .settings import BodySettings
+from .settings import BodyShapeSettings
 
 GROUPS = ("shirt", "trousers", "shoes", "skin", "hair")
 _DEFAULT = {"shirt": "#b22626", "trousers": "#1a2659", "shoes": "#0d0d0d", "skin": "#d9a68c", "hair": "#26190d"}
@@ -27,7 +27,7 @@ _FEET = ("foot", "toe")
 _TORSO = ("spine", "clavicle", "shoulder", "upperarm")
 
 
-def completed(settings: BodySettings) -> BodySettings:
+def completed(settings: BodyShapeSettings) -> BodyShapeSettings:
     """The same settings with nothing left open but the weight; the same seed always decides the same."""
     drawn = _average() if settings.random_seed is None else _drawn(settings.random_seed)
     given = {k: v for k in drawn if (v := getattr(settings, k, None)) is not None}
@@ -61,7 +61,7 @@ def _stature(sex: str | float, age_years: float, sigmas: float) -> float:
     return float((mean + sigmas * sd) * grown)
 
 
-def colour_groups(mesh: RestMesh, settings: BodySettings) -> tuple[Array, Array]:
+def colour_groups(mesh: RestMesh, settings: BodyShapeSettings) -> tuple[Array, Array]:
     """The group (V,) in `GROUPS` each vertex wears, and the colour (G, 3) of each group in [0, 1].
 
     A vertex wears what its strongest bone wears; the top and back of the head is hair.

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from posefuse.core import SKELETONS, ConfigError, DependencyError
 from posefuse.core.arrays import Array
 
-from .settings import BodySettings
+from .settings import BodyShapeSettings
 
 # anny faces -Y with its left at +X; a quarter turn makes that +X and +Y
 _OURS_FROM_ANNY = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -63,7 +63,7 @@ def _model() -> tuple[Any, Any]:
     return model, weights / weights.sum(axis=1, keepdims=True)
 
 
-def rest_mesh(settings: BodySettings) -> RestMesh:
+def rest_mesh(settings: BodyShapeSettings) -> RestMesh:
     """The mesh of a body; raises ConfigError for a stature or weight the body model cannot take."""
     model, regression = _model()
     shape = _solved_sliders(settings)
@@ -107,7 +107,7 @@ def stature_and_mass(sliders: dict[str, float]) -> tuple[float, float]:
     return float(np.ptp(vertices[:, 2])), float(volume * _DENSITY_KG_M3)
 
 
-def _solved_sliders(settings: BodySettings) -> dict[str, float]:
+def _solved_sliders(settings: BodyShapeSettings) -> dict[str, float]:
     """Sliders of the body model for the asked stature and mass, one after the other until both hold."""
     age_years, muscle, height_m = settings.age_years, settings.muscle, settings.height_m
     assert age_years is not None and muscle is not None and height_m is not None, "`decided` leaves the weight open only"

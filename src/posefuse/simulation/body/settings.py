@@ -14,7 +14,7 @@ Unit = Annotated[float, Ge(0), Le(1)]
 
 
 @settings
-class BodySettings:
+class BodyShapeSettings:
     """One body. A key that is left out is drawn from `random_seed` if that is given, else it is the default below.
 
     Attributes:

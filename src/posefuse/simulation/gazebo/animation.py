@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
-from posefuse.formats.collada import MOST_WEIGHTS, Mesh, Skeleton, Surface, joint_name
-from posefuse.simulation.body import Body
+from posefuse.formats.collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
+from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.props import Prop
 
 # bones that stay this close to their parent's motion are one with it
@@ -84,8 +84,8 @@ def in_parent(world_from_joint: Array, parent: Array) -> Array:
 
 
 def person_actor(
-    body: Body, bones_at: Callable[[Array], Array], duration_s: float, rate_hz: float, most_m: float
-) -> tuple[Mesh, Skeleton]:
+    body: SimulatedBody, bones_at: Callable[[Array], Array], duration_s: float, rate_hz: float, most_m: float
+) -> tuple[Mesh, ColladaSkeleton]:
     """A person's skin and motion. Bones that never move in their parent become one with it: fewer joints, the same skin.
 
     Raises:
@@ -96,7 +96,7 @@ def person_actor(
     parent = np.array([-1 if body.bone_parent[b] < 0 else joint_of_bone[body.bone_parent[b]] for b in kept])
     keys = baked(lambda t_s: bones_at(t_s)[:, kept], parent, duration_s, rate_hz, most_m)
     index, weight = _four_weights(joint_of_bone, len(kept), body)
-    skeleton = Skeleton(
+    skeleton = ColladaSkeleton(
         names=tuple(joint_name(body.bone_names[b]) for b in kept),
         parent=parent,
         world_from_joint_rest=body.world_from_bone_rest[kept],
@@ -110,7 +110,7 @@ def person_actor(
 
 def prop_actor(
     prop: Prop, texture: str, poses_at: Callable[[Array], Array], duration_s: float, rate_hz: float, most_m: float
-) -> tuple[Mesh, Skeleton]:
+) -> tuple[Mesh, ColladaSkeleton]:
     """A moving thing: a mesh on one joint; `poses_at` gives its world poses (T, 4, 4). Raises ConfigError, see `baked`."""
     mesh = prop_mesh(prop, texture)
     root = np.array([-1])
@@ -118,7 +118,7 @@ def prop_actor(
     # one joint holds every vertex
     weight = np.zeros((len(mesh.vertices), MOST_WEIGHTS))
     weight[:, 0] = 1.0
-    skeleton = Skeleton(
+    skeleton = ColladaSkeleton(
         names=("thing",),
         parent=root,
         world_from_joint_rest=np.eye(4)[None],
@@ -141,7 +141,7 @@ def prop_mesh(prop: Prop, texture: str) -> Mesh:
     return Mesh(vertices=prop.vertices, normals=normals, uv=prop.uv, parts=parts)
 
 
-def _reaching(mesh: Mesh, skeleton: Skeleton, world_from_joint: Array) -> tuple[Mesh, Skeleton]:
+def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) -> tuple[Mesh, ColladaSkeleton]:
     """The same with a speck of a triangle in every corner of the room that the motion takes up.
 
     A renderer leaves out what is not in the image by the box around the mesh at rest; now that box holds the whole motion.
@@ -178,7 +178,7 @@ def _merged(moved: Array, bone_parent: Array) -> tuple[Array, Array]:
     return joint_of_bone, np.array(kept)
 
 
-def _four_weights(joint_of_bone: Array, joints: int, body: Body) -> tuple[Array, Array]:
+def _four_weights(joint_of_bone: Array, joints: int, body: SimulatedBody) -> tuple[Array, Array]:
     """The four joints (V, 4) that hold each vertex most, and their shares (V, 4)."""
     total = np.zeros((len(body.vertices_rest), max(joints, MOST_WEIGHTS)))
     np.add.at(total, (np.arange(len(total))[:, None], joint_of_bone[body.bone_index]), body.bone_weight)
@@ -187,7 +187,7 @@ def _four_weights(joint_of_bone: Array, joints: int, body: Body) -> tuple[Array,
     return np.where(weight > 0, index, 0), weight / weight.sum(axis=1, keepdims=True)
 
 
-def _body_mesh(body: Body) -> Mesh:
+def _body_mesh(body: SimulatedBody) -> Mesh:
     group = body.colour_group[body.faces[:, 0]]
     parts = {
         name: (Surface(colour=(float(r), float(g), float(b))), body.faces[group == i])
@@ -198,7 +198,7 @@ def _body_mesh(body: Body) -> Mesh:
     return Mesh(vertices=body.vertices_rest, normals=_vertex_normals(body), uv=uv, parts=worn)
 
 
-def _vertex_normals(body: Body) -> Array:
+def _vertex_normals(body: SimulatedBody) -> Array:
     corners = body.vertices_rest[body.faces]
     # as long as twice the triangle's area: large triangles count for more
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -11,7 +11,7 @@ from posefuse.simulation.body import Body
 from posefuse.simulation.body.angles import turn
 
 from .limbs import bend_leg, lengths_m
-from .posture import Posture
+from .posture import BodyPosture
 from .settings import OverheadSettings, SitSettings, TurnSettings
 from .standing import SIDES, Footing, easy_arm, hip_offset, leaned, level_axes, minimum_jerk, straight_up
 
@@ -24,27 +24,27 @@ _STEPS_PER_TURN = 6
 _LIFT_M, _BENT_M = 0.05, 0.02
 
 
-def overhead(body: Body, settings: OverheadSettings) -> Callable[[Array], Posture]:
+def overhead(body: Body, settings: OverheadSettings) -> Callable[[Array], BodyPosture]:
     """Both arms forward and up above the head, and down again."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         up = 0.5 - 0.5 * np.cos(2 * np.pi * t_s / settings.period_s)
         centre, axes = straight_up(footing, len(t_s))
         for side in SIDES:
             axes |= easy_arm(body, side, axes["thorax"], _RAISED_RAD * up, np.deg2rad(16.0) + np.deg2rad(14.0) * up)
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
 
 
-def sit(body: Body, settings: SitSettings) -> Callable[[Array], Posture]:
+def sit(body: Body, settings: SitSettings) -> Callable[[Array], BodyPosture]:
     """Stands, sits down on something as high as the knee, rests, gets up; hands come to the thighs. There is no chair."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     thigh, shank = lengths_m(body, "left", "leg")
     standing_m = footing.hip_height_m()
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         part = np.mod(t_s / settings.period_s, 1.0)
         down = minimum_jerk((part - _DOWN_AT) / (_SEATED_AT - _DOWN_AT)) - minimum_jerk((part - _UP_AT) / (1.0 - _UP_AT))
         knee, shin = _SEATED_KNEE_RAD * down, _SEATED_SHANK_RAD * down
@@ -58,19 +58,19 @@ def sit(body: Body, settings: SitSettings) -> Callable[[Array], Posture]:
         axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.3 * lean)} | footing.legs(centre, pelvis)
         for side in SIDES:
             axes |= easy_arm(body, side, thorax, lean + np.deg2rad(25) * down, np.deg2rad(16.0) + np.deg2rad(50.0) * down)
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
 
 
-def turning(body: Body, settings: TurnSettings) -> Callable[[Array], Posture]:
+def turning(body: Body, settings: TurnSettings) -> Callable[[Array], BodyPosture]:
     """Turns to the left on the spot, one foot after the other."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     ankles, feet = footing.ankles(), footing.feet()
     lengths = {side: lengths_m(body, side, "leg") for side in SIDES}
     ground = np.array([*settings.position_m, 0.0])
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         steps = _STEPS_PER_TURN * t_s / settings.period_s
         whole, part = np.floor(steps), steps - np.floor(steps)
         swing = {"left": np.clip(2 * part, 0, 1), "right": np.clip(2 * part - 1, 0, 1)}
@@ -87,6 +87,6 @@ def turning(body: Body, settings: TurnSettings) -> Callable[[Array], Posture]:
             thigh_axes, shank_axes = bend_leg(hip, ankle, foot[..., 0], lengths[side])
             axes |= {f"{side}_thigh": thigh_axes, f"{side}_shank": shank_axes, f"{side}_foot": foot}
             axes |= easy_arm(body, side, base)
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from posefuse.core.arrays import Array
-from posefuse.simulation.body import Body
+from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.body.angles import turn
 
 _FLAT, _HEEL_OFF = 0.09, 0.33
@@ -40,7 +40,7 @@ class Sole:
         return np.interp(pitch_rad, _TABLE_RAD, self.clearance_m)
 
 
-def sole_of(body: Body) -> Sole:
+def sole_of(body: SimulatedBody) -> Sole:
     """Measure the left foot of the mesh."""
     ankle = body.points_rest["left_ankle"]
     names = ["foot.L", *(n for n in body.bone_names if n.startswith("toe") and n.endswith(".L"))]

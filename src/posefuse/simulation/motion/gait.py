@@ -16,12 +16,12 @@ from scipy.ndimage import convolve1d, maximum_filter1d
 
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
-from posefuse.simulation.body import Body
+from posefuse.simulation.body import SimulatedBody
 
 from . import feet
 from .limbs import bend_leg, lengths_m
-from .pace import Pace, pace
-from .posture import Posture
+from .pace import WalkPace, pace
+from .posture import BodyPosture
 from .routes import Route, straight_on
 from .standing import SIDES, easy_arm, hip_offset, leaned, level_axes
 
@@ -66,17 +66,17 @@ class Tuning:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Gait:
+class GaitMotion:
     """A walker on a route."""
 
-    body: Body
+    body: SimulatedBody
     route: Route
-    pace: Pace
+    pace: WalkPace
     sole: feet.Sole
     duty: float
     tuning: Tuning
 
-    def posture(self, t_s: Array) -> Posture:
+    def posture(self, t_s: Array) -> BodyPosture:
         """Body postures at times (T,)."""
         phase, size = self.pace.phase(t_s), self._size(t_s)
         pelvis, thorax, head = self._trunk(t_s, phase, size)
@@ -90,7 +90,7 @@ class Gait:
             thigh, shank = bend_leg(hip, ankle, knee_ahead, lengths_m(self.body, side, "leg"))
             axes |= {f"{side}_thigh": thigh, f"{side}_shank": shank, f"{side}_foot": foot}
             axes |= self._arm(side, thorax, phase, size)
-        return Posture(centre, axes, np.stack([toes for *_, toes in steps], axis=-1))
+        return BodyPosture(centre, axes, np.stack([toes for *_, toes in steps], axis=-1))
 
     def facing(self, distance_m: Array) -> Array:
         """Direction (T,) the person faces."""
@@ -233,7 +233,7 @@ class Gait:
         return easy_arm(self.body, side, thorax, np.deg2rad(-4.0) * swing + _ARM_SWING_RAD * swing * forth, elbow)
 
 
-def walking(body: Body, route: Route, speed_mps: float) -> Gait:
+def walking(body: SimulatedBody, route: Route, speed_mps: float) -> GaitMotion:
     """A walker with everything solved for this body and this speed; raises ConfigError where people of this size run."""
     leg_m = body.points_rest["left_hip"][2]
     fastest = float(np.sqrt(_RUNNING_FROUDE * _GRAVITY * leg_m))
@@ -246,12 +246,12 @@ def walking(body: Body, route: Route, speed_mps: float) -> Gait:
     way = pace(route, speed_mps, leg_m)
     sole = feet.sole_of(body)
     untuned = Tuning(np.zeros(1), np.full(1, leg_m), np.full(1, _SIDE_LIFT_M), np.zeros(1))
-    gait = Gait(body=body, route=route, pace=way, sole=sole, duty=duty, tuning=untuned)
+    gait = GaitMotion(body=body, route=route, pace=way, sole=sole, duty=duty, tuning=untuned)
     gait = replace(gait, tuning=tuned_gait(gait, speed_mps))
     return replace(gait, tuning=replace(gait.tuning, dip_m=_dips_m(gait)))
 
 
-def tuned_gait(gait: Gait, speed_mps: float) -> Tuning:
+def tuned_gait(gait: GaitMotion, speed_mps: float) -> Tuning:
     """Pelvis height and foot lift at several speeds up to the asked one, each solved on a straight way."""
     speeds = np.linspace(0.0, speed_mps, _TUNED_MPS)
     pairs = [_tuned_at(gait, speed) for speed in speeds[1:]]
@@ -260,7 +260,7 @@ def tuned_gait(gait: Gait, speed_mps: float) -> Tuning:
     return Tuning(speeds, hips, lifts, np.zeros(1))
 
 
-def _dips_m(gait: Gait) -> Array:
+def _dips_m(gait: GaitMotion) -> Array:
     """How far the legs fall short over a lap at worst, with room before and after, smoothed: no sudden knee in a turn."""
     way = gait.pace
     laps = min(_DIP_LAPS, max(1, round(_DIP_S / way.lap_s))) if gait.route.loops else 1
@@ -278,13 +278,13 @@ def _dips_m(gait: Gait) -> Array:
     return np.asarray(convolve1d(maximum_filter1d(worst, 4 * reach + 1, mode=mode), window / window.sum(), mode=mode))
 
 
-def _standing_hips_m(gait: Gait) -> float:
+def _standing_hips_m(gait: GaitMotion) -> float:
     thigh, shank = lengths_m(gait.body, "left", "leg")
     chain = np.sqrt(thigh**2 + shank**2 + 2 * thigh * shank * np.cos(2 * _STRAIGHTEST_KNEE_RAD))
     return float(chain + gait.sole.ankle_height_m(np.zeros(1))[0])
 
 
-def _tuned_at(gait: Gait, speed_mps: float) -> tuple[float, float]:
+def _tuned_at(gait: GaitMotion, speed_mps: float) -> tuple[float, float]:
     leg_m = gait.body.points_rest["left_hip"][2]
     route = replace(straight_on(), facing_rad=None if gait.route.facing_rad is None else np.pi / 2)
     lab = replace(gait, route=route, pace=pace(route, speed_mps, leg_m))
@@ -307,7 +307,7 @@ def _tuned_at(gait: Gait, speed_mps: float) -> tuple[float, float]:
     return (hips_m if gait._ahead else hips_m - _SIDE_CROUCH_M), lift_m
 
 
-def _least_lift_m(lab: Gait) -> float:
+def _least_lift_m(lab: GaitMotion) -> float:
     """The lift that keeps the whole foot clear of the floor in mid-swing."""
     bare = replace(lab, tuning=Tuning(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1)))
     # later the lift has no power over the foot, which comes down heel first

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.simulation.body import Body, rotation_of
+from posefuse.simulation.body import SimulatedBody, rotation_of
 
 # a limb is never asked to be straighter than this, where its plane is lost
 _STRAIGHTEST = 1 - 1e-6
@@ -16,7 +16,7 @@ def unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
-def lengths_m(body: Body, side: str, limb: str) -> tuple[float, float]:
+def lengths_m(body: SimulatedBody, side: str, limb: str) -> tuple[float, float]:
     """Lengths of the upper and the lower segment of ``leg`` or ``arm``."""
     names = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}[limb]
     a, b, c = (body.points_rest[f"{side}_{name}"] for name in names)
@@ -63,7 +63,9 @@ def elevated_arm(thorax: Array, side: str, flexion: Array, adduction: Array, rot
     return thorax @ rotation_of(f"{side}_hip", angles)
 
 
-def forearm_and_hand(body: Body, side: str, upper_arm: Array, flexion: Array | float, pronation: Array) -> tuple[Array, Array]:
+def forearm_and_hand(
+    body: SimulatedBody, side: str, upper_arm: Array, flexion: Array | float, pronation: Array
+) -> tuple[Array, Array]:
     """Forearm and hand axes (T, 3, 3): an elbow angle, a pronation, and the wrist as at rest."""
     flexion = np.broadcast_to(flexion, upper_arm.shape[:-2])
     angles = np.stack(np.broadcast_arrays(flexion, 0.0, pronation), axis=-1)

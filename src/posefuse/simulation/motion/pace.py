@@ -34,7 +34,7 @@ def cycles_hz(speed_mps: Array, leg_m: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Pace:
+class WalkPace:
     """Distance and gait phase over time.
 
     Phase counts gait cycles: the left heel strikes at whole numbers, the right at halves.
@@ -81,7 +81,7 @@ class Pace:
         return laps, value - laps * lap
 
 
-def pace(route: Route, speed_mps: float, leg_m: float) -> Pace:
+def pace(route: Route, speed_mps: float, leg_m: float) -> WalkPace:
     """The speed asked for, slower in narrow turns and at ends, and the cadence that goes with it."""
     count = max(2, int(np.ceil(route.length_m / _STEP_M)))
     u = np.linspace(0.0, route.length_m, count + 1)
@@ -93,7 +93,7 @@ def pace(route: Route, speed_mps: float, leg_m: float) -> Pace:
     phase = np.concatenate([[0.0], np.cumsum(np.diff(t) * (hz[1:] + hz[:-1]) / 2)])
     if not route.loops:
         u, t, phase = _closed_stance(u, t, phase, hz[-1])
-    return Pace(
+    return WalkPace(
         lap_s=float(t[-1]),
         lap_m=float(u[-1]),
         lap_cycles=float(phase[-1]),

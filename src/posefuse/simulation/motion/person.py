@@ -15,7 +15,7 @@ from posefuse.simulation.body import Body
 from . import daily, standing
 from .gait import walking
 from .points import from_result, from_trc
-from .posture import Posture, bones_of
+from .posture import BodyPosture, bones_of
 from .retarget import retargeted
 from .routes import route
 from .settings import (
@@ -52,11 +52,11 @@ class PersonState:
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
+class MovingPerson:
     """A body with a motion, made by `build_person`. Exact and repeatable at any time, before 0 as well."""
 
     body: Body
-    posture: Callable[[Array], Posture]
+    posture: Callable[[Array], BodyPosture]
 
     def at(self, t_s: Any) -> PersonState:
         """State at times (T,) in seconds, in any order."""
@@ -69,7 +69,7 @@ class Person:
         )
 
 
-def build_person(body: Body, motion: MotionSettings, seed: int) -> Person:
+def build_person(body: Body, motion: MotionSettings, seed: int) -> MovingPerson:
     """Put a motion into a body; the same seed gives the same bytes.
 
     Raises:
@@ -77,26 +77,26 @@ def build_person(body: Body, motion: MotionSettings, seed: int) -> Person:
     """
     match motion:
         case TPoseSettings():
-            return Person(body, standing.tpose(body, motion))
+            return MovingPerson(body, standing.tpose(body, motion))
         case IdleSettings():
-            return Person(body, standing.idle(body, motion, seed))
+            return MovingPerson(body, standing.idle(body, motion, seed))
         case WaveSettings():
-            return Person(body, standing.wave(body, motion, seed))
+            return MovingPerson(body, standing.wave(body, motion, seed))
         case SquatSettings():
-            return Person(body, standing.squat(body, motion))
+            return MovingPerson(body, standing.squat(body, motion))
         case ReachSettings():
-            return Person(body, standing.reach(body, motion, seed))
+            return MovingPerson(body, standing.reach(body, motion, seed))
         case OverheadSettings():
-            return Person(body, daily.overhead(body, motion))
+            return MovingPerson(body, daily.overhead(body, motion))
         case SitSettings():
-            return Person(body, daily.sit(body, motion))
+            return MovingPerson(body, daily.sit(body, motion))
         case TurnSettings():
-            return Person(body, daily.turning(body, motion))
+            return MovingPerson(body, daily.turning(body, motion))
         case WalkSettings():
-            return Person(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
+            return MovingPerson(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
         case BvhSettings():
-            return Person(body, retargeted(body, motion).posture)
+            return MovingPerson(body, retargeted(body, motion).posture)
         case TrcSettings():
-            return Person(body, from_trc(body, motion).posture)
+            return MovingPerson(body, from_trc(body, motion).posture)
         case ResultSettings():
-            return Person(body, from_result(body, motion).posture)
+            return MovingPerson(body, from_result(body, motion).posture)

@@ -19,7 +19,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
-from posefuse.simulation.body import SEGMENTS, Body
+from posefuse.simulation.body import SEGMENTS, SimulatedBody
 
 from .limbs import forearm_and_hand, lengths_m, unit
 from .sampled import Sampled, on_floor
@@ -36,14 +36,14 @@ _EASY_PRONATION_RAD = np.deg2rad(85.0)
 Points = dict[str, Array]
 
 
-def from_trc(body: Body, settings: TrcSettings) -> Sampled:
+def from_trc(body: SimulatedBody, settings: TrcSettings) -> Sampled:
     """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
     data = read_trc(Path(settings.file))
     xyz = data.xyz_world if settings.up == "y" else data.xyz_world[..., [1, 2, 0]]
     return fitted(body, data.t_s, _named(data.names, xyz, settings.file), settings)
 
 
-def from_result(body: Body, settings: ResultSettings) -> Sampled:
+def from_result(body: SimulatedBody, settings: ResultSettings) -> Sampled:
     """A posefuse result folder as a motion of this body; raises InputError for a person or keypoints it does not have."""
     poses = read_recording(Path(settings.file)).poses
     seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
@@ -56,7 +56,7 @@ def from_result(body: Body, settings: ResultSettings) -> Sampled:
     return fitted(body, (poses.t_ns - poses.t_ns[0]) * 1e-9, points, settings)
 
 
-def fitted(body: Body, t_s: Array, points: Points, settings: TrcSettings | ResultSettings) -> Sampled:
+def fitted(body: SimulatedBody, t_s: Array, points: Points, settings: TrcSettings | ResultSettings) -> Sampled:
     """The motion of this body that follows keypoints, each (T, 3) in world metres."""
     if len(t_s) < 2:
         raise InputError(f"{settings.file}: expected at least 2 time steps, got {len(t_s)}")
@@ -128,7 +128,7 @@ def _frame(y: Array, towards_z: Array) -> Array:
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
-def _axes(body: Body, points: Points) -> Points:
+def _axes(body: SimulatedBody, points: Points) -> Points:
     rest = {name: point[None] for name, point in body.points_rest.items()}
     trunk = {"pelvis": ("hip",), "thorax": ("shoulder",)}
     axes = {name: _turned(body, name, _trunk(points, *p), _trunk(rest, *p)) for name, p in trunk.items()}
@@ -139,7 +139,7 @@ def _axes(body: Body, points: Points) -> Points:
     return axes
 
 
-def _turned(body: Body, segment: str, now: Array, at_rest: Array) -> Array:
+def _turned(body: SimulatedBody, segment: str, now: Array, at_rest: Array) -> Array:
     """Segment axes when frames of its points went from `at_rest` (1, 3, 3) to `now` (T, 3, 3)."""
     return np.asarray(now @ np.swapaxes(at_rest, -1, -2) @ body.segment_axes[SEGMENTS.index(segment)])
 
@@ -150,7 +150,7 @@ def _trunk(points: Points, across: str) -> Array:
     return _frame(up - np.sum(up * unit(right), axis=-1, keepdims=True) * unit(right), right)
 
 
-def _head(body: Body, points: Points, rest: Points, thorax: Array) -> Array:
+def _head(body: SimulatedBody, points: Points, rest: Points, thorax: Array) -> Array:
     for part in ("ear", "eye"):
         if {"nose", f"left_{part}", f"right_{part}"} <= set(points):
             frames = []
@@ -171,7 +171,7 @@ def _blended(along: Array, above: Array, plane: Array, bend_sine: Array) -> Arra
     return np.asarray((1 - weight) * reference + weight * normal)
 
 
-def _leg(body: Body, points: Points, rest: Points, side: str, pelvis: Array) -> Points:
+def _leg(body: SimulatedBody, points: Points, rest: Points, side: str, pelvis: Array) -> Points:
     hip, knee, ankle = (points[f"{side}_{p}"] for p in ("hip", "knee", "ankle"))
     thigh, shank = unit(hip - knee), unit(knee - ankle)
     # of a knee bent backwards the normal looks to the right
@@ -194,7 +194,7 @@ def _leg(body: Body, points: Points, rest: Points, side: str, pelvis: Array) -> 
     return axes
 
 
-def _arm(body: Body, points: Points, side: str, thorax: Array) -> Points:
+def _arm(body: SimulatedBody, points: Points, side: str, thorax: Array) -> Points:
     shoulder, elbow, wrist = (points[f"{side}_{p}"] for p in ("shoulder", "elbow", "wrist"))
     upper, lower = unit(shoulder - elbow), unit(elbow - wrist)
     normal = np.cross(upper, lower)

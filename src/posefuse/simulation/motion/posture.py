@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
-from posefuse.simulation.body import SEGMENTS, Body
+from posefuse.simulation.body import SEGMENTS, SimulatedBody
 
 _SIDES = {"left": "L", "right": "R"}
 # how much of the turn from pelvis to thorax, and from thorax to head, each bone in between has made
@@ -21,7 +21,7 @@ _GIRDLE_GAIN = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class BodyPosture:
     """Body postures over time.
 
     Attributes:
@@ -35,7 +35,7 @@ class Posture:
     toes_up_rad: Array
 
 
-def bones_of(body: Body, posture: Posture) -> Array:
+def bones_of(body: SimulatedBody, posture: BodyPosture) -> Array:
     """world_from_bone (T, B, 4, 4) of a posture."""
     turn = {name: posture.axes_world[name] @ _rest_axes(body, name).T for name in SEGMENTS}
     bones = {"root": turn["pelvis"]}
@@ -63,18 +63,18 @@ def between(first: Array, second: Array, part: float) -> Array:
     return np.asarray(first @ Rotation.from_rotvec(step).as_matrix())
 
 
-def _rest_axes(body: Body, segment: str) -> Array:
+def _rest_axes(body: SimulatedBody, segment: str) -> Array:
     return np.asarray(body.segment_axes[SEGMENTS.index(segment)])
 
 
-def _girdle(posture: Posture, thorax_turn: Array, side: str) -> Array:
+def _girdle(posture: BodyPosture, thorax_turn: Array, side: str) -> Array:
     thorax = posture.axes_world["thorax"]
     outward = thorax[..., :, 2] * (1.0 if side == "right" else -1.0)
     raised = thorax[..., :, 1] - posture.axes_world[f"{side}_upper_arm"][..., :, 1]
     return np.asarray(Rotation.from_rotvec(_GIRDLE_GAIN * np.cross(outward, raised)).as_matrix() @ thorax_turn)
 
 
-def _half_twisted(body: Body, side: str, upper: Array, lower: Array) -> Array:
+def _half_twisted(body: SimulatedBody, side: str, upper: Array, lower: Array) -> Array:
     """The elbow end of the forearm has made half the forearm's twist away from its rest twist, about the forearm's line."""
     line_rest = _rest_axes(body, f"{side}_forearm")[:, 1]
     relative = Rotation.from_matrix(np.swapaxes(upper, -1, -2) @ lower)

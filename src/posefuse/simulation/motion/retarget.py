@@ -17,7 +17,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.formats.bvh import BvhData, read_bvh
-from posefuse.simulation.body import Body
+from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.body.angles import turn
 
 from .limbs import lengths_m, unit
@@ -40,7 +40,7 @@ _CHILD = {"thigh": "shank", "shank": "foot", "upper_arm": "forearm", "forearm": 
 _FLAT_FOOT = 0.3
 
 
-def retargeted(body: Body, settings: BvhSettings) -> Sampled:
+def retargeted(body: SimulatedBody, settings: BvhSettings) -> Sampled:
     """A BVH file as a motion of this body; raises InputError naming the file and the joints that are missing."""
     data = read_bvh(Path(settings.file))
     if len(data) < 2:

@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
-from posefuse.simulation.body import SEGMENTS, Body
+from posefuse.simulation.body import SEGMENTS, SimulatedBody
 
-from .posture import Posture, bones_of
+from .posture import BodyPosture, bones_of
 
 _SOLE_M = 0.05
 _SOFT_S = 0.12
@@ -40,7 +40,7 @@ class Sampled:
     start_s: float
     loop: bool
 
-    def posture(self, t_s: Array) -> Posture:
+    def posture(self, t_s: Array) -> BodyPosture:
         """Postures at times (T,): rotations along the shortest turn, the pelvis along a cubic spline."""
         first, last = self.t_s[0], self.t_s[-1]
         at = t_s + self.start_s + first
@@ -52,10 +52,10 @@ class Sampled:
             step = Rotation.from_matrix(np.swapaxes(turns[i], -1, -2) @ turns[i + 1]).as_rotvec()
             axes[name] = turns[i] @ Rotation.from_rotvec(part * step).as_matrix()
         toes = self.toes_up_rad[i] + part * (self.toes_up_rad[i + 1] - self.toes_up_rad[i])
-        return Posture(CubicSpline(self.t_s, self.centre_world)(at), axes, toes)
+        return BodyPosture(CubicSpline(self.t_s, self.centre_world)(at), axes, toes)
 
 
-def on_floor(body: Body, motion: Sampled, floor_known: bool) -> Sampled:
+def on_floor(body: SimulatedBody, motion: Sampled, floor_known: bool) -> Sampled:
     """The motion raised smoothly wherever a foot would be below the floor, with toes that lie flat under a raised heel.
 
     Without a known floor the whole motion is first shifted so that the lowest feet, most of the time, just touch it.
@@ -72,9 +72,9 @@ def on_floor(body: Body, motion: Sampled, floor_known: bool) -> Sampled:
     return replace(motion, centre_world=motion.centre_world + np.outer(rise, [0.0, 0.0, 1.0]), toes_up_rad=toes)
 
 
-def _foot_heights_m(body: Body, motion: Sampled) -> tuple[Array, Array]:
+def _foot_heights_m(body: SimulatedBody, motion: Sampled) -> tuple[Array, Array]:
     """Heights (n, 2), left and right, of the lowest point of the foot without its toes, and of the toe joints."""
-    bones = bones_of(body, Posture(motion.centre_world, motion.axes_world, motion.toes_up_rad))
+    bones = bones_of(body, BodyPosture(motion.centre_world, motion.axes_world, motion.toes_up_rad))
     pose = body.segments(bones)
     lowest, balls = [], []
     for side, letter in _SIDES.items():
@@ -88,7 +88,7 @@ def _foot_heights_m(body: Body, motion: Sampled) -> tuple[Array, Array]:
     return np.stack(lowest, axis=-1), np.stack(balls, axis=-1)
 
 
-def _sole_points(body: Body, letter: str) -> Array:
+def _sole_points(body: SimulatedBody, letter: str) -> Array:
     """(n, 3) corners at rest of the lower part of a foot without its toes."""
     share = np.where(body.bone_index == body.bone(f"foot.{letter}"), body.bone_weight, 0.0).sum(axis=1)
     points = body.vertices_rest[share > 0.5]

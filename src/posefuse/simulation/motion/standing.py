@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.simulation.body import SEGMENTS, Body, rotation_of
+from posefuse.simulation.body import SEGMENTS, SimulatedBody, rotation_of
 from posefuse.simulation.body.angles import turn
 
 from .limbs import bend_arm, bend_leg, elevated_arm, forearm_and_hand, lengths_m, unit
 from .noise import Wander
-from .posture import Posture
+from .posture import BodyPosture
 from .settings import IdleSettings, ReachSettings, SquatSettings, TPoseSettings, WaveSettings
 
 SIDES = ("left", "right")
@@ -46,7 +46,7 @@ class Footing:
         body: whose. heading_rad: where the person faces. place: (2,) floor point between the feet.
     """
 
-    body: Body
+    body: SimulatedBody
     heading_rad: float
     place: Array
 
@@ -90,7 +90,7 @@ class Footing:
         return hip_offset(self.body, side)
 
 
-def hip_offset(body: Body, side: str) -> Array:
+def hip_offset(body: SimulatedBody, side: str) -> Array:
     """(3,) hip centre in pelvis axes, from the middle of both hip centres."""
     pelvis = body.segment_axes[SEGMENTS.index("pelvis")]
     middle = (body.points_rest["left_hip"] + body.points_rest["right_hip"]) / 2
@@ -98,7 +98,7 @@ def hip_offset(body: Body, side: str) -> Array:
 
 
 def easy_arm(
-    body: Body, side: str, thorax: Array, flexion: Array | float = 0.0, elbow: Array | float = _EASY_ELBOW_RAD
+    body: SimulatedBody, side: str, thorax: Array, flexion: Array | float = 0.0, elbow: Array | float = _EASY_ELBOW_RAD
 ) -> dict[str, Array]:
     """Axes of an arm that hangs at ease."""
     count = thorax.shape[:-2]
@@ -118,15 +118,15 @@ def straight_up(footing: Footing, count: int) -> tuple[Array, dict[str, Array]]:
     return centre, axes
 
 
-def tpose(body: Body, settings: TPoseSettings) -> Callable[[Array], Posture]:
+def tpose(body: SimulatedBody, settings: TPoseSettings) -> Callable[[Array], BodyPosture]:
     """Arms exactly horizontal and straight, palms down."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         centre, axes = straight_up(footing, len(t_s))
         for side in SIDES:
             axes |= _horizontal_arm(axes["thorax"], side)
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
 
@@ -139,14 +139,14 @@ def _horizontal_arm(thorax: Array, side: str) -> dict[str, Array]:
     return {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": forearm}
 
 
-def idle(body: Body, settings: IdleSettings, seed: int) -> Callable[[Array], Posture]:
+def idle(body: SimulatedBody, settings: IdleSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """Sway of a few millimetres, breathing, slow glances."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     sway = _Ease(np.random.default_rng(seed), settings.sway)
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         centre, axes = sway.applied(footing, t_s)
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
 
@@ -177,13 +177,13 @@ class _Ease:
         return centre, axes
 
 
-def wave(body: Body, settings: WaveSettings, seed: int) -> Callable[[Array], Posture]:
+def wave(body: SimulatedBody, settings: WaveSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """The upper arm out and up, the forearm to and fro."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     sway = _Ease(np.random.default_rng(seed), 1.0)
     side = settings.side
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         centre, axes = sway.applied(footing, t_s)
         swing = np.deg2rad(28.0) * np.sin(2 * np.pi * t_s / settings.period_s)
         still = np.zeros_like(swing)
@@ -193,18 +193,18 @@ def wave(body: Body, settings: WaveSettings, seed: int) -> Callable[[Array], Pos
         elbow = np.deg2rad(80.0) + swing
         forearm, hand = forearm_and_hand(body, side, upper, elbow, still + np.deg2rad(80))
         axes |= {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": hand}
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
 
 
-def squat(body: Body, settings: SquatSettings) -> Callable[[Array], Posture]:
+def squat(body: SimulatedBody, settings: SquatSettings) -> Callable[[Array], BodyPosture]:
     """Down and up on flat feet; the trunk leans so that the weight stays over them, the arms come forward."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     thigh, shank = lengths_m(body, "left", "leg")
     deepest = np.deg2rad(settings.knee_flexion_deg)
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         down = 0.5 - 0.5 * np.cos(2 * np.pi * t_s / settings.period_s)
         knee = _EASY_KNEE_RAD + (deepest - _EASY_KNEE_RAD) * down
         shin = 0.28 * knee + _EASY_KNEE_RAD / 4 * (1 - down)
@@ -218,18 +218,18 @@ def squat(body: Body, settings: SquatSettings) -> Callable[[Array], Posture]:
         axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.35 * lean)} | footing.legs(centre, pelvis)
         for side in SIDES:
             axes |= easy_arm(body, side, thorax, lean * 0.9 + np.deg2rad(60) * down, _EASY_ELBOW_RAD * (1 - 0.5 * down))
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
 
 
-def reach(body: Body, settings: ReachSettings, seed: int) -> Callable[[Array], Posture]:
+def reach(body: SimulatedBody, settings: ReachSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """From the side of the thigh to a point, a short stop, and back; straight in space with one smooth push of speed."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     sway = _Ease(np.random.default_rng(seed), 1.0)
     side = settings.side
 
-    def posture(t_s: Array) -> Posture:
+    def posture(t_s: Array) -> BodyPosture:
         centre, axes = sway.applied(footing, t_s)
         cycle = np.floor(t_s / settings.period_s)
         out = _there_and_back(t_s / settings.period_s - cycle)
@@ -240,12 +240,12 @@ def reach(body: Body, settings: ReachSettings, seed: int) -> Callable[[Array], P
         for s in SIDES:
             axes |= easy_arm(body, s, thorax)
         axes |= _reaching_arm(body, axes, side, out, target)
-        return Posture(centre, axes, np.zeros((len(t_s), 2)))
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
 
 
-def _reaching_arm(body: Body, axes: dict[str, Array], side: str, out: Array, target: Array) -> dict[str, Array]:
+def _reaching_arm(body: SimulatedBody, axes: dict[str, Array], side: str, out: Array, target: Array) -> dict[str, Array]:
     """The arm between hanging (out 0) and the wrist at `target` (T, 3), in arm lengths from the shoulder in thorax axes."""
     thorax, upper, lower = axes["thorax"], axes[f"{side}_upper_arm"], axes[f"{side}_forearm"]
     lengths = lengths_m(body, side, "arm")

@@ -10,17 +10,17 @@ import numpy as np
 
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
-from posefuse.core.ideal_image import Optics, SourceView, optics_of
+from posefuse.core.ideal_image import IdealOptics, SourceView, optics_of
 from posefuse.simulation.cameras import SensorSettings
 
-from .stage import Stage
+from .stage import RenderStage
 
 _MID_GREY = 118.0
 _PAD_PX = 2
 
 
 @dataclass(frozen=True)
-class Moment:
+class ExposureMoment:
     """What is exposed when, as one picture to draw.
 
     Attributes:
@@ -34,7 +34,7 @@ class Moment:
     middle: bool
 
 
-def moments_of(sensor: SensorSettings, height: int) -> tuple[Moment, ...]:
+def moments_of(sensor: SensorSettings, height: int) -> tuple[ExposureMoment, ...]:
     """The pictures that make one frame: bands of a rolling shutter times samples of the exposure."""
     bands = min(sensor.shutter_bands, height) if sensor.readout_s else 1
     edges = np.round(np.linspace(0, height, bands + 1)).astype(int)
@@ -44,14 +44,14 @@ def moments_of(sensor: SensorSettings, height: int) -> tuple[Moment, ...]:
     for first, last in itertools.pairwise(edges):
         row_share = ((first + last - 1) / 2) / max(height - 1, 1) - 0.5
         for i, after in enumerate(within):
-            moments.append(Moment(int(first), int(last), float(sensor.readout_s * row_share + after), i == samples // 2))
+            moments.append(ExposureMoment(int(first), int(last), float(sensor.readout_s * row_share + after), i == samples // 2))
     return tuple(moments)
 
 
 class CameraShooter:
     """Draws the frames of one camera on a stage."""
 
-    def __init__(self, camera: Camera, sensor: SensorSettings, stage: Stage) -> None:
+    def __init__(self, camera: Camera, sensor: SensorSettings, stage: RenderStage) -> None:
         self._camera, self._sensor, self._stage = camera, sensor, stage
         self._optics = optics_of(camera)
         self.moments = moments_of(sensor, camera.size_wh[1])
@@ -85,7 +85,7 @@ class CameraShooter:
         image = total / count[:, None, None]
         return self._with_noise(image, noise_seed), visible
 
-    def _draw(self, moment: Moment) -> tuple[Array, SourceView, Array]:
+    def _draw(self, moment: ExposureMoment) -> tuple[Array, SourceView, Array]:
         """The rows of one moment (h, W, 3), and the ideal picture they come from with its depth."""
         rows = slice(moment.first_row, moment.last_row)
         view, map_px = _view_of_rows(self._optics, rows)
@@ -115,7 +115,7 @@ class CameraShooter:
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
-def _view_of_rows(optics: Optics, rows: slice) -> tuple[SourceView, Array | None]:
+def _view_of_rows(optics: IdealOptics, rows: slice) -> tuple[SourceView, Array | None]:
     """The part of the ideal picture that image rows need, and the map into that part."""
     view = optics.view
     if optics.map_px is None:

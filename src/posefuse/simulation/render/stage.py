@@ -19,7 +19,7 @@ _MOST_GEOMS = 2000
 NOBODY = -1
 
 
-class Stage:
+class RenderStage:
     """One model in one OpenGL context. Not for use from several threads."""
 
     def __init__(self, model: RenderModel, backend: str) -> None:

@@ -23,7 +23,7 @@ from posefuse.simulation.scene import H264Settings, JpegSettings
 
 from .model import RenderModel
 from .shot import CameraShooter
-from .stage import Stage
+from .stage import RenderStage
 
 # tasks waiting per process: enough that none runs dry, few enough that memory stays bounded
 _AHEAD = 2
@@ -100,7 +100,7 @@ class _Worker:
 
     def __init__(self, job: RenderJob, stop: Event) -> None:
         self.job, self.stop = job, stop
-        self._stage = Stage(job.model, job.backend)
+        self._stage = RenderStage(job.model, job.backend)
         self._shooters: dict[int, CameraShooter] = {}
 
     def shooter(self, camera: int) -> CameraShooter:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from posefuse.core import Rig, Skeleton
 
-from .contract import CameraHealth, Solve, Tracker
+from .contract import CameraStatistics, Solve, Tracker
 from .settings import TRACKERS, LiveSettings
 
-__all__ = ["TRACKERS", "CameraHealth", "LiveSettings", "Solve", "Tracker", "build_tracker"]
+__all__ = ["TRACKERS", "CameraStatistics", "LiveSettings", "Solve", "Tracker", "build_tracker"]
 
 
 def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve) -> Tracker:

@@ -13,7 +13,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.duplicates import duplicates
 
 from .admission import Admission
-from .contract import CameraHealth, Solve
+from .contract import CameraStatistics, Solve
 from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
 from .settings import LiveSettings
@@ -120,14 +120,14 @@ class AsynchronousTracker:
         return self.at(t_ns)
 
     @property
-    def health(self) -> Mapping[str, CameraHealth]:
-        """See `CameraHealth`."""
+    def health(self) -> Mapping[str, CameraStatistics]:
+        """See `CameraStatistics`."""
         newest_ns = self._admission.newest_ns
         result = {}
         for name, heard in self._admission.heard.items():
             own = self._figures[name]
             age_s = float("nan") if newest_ns is None or own.newest_ns is None else (newest_ns - own.newest_ns) * 1e-9
-            result[name] = CameraHealth(
+            result[name] = CameraStatistics(
                 used=own.used,
                 age_s=age_s,
                 innovation_sigmas=float(np.sqrt(own.square)),

@@ -14,7 +14,7 @@ Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraHealth:
+class CameraStatistics:
     """How one camera does, as the tracker sees it. Shares and rms run over about the last hundred views.
 
     Attributes:
@@ -68,6 +68,6 @@ class Tracker(Protocol):
         ...
 
     @property
-    def health(self) -> Mapping[str, CameraHealth]:
+    def health(self) -> Mapping[str, CameraStatistics]:
         """By camera name, every camera of the rig."""
         ...

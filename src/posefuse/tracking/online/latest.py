@@ -11,7 +11,7 @@ from posefuse.core import Detections2D, Kind, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from .admission import Admission
-from .contract import CameraHealth, Solve
+from .contract import CameraStatistics, Solve
 from .settings import LiveSettings
 
 
@@ -62,11 +62,11 @@ class LatestTracker:
         return self.at(t_ns)
 
     @property
-    def health(self) -> Mapping[str, CameraHealth]:
+    def health(self) -> Mapping[str, CameraStatistics]:
         """Ages and refusals; this tracker expects nothing, so it cannot judge what a view says."""
         newest_ns = self._admission.newest_ns
         return {
-            name: CameraHealth(
+            name: CameraStatistics(
                 used=self._used[name],
                 age_s=(newest_ns - self._newest[name].t_ns) * 1e-9
                 if newest_ns is not None and name in self._newest
