@@ -6,13 +6,14 @@ from posefuse.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .clock import StageClock
-    from .config import TrackConfig, read_config
+    from .config import CameraInput, TrackConfig, read_config
     from .opening import build_source
     from .run import Tracked, track_session
     from .second_pass import poses_over_time
     from .session import UNFINISHED_FILE, Session, find_session
 
 _HOMES = {
+    "CameraInput": "config",
     "Session": "session",
     "StageClock": "clock",
     "TrackConfig": "config",
@@ -25,6 +26,7 @@ _HOMES = {
     "track_session": "run",
 }
 __all__ = [
+    "CameraInput",
     "UNFINISHED_FILE",
     "Session",
     "StageClock",
