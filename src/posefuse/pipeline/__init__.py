@@ -26,8 +26,8 @@ _HOMES = {
     "track_session": "run",
 }
 __all__ = [
-    "CameraInput",
     "UNFINISHED_FILE",
+    "CameraInput",
     "Session",
     "StageClock",
     "TrackConfig",
