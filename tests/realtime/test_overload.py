@@ -11,7 +11,7 @@ S = 1_000_000_000
 ILL = {"a": Verdict("moved", "a is off by 21 mm relative to the other cameras")}
 
 
-def told(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
+def report_frames(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
     state = CameraState(camera="a", state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0)
     monitor.take_state(state, round(t_s * S))
 
@@ -19,8 +19,8 @@ def told(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
 def test_overload_is_reported_instead_of_a_finding() -> None:
     monitor = Monitor(("a", "b"))
     for t_s in range(1, 9):
-        told(monitor, t_s, 30 * t_s, 15 * t_s)
-        monitor._watches["a"].heard_ns = t_s * S
+        report_frames(monitor, t_s, 30 * t_s, 15 * t_s)
+        monitor._watches["a"].seen_ns = t_s * S
     verdict = monitor.judge(8 * S, {}, ILL)["a"]
     assert verdict.state == "overload" and "only 50% of its frames are used" in verdict.text
     assert monitor.overloaded("a") and not monitor.overloaded("b")
@@ -31,8 +31,8 @@ def test_overload_is_reported_instead_of_a_finding() -> None:
 def test_a_finding_stands_where_frames_are_used() -> None:
     monitor = Monitor(("a", "b"))
     for t_s in range(1, 9):
-        told(monitor, t_s, 30 * t_s, 28 * t_s)
-        monitor._watches["a"].heard_ns = t_s * S
+        report_frames(monitor, t_s, 30 * t_s, 28 * t_s)
+        monitor._watches["a"].seen_ns = t_s * S
     assert monitor.judge(8 * S, {}, ILL)["a"] == ILL["a"]
 
 

@@ -272,6 +272,6 @@ def test_unknown_cameras_and_other_skeletons_are_named(world, told):
     tracker = w.tracker()
     with pytest.raises(ShapeError, match=r"no camera 'cam9' in the rig; there are: cam00, cam01"):
         tracker.add(told("cam9", 0.0, np.zeros((17, 2))))
-    other = type(w.view(0, 0.0)).nobody("cam00", 0, BODY_25)
+    other = type(w.view(0, 0.0)).empty("cam00", 0, BODY_25)
     with pytest.raises(ShapeError, match="camera cam00: expected skeleton coco17, got body_25"):
         tracker.add(other)
