@@ -5,8 +5,8 @@ import pytest
 
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body import JOINTS, SEGMENTS, Body, BodySettings, build_body
-from posefuse.simulation.motion import MotionSettings, Person, build_person
+from posefuse.simulation.body import JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
+from posefuse.simulation.motion import MotionSettings, MovingPerson, build_person
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
@@ -15,11 +15,11 @@ STANDING = ("tpose", "idle", "reach", "squat", "wave", "overhead", "sit")
 
 
 @pytest.fixture(scope="module")
-def body() -> Body:
-    return build_body(BodySettings(sex="female", age_years=27))
+def body() -> SimulatedBody:
+    return build_body(BodyShapeSettings(sex="female", age_years=27))
 
 
-def person(body: Body, seed: int = 7, **content: object) -> Person:
+def person(body: SimulatedBody, seed: int = 7, **content: object) -> MovingPerson:
     return build_person(body, settings_from_mapping(content, MotionSettings, "scene.yaml"), seed)
 
 
@@ -31,7 +31,7 @@ def angle(state, joint: str, which: int) -> np.ndarray:
     return np.rad2deg(state.angle_rad[:, JOINTS.index(joint), which])
 
 
-def test_tpose_arms_are_exactly_horizontal_and_straight(body: Body) -> None:
+def test_tpose_arms_are_exactly_horizontal_and_straight(body: SimulatedBody) -> None:
     state = person(body, kind="tpose", position_m=(1.5, -0.5), heading_deg=90).at([0.0, 12.0])
     for side, sign in (("left", -1.0), ("right", 1.0)):
         shoulder, elbow, wrist = (point(state, f"{side}_{j}") for j in ("shoulder", "elbow", "wrist"))
@@ -47,7 +47,7 @@ def test_tpose_arms_are_exactly_horizontal_and_straight(body: Body) -> None:
 
 
 @pytest.mark.parametrize("kind", STANDING)
-def test_feet_stay_and_stand_on_the_floor(body: Body, kind: str) -> None:
+def test_feet_stay_and_stand_on_the_floor(body: SimulatedBody, kind: str) -> None:
     state = person(body, kind=kind, heading_deg=-40).at(np.linspace(-1.0, 9.0, 60))
     for name in FEET:
         # the heel's skin is pulled a little by the shank
@@ -58,7 +58,7 @@ def test_feet_stay_and_stand_on_the_floor(body: Body, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", STANDING)
-def test_same_seed_same_bytes_and_any_order_of_times(body: Body, kind: str) -> None:
+def test_same_seed_same_bytes_and_any_order_of_times(body: SimulatedBody, kind: str) -> None:
     times = np.array([0.0, 3.3, 1.1, -0.4])
     one, same = (person(body, kind=kind).at(times) for _ in range(2))
     assert one.world_from_bone.tobytes() == same.world_from_bone.tobytes()
@@ -68,13 +68,13 @@ def test_same_seed_same_bytes_and_any_order_of_times(body: Body, kind: str) -> N
 
 
 @pytest.mark.parametrize("kind", ["idle", "reach", "wave"])
-def test_other_seed_other_motion(body: Body, kind: str) -> None:
+def test_other_seed_other_motion(body: SimulatedBody, kind: str) -> None:
     one, other = (person(body, seed=seed, kind=kind).at([1.0, 2.0]) for seed in (1, 2))
     assert np.abs(one.keypoints_world - other.keypoints_world).max() > 1e-3
 
 
 @pytest.mark.parametrize("kind", STANDING)
-def test_motion_is_smooth(body: Body, kind: str) -> None:
+def test_motion_is_smooth(body: SimulatedBody, kind: str) -> None:
     step = 1e-3
     state = person(body, kind=kind).at(np.arange(0.0, 6.0, step))
     speed = np.linalg.norm(np.diff(state.keypoints_world, axis=0), axis=-1) / step
@@ -83,7 +83,7 @@ def test_motion_is_smooth(body: Body, kind: str) -> None:
     assert jump < 200.0
 
 
-def test_idle_sways_by_millimetres(body: Body) -> None:
+def test_idle_sways_by_millimetres(body: SimulatedBody) -> None:
     state = person(body, kind="idle").at(np.arange(0, 60, 0.1))
     sway = np.std((point(state, "left_hip") + point(state, "right_hip")) / 2, axis=0)
     assert (sway[:2] > 1e-3).all()
@@ -92,7 +92,7 @@ def test_idle_sways_by_millimetres(body: Body) -> None:
     assert np.ptp(still.keypoints_world, axis=0).max() < 1e-9
 
 
-def test_squat_reaches_its_depth_over_the_feet(body: Body) -> None:
+def test_squat_reaches_its_depth_over_the_feet(body: SimulatedBody) -> None:
     state = person(body, kind="squat", period_s=2.0, knee_flexion_deg=100).at(np.linspace(0, 2, 41))
     for side in ("left", "right"):
         knee = angle(state, f"{side}_knee", 0)
@@ -105,7 +105,7 @@ def test_squat_reaches_its_depth_over_the_feet(body: Body) -> None:
     assert feet_x[0] < trunk < feet_x[1]
 
 
-def test_squat_is_mirror_symmetric(body: Body) -> None:
+def test_squat_is_mirror_symmetric(body: SimulatedBody) -> None:
     state = person(body, kind="squat").at(np.linspace(0, 3, 9))
     mirrored = state.keypoints_world[:, KEYPOINTS.mirror] * [1, -1, 1]
     assert np.abs(mirrored - state.keypoints_world).max() < 5e-3
@@ -115,7 +115,7 @@ def test_squat_is_mirror_symmetric(body: Body) -> None:
             assert np.abs(np.rad2deg(state.angle_rad[:, JOINTS.index(joint)] - other)).max() < 1.0, joint
 
 
-def test_reach_comes_far_and_differs_each_time(body: Body) -> None:
+def test_reach_comes_far_and_differs_each_time(body: SimulatedBody) -> None:
     state = person(body, kind="reach", period_s=2.0).at(np.arange(0, 12, 2.0) + 0.42 * 2.0)
     arm = [np.linalg.norm(point(state, a) - point(state, b), axis=-1) for a, b in
            (("right_shoulder", "right_wrist"), ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"))]  # fmt: skip
@@ -125,7 +125,7 @@ def test_reach_comes_far_and_differs_each_time(body: Body) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_wave_holds_the_hand_up_on_its_side(body: Body, side: str) -> None:
+def test_wave_holds_the_hand_up_on_its_side(body: SimulatedBody, side: str) -> None:
     state = person(body, kind="wave", side=side).at(np.linspace(0, 3, 30))
     assert (point(state, f"{side}_wrist")[:, 2] > point(state, f"{side}_shoulder")[:, 2] + 0.1).all()
     assert np.ptp(point(state, f"{side}_wrist"), axis=0).max() > 0.1
@@ -133,14 +133,14 @@ def test_wave_holds_the_hand_up_on_its_side(body: Body, side: str) -> None:
     assert (point(state, f"{other}_wrist")[:, 2] < point(state, f"{other}_elbow")[:, 2]).all()
 
 
-def test_arms_come_up_over_the_head_and_down_again(body: Body) -> None:
+def test_arms_come_up_over_the_head_and_down_again(body: SimulatedBody) -> None:
     state = person(body, kind="overhead", period_s=2.0).at([0.0, 1.0, 2.0])
     for side in ("left", "right"):
         above_m = (point(state, f"{side}_wrist") - point(state, "nose"))[:, 2]
         assert above_m[1] > 0.25 and (above_m[[0, 2]] < -0.5).all()
 
 
-def test_the_seated_have_level_thighs_and_upright_trunks(body: Body) -> None:
+def test_the_seated_have_level_thighs_and_upright_trunks(body: SimulatedBody) -> None:
     state = person(body, kind="sit", period_s=4.0, heading_deg=120).at(np.linspace(0, 4, 41))
     knee = angle(state, "left_knee", 0)
     assert knee[[0, -1]] == pytest.approx([0, 0], abs=12) and 80 < knee.max() < 105
@@ -150,7 +150,7 @@ def test_the_seated_have_level_thighs_and_upright_trunks(body: Body) -> None:
     assert (point(state, "nose") - point(state, "left_hip"))[seated, 2] > 0.5
 
 
-def test_who_turns_on_the_spot_always_stands_on_a_foot(body: Body) -> None:
+def test_who_turns_on_the_spot_always_stands_on_a_foot(body: SimulatedBody) -> None:
     t_s = np.linspace(0, 4, 401)
     state = person(body, kind="turn", period_s=4.0, position_m=(0.3, -0.2)).at(t_s)
     ankles = np.stack([point(state, f"{side}_ankle") for side in ("left", "right")], axis=1)
@@ -163,7 +163,7 @@ def test_who_turns_on_the_spot_always_stands_on_a_foot(body: Body) -> None:
     assert (lowest > -2e-3).all() and np.linalg.norm(ankles[..., :2] - [0.3, -0.2], axis=-1).max() < 0.2
 
 
-def test_segments_and_angles_belong_together(body: Body) -> None:
+def test_segments_and_angles_belong_together(body: SimulatedBody) -> None:
     state = person(body, kind="reach").at([0.9])
     rotation = state.world_from_segment.matrix()[0]
     thigh, shank = (rotation[SEGMENTS.index(f"left_{s}")] for s in ("thigh", "shank"))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.simulation.body import Body
+from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.body.angles import turn
 
 from .limbs import bend_leg, lengths_m
@@ -24,7 +24,7 @@ _STEPS_PER_TURN = 6
 _LIFT_M, _BENT_M = 0.05, 0.02
 
 
-def overhead(body: Body, settings: OverheadSettings) -> Callable[[Array], BodyPosture]:
+def overhead(body: SimulatedBody, settings: OverheadSettings) -> Callable[[Array], BodyPosture]:
     """Both arms forward and up above the head, and down again."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
 
@@ -38,7 +38,7 @@ def overhead(body: Body, settings: OverheadSettings) -> Callable[[Array], BodyPo
     return posture
 
 
-def sit(body: Body, settings: SitSettings) -> Callable[[Array], BodyPosture]:
+def sit(body: SimulatedBody, settings: SitSettings) -> Callable[[Array], BodyPosture]:
     """Stands, sits down on something as high as the knee, rests, gets up; hands come to the thighs. There is no chair."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     thigh, shank = lengths_m(body, "left", "leg")
@@ -63,7 +63,7 @@ def sit(body: Body, settings: SitSettings) -> Callable[[Array], BodyPosture]:
     return posture
 
 
-def turning(body: Body, settings: TurnSettings) -> Callable[[Array], BodyPosture]:
+def turning(body: SimulatedBody, settings: TurnSettings) -> Callable[[Array], BodyPosture]:
     """Turns to the left on the spot, one foot after the other."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     ankles, feet = footing.ankles(), footing.feet()

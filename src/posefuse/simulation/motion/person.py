@@ -10,7 +10,7 @@ import numpy as np
 
 from posefuse.core import SE3
 from posefuse.core.arrays import Array, frozen
-from posefuse.simulation.body import Body
+from posefuse.simulation.body import SimulatedBody
 
 from . import daily, standing
 from .gait import walking
@@ -55,7 +55,7 @@ class PersonState:
 class MovingPerson:
     """A body with a motion, made by `build_person`. Exact and repeatable at any time, before 0 as well."""
 
-    body: Body
+    body: SimulatedBody
     posture: Callable[[Array], BodyPosture]
 
     def at(self, t_s: Any) -> PersonState:
@@ -69,7 +69,7 @@ class MovingPerson:
         )
 
 
-def build_person(body: Body, motion: MotionSettings, seed: int) -> MovingPerson:
+def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> MovingPerson:
     """Put a motion into a body; the same seed gives the same bytes.
 
     Raises:
