@@ -117,7 +117,7 @@ def _packages() -> list[MachineCheck]:
 
 def _tracking() -> MachineCheck:
     """Whether `track` can begin: its modules import and the detector is ready, for real."""
-    cure = "the first line that is MISSING above says what to do; else please report this line"
+    cure = "see what to do in the first line marked MISSING above; if there is none, please report this line"
     try:
         from posefuse.detection import BlazePoseConfig
         from posefuse.pipeline import run

@@ -98,7 +98,7 @@ def solve_with_swaps_corrected(
 
 
 def _correct_swaps(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
-    """Exchange what is exchanged, limb group by limb group; says whether anything was."""
+    """Swap left and right of each group of limbs where the view has them swapped; returns whether any was."""
     touched = False
     exchanged = _exchanged_squares(person, xyz)
     for group in limb_groups(person.skeleton):

@@ -1,4 +1,4 @@
-"""Whether the cameras of a recording stood and ran as their calibration says, by what they saw of the person."""
+"""Whether poses and clocks of the cameras of a recording agree with their calibration, from the views of the person."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from posefuse.core import Rig, ViewSequence
 
 from .rig_monitor import RigFinding, observe, start
 
-# more tells no more: a network's errors last longer than this
+# more views add nothing: a network's errors are correlated for longer than this
 _EVERY_S = 0.1
 
 

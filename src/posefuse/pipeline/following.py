@@ -39,7 +39,7 @@ _MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
-    """The result of one time step. Ids are tracks, until `PeopleFollower.identified` tells who they are.
+    """The result of one time step. Ids are tracks, until `PeopleFollower.identified` gives people.
 
     Attributes:
         batches: every look that the detector took, in order. chosen: index of the one that the people are taken from.
@@ -149,7 +149,7 @@ class PeopleFollower:
         return _without(better, ghosts) if ghosts else better
 
     def _is_ghost(self, seen: _Seen, person: int) -> bool:
-        """Whether most views that were told where a newcomer is see no person there, so that two views alone make them up."""
+        """Whether most views that searched at the newcomer's place see no person there: two views alone made it up."""
         row = int(np.flatnonzero(seen.pose.person_id == person)[0])
         in_view = (np.nan_to_num(seen.views.score[row]) > 0).any(axis=1)
         xyz = seen.pose.xyz_world[row]

@@ -109,7 +109,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
 
 
 def fitted_camera(camera: Camera, entry: Input, source: Source) -> Camera:
-    """The camera for a source's images: as calibrated, or by the crop or scale that is stated or can be told from them."""
+    """The camera for a source's images: as calibrated, or with the crop or scale that is stated or found from them."""
     image = None if source.size_wh == camera.size_wh else _brightest(source)
     try:
         return fit_camera_to_video(camera, source.size_wh, crop=entry.settings.crop, scale=entry.settings.scale, image=image)

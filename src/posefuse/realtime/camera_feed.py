@@ -94,7 +94,7 @@ class CameraFeed:
         ]
 
     def states(self) -> tuple[CameraState, ...]:
-        """How each camera fares."""
+        """Status of each camera."""
         return tuple(capture.state() for capture in self._captures)
 
     @property

@@ -1,4 +1,4 @@
-"""Camera groups as processes: started, heard, missed, started again, and never left behind."""
+"""Camera groups as processes: started, watched, restarted when they die, and always ended."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _KILLED_S = 1.0
 
 
 def spawned(target: Callable[..., None], *args: Any, name: str) -> Any:
-    """A started process that Ctrl-C in the terminal does not reach; its parent tells it when to end."""
+    """A started process that Ctrl-C in the terminal does not reach; its parent ends it."""
     context = multiprocessing.get_context("spawn")
     process = context.Process(target=target, args=args, name=name, daemon=True)
     if threading.current_thread() is not threading.main_thread():

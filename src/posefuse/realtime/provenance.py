@@ -1,4 +1,4 @@
-"""What a recording says about how it was made, so that a replay needs to be told nothing."""
+"""What a recording stores about how it was made, so that a replay needs no options."""
 
 from __future__ import annotations
 
@@ -45,6 +45,6 @@ def read_provenance(path: Path) -> Provenance | None:
     try:
         cameras, rig_id, settings = json.loads(notes["cameras"]), notes["rig_id"], json.loads(notes["settings"])
     except (KeyError, ValueError) as error:
-        raise InputError(f"{path}: what it says about how it was made cannot be read ({error})") from None
+        raise InputError(f"{path}: its notes on how it was made cannot be read ({error})") from None
     config = settings_from_mapping(settings, LiveConfig, where=f"{path}, made with posefuse {notes.get('posefuse', '?')}")
     return Provenance(tuple(cameras), rig_id, config)

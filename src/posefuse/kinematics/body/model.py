@@ -150,7 +150,7 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
 
 
 def _offsets(points: dict[str, Array], frame: dict[str, Array], lengths: dict[str, Length]) -> dict[str, Array]:
-    """Origins of the nodes in their parents' frames; what cannot be told is left out."""
+    """Origins of the nodes in their parents' frames; what cannot be determined is left out."""
     out = {"neck": np.array([0, lengths["trunk"].value_m, 0])}
     for side, sign in (("left", -0.5), ("right", 0.5)):
         out[f"{side}_hip"] = np.array([0, 0, sign * lengths["pelvis"].value_m])

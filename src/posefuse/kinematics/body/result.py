@@ -45,7 +45,7 @@ class Reader:
         self._last = np.full((len(workspace.angles), 3), np.nan)
 
     def read(self, state: State) -> Fitted:
-        """Everything the state says, with the uncertainty it has."""
+        """All results of the state, with their uncertainty."""
         p, work, size = self._packed, self._work, self._packed.size
         kernels.keypoints(
             p.parent, p.kind, p.axis, p.offset, p.dof, p.node, p.local, state.q, state.rot, self._frame, self._origin,

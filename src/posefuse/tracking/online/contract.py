@@ -15,17 +15,16 @@ Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
 
 @dataclass(frozen=True, kw_only=True)
 class CameraStatistics:
-    """How one camera does, as the tracker sees it. Shares and rms run over about the last hundred views.
+    """Statistics of one camera's views. Shares and rms run over about the last hundred views.
 
     Attributes:
         used: views that found a tracked person. age_s: from its newest view to the newest time the tracker knows; NaN
             before the first.
-        innovation_sigmas: rms distance of its keypoints from where they were expected, in units of what was expected (1 when
-            all is well); NaN before the first.
+        innovation_sigmas: rms of its keypoints' normalised innovations (1 for a healthy camera); NaN before the first.
         gated_share: share of its keypoints that were too far off to be used.
         flipped_share: share of its views with left and right exchanged somewhere.
         unclaimed: views that showed no person who is tracked. late, ahead: views refused as older than the buffer, or from
-            the future (a wrong clock). repeated: views of a moment already told. crowded: views beyond the allowed rate.
+            the future (a wrong clock). repeated: views with a time already received. crowded: views beyond the allowed rate.
     """
 
     used: int = 0

@@ -1,4 +1,4 @@
-"""From time step to time step: prediction, what a fit has told, and the way back."""
+"""Between time steps: prediction, update by a fit, and the backward pass."""
 
 from __future__ import annotations
 
