@@ -112,7 +112,7 @@ def _bridged(xyz: Array) -> Array:
 
 
 def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:
-    """Indices of the maximum of each swing while walking; not at the very ends, where a maximum cannot be distinguished from a cut."""
+    """Indices of the maximum of each swing while walking; not at the very ends, where it may be a cut."""
     if not np.isfinite(signal).all():
         return np.zeros(0, np.intp)
     smooth = _smooth(signal, rate_hz)
