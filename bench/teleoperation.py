@@ -84,7 +84,8 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
         hand = path(max(t_s, 0.0))
         # errors of networks last for some frames
         noise = 0.9 * noise + np.sqrt(1 - 0.9**2) * noise_m / np.sqrt(3) * rng.normal(size=3)
-        view = person_view(hand + noise + 1e-6 * rng.normal(size=3), now_ns, measured_ns=now_ns - 40_000_000)
+        told_xyz = hand + noise + 1e-6 * rng.normal(size=3)
+        view = person_view(told_xyz, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=noise_m / np.sqrt(3))
         beats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
         news = News(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         was, before = operator.gate.phase, state

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .api.live import live
     from .api.recording import Recording, read
     from .api.rig import Rig, read_rig
-    from .api.simulate import simulate
+    from .api.simulate import gazebo_world, simulate
     from .api.teleoperate import teleoperate
     from .api.track import track
     from .core import Camera, Detections2D, JointAngles, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
@@ -45,6 +45,7 @@ _HOMES = {
     "calibrate_person": "api.calibrate",
     "compare": "api.compare",
     "detector": "api.detector",
+    "gazebo_world": "api.simulate",
     "live": "api.live",
     "read": "api.recording",
     "read_rig": "api.rig",
@@ -58,8 +59,8 @@ _HOMES = {
 __all__ = [
     "Camera", "Detections2D", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError", "Progress", "Recording",
     "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics",
-    "calibrate_person", "compare", "detector", "live", "read", "read_rig", "simulate", "teleoperate", "track",
-    "triangulate", "verify",
+    "calibrate_person", "compare", "detector", "gazebo_world", "live", "read", "read_rig", "simulate", "teleoperate",
+    "track", "triangulate", "verify",
 ]  # fmt: skip
 
 

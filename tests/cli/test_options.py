@@ -38,7 +38,7 @@ ACCEPTED = {
     ),
     "record": (
         "--source one --out text",
-        "--json, --rig text, --duration 5, --view, --view-file text",
+        f"--json, --rig text, --duration 5, --view, --view-file text, {ROS_2}",
     ),
     "live rig.toml": (
         "",
@@ -58,7 +58,7 @@ ACCEPTED = {
     ),
     "calibrate guide": (
         "--source one --source two",
-        f"--intrinsics text, --record text, --duration 5, --view, --view-file text, --json, --force, {TARGET}",
+        f"--intrinsics text, --record text, --duration 5, --view, --view-file text, --json, --force, {ROS_2}, {TARGET}",
     ),
     "calibrate person a=a.mp4 b=b.mp4": (
         "--intrinsics text --out text",
@@ -104,7 +104,7 @@ ACCEPTED = {
         "",
         "--json, --source one --source two, --duration 5, --loop 5, --fault one --fault two, --hand left, --deadman gesture, "
         "--scale 2, --turn 90, --orientation forearm, --i-have-an-emergency-stop, --robot text, --frame one --frame two, "
-        "--robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, --speed 0.2, --limits text, --view, --record text, --ros, "
+        "--robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, --speed 0.2, --limits text, --view, --record text, --ros, --ros1, "
         f"--command twist, --base-frame text, --controller text, --cmd-vel text, --cmd-vel-twist, {SETTINGS}, {LIVE}, {ROS_2}",
     ),
     "compare a.trc b.trc": (

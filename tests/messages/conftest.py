@@ -7,6 +7,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from ros1_master import alone, ros1_python  # noqa: F401
 
 from posefuse.core import SE3, SKELETONS, Detections2D, JointAngles, Pose3D, Skeleton
 

@@ -138,3 +138,16 @@ def test_a_list_said_to_be_endless_is_refused_at_once():
     intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message)
     raw = b"\0\1\0\0" + bytes(8) + b"\1\0\0\0\0\0\0\0" + b"\1\0\0\0\0\0\0\0" * 2 + b"\xff\xff\xff\xff" * 4
     assert intake.take(raw) is None
+
+
+def test_counts_of_the_source_arrive_and_absurd_ones_are_refused(some_detections):
+    told = messages.SourceCounts(captured=900, used=300, showing_ns=4_300_000_000)
+    msg = over_the_wire(messages.message_from_detections(some_detections(), {}, told))
+    assert messages.source_from_message(msg) == told
+    unknown = over_the_wire(messages.message_from_detections(some_detections(), {}))
+    assert messages.source_from_message(unknown) == messages.SourceCounts()
+    for name, value in (("used", 901), ("captured", 2**60), ("showing_ns", -1), ("showing_ns", 2**60)):
+        wrong = over_the_wire(messages.message_from_detections(some_detections(), {}, told))
+        setattr(wrong, name, value)
+        with pytest.raises(MessageError, match="frames used, showing at"):
+            messages.source_from_message(wrong)

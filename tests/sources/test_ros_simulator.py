@@ -12,7 +12,7 @@ from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
-from posefuse.core import MessageError, SourceError
+from posefuse.core import ConfigError, MessageError, SourceError
 from posefuse.messages.camera_messages import info_from_camera
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
@@ -138,3 +138,16 @@ def test_the_network_reaches_the_sources(ring_rig):
     [entry] = inputs_from_arguments(["cam01=ros:/a/image_raw"], ring_rig(2), ros)
     network = entry.config.network
     assert (network.domain_id, network.interface, network.peers, entry.config.sim_time) == (7, "eth9", ("10.0.0.2",), True)
+
+
+def test_the_network_is_said_in_python_too(ring_rig):
+    import posefuse as pf
+
+    ros = {"domain_id": 7, "peers": ["10.0.0.2"], "interface": "eth9"}
+    session = pf.live(ring_rig(2), {"cam00": "ros:/a/image_raw", "cam01": "ros:/b/image_raw"}, ros=ros)
+    for entry in session._plan.inputs:
+        network = entry.config.network
+        assert (network.domain_id, network.interface, network.peers) == (7, "eth9", ("10.0.0.2",))
+    for wrong in ({"domain": 7}, {"peers": "10.0.0.2"}):
+        with pytest.raises(ConfigError, match=r"^ros: "):
+            pf.live(ring_rig(2), {"cam00": "ros:/a/image_raw"}, ros=wrong)

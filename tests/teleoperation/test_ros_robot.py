@@ -146,8 +146,6 @@ def test_a_robot_that_falls_silent_has_a_fault():
 def test_what_cannot_be_is_refused_in_one_line():
     with pytest.raises(ConfigError, match="the model of the robot"):
         open_ros_robot("joints", PLAN, None, ("tool",), SETTINGS)
-    with pytest.raises(ConfigError, match="ROS 1"):
-        open_ros_robot("pose", replace(PLAN, version=1), None, ("tool",), SETTINGS)
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):

@@ -248,6 +248,7 @@ def live(
     record: str | Path | None = None,
     outputs: Mapping[str, Mapping[str, Any]] | None = None,
     settings: Mapping[str, Any] | None = None,
+    ros: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
 ) -> LiveSession:
     """Track people in the images of calibrated cameras as they come.
@@ -263,6 +264,8 @@ def live(
         record: .mcap file that keeps every detection and pose.
         outputs: options of more outputs by name, e.g. ``{"osc": {"to": ["localhost:9000"]}}``; see `posefuse plugins`.
         settings: any other setting by dotted key, as for ``posefuse live --set``.
+        ros: where topics of ``ros:`` sources are: ``domain_id``, ``peers``, ``interface``, ``local_only``, ``sim_time``; see
+            docs/ros.md. Outputs take the same names in `outputs`, e.g. ``{"ros2": {"domain_id": 5}}``.
         progress: True shows the session's news on stderr.
 
     Raises:
@@ -288,7 +291,7 @@ def live(
     changes = {key: value for key, value in options.items() if value is not None}
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
     config = changed_config(LiveConfig(), changes)
-    inputs = inputs_from_arguments(arguments, cameras)
+    inputs = inputs_from_arguments(arguments, cameras, ros)
     return session_of(cameras, inputs, config, duration_s=duration_s, record=record, outputs=outputs, progress=progress)
 
 

@@ -128,7 +128,7 @@ def _opened(deadman: str | DeadMan, gesture_allowed: bool, ros: RosPlan | None) 
 
     if not isinstance(deadman, str):
         return deadman
-    return open_deadman(deadman, gesture_allowed=gesture_allowed, domain_id=ros.domain_id if ros else 0)
+    return open_deadman(deadman, gesture_allowed=gesture_allowed, ros=ros)
 
 
 def _check(settings: TeleoperationSettings, command: str | None) -> None:

@@ -119,7 +119,7 @@ def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Opt
         dataclasses.replace(
             entry, faults=faults.get(entry.camera, ()), reopen=entry.reopen or entry.camera in faults, loop_s=run.loop_s
         )
-        for entry in inputs_from_arguments(sources.source, rig, ros_options(ros_2))
+        for entry in inputs_from_arguments(sources.source, rig, ros_2.settings)
     )
 
 
@@ -157,16 +157,8 @@ def output_configs(
     for option, path in (("--record", chosen.get("record", {}).get("path")), ("--view-file", outputs.view_file)):
         if path is not None:
             check_output_file(Path(path), option=option)
-    known = {**ros_options(ros_2), "axes": outputs.axes}
+    known = {**ros_2.settings, "axes": outputs.axes}
     return {name: plugin_config("live_outputs", name, options, known) for name, options in chosen.items()}
-
-
-def ros_options(ros_2: Ros2Options) -> dict[str, Any]:
-    """Options that sources and outputs of ROS 2 share."""
-    return {
-        "domain_id": ros_2.domain, "local_only": ros_2.local_only, "interface": ros_2.interface, "peers": ros_2.peer,
-        "sim_time": ros_2.sim_time,
-    }  # fmt: skip
 
 
 def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:

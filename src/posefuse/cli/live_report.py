@@ -61,6 +61,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "cpu_children_share": done.cpu_s[1] / done.seconds,
         "memory_mb": done.memory_mb,
         "restarts": done.restarts,
+        "discontinuities": fusion.cuts,
         "outputs": done.outputs,
         "outputs_lost": done.lost,
         "output_events": [

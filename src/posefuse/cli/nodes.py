@@ -10,7 +10,7 @@ from typing import Any
 
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Ros2Options
-from posefuse.core import ConfigError, SourceError
+from posefuse.core import SourceError
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.messages import topics
 from posefuse.messages.dds import Network, RosNode
@@ -22,6 +22,7 @@ from posefuse.realtime.joint_centres import message_from_centres
 from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.realtime.network_views import NetworkViews
 from posefuse.realtime.networks import settled_network
+from posefuse.realtime.node_intrinsics import rig_of_nodes, tell_intrinsics
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
@@ -54,9 +55,7 @@ def camera_node(
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
-    if config.camera_info == "use":
-        raise ConfigError("--camera-info use: the fusion node needs these intrinsics, too; put them into the rig file")
-    rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
+    rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     fetch_chosen(config.detector, terminal)
     detector, chooser = settled_network(config.detector, len(inputs), terminal.note)
     config = replace(config, detector=detector)
@@ -68,6 +67,7 @@ def camera_node(
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
         GroupViews(group_plans(rig, inputs, config, plan), board, chooser, terminal.note) as groups,
     ):
+        tell_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
         skeleton = groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
         groups.begin(time.monotonic_ns() if run.zero_s is None else round(run.zero_s * _S) - clock.offset_ns)
@@ -97,6 +97,8 @@ def fusion_node(
         check_replaceable(outputs.report, command="live", replace=False)
     # views that came from ROS are not sent back there
     configs = output_configs(outputs, ros_2, config, {"ros2": {"detections": False}})
+    if config.camera_info == "use":
+        rig = rig_of_nodes(rig, network, terminal.note, duration_s)
     clock = SessionClock.begin()
     plan = OutputPlan(rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config))
     views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, terminal.note)

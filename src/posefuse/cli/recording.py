@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.options.record import RecordOptions
+from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import SourceError
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import check_output_file
@@ -27,10 +28,10 @@ from .videos import kept_videos, video_figures
 _SAY_EVERY = 5
 
 
-def record_session(options: RecordOptions, terminal: Terminal) -> Mapping[str, Any]:
+def record_session(options: RecordOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
     """Record until the time is over, the sources end, or Ctrl-C; returns frames, drops and rates by camera."""
     rig = None if options.rig is None else read_rig(options.rig)
-    inputs = inputs_from_arguments(options.source, rig)
+    inputs = inputs_from_arguments(options.source, rig, ros_2.settings)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
     check_replaceable(options.out, command="record", replace=False)

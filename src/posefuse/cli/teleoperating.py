@@ -42,8 +42,10 @@ def run_teleoperation(
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Teleoperate; returns the figures of the tables."""
-    if ros.command and not ros.ros:
-        raise ConfigError(f"--command {ros.command}: needs --ros")
+    if ros.command and not (ros.ros or ros.ros1):
+        raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
+    if ros.ros and ros.ros1:
+        raise ConfigError("--ros --ros1: expected one of them")
     if not sources.source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     cameras = read_placed_rig(rig)
@@ -62,7 +64,7 @@ def run_teleoperation(
             robot=robot.robot,
             frames=robot.frame,
             command=ros.command,
-            ros=_ros_plan(ros, ros_2) if ros.ros else None,
+            ros=_ros_plan(ros, ros_2) if ros.ros or ros.ros1 else None,
             emergency_stop=hand.i_have_an_emergency_stop,
             view=robot.view,
             record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
@@ -94,6 +96,7 @@ def settings_of(hand: HandOptions, robot: RobotOptions) -> TeleoperationSettings
 
 def _ros_plan(ros: RosRobotOptions, ros_2: Ros2Options) -> RosPlan:
     return RosPlan(
+        version=1 if ros.ros1 else 2,
         domain_id=ros_2.domain,
         local_only=ros_2.local_only,
         interface=ros_2.interface,
@@ -101,7 +104,7 @@ def _ros_plan(ros: RosRobotOptions, ros_2: Ros2Options) -> RosPlan:
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,
-        stamped=not ros.cmd_vel_twist,
+        stamped=not (ros.cmd_vel_twist or ros.ros1),
     )
 
 

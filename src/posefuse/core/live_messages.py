@@ -116,11 +116,18 @@ class OutputHealth:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveHealth:
-    """How every camera and every output fares, by name; a few times a second."""
+    """How every camera and every output fares, by name; a few times a second.
+
+    Attributes:
+        cuts: how often a looped recording has begun again: what comes after does not continue what was before.
+        cut_ns: when that happened last; 0: never.
+    """
 
     t_ns: int
     cameras: Mapping[str, CameraHealth]
     outputs: Mapping[str, OutputHealth] = field(default_factory=dict)
+    cuts: int = 0
+    cut_ns: int = 0
 
 
 LiveMessage = LiveStart | LiveJointCentres | LiveDetections | LivePose | LivePreview | LiveHealth

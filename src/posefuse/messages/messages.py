@@ -7,6 +7,7 @@ time went. Whatever a stranger sends, `*_from_message` either returns a checked 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ JOINT_ANGLES_TYPE = "posefuse_msgs/msg/JointAngles"
 
 MAX_PEOPLE = 64
 MAX_KEYPOINTS = 512
+# 1000 frames a second for a year, and a year
+MAX_FRAMES, MAX_SHOWING_NS = 2**35, 2**55
 _NS = 1_000_000_000
 _MIN_NS, _MAX_NS = -(2**31) * _NS, 2**31 * _NS - 1
 _UPPER = np.triu_indices(3)
@@ -51,7 +54,24 @@ def optical_frame(camera: str) -> str:
     return f"{camera}_optical_frame"
 
 
-def message_from_detections(detections: Detections2D, stages: Stages) -> Any:
+@dataclass(frozen=True, kw_only=True)
+class SourceCounts:
+    """How the source of a camera fares, told with its views.
+
+    Attributes:
+        captured: frames that reached the machine. used: of them, those that were looked at.
+        showing_ns: when this showing of a looped recording began, after the session's zero.
+    """
+
+    captured: int = 0
+    used: int = 0
+    showing_ns: int = 0
+
+
+_UNKNOWN = SourceCounts()
+
+
+def message_from_detections(detections: Detections2D, stages: Stages, source: SourceCounts = _UNKNOWN) -> Any:
     """`posefuse_msgs/Detections2D` of one view."""
     return message(
         DETECTIONS_TYPE,
@@ -66,7 +86,19 @@ def message_from_detections(detections: Detections2D, stages: Stages) -> Any:
         box_px=detections.box_img.ravel(),
         clothing_lab=_known_or_empty(detections.clothing_lab),
         stages=_stage_list(stages),
+        captured=source.captured,
+        used=source.used,
+        showing_ns=source.showing_ns,
     )
+
+
+def source_from_message(msg: Any) -> SourceCounts:
+    """What a `Detections2D` message tells of its camera's source; raises MessageError for counts that cannot be."""
+    # a recording of an older version has none
+    captured, used, showing_ns = (int(getattr(msg, name, 0)) for name in ("captured", "used", "showing_ns"))
+    if not used <= captured <= MAX_FRAMES or not 0 <= showing_ns <= MAX_SHOWING_NS:
+        raise MessageError(f"Detections2D message of {msg.camera}: {used} of {captured} frames used, showing at {showing_ns} ns")
+    return SourceCounts(captured=captured, used=used, showing_ns=showing_ns)
 
 
 def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:

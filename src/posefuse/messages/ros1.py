@@ -1,31 +1,66 @@
 """ROS 1: the same messages to a `roscore`, or to a .bag file without any ROS.
 
 Needs Debian's `python3-rospy` in an environment that sees system packages (``python3 -m venv --system-site-packages``).
-Bytes come from `rosbags`; rospy only carries them. Types whose ROS 1 form differs (Marker, CameraInfo, Header) are
-taken over field by field.
+Bytes come from `ros1_bytes`; rospy only carries them.
 """
 
 from __future__ import annotations
 
-import io
-from functools import cache
+import threading
+import time
+from collections import deque
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from posefuse.core import DependencyError, InputError, SourceError
+from posefuse.core import DependencyError, InputError, MessageError, SourceError
 
+from .dds import Sample
+from .intake import encode
+from .ros1_bytes import carrier_of, ros1_bytes, ros2_message
 from .topics import Topic
 from .types import optional_module, ros1_types
 
+# nodes of this process
+_OPEN: list[Any] = []
 
-def ros1_bytes(msg: Any) -> bytes:
-    """ROS 1 serialisation of a ROS 2 message made by `types.message`."""
-    return bytes(ros1_types().serialize_ros1(_converted(msg, msg.__msgtype__), msg.__msgtype__))
+
+class Ros1Reader:
+    """The messages of one topic, newest `depth` kept, as CDR bytes like those of `dds.Reader`. Made by `Ros1Node.reader`.
+
+    ROS 1 does not tell when a message was sent: `sent_ns` is when it came.
+    """
+
+    def __init__(self, rospy: Any, topic: Topic) -> None:
+        self.topic = topic
+        self._kept: deque[Sample] = deque(maxlen=topic.depth)
+        self._lock = threading.Lock()
+        self._subscriber = rospy.Subscriber(topic.name, carrier_of(topic.type_name), self._keep, queue_size=topic.depth)
+
+    def take(self) -> list[Sample]:
+        """What has come since the last call, oldest first; does not wait."""
+        with self._lock:
+            found = list(self._kept)
+            self._kept.clear()
+        return found
+
+    def close(self) -> None:
+        """Subscribe no more."""
+        self._subscriber.unregister()
+
+    def _keep(self, carrier: Any) -> None:
+        try:
+            raw = encode(ros2_message(carrier.raw, self.topic.type_name))
+        except MessageError:
+            return
+        with self._lock:
+            self._kept.append(Sample(raw, time.time_ns(), carrier._connection_header.get("callerid", "")))
 
 
 class Ros1Node:
-    """Publishes to the ROS master that the environment names (`topics.Outlet`). One per process, as rospy wants it.
+    """Publishes to the ROS master that the environment names (`topics.Outlet`), and subscribes there.
+
+    A process is one node for rospy: further ones of the process share its name, and the last to close leaves the master.
 
     Raises:
         DependencyError: rospy is not there.
@@ -45,11 +80,20 @@ class Ros1Node:
         optional_module("rosbags")
         self._rospy = rospy
         self._publishers: dict[str, Any] = {}
-        rospy.init_node(name, disable_signals=True)
+        self._readers: dict[str, Ros1Reader] = {}
+        if not _OPEN:
+            rospy.init_node(name, disable_signals=True)
+        _OPEN.append(self)
+
+    def reader(self, topic: Topic) -> Ros1Reader:
+        """The reader of `topic`, made on first use; a publisher of another type is not connected."""
+        if topic.name not in self._readers:
+            self._readers[topic.name] = Ros1Reader(self._rospy, topic)
+        return self._readers[topic.name]
 
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
         """Send one message; latched topics keep the last one for who comes late."""
-        self._publisher(topic).publish(_carrier(topic.type_name)(ros1_bytes(msg)))
+        self._publisher(topic).publish(carrier_of(topic.type_name)(ros1_bytes(msg)))
 
     def wanted(self, topic: Topic) -> bool:
         """Whether any person listens, or will be given the last message on coming."""
@@ -63,7 +107,7 @@ class Ros1Node:
 
     def _publisher(self, topic: Topic) -> Any:
         if topic.name not in self._publishers:
-            made = _carrier(topic.type_name)
+            made = carrier_of(topic.type_name)
             self._publishers[topic.name] = self._rospy.Publisher(topic.name, made, queue_size=topic.depth, latch=topic.latched)
         return self._publishers[topic.name]
 
@@ -73,7 +117,14 @@ class Ros1Node:
 
     def close(self) -> None:
         """Leave the master; safe to call twice."""
-        self._rospy.signal_shutdown("posefuse ends")
+        if self not in _OPEN:
+            return
+        _OPEN.remove(self)
+        for topic in (*self._publishers.values(), *self._readers.values()):
+            topic.close() if isinstance(topic, Ros1Reader) else topic.unregister()
+        self._publishers, self._readers = {}, {}
+        if not _OPEN:
+            self._rospy.signal_shutdown("posefuse ends")
 
     def __enter__(self) -> Ros1Node:
         return self
@@ -127,56 +178,3 @@ class BagRecorder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
-
-
-@cache
-def _fields(type_name: str) -> tuple[tuple[str, str, str | None], ...]:
-    """ROS 1 field, the ROS 2 field it comes from, and the type of the messages inside (None: plain values)."""
-    from rosbags.interfaces import Nodetype
-
-    found = []
-    fields: Any = ros1_types().fielddefs[type_name][1]  # nested pairs, whose second part depends on the first
-    for name, (kind, detail) in fields:
-        while kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            kind, detail = detail[0]
-        # CameraInfo: D, K, R, P in ROS 1, d, k, r, p in ROS 2
-        found.append((name, name.lower(), detail if kind == Nodetype.NAME else None))
-    return tuple(found)
-
-
-def _converted(msg: Any, type_name: str) -> Any:
-    store = ros1_types()
-    values = {}
-    for name, source, inner in _fields(type_name):
-        if name == "seq" and type_name == "std_msgs/msg/Header":
-            values[name] = 0
-            continue
-        value = getattr(msg, source)
-        if inner is not None:
-            value = [_converted(v, inner) for v in value] if isinstance(value, list) else _converted(value, inner)
-        values[name] = value
-    return store.types[type_name](**values)
-
-
-@cache
-def _carrier(type_name: str) -> Any:
-    """A rospy message class that carries ready-made bytes under the real type's name, checksum and definition."""
-    import genpy
-
-    text, checksum = ros1_types().generate_msgdef(type_name, ros_version=1)
-
-    class Carrier(genpy.Message):  # type: ignore[misc]
-        _type = type_name.replace("/msg/", "/")
-        _md5sum = checksum
-        _full_text = text
-        _has_header = False
-        __slots__ = ("raw",)
-        _slot_types = ("uint8[]",)
-
-        def __init__(self, raw: bytes) -> None:
-            self.raw = raw
-
-        def serialize(self, buff: io.BytesIO) -> None:
-            buff.write(self.raw)
-
-    return Carrier

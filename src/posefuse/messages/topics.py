@@ -86,6 +86,11 @@ def camera_info(camera: str) -> Topic:
     return Topic(f"/posefuse/{ros_name(camera)}/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, latched=True)
 
 
+def node_camera_info(camera: str) -> Topic:
+    """Intrinsics that the node of a camera works with, for the fusion node."""
+    return Topic(f"/posefuse/{ros_name(camera)}/node/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, latched=True)
+
+
 def preview(camera: str) -> Topic:
     """Small JPEG images of one camera; a writer without readers need not send."""
     name = f"/posefuse/{ros_name(camera)}/preview/image/compressed"

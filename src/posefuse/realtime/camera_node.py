@@ -12,7 +12,7 @@ from posefuse.health.cameras import Monitor
 from posefuse.messages import topics
 from posefuse.messages.dds import RosNode
 from posefuse.messages.intake import Intake
-from posefuse.messages.messages import POSE_TYPE, message_from_detections, pose_from_message
+from posefuse.messages.messages import POSE_TYPE, SourceCounts, message_from_detections, pose_from_message
 from posefuse.messages.ros_output import RosOutput
 from posefuse.outputs.live.ros import health_lines, publish_preview
 
@@ -75,7 +75,12 @@ class CameraNode:
         view = self.monitor.admit(seen, self._clock.now_ns())
         if view is not None:
             stages = {"received": seen.received_ns, "started": seen.started_ns, "detected": seen.detected_ns}
-            self._node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
+            counts = SourceCounts(
+                captured=seen.state.captured if seen.state else 0,
+                used=seen.state.used if seen.state else 0,
+                showing_ns=seen.showing_ns,
+            )
+            self._node.publish(topics.DETECTIONS, message_from_detections(view, stages, counts), view.t_ns)
             self.sent[view.camera] += 1
 
     def _take_poses(self) -> None:

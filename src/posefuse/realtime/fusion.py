@@ -84,6 +84,8 @@ class Fusion:
         self._waiting: list[ViewTimes] = []
         self._last_published: Pose3D | None = None
         self._followed = 0
+        # looped recordings that began again: how often, and when the newest
+        self.cuts, self.cut_ns = 0, 0
         self._judged_ns = self._showing_ns = 0
 
     def run(self, intake: ViewIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
@@ -146,8 +148,8 @@ class Fusion:
         view = self.monitor.admit(seen, now_ns)
         if view is None:
             return
+        self._notice_cut(seen.showing_ns, now_ns)
         if self.watch is not None:
-            self._tell_of_cut(seen.showing_ns)
             view = self.watch.timed(view, self._followed) if seen.showing_ns == self._showing_ns else view
             astray = view.camera in self.watch.known.astray and not self.monitor.overloaded(view.camera)
             if astray and self.monitor.does_without(view.camera):
@@ -163,10 +165,13 @@ class Fusion:
         }  # fmt: skip
         self.outlets.offer(LiveDetections(detections=view, stages_ns=stages))
 
-    def _tell_of_cut(self, showing_ns: int) -> None:
-        """A looped clip that begins again goes on from nothing."""
-        if showing_ns > self._showing_ns and self.watch is not None:
-            self._showing_ns = showing_ns
+    def _notice_cut(self, showing_ns: int, now_ns: int) -> None:
+        """A looped recording that begins again does not continue what was before."""
+        if showing_ns <= self._showing_ns:
+            return
+        self._showing_ns, self.cut_ns = showing_ns, now_ns
+        self.cuts += 1
+        if self.watch is not None:
             self.watch.cut()
 
     def _learn_noise(self, camera: str, sigma_px: Array) -> None:
@@ -207,7 +212,8 @@ class Fusion:
         self.outlets.poll()
         rates = self._rates()
         cameras = {name: CameraHealth(state=v.state, text=v.text, figures=rates[name]) for name, v in self.verdicts.items()}
-        self.outlets.offer(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
+        health = LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health, cuts=self.cuts, cut_ns=self.cut_ns)
+        self.outlets.offer(health)
 
     def _rates(self) -> dict[str, dict[str, float]]:
         health = self.tracker.health

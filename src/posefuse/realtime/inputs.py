@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import Rig, SourceError
+from posefuse.core import ConfigError, Rig, SourceError
 from posefuse.core.errors import choices
 
 from .capture import LiveInput
 
 KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
+# what all topics of a session share, see `sources.ros.RosConfig`
+ROS_FIELDS = ("domain_id", "interface", "local_only", "peers", "sim_time")
 EXAMPLES = (
     "cam00=video:cam00.mp4, cam00=usb:/dev/video0 (macOS: usb:0, Windows: usb:NAME), cam00=rtsp://host/stream, "
     "cam00=http://host/stream.mjpg, "
@@ -27,11 +29,13 @@ def inputs_from_arguments(
 
     Args:
         rig: None takes any names, in their own order; ``sim:PATH`` then stands for every camera of the scene.
-        ros: fields of `sources.ros.RosConfig` that all ROS topics share, e.g. ``domain_id``.
+        ros: fields of `sources.ros.RosConfig` that all ROS topics share: `ROS_FIELDS`.
 
     Raises:
         SourceError: an argument that cannot be read, a camera the rig does not have, or one named twice.
+        ConfigError: no such field of `ros`, or no such network.
     """
+    _check_ros(ros or {})
     found: dict[str, LiveInput] = {}
     for argument in arguments:
         for entry in _entries(argument, rig, ros or {}):
@@ -39,6 +43,13 @@ def inputs_from_arguments(
                 raise SourceError(f"--source {argument}: camera {entry.camera} has a source already")
             found[entry.camera] = entry
     return tuple(found[name] for name in (found if rig is None else rig.names) if name in found)
+
+
+def _check_ros(ros: Mapping[str, Any]) -> None:
+    if unknown := sorted(set(ros) - set(ROS_FIELDS)):
+        raise ConfigError(f"ros: expected {choices(ROS_FIELDS)}, got {choices(unknown)}")
+    if isinstance(ros.get("peers"), str):
+        raise ConfigError(f"ros: peers: expected a list of addresses, got {ros['peers']!r}")
 
 
 def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[LiveInput]:

@@ -52,7 +52,7 @@ class SeenView:
 
     Attributes:
         detections: the people in it; its t_ns is mid-exposure.
-        state: status of its camera; None when it belongs to another machine.
+        state: status of its camera; None where another machine does not tell.
         received_ns: the frame reached its process. started_ns: the detector began. detected_ns: it had finished.
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
         searched: the whole image was searched for people.

@@ -7,17 +7,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from posefuse.core import Rig, Skeleton
+from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.health.cameras import CameraState
 from posefuse.messages import topics
 from posefuse.messages.dds import Network, RosNode, Sample
 from posefuse.messages.intake import Intake
 from posefuse.messages.joint_centre_messages import JOINT_CENTRES_TYPE
-from posefuse.messages.messages import DETECTIONS_TYPE, detections_from_message
+from posefuse.messages.messages import DETECTIONS_TYPE, SourceCounts, detections_from_message, source_from_message
 
 from .clock import SessionClock
 from .joint_centres import centres_from_message
 from .messages import Centres, SeenView
+from .node_intrinsics import ToldIntrinsics
 from .senders import Senders
 
 _WAIT_S = 0.2
@@ -35,7 +37,7 @@ class ViewIntake:
     """
 
     def __init__(self, cameras: tuple[str, ...]) -> None:
-        self.intake = Intake(DETECTIONS_TYPE, detections_from_message, _MAX_BYTES)
+        self.intake = Intake(DETECTIONS_TYPE, _view_from_message, _MAX_BYTES)
         self.senders = Senders(cameras)
         self._centres_intake = Intake(JOINT_CENTRES_TYPE, centres_from_message, _MAX_BYTES, self.intake.counts)
         # what the nodes say about joint centres, by sender
@@ -58,7 +60,8 @@ class ViewIntake:
         if (taken := self.intake.take(sample.raw)) is None:
             self.senders.count_refused(sample.sender)
             return []
-        seen = _seen(*taken, sample.sent_ns, now_ns)
+        (view, stages), source = taken
+        seen = _seen(view, stages, source, sample.sent_ns, now_ns)
         camera = seen.detections.camera
         before = self.senders.sender(camera)
         if not self.senders.admits(seen.detections, sample.sender, now_ns):
@@ -84,6 +87,7 @@ class NetworkIntake:
         self._node = RosNode(name, network)
         self._reader = self._node.reader(topics.DETECTIONS)
         self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
+        self._intrinsics = ToldIntrinsics(self._node, rig)
         self._ours, self._theirs = Channel.pair()
         self._stop = threading.Event()
         self._chosen = threading.Event()
@@ -107,9 +111,9 @@ class NetworkIntake:
         return {}
 
     def notices(self) -> list[str]:
-        """Why messages are refused, each reason once."""
-        senders = self.views.senders
-        found, senders.news = senders.news, []
+        """Why messages are refused, each reason once; and camera nodes that work with other intrinsics."""
+        senders, told = self.views.senders, self._intrinsics
+        found, senders.news, told.problems = [*senders.news, *told.problems], [], []
         return found
 
     def first_skeleton(self, timeout_s: float) -> Skeleton | None:
@@ -135,6 +139,7 @@ class NetworkIntake:
                 return
 
     def _hand_on(self) -> None:
+        self._intrinsics.hear()
         for sample in self._centres_reader.take():
             for found in self.views.centres(sample):
                 self.dropped += not self._theirs.send(found, _WAIT_S)
@@ -145,13 +150,31 @@ class NetworkIntake:
             self._chosen.set()
 
 
-def _seen(view: Any, stages: Mapping[str, int], sent_ns: int, now_ns: int) -> SeenView:
+def _view_from_message(msg: Any) -> tuple[tuple[Detections2D, dict[str, int]], SourceCounts]:
+    return detections_from_message(msg), source_from_message(msg)
+
+
+def _seen(view: Detections2D, stages: Mapping[str, int], source: SourceCounts, sent_ns: int, now_ns: int) -> SeenView:
     received_ns = stages.get("received", min(sent_ns, now_ns))
     started_ns = stages.get("started", received_ns)
     return SeenView(
         detections=view,
-        state=None,
+        state=_camera_state(view.camera, source) if source.captured else None,
         received_ns=received_ns,
         started_ns=started_ns,
         detected_ns=stages.get("detected", started_ns),
+        showing_ns=source.showing_ns,
+    )
+
+
+def _camera_state(camera: str, source: SourceCounts) -> CameraState:
+    """A view has come, so the source runs."""
+    return CameraState(
+        camera=camera,
+        state="running",
+        text="",
+        captured=source.captured,
+        used=source.used,
+        replaced=source.captured - source.used,
+        missing=0,
     )

@@ -13,7 +13,7 @@ from .capture import LiveInput
 CameraInfoUse = Literal["check", "use", "ignore"]
 _WITHIN_S = 2.0
 # a lens that was calibrated twice agrees with itself to about this, anywhere in the image
-_AGREE_PX = 3.0
+AGREE_PX = 3.0
 
 
 def rig_with_camera_infos(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Callable[[str], None]) -> Rig:
@@ -61,7 +61,7 @@ def _problem(ours: Camera, theirs: Camera | None, *, silent: bool) -> str:
     if theirs is None:
         return "it holds no calibration (K is 0); the rig's intrinsics are not checked"
     apart = apart_px(ours, theirs)
-    if apart <= _AGREE_PX:
+    if apart <= AGREE_PX:
         return ""
     return (
         f"it differs from the rig by up to {apart:.1f} px (focal length {theirs.K[0, 0]:.1f} px, rig {ours.K[0, 0]:.1f} px); "

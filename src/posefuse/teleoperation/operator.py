@@ -11,6 +11,7 @@ from .heartbeats import Beat, Heartbeats
 from .mapping import Clutch, engaged, moved
 from .separation import Body, remembered, separation_m, speed_share
 from .settings import TeleoperationSettings
+from .steady import Steady, steadied
 from .values import OperatorView, Order, Phase, RobotState
 
 
@@ -19,7 +20,8 @@ class Operator:
     """State of the operator's side.
 
     Attributes:
-        gate, heartbeats, clutch, body: states of the parts; the clutch is None before the first engagement.
+        gate, heartbeats, clutch, body, steady: states of the parts; the clutch is None before the first engagement, steady
+            before the first view.
         view, cameras, robot: newest of each. separation_m: least distance of robot and operator; NaN: not known.
     """
 
@@ -27,6 +29,7 @@ class Operator:
     beats: Heartbeats = field(default_factory=Heartbeats)
     body: Body = field(default_factory=Body.unknown)
     clutch: Clutch | None = None
+    steady: Steady | None = None
     view: OperatorView | None = None
     cameras: CameraReport | None = None
     robot: RobotState | None = None
@@ -69,12 +72,17 @@ def step(operator: Operator, news: News, now_ns: int, settings: TeleoperationSet
         reset=news.reset,
     )
     gate = stepped(operator.gate, seen, settings.gate)
-    clutch = _clutch(operator.clutch, gate, view, robot, settings)
+    steady = operator.steady
+    if news.view is not None:
+        # the gate goes by the hand as it was measured, the target by the steady one
+        steady = steadied(steady, news.view, settings.mapping.rest_noise_m)
+    clutch = _clutch(operator.clutch, gate, view, steady, robot, settings)
     after = Operator(
         gate=gate,
         beats=beats,
         body=body,
         clutch=clutch,
+        steady=steady,
         view=view,
         cameras=cameras,
         robot=robot,
@@ -85,15 +93,20 @@ def step(operator: Operator, news: News, now_ns: int, settings: TeleoperationSet
 
 
 def _clutch(
-    clutch: Clutch | None, gate: Gate, view: OperatorView | None, robot: RobotState | None, settings: TeleoperationSettings
+    clutch: Clutch | None,
+    gate: Gate,
+    view: OperatorView | None,
+    steady: Steady | None,
+    robot: RobotState | None,
+    settings: TeleoperationSettings,
 ) -> Clutch | None:
-    if gate.phase is not Phase.ENGAGED or view is None or robot is None:
+    if gate.phase is not Phase.ENGAGED or view is None or steady is None or robot is None:
         return clutch
     if gate.engages or clutch is None:
-        return engaged(view.xyz_world, view.rotation_world, robot.xyz_world, robot.wxyz)
+        return engaged(steady.xyz_world, view.rotation_world, robot.xyz_world, robot.wxyz)
     return moved(
         clutch,
-        view.xyz_world,
+        steady.xyz_world,
         view.rotation_world,
         robot.xyz_world,
         robot.wxyz,

@@ -23,12 +23,15 @@ class MappingSettings:
         turn_deg: the robot's axes against the operator's, about the vertical: 0 moves the target as the hand moves in the
             world, 180 suits an operator who faces the robot and wants it as in a mirror's place.
         orientation: ``none`` keeps the orientation of the end effector; ``forearm`` turns it as the forearm turns.
+        rest_noise_m: noise of a resting hand's place, root mean square, that is smoothed away at most; 0 smooths nothing. A hand
+            that moves, or that is known exactly, passes unchanged (`steady`).
         lead_m: the target is never farther than this ahead of what the robot was told, so that nothing winds up.
     """
 
     scale: Annotated[float, Gt(0), Le(10)] = 1.0
     turn_deg: float = 0.0
     orientation: Literal["none", "forearm"] = "none"
+    rest_noise_m: Annotated[float, Ge(0), Le(0.05)] = 0.005
     lead_m: Positive = 0.15
 
 

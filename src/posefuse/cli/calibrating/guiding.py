@@ -8,6 +8,7 @@ from typing import Any
 
 from posefuse.calibration.targets.guidance import Guidance
 from posefuse.cli.options.calibration import GuideOptions, TargetOptions
+from posefuse.cli.options.shared import Ros2Options
 from posefuse.cli.recording import show_videos
 from posefuse.cli.stopping import session_exit_code
 from posefuse.cli.terminal import Terminal
@@ -25,7 +26,7 @@ from posefuse.realtime.session import stop_requests
 from .inputs import check_files, target_of, target_words
 
 
-def guide_at_cameras(target: TargetOptions, options: GuideOptions, terminal: Terminal) -> Mapping[str, Any]:
+def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
     """Show what is covered until it is enough; returns the coverage."""
 
     def report(state: Guidance) -> None:
@@ -40,7 +41,7 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, terminal: Ter
         check_replaceable(options.record, command="record", replace=False)
     kind = target_of(target)
     rig = None if options.intrinsics is None else read_rig(options.intrinsics)
-    inputs = inputs_from_arguments(options.source, rig)
+    inputs = inputs_from_arguments(options.source, rig, ros_2.settings)
     place = str(options.view_file) if options.view_file else SPAWN if options.view else None
     with (
         stop_requests() as stopped,

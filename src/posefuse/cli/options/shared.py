@@ -114,6 +114,14 @@ class Ros2Options:
     sim_time: bool = False
     """Stamps of ros: sources and of --ros are simulated time, which /clock gives (use_sim_time)."""
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Options that sources and outputs of ROS 2 share, by their names there."""
+        return {
+            "domain_id": self.domain, "local_only": self.local_only, "interface": self.interface, "peers": self.peer,
+            "sim_time": self.sim_time,
+        }  # fmt: skip
+
 
 # what "all" means: more people would not fit into the area that a rig of cameras sees
 ALL_PEOPLE = 16

@@ -80,10 +80,12 @@ class RobotOptions:
 @Parameter(name="*", group=ROBOT_ROS)
 @dataclass(frozen=True, kw_only=True)
 class RosRobotOptions:
-    """A real robot over ROS 2, and what is shown there."""
+    """A real robot over ROS, and what is shown there."""
 
     ros: bool = False
     """Publish state, target, box and keep-out in ROS 2; with --command, drive a robot."""
+    ros1: bool = False
+    """The same in ROS 1, at the master of ROS_MASTER_URI; the mobile base takes Twist."""
     command: Literal["pose", "twist", "joints"] | None = None
     """What the robot is sent: target poses, velocities, or joints by our own inverse kinematics (with --robot FILE.xml)."""
     base_frame: Annotated[str, Parameter(metavar="FRAME")] = "base_link"

@@ -12,7 +12,7 @@ from posefuse.core import SE3
 from posefuse.core.arrays import Array, frozen
 from posefuse.simulation.body import SimulatedBody
 
-from . import daily, standing
+from . import arms, daily, standing
 from .gait import walking
 from .points import from_result, from_trc
 from .posture import BodyPosture, bones_of
@@ -20,6 +20,7 @@ from .retarget import retargeted
 from .routes import route
 from .settings import (
     BvhSettings,
+    HandPathSettings,
     IdleSettings,
     MotionSettings,
     OverheadSettings,
@@ -73,7 +74,7 @@ def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> Movi
     """Put a motion into a body; the same seed gives the same bytes.
 
     Raises:
-        ConfigError: a path that cannot be walked. InputError: a motion file that cannot be used.
+        ConfigError: a path that cannot be walked, or that a hand cannot reach. InputError: a motion file that cannot be used.
     """
     match motion:
         case TPoseSettings():
@@ -85,7 +86,9 @@ def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> Movi
         case SquatSettings():
             return MovingPerson(body, standing.squat(body, motion))
         case ReachSettings():
-            return MovingPerson(body, standing.reach(body, motion, seed))
+            return MovingPerson(body, arms.reach(body, motion, seed))
+        case HandPathSettings():
+            return MovingPerson(body, arms.hand_path(body, motion, seed))
         case OverheadSettings():
             return MovingPerson(body, daily.overhead(body, motion))
         case SitSettings():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import Field
 
 from posefuse.foundation.settings import settings
@@ -54,6 +54,24 @@ class ReachSettings:
     heading_deg: float = 0.0
     side: Side = "right"
     period_s: Seconds = 3.0
+
+
+@settings
+class HandPathSettings:
+    """Stands and moves one wrist along a path, as the operator of a robot does.
+
+    Attributes:
+        position_m, heading_deg: as for tpose. side: the arm. sway: as for idle.
+        path: rows of time in s and the wrist's place from the floor point between the feet, m: ahead, left, up. Between two rows
+            the hand moves straight with minimum jerk; before the first and after the last it rests.
+    """
+
+    kind: Literal["hand_path"]
+    path: Annotated[tuple[tuple[float, float, float, float], ...], MinLen(1)]
+    position_m: Place = (0.0, 0.0)
+    heading_deg: float = 0.0
+    side: Side = "right"
+    sway: Annotated[float, Ge(0), Le(3)] = 1.0
 
 
 @settings
@@ -258,7 +276,15 @@ class ResultSettings:
 
 
 StandingSettings = (
-    TPoseSettings | IdleSettings | ReachSettings | SquatSettings | WaveSettings | OverheadSettings | SitSettings | TurnSettings
+    TPoseSettings
+    | IdleSettings
+    | ReachSettings
+    | HandPathSettings
+    | SquatSettings
+    | WaveSettings
+    | OverheadSettings
+    | SitSettings
+    | TurnSettings
 )
 MotionSettings = Annotated[
     StandingSettings | WalkSettings | BvhSettings | TrcSettings | ResultSettings, Field(discriminator="kind")

@@ -1,4 +1,4 @@
-"""Motions on planted feet: T-pose, idle, reach, squat, wave."""
+"""Motions on planted feet: T-pose, idle, squat, wave; `arms` has those that move one hand."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from posefuse.core.arrays import Array
 from posefuse.simulation.body import SEGMENTS, SimulatedBody, rotation_of
 from posefuse.simulation.body.angles import turn
 
-from .limbs import bend_arm, bend_leg, elevated_arm, forearm_and_hand, lengths_m, unit
+from .limbs import bend_leg, elevated_arm, forearm_and_hand, lengths_m
 from .noise import Wander
 from .posture import BodyPosture
-from .settings import IdleSettings, ReachSettings, SquatSettings, TPoseSettings, WaveSettings
+from .settings import IdleSettings, SquatSettings, TPoseSettings, WaveSettings
 
 SIDES = ("left", "right")
 AXES_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -24,7 +24,7 @@ _SWAY_FORWARD_M, _SWAY_ASIDE_M = 0.005, 0.004
 _BREATHS_HZ = 0.25
 _ARM_ASIDE_RAD = np.deg2rad(9.0)
 _EASY_ELBOW_RAD = np.deg2rad(16.0)
-_EASY_PRONATION_RAD = np.deg2rad(85.0)
+EASY_PRONATION_RAD = np.deg2rad(85.0)
 
 
 def level_axes(heading_rad: Array) -> Array:
@@ -104,7 +104,7 @@ def easy_arm(
     count = thorax.shape[:-2]
     flexion = np.broadcast_to(np.asarray(flexion, np.float64), count)
     upper = elevated_arm(thorax, side, flexion, np.full(count, -_ARM_ASIDE_RAD), np.full(count, 0.15))
-    lower, hand = forearm_and_hand(body, side, upper, elbow, np.full(count, _EASY_PRONATION_RAD))
+    lower, hand = forearm_and_hand(body, side, upper, elbow, np.full(count, EASY_PRONATION_RAD))
     return {f"{side}_upper_arm": upper, f"{side}_forearm": lower, f"{side}_hand": hand}
 
 
@@ -142,7 +142,7 @@ def _horizontal_arm(thorax: Array, side: str) -> dict[str, Array]:
 def idle(body: SimulatedBody, settings: IdleSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """Sway of a few millimetres, breathing, slow glances."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
-    sway = _Ease(np.random.default_rng(seed), settings.sway)
+    sway = Ease(np.random.default_rng(seed), settings.sway)
 
     def posture(t_s: Array) -> BodyPosture:
         centre, axes = sway.applied(footing, t_s)
@@ -151,7 +151,7 @@ def idle(body: SimulatedBody, settings: IdleSettings, seed: int) -> Callable[[Ar
     return posture
 
 
-class _Ease:
+class Ease:
     """The small movements of a person who stands."""
 
     def __init__(self, rng: np.random.Generator, size: float) -> None:
@@ -180,7 +180,7 @@ class _Ease:
 def wave(body: SimulatedBody, settings: WaveSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """The upper arm out and up, the forearm to and fro."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
-    sway = _Ease(np.random.default_rng(seed), 1.0)
+    sway = Ease(np.random.default_rng(seed), 1.0)
     side = settings.side
 
     def posture(t_s: Array) -> BodyPosture:
@@ -221,61 +221,6 @@ def squat(body: SimulatedBody, settings: SquatSettings) -> Callable[[Array], Bod
         return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
     return posture
-
-
-def reach(body: SimulatedBody, settings: ReachSettings, seed: int) -> Callable[[Array], BodyPosture]:
-    """From the side of the thigh to a point, a short stop, and back; straight in space with one smooth push of speed."""
-    footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
-    sway = _Ease(np.random.default_rng(seed), 1.0)
-    side = settings.side
-
-    def posture(t_s: Array) -> BodyPosture:
-        centre, axes = sway.applied(footing, t_s)
-        cycle = np.floor(t_s / settings.period_s)
-        out = _there_and_back(t_s / settings.period_s - cycle)
-        targets = {c: _target(seed, int(c), side) for c in np.unique(cycle)}
-        target = np.stack([targets[c] for c in cycle])
-        thorax = leaned(axes["thorax"], 0.12 * out, 0.0, (0.18 if side == "right" else -0.18) * out)
-        axes = axes | {"thorax": thorax}
-        for s in SIDES:
-            axes |= easy_arm(body, s, thorax)
-        axes |= _reaching_arm(body, axes, side, out, target)
-        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
-
-    return posture
-
-
-def _reaching_arm(body: SimulatedBody, axes: dict[str, Array], side: str, out: Array, target: Array) -> dict[str, Array]:
-    """The arm between hanging (out 0) and the wrist at `target` (T, 3), in arm lengths from the shoulder in thorax axes."""
-    thorax, upper, lower = axes["thorax"], axes[f"{side}_upper_arm"], axes[f"{side}_forearm"]
-    lengths = lengths_m(body, side, "arm")
-    hanging = -lengths[0] * upper[..., 1] - lengths[1] * lower[..., 1]
-    there = (thorax @ target[..., None])[..., 0] * sum(lengths)
-    ahead = thorax[..., 0] * (0.35 * sum(lengths) * np.sin(np.pi * out) ** 2)[:, None]
-    wrist = hanging + out[:, None] * (there - hanging) + ahead * 0.5
-    start = np.zeros_like(wrist)
-    outward = thorax[..., 2] * (1.0 if side == "right" else -1.0)
-    elbow_side = unit(-thorax[..., 1] * 0.9 + outward * 0.45 - thorax[..., 0] * (1.2 - out)[:, None])
-    upper, _ = bend_arm(start, wrist, elbow_side, lengths)
-    middle = -lengths[0] * upper[..., 1]
-    bend = np.arccos(np.clip(np.sum(unit(wrist - middle) * unit(middle), axis=-1), -1, 1))
-    pronation = _EASY_PRONATION_RAD + (np.deg2rad(110) - _EASY_PRONATION_RAD) * out
-    forearm, hand = forearm_and_hand(body, side, upper, bend, pronation)
-    return {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": hand}
-
-
-def _target(seed: int, cycle: int, side: str) -> Array:
-    """(3,) of one reach, in arm lengths from the shoulder in thorax axes: ahead, between waist and eyes."""
-    rng = np.random.default_rng([seed, cycle & 0xFFFFFFFF])
-    across = rng.uniform(-0.35, 0.4) * (1.0 if side == "right" else -1.0)
-    direction = unit(np.array([1.0, rng.uniform(-0.45, 0.35), across]))
-    return direction * rng.uniform(0.78, 0.93)
-
-
-def _there_and_back(part: Array) -> Array:
-    """0 -> 1 -> 0 over one period by two minimum-jerk moves (Flash & Hogan 1985) with a stop between and after."""
-    go, stay, back = 0.35, 0.5, 0.85
-    return minimum_jerk(part / go) - minimum_jerk((part - stay) / (back - stay))
 
 
 def minimum_jerk(x: Array) -> Array:

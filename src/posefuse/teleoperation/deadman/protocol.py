@@ -7,6 +7,7 @@ from typing import Protocol
 
 from posefuse.core import ConfigError
 from posefuse.teleoperation.heartbeats import Beat
+from posefuse.teleoperation.robots.reports import RosPlan
 from posefuse.teleoperation.values import OperatorView
 
 KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT, gesture"
@@ -38,8 +39,8 @@ class DeadMan(Protocol):
         ...
 
 
-def open_deadman(text: str, *, gesture_allowed: bool = True, domain_id: int = 0) -> DeadMan:
-    """The switch of ``--deadman``.
+def open_deadman(text: str, *, gesture_allowed: bool = True, ros: RosPlan | None = None) -> DeadMan:
+    """The switch of ``--deadman``. ros: where its topic is; None: domain 0 of ROS 2.
 
     Raises:
         ConfigError: no such switch, or a gesture where it alone is not enough. SourceError: it cannot be opened.
@@ -56,7 +57,7 @@ def open_deadman(text: str, *, gesture_allowed: bool = True, domain_id: int = 0)
     if kind == "ros" and where.startswith("/"):
         from .ros_joy import RosJoySwitch
 
-        return RosJoySwitch(where, domain_id)
+        return RosJoySwitch(where, ros or RosPlan())
     if kind == "web" and (not where or where.isdecimal()):
         from .web import WebSwitch
 

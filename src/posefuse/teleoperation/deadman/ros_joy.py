@@ -1,4 +1,4 @@
-"""Button 0 of a joystick over ROS 2 (`sensor_msgs/Joy`): each message with the button down is a heartbeat."""
+"""Button 0 of a joystick over ROS (`sensor_msgs/Joy`): each message with the button down is a heartbeat."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from posefuse.core import MessageError
 from posefuse.messages.intake import decode
 from posefuse.messages.topics import Topic
 from posefuse.teleoperation.heartbeats import Beat
+from posefuse.teleoperation.robots.reports import RosPlan
 from posefuse.teleoperation.values import OperatorView
 
 from .protocol import Pressed
@@ -19,14 +20,13 @@ _JOY = "sensor_msgs/msg/Joy"
 class RosJoySwitch:
     """Button 0 held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`). joy_node repeats at 20 Hz by default.
 
-    Messages count by their source time on this machine's clock: the clocks of two machines must agree.
+    ROS 2: messages count by their source time on this machine's clock, so the clocks of two machines must agree. ROS 1 tells no
+    source time: they count by their arrival, and a message that waited in the network counts as new.
     """
 
-    def __init__(self, topic: str, domain_id: int = 0) -> None:
-        from posefuse.messages.dds import Network, RosNode
-
+    def __init__(self, topic: str, ros: RosPlan) -> None:
         self.hint = f"hold button 0 of {topic} to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
-        self._node = RosNode("posefuse_deadman", Network(domain_id=domain_id))
+        self._node = ros.node("posefuse_deadman")
         self._reader = self._node.reader(Topic(topic, _JOY, depth=10))
         self._seq, self._grip, self._down = 0, False, frozenset[int]()
 

@@ -114,7 +114,10 @@ def move_boxes(noise_m: float = 0.0, seed: int = 0, watch: Watch | None = None, 
         now_ns, i = 10**12 + k * _TICK_NS, max(0, k - round(_ENGAGE_S * RATE_HZ))
         noise = 0.9 * noise + np.sqrt((1 - 0.9**2) / 3) * noise_m * rng.normal(size=3)
         view = person_view(
-            _HAND + plan.xyz[i] - begin + noise + 1e-6 * rng.normal(size=3), now_ns, measured_ns=now_ns - 40_000_000
+            _HAND + plan.xyz[i] - begin + noise + 1e-6 * rng.normal(size=3),
+            now_ns,
+            measured_ns=now_ns - 40_000_000,
+            sigma_m=noise_m / np.sqrt(3),
         )
         beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > 30 else ()
         news = News(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)

@@ -37,9 +37,18 @@ def sine(speed_mps: float, period_s: float = 4.0, centre: Array | None = None) -
 
 
 def person_view(
-    hand_xyz: Array, t_ns: int, *, measured_ns: int | None = None, shift_m: Array | float = 0.0, person_id: int = 1
+    hand_xyz: Array,
+    t_ns: int,
+    *,
+    measured_ns: int | None = None,
+    shift_m: Array | float = 0.0,
+    person_id: int = 1,
+    sigma_m: float = 0.01,
 ) -> OperatorView:
-    """The operator with the right hand at (3,), seen well by four cameras; `shift_m` moves all of the person."""
+    """The operator with the right hand at (3,), seen well by four cameras; `shift_m` moves all of the person.
+
+    sigma_m: stated standard deviation of the hand.
+    """
     body = _STANDING + shift_m
     hand = hand_xyz + shift_m
     body[BODY.index("right_wrist")] = hand
@@ -50,7 +59,7 @@ def person_view(
         measured_ns=t_ns if measured_ns is None else measured_ns,
         person_id=person_id,
         xyz_world=hand[None],
-        sigma_m=np.array([0.01]),
+        sigma_m=np.array([sigma_m]),
         views=np.array([4]),
         measured=np.array([True]),
         rotation_world=np.full((1, 3, 3), np.nan),

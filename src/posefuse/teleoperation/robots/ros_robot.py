@@ -1,4 +1,4 @@
-"""A real robot over ROS: the same limited goals as messages of usual controllers.
+"""A real robot over ROS 2 or ROS 1: the same limited goals as messages of usual controllers.
 
 | command | message | for |
 |---|---|---|
@@ -52,10 +52,8 @@ def open_ros_robot(
     """A robot whose first state has come.
 
     Raises:
-        SourceError: no state comes. ConfigError: ROS 1, whose topics are not read, or a model that does not fit.
+        SourceError: no state comes. ConfigError: a model that does not fit. DependencyError: ROS 1 without rospy.
     """
-    if plan.version != 2:
-        raise ConfigError("teleoperate: ROS 1: states of robots are read over ROS 2 only; bridge them with ros1_bridge")
     node = plan.node("posefuse_robot")
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     robot: RosJoints | RosCartesian

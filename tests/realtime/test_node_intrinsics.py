@@ -1,0 +1,70 @@
+"""Intrinsics that camera nodes tell the fusion node, over the loopback device."""
+
+import os
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from posefuse.core import SourceError
+from posefuse.messages import topics
+from posefuse.messages.camera_messages import info_from_camera
+from posefuse.messages.dds import Network, RosNode
+from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.network_intake import NetworkIntake
+from posefuse.realtime.node_intrinsics import rig_of_nodes, tell_intrinsics
+
+pytestmark = pytest.mark.realtime
+NETWORK = Network(domain_id=12 + os.getpid() % 80, local_only=True)
+
+
+def longer(rig, by):
+    """The rig with all focal lengths longer."""
+    K = np.diag([by, by, 1.0])
+    return replace(rig, cameras=tuple(replace(camera, K=camera.K @ K) for camera in rig))
+
+
+def test_the_fusion_works_with_the_intrinsics_of_the_nodes(ring_rig):
+    rig = ring_rig(2)
+    theirs, said = longer(rig, 1.05), []
+    with RosNode("cameras_a", NETWORK) as a, RosNode("cameras_b", NETWORK) as b:
+        tell_intrinsics(a, theirs, ["cam00"], time.time_ns())
+        small = replace(rig["cam01"], size_wh=(320, 200))
+        b.publish(topics.node_camera_info("cam01"), info_from_camera(small, 0), 0)
+        # what cannot be used is waited past
+        timer = threading.Timer(2.0, tell_intrinsics, (b, theirs, ["cam01"], time.time_ns()))
+        timer.start()
+        found = rig_of_nodes(rig, NETWORK, said.append, 30.0)
+        timer.join()
+    for camera in found:
+        np.testing.assert_array_equal(camera.K, theirs[camera.name].K)
+        np.testing.assert_array_equal(camera.cam_from_world.matrix4(), rig[camera.name].cam_from_world.matrix4())
+    assert said == ["intrinsics of cam00, cam01 are those that their nodes work with"]
+
+
+def test_a_camera_that_no_node_tells_of_is_named(ring_rig):
+    rig = ring_rig(2)
+    with RosNode("cameras_a", NETWORK) as a:
+        tell_intrinsics(a, rig, ["cam00"], 0)
+        with pytest.raises(SourceError, match=r"intrinsics of cam01 were not told by any camera node within 1 s"):
+            rig_of_nodes(rig, NETWORK, lambda line: None, 1.0)
+
+
+def test_a_node_with_other_intrinsics_is_said(ring_rig):
+    rig = ring_rig(2)
+    intake = NetworkIntake(rig, NETWORK, SessionClock.begin())
+    try:
+        with RosNode("cameras_a", NETWORK) as a:
+            tell_intrinsics(a, longer(rig, 1.05), ["cam01"], 0)
+            tell_intrinsics(a, rig, ["cam00"], 0)
+            end_s, found = time.monotonic() + 20, []
+            while not found and time.monotonic() < end_s:
+                time.sleep(0.1)
+                found = intake.notices()
+    finally:
+        intake.close()
+    assert len(found) == 1 and found[0].startswith("camera cam01: its node works with other intrinsics than the rig here (up to")
