@@ -204,18 +204,57 @@ def _print_following(table, truth_ns, hand, figures) -> None:
 
 def boxes(seeds: int) -> None:
     """In simulated time: success, time and path error next to perfect tracking."""
+    from posefuse.teleoperation.rehearsal.boxes import MadeUpHand, move_boxes
+
+    print(_BOXES_HEAD)
+    for noise_mm in (0.0, 5.0, 10.0, 20.0):
+        done = [move_boxes(MadeUpHand(1e-3 * noise_mm, seed)) for seed in range(seeds if noise_mm else 1)]
+        _boxes_row(f"{noise_mm:.0f} mm of noise" if noise_mm else "perfect", done)
+
+
+_BOXES_HEAD = "tracking                       boxes on their marks  seconds  path rms mm  lag ms  holds"
+
+
+def _boxes_row(name: str, done) -> None:
+    print(
+        f"{name:30s} {sum(one.placed for one in done):9d} of {sum(one.of for one in done):2d}  "
+        f"{done[0].seconds:13.1f}  {1e3 * np.mean([one.path_rms_m for one in done]):11.1f}  "
+        f"{1e3 * np.mean([one.lag_s for one in done]):6.0f}  {sum(one.holds for one in done):5d}",
+        flush=True,
+    )
+
+
+def boxes_rendered(folder, count: int, rate_hz: float, networks: str, latency_s: float, seed: int) -> None:
+    """The same task, the operator seen by rendered cameras and a network; simulated time. `folder` keeps what was rendered."""
+    from pathlib import Path
+
+    from rendered_operator import BEGIN_S, SeenHand, rendered
+
     from posefuse.teleoperation.rehearsal.boxes import move_boxes
 
-    print("tracking          boxes on their marks  seconds  path rms mm  holds")
-    for noise_mm in (0.0, 5.0, 10.0, 20.0):
-        done = [move_boxes(1e-3 * noise_mm, seed) for seed in range(seeds if noise_mm else 1)]
-        name = f"{noise_mm:.0f} mm of noise" if noise_mm else "perfect"
-        print(
-            f"{name:17s} {sum(one.placed for one in done):9d} of {sum(one.of for one in done):2d}  "
-            f"{done[0].seconds:13.1f}  {1e3 * np.mean([one.path_rms_m for one in done]):11.1f}  "
-            f"{sum(one.holds for one in done):5d}",
-            flush=True,
-        )
+    folder = Path(folder)
+    rendered(folder, count, rate_hz, seed, lambda done, total: print(f"\rrendered {done} of {total}", end="", file=sys.stderr))
+    print(file=sys.stderr)
+    print(_BOXES_HEAD)
+    _boxes_row("perfect", [move_boxes(boxes=count, begin_s=BEGIN_S)])
+    hand = SeenHand(folder, networks, latency_s)
+    _boxes_row(f"4 cameras, {networks}", [move_boxes(hand, boxes=count, begin_s=BEGIN_S)])
+    _print_hand(hand.rows)
+
+
+def _print_hand(rows) -> None:
+    """Error of the tracked hand by its stated standard deviation; what is the same all the time moves no robot."""
+    sigma_m = np.array([row[0] for row in rows])
+    off_m = np.array([row[1] for row in rows])
+    off_m = off_m - np.median(off_m, axis=0)
+    far_mm = 1e3 * np.linalg.norm(off_m, axis=1)
+    print("stated sigma mm   share %  error of the displacement: rms, p95, p99 mm")
+    for low, high in itertools.pairwise((0.0, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 1.0)):
+        inside = (sigma_m >= low) & (sigma_m < high)
+        if inside.sum() > 20:
+            p95, p99 = np.percentile(far_mm[inside], [95, 99])
+            rms = np.sqrt((far_mm[inside] ** 2).mean())
+            print(f"{1e3 * low:5.0f} to {1e3 * high:4.0f}  {100 * inside.mean():12.1f}  {rms:6.1f} {p95:6.1f} {p99:6.1f}")
 
 
 def film(out) -> None:
@@ -324,7 +363,14 @@ def main() -> int:
     on = steps.add_parser("live")
     on.add_argument("session", help="folder: posefuse simulate examples/scenes/operator.yaml --out FOLDER")
     on.add_argument("--networks")
-    steps.add_parser("boxes").add_argument("--seeds", type=int, default=3)
+    task = steps.add_parser("boxes")
+    task.add_argument("--seeds", type=int, default=3, help="without --rendered: tasks per row")
+    task.add_argument("--rendered", metavar="FOLDER", help="with rendered cameras and a network; what is rendered is kept there")
+    task.add_argument("--count", type=int, default=2, help="with --rendered: boxes to move")
+    task.add_argument("--rate", type=float, default=15.0, help="with --rendered: frames per second of each camera")
+    task.add_argument("--networks", default="blazepose_lite")
+    task.add_argument("--latency", type=float, default=0.06, help="with --rendered: from mid-exposure to a detection, s")
+    task.add_argument("--seed", type=int, default=0, help="with --rendered: of the operator's sway")
     steps.add_parser("film").add_argument("--out", default=".", help="existing folder")
     steps.add_parser("kill").add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
@@ -334,7 +380,9 @@ def main() -> int:
         follow()
     if options.step == "live":
         live(options.session, options.networks)
-    if options.step == "boxes":
+    if options.step == "boxes" and options.rendered:
+        boxes_rendered(options.rendered, options.count, options.rate, options.networks, options.latency, options.seed)
+    elif options.step == "boxes":
         boxes(options.seeds)
     if options.step == "film":
         film(options.out)

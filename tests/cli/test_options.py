@@ -104,7 +104,8 @@ ACCEPTED = {
         "",
         "--json, --source one --source two, --duration 5, --loop 5, --fault one --fault two, --hand left, --deadman gesture, "
         "--scale 2, --turn 90, --orientation forearm, --i-have-an-emergency-stop, --robot text, --frame one --frame two, "
-        "--robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, --speed 0.2, --limits text, --view, --record text, --ros, --ros1, "
+        "--robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, --speed 0.2, --limits text, --view, --view-scene, --view-file text, "
+        "--record text, --ros, --ros1, "
         f"--command twist, --base-frame text, --controller text, --cmd-vel text, --cmd-vel-twist, {SETTINGS}, {LIVE}, {ROS_2}",
     ),
     "compare a.trc b.trc": (

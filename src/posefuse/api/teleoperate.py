@@ -64,6 +64,7 @@ def teleoperate(
     ros: RosPlan | None = None,
     emergency_stop: bool = False,
     view: bool = False,
+    show: str | Path | None = None,
     scene: str | None = None,
     record: str | Path | None = None,
     watch: Callable[[Operator, Order | None], None] | None = None,
@@ -78,7 +79,9 @@ def teleoperate(
         robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
         command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`.
         emergency_stop: there is one within reach; needed for a gesture that moves a robot over ROS.
-        view: open MuJoCo's viewer. scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
+        view: open MuJoCo's viewer. show: operator, robot, workspace and keep-out in Rerun: ``spawn`` opens its viewer, anything
+            else is the .rrd file to write (extra ``viewer``).
+        scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
         watch: is shown the operator's side and the order after every step.
 
     Raises:
@@ -96,8 +99,9 @@ def teleoperate(
 
     settings = settings or TeleoperationSettings()
     _check(settings, command)
-    if record is not None:
-        check_output_file(Path(record), option="record")
+    for option, path in (("record", record), ("show", None if show == "spawn" else show)):
+        if path is not None:
+            check_output_file(Path(path), option=option)
     sites = tuple(frames) if frames else tuple(f"{side}_hand" for side in settings.hands)
     if len(sites) != len(settings.hands):
         raise ConfigError(f"frames: expected one per hand ({', '.join(settings.hands)}), got {len(sites)}")
@@ -114,13 +118,31 @@ def teleoperate(
     with ExitStack() as stack:
         switch = _opened(deadman, command is None or emergency_stop, ros)
         stack.callback(switch.close)
+        watches = [watch] if watch is not None else []
+        if show is not None:
+            from posefuse.teleoperation.scene_view import SceneView
+
+            scene_view = SceneView(settings, str(show))
+            stack.callback(scene_view.close)
+            watches.append(scene_view)
         link = RobotLink(plan)
         stack.callback(link.close)
         link.wait_ready()
         feed = SessionFeed(stack.enter_context(session))
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
-        return run(feed, switch, link, settings, until=lambda: False, watch=watch)
+        return run(feed, switch, link, settings, until=lambda: False, watch=_each(watches))
+
+
+def _each(watches: Sequence[Callable[[Operator, Order | None], None]]) -> Callable[[Operator, Order | None], None] | None:
+    if not watches:
+        return None
+
+    def watch(operator: Operator, order: Order | None) -> None:
+        for one in watches:
+            one(operator, order)
+
+    return watch
 
 
 def _opened(deadman: str | DeadMan, gesture_allowed: bool, ros: RosPlan | None) -> DeadMan:

@@ -17,6 +17,7 @@ from posefuse.cli.options.teleoperate import HandOptions, RobotOptions, RosRobot
 from posefuse.core import ConfigError
 from posefuse.formats.rig import read_placed_rig
 from posefuse.foundation.settings import read_settings, settings_from_mapping
+from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.teleoperation.robots.reports import RosPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 
@@ -67,6 +68,7 @@ def run_teleoperation(
             ros=_ros_plan(ros, ros_2) if ros.ros or ros.ros1 else None,
             emergency_stop=hand.i_have_an_emergency_stop,
             view=robot.view,
+            show=robot.view_file.absolute() if robot.view_file else SPAWN if robot.view_scene else None,
             record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
             watch=_News(terminal),
             progress=report,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,17 +59,36 @@ def remembered(body: Body, view: OperatorView) -> Body:
     )
 
 
-def separation_m(body: Body, spheres_world: Array, now_ns: int, settings: SeparationSettings) -> float:
-    """Least distance of the robot's spheres (M, 4) and the operator's limbs; NaN where the trunk is not known."""
+class Limbs(NamedTuple):
+    """Capsules: (B, 3) one end, (B, 3) the other, (B,) radius, m."""
+
+    start: Array
+    end: Array
+    radius: Array
+
+
+def limbs_of(body: Body, now_ns: int, settings: SeparationSettings) -> Limbs | None:
+    """The operator's limbs, thicker by what is not known of them; None where the trunk is not known."""
     age_s = (now_ns - body.seen_ns) / 1e9
     known = np.isfinite(body.xyz_world).all(axis=1) & (age_s <= settings.memory_s)
-    if not known[_TRUNK].all() or not len(spheres_world) or not np.isfinite(spheres_world).all():
-        return math.nan
+    if not known[_TRUNK].all():
+        return None
     grown = settings.sigmas * body.sigma_m + settings.approach_mps * np.maximum(age_s, 0.0)
     bones = known[_START] & known[_END]
-    start, end = body.xyz_world[_START[bones]], body.xyz_world[_END[bones]]
-    radius = settings.limb_radius_m + np.maximum(grown[_START[bones]], grown[_END[bones]])
-    return float((distances_to_segments(spheres_world[:, :3], start, end) - radius - spheres_world[:, 3:]).min())
+    return Limbs(
+        start=body.xyz_world[_START[bones]],
+        end=body.xyz_world[_END[bones]],
+        radius=settings.limb_radius_m + np.maximum(grown[_START[bones]], grown[_END[bones]]),
+    )
+
+
+def separation_m(body: Body, spheres_world: Array, now_ns: int, settings: SeparationSettings) -> float:
+    """Least distance of the robot's spheres (M, 4) and the operator's limbs; NaN where the trunk is not known."""
+    limbs = limbs_of(body, now_ns, settings)
+    if limbs is None or not len(spheres_world) or not np.isfinite(spheres_world).all():
+        return math.nan
+    apart = distances_to_segments(spheres_world[:, :3], limbs.start, limbs.end)
+    return float((apart - limbs.radius - spheres_world[:, 3:]).min())
 
 
 def distances_to_segments(points: Array, start: Array, end: Array) -> Array:

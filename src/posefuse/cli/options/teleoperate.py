@@ -73,6 +73,10 @@ class RobotOptions:
     """All settings of teleoperation, see docs/teleoperation.md; the options above come on top."""
     view: bool = False
     """Open MuJoCo's viewer."""
+    view_scene: bool = False
+    """Show operator, robot, workspace and keep-out in the Rerun viewer (extra: viewer)."""
+    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
+    """Write what that viewer would show to a file."""
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap", group=OUTPUTS)] = None
     """Record views and poses; the robot's commands and states go to FILE.robot.mcap."""
 

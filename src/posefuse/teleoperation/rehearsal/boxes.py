@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -29,9 +30,12 @@ STARTS = ((0.66, -0.22), (0.66, 0.0), (0.66, 0.22))
 MARKS = ((0.86, -0.12), (0.86, 0.06), (0.86, 0.24))
 _NEAR_M = 0.03
 _LIFT_M, _PRESS_M, _SPEED_MPS, _WAIT_S = 0.12, 0.004, 0.2, 0.5
-_HAND = np.array([0.45, -0.25, 1.15])
-_ENGAGE_S = 1.0
+# where the hand begins, and how long it rests before it moves; from there an arm of 54 cm reaches all of the task
+HAND_M = np.array([0.11, -0.3, 1.38])
+REST_S = 1.0
 _TICK_NS = 10_000_000
+# the switch is pressed so many ticks before the hand moves
+_PRESSED = 70
 
 
 def things() -> list[Thing]:
@@ -56,20 +60,28 @@ def things() -> list[Thing]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Script:
-    """Where the end effector should be, (T, 3) from its start, and whether the gripper is closed (T,), at 100 Hz."""
+    """What the hand does, at 100 Hz.
+
+    Attributes:
+        xyz: (T, 3) where the end effector should be, in axes of its base. grip: (T,) whether the gripper is closed.
+        at_s, places: (N,), (N, 3) the points between which it moves, with minimum jerk.
+    """
 
     xyz: Array
     grip: Array
+    at_s: Array
+    places: Array
 
 
-def script(start: Array) -> Script:
-    """Pick every box up and put it down on its mark, with pauses as a careful person makes them."""
+def script(start: Array, boxes: int = len(STARTS)) -> Script:
+    """Pick the first boxes up one by one and put each down on its mark, with pauses as a careful person makes them."""
     legs: list[tuple[Array, bool]] = []
-    for (x0, y0), (x1, y1) in zip(STARTS, MARKS, strict=True):
+    for (x0, y0), (x1, y1) in list(zip(STARTS, MARKS, strict=True))[:boxes]:
         for x, y, closes in ((x0, y0, True), (x1, y1, False)):
             above, on = np.array([x, y, _TOP_M + _LIFT_M]), np.array([x, y, _TOP_M - _PRESS_M])
             legs += [(above, not closes), (on, not closes), (on, closes), (above, closes)]
     here, xyz, grip = np.array(start), [], []
+    at_s, places = [0.0], [here]
     for place, closed in legs:
         far = float(np.linalg.norm(place - here))
         # a minimum-jerk movement is 1.875 times as fast in its middle as on average
@@ -78,7 +90,35 @@ def script(start: Array) -> Script:
         xyz.append(here + (part**3 * (10 - 15 * part + 6 * part**2)) * (place - here))
         grip.append(np.full(n, closed))
         here = place
-    return Script(xyz=np.concatenate([*xyz, [here]]), grip=np.concatenate([*grip, [False]]))
+        at_s.append(at_s[-1] + n / RATE_HZ)
+        places.append(here)
+    return Script(
+        xyz=np.concatenate([*xyz, [here]]),
+        grip=np.concatenate([*grip, [False]]),
+        at_s=np.array(at_s),
+        places=np.array(places),
+    )
+
+
+class Hand(Protocol):
+    """How the robot's side learns where the hand is."""
+
+    def view(self, k: int, hand_world: Array, now_ns: int) -> OperatorView | None:
+        """The operator as known at tick `k`, whose hand truly is at (3,); None: not yet."""
+        ...
+
+
+class MadeUpHand:
+    """Known up to noise that lasts for some frames, and stated so. noise_m: root mean square distance."""
+
+    def __init__(self, noise_m: float = 0.0, seed: int = 0) -> None:
+        self._noise_m, self._rng, self._noise = noise_m, np.random.default_rng(seed), np.zeros(3)
+
+    def view(self, k: int, hand_world: Array, now_ns: int) -> OperatorView:
+        """See `Hand`."""
+        self._noise = 0.9 * self._noise + np.sqrt((1 - 0.9**2) / 3) * self._noise_m * self._rng.normal(size=3)
+        told = hand_world + self._noise + 1e-6 * self._rng.normal(size=3)
+        return person_view(told, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=self._noise_m / np.sqrt(3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,30 +136,58 @@ class Result:
 Watch = Callable[[MujocoRobot, OperatorView, Operator, float], None]
 
 
-def move_boxes(noise_m: float = 0.0, seed: int = 0, watch: Watch | None = None, seconds: float = float("inf")) -> Result:
-    """Do the task, or its first seconds; the hand is known up to noise that lasts for some frames. watch: is shown every step."""
-    settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=BASE_XY_M))
+@dataclass(eq=False)
+class Stage:
+    """Robot, table and boxes; `plan` counts from where the end effector begins."""
+
+    robot: MujocoRobot
+    driver: Driver
+    settings: TeleoperationSettings
+    plan: Script
+
+    @staticmethod
+    def built(boxes: int = len(STARTS)) -> Stage:
+        """With a task of the first `boxes`."""
+        settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=BASE_XY_M))
+        place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
+        model = model_of(None, settings.hands, mobile_manipulator(settings.hands, things()))
+        robot = MujocoRobot(model, ["right_hand"], settings.limits, place)
+        driver = Driver(robot, settings)
+        return Stage(robot, driver, settings, script(place.inverse() @ driver.posture.xyz_world[0], boxes))
+
+    def hand_path(self, begin_s: float) -> tuple[Array, Array]:
+        """(N,) s and (N, 3) m in the world: the points between which the operator's hand moves, after a rest of `begin_s`."""
+        return begin_s + self.plan.at_s, HAND_M + self.plan.places - self.plan.places[0]
+
+
+def move_boxes(
+    hand: Hand | None = None,
+    watch: Watch | None = None,
+    seconds: float = float("inf"),
+    *,
+    boxes: int = len(STARTS),
+    begin_s: float = REST_S,
+) -> Result:
+    """Do the task, or its first seconds.
+
+    Args:
+        hand: as the robot's side knows it; None: exactly. watch: is shown every step.
+        boxes: how many are moved. begin_s: the hand rests so long before.
+    """
+    stage = Stage.built(boxes)
+    hand = hand or MadeUpHand()
+    settings, plan, driver = stage.settings, stage.plan, stage.driver
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
-    robot = MujocoRobot(
-        model_of(None, settings.hands, mobile_manipulator(settings.hands, things())), ["right_hand"], settings.limits, place
-    )
-    driver, operator, rng = Driver(robot, settings), Operator(), np.random.default_rng(seed)
-    begin = place.inverse() @ driver.posture.xyz_world[0]
-    plan, state, noise = script(begin), driver.state(10**12), np.zeros(3)
+    operator, state = Operator(), driver.state(10**12)
     wanted: list[Array] = []
     done: list[Array] = []
     holds = 0
-    steps = min(round(_ENGAGE_S * RATE_HZ) + len(plan.xyz), int(min(seconds, 1e6) * RATE_HZ))
+    rest = round(begin_s * RATE_HZ)
+    steps = min(rest + len(plan.xyz), int(min(seconds, 1e6) * RATE_HZ))
     for k in range(steps):
-        now_ns, i = 10**12 + k * _TICK_NS, max(0, k - round(_ENGAGE_S * RATE_HZ))
-        noise = 0.9 * noise + np.sqrt((1 - 0.9**2) / 3) * noise_m * rng.normal(size=3)
-        view = person_view(
-            _HAND + plan.xyz[i] - begin + noise + 1e-6 * rng.normal(size=3),
-            now_ns,
-            measured_ns=now_ns - 40_000_000,
-            sigma_m=noise_m / np.sqrt(3),
-        )
-        beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > 30 else ()
+        now_ns, i = 10**12 + k * _TICK_NS, max(0, k - rest)
+        view = hand.view(k, HAND_M + plan.xyz[i] - plan.xyz[0], now_ns)
+        beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
         news = News(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         before = operator.gate.phase
         operator, order = step(operator, news, now_ns, settings)
@@ -128,18 +196,23 @@ def move_boxes(noise_m: float = 0.0, seed: int = 0, watch: Watch | None = None, 
         if i:
             wanted.append(place @ plan.xyz[i])
             done.append(state.measured_xyz_world[0])
-        if watch is not None:
-            watch(robot, view, operator, k / RATE_HZ)
+        if watch is not None and operator.view is not None:
+            watch(stage.robot, operator.view, operator, k / RATE_HZ)
     lag_s, rms_m = lag_and_rms(np.array(wanted), np.array(done), RATE_HZ)
     return Result(
-        placed=_on_marks(robot), of=len(MARKS), seconds=len(plan.xyz) / RATE_HZ, path_rms_m=rms_m, lag_s=lag_s, holds=holds
+        placed=_on_marks(stage.robot, boxes),
+        of=boxes,
+        seconds=len(plan.xyz) / RATE_HZ,
+        path_rms_m=rms_m,
+        lag_s=lag_s,
+        holds=holds,
     )
 
 
-def _on_marks(robot: MujocoRobot) -> int:
-    """How many boxes lie on the table within 3 cm of their marks."""
+def _on_marks(robot: MujocoRobot, boxes: int) -> int:
+    """How many of the first boxes lie on the table within 3 cm of their marks."""
     count = 0
-    for i, (x, y) in enumerate(MARKS):
+    for i, (x, y) in enumerate(MARKS[:boxes]):
         found = robot.data.body(f"box{i}").xpos
         lies = abs(found[2] - _TABLE_M - _EDGE_M / 2) < 0.01
         count += bool(lies and np.hypot(found[0] - x, found[1] - y) <= _NEAR_M)

@@ -1,0 +1,48 @@
+"""What the Rerun view of teleoperation is given, read back by Rerun's own tool."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
+pytest.importorskip("mujoco")
+
+from posefuse.teleoperation.rehearsal.faults import engaged_world, rehearsal_settings, tick
+from posefuse.teleoperation.scene_view import SceneView, _xyzw_from_z
+
+
+def test_operator_robot_box_and_keep_out_are_shown(tmp_path):
+    settings = rehearsal_settings()
+    settings = replace(settings, limits=replace(settings.limits, box_low_m=(0.0, -1.0, 0.1), box_high_m=(3.0, 1.0, 1.9)))
+    world = engaged_world(settings, 0)
+    view = SceneView(settings, str(tmp_path / "scene.rrd"))
+    for _ in range(12):
+        tick(world, set())
+        view(world.operator, world.state and world.driver.follower.order)
+    view.close()
+    view.close()
+    command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(tmp_path / "scene.rrd")]
+    text = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+    for path in (
+        "operator/limbs",
+        "operator/keep_out",
+        "operator/hands",
+        "robot/body",
+        "robot/path",
+        "robot/target",
+        "workspace",
+    ):
+        assert f"/world/{path}" in text, path
+    assert "ENGAGED" in text and "/separation_m" in text
+
+
+def test_capsules_lie_along_their_bones():
+    rng = np.random.default_rng(0)
+    wanted = rng.normal(size=(20, 3))
+    wanted = np.concatenate([wanted / np.linalg.norm(wanted, axis=1, keepdims=True), [[0, 0, 1.0], [0, 0, -1.0]]])
+    x, y, z, w = _xyzw_from_z(wanted).T
+    turned = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)], axis=1)
+    np.testing.assert_allclose(turned, wanted, atol=1e-6)
