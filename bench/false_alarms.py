@@ -1,11 +1,14 @@
 """False alarms about healthy cameras, per camera-hour of simulated time.
 
-    python bench/false_alarms.py [--hours 10] [--seed 0]
+    python bench/false_alarms.py [--hours 10] [--seed 0] [--only "30/s, loop" ...] [--without cut|gap ...]
 
 Four healthy cameras look at a person who walks, hurries or stands in turn; what they see goes through the rig watch as in a live
 session (`realtime.rig_watch.Watcher`), as fast as the processor can. Frames come at a rate of 5 to 60 a second, jitter, are lost,
 half of them are not used (overload), or the clip is cut (a loop) every 4.3 s, announced as a session announces it. Noise
 is the default network's on the demo clip. Table on stderr, one JSON object on stdout.
+
+`--without` takes a rule away, on the same scenes and noise: `cut` announces no loop, `gap` interpolates between
+views however far apart they are.
 """
 
 import argparse
@@ -20,6 +23,7 @@ from rich.table import Table
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Rig
 from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.health import common_times
 from posefuse.realtime.rig_watch import Watcher
 
 LIMBS = limb_keypoints(ANATOMICAL23.keypoints)
@@ -43,8 +47,8 @@ CASES = {
 }
 
 
-def alarms(rig: Rig, place, case: tuple, seed: int) -> list[str]:
-    """What is said of healthy cameras in one block of time."""
+def alarms(rig: Rig, place, case: tuple, seed: int, announced: bool = True) -> list[str]:
+    """What is said of healthy cameras in one block of time. announced: the watch is told when the clip is cut."""
     rate_hz, jitter, lost, cut_s = case
     events = []
     for c, camera in enumerate(rig):
@@ -59,7 +63,8 @@ def alarms(rig: Rig, place, case: tuple, seed: int) -> list[str]:
     for t, name, xy in sorted(events, key=lambda one: one[0]):
         if cut_s is not None and int(t / cut_s) > showing:
             showing = int(t / cut_s)
-            watcher.cut()
+            if announced:
+                watcher.cut()
         watcher.add(name, 10**15 + round(t * 1e9), xy, np.full(len(xy), 0.9))
         if t - looked_s > 0.25:
             looked_s = t
@@ -73,15 +78,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=float, default=10.0, help="of simulated time, over all cases")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="cases")
+    parser.add_argument("--without", nargs="+", choices=("cut", "gap"), default=[], help="rules to take away")
     args = parser.parse_args()
+    if "gap" in args.without:
+        common_times._REACH_NS = 10**12
     scenes = {name: scene_of_person(motion, 4, BLOCK_S, args.seed) for name, motion in MOTIONS.items()}
-    blocks = max(len(MOTIONS), round(args.hours * 3600 / BLOCK_S / len(CASES)))
+    blocks = max(len(MOTIONS), round(args.hours * 3600 / BLOCK_S / len(args.only)))
     rows = {}
-    for case, content in CASES.items():
+    for case in args.only:
+        content = CASES[case]
         said = []
         for block in range(blocks):
             rig, place = scenes[list(MOTIONS)[block % len(MOTIONS)]]
-            said += alarms(rig, place, content, args.seed + block)
+            said += alarms(rig, place, content, args.seed + block, "cut" not in args.without)
         hours = blocks * BLOCK_S / 3600 * 4
         rows[case] = {"camera_hours": hours, "alarms": len(said), "per_camera_hour": len(said) / hours, "said": sorted(set(said))}
         print(case, rows[case]["alarms"], file=sys.stderr, flush=True)

@@ -274,6 +274,20 @@ def kill(repeats: int) -> None:
         print(f"{what:58s} {np.median(times):5.0f} {max(times):5.0f}", flush=True)
 
 
+def kill_session(repeats: int, session: str) -> None:
+    """Real processes of a whole session: cameras (an oracle for the network), fusion, outputs, robot."""
+    from pathlib import Path
+
+    from killed_session import FAULTS, ms_until_standing
+
+    print("fault, 4 cameras in one process                            standing after ms (median, worst)")
+    for what in FAULTS:
+        times = [ms_until_standing(what, Path(session)) for _ in range(repeats)]
+        known = [one for one in times if one is not None]
+        shown = f"{np.median(known):5.0f} {max(known):5.0f}" if known else ""
+        print(f"{what:58s} {shown}{'' if len(known) == len(times) else f' moved on in {len(times) - len(known)}'}", flush=True)
+
+
 def _time_to_stand(what: str) -> float:
     """Milliseconds from the fault until the robot stands, by the robot process's own recording of its states."""
     import os
@@ -372,7 +386,9 @@ def main() -> int:
     task.add_argument("--latency", type=float, default=0.06, help="with --rendered: from mid-exposure to a detection, s")
     task.add_argument("--seed", type=int, default=0, help="with --rendered: of the operator's sway")
     steps.add_parser("film").add_argument("--out", default=".", help="existing folder")
-    steps.add_parser("kill").add_argument("--repeats", type=int, default=5)
+    killed = steps.add_parser("kill")
+    killed.add_argument("--repeats", type=int, default=5)
+    killed.add_argument("--session", metavar="FOLDER", help="of `posefuse simulate`: kill processes of a session on it instead")
     options = parser.parse_args()
     if options.step == "faults":
         return int(faults(options.first, options.count, options.workers) > 0)
@@ -386,7 +402,9 @@ def main() -> int:
         boxes(options.seeds)
     if options.step == "film":
         film(options.out)
-    if options.step == "kill":
+    if options.step == "kill" and options.session:
+        kill_session(options.repeats, options.session)
+    elif options.step == "kill":
         kill(options.repeats)
     return 0
 

@@ -15,7 +15,7 @@ from posefuse.teleoperation.operator import News, Operator, step
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.robots.mobile_manipulator import Thing, mobile_manipulator
 from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, model_of, placed
-from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
+from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
 from posefuse.teleoperation.values import OperatorView, Phase
 
 from .figures import lag_and_rms
@@ -30,8 +30,9 @@ STARTS = ((0.66, -0.22), (0.66, 0.0), (0.66, 0.22))
 MARKS = ((0.86, -0.12), (0.86, 0.06), (0.86, 0.24))
 _NEAR_M = 0.03
 _LIFT_M, _PRESS_M, _SPEED_MPS, _WAIT_S = 0.12, 0.004, 0.2, 0.5
-# where the hand begins, and how long it rests before it moves; from there an arm of 54 cm reaches all of the task
-HAND_M = np.array([0.11, -0.3, 1.38])
+# where the hand begins, metres of the robot per metre of the hand: an arm of 54 cm reaches all of the task so; and how long the
+# hand rests before it moves
+HAND_M, SCALE = np.array([0.16, -0.22, 1.42]), 1.25
 REST_S = 1.0
 _TICK_NS = 10_000_000
 # the switch is pressed so many ticks before the hand moves
@@ -148,7 +149,7 @@ class Stage:
     @staticmethod
     def built(boxes: int = len(STARTS)) -> Stage:
         """With a task of the first `boxes`."""
-        settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=BASE_XY_M))
+        settings = TeleoperationSettings(mapping=MappingSettings(scale=SCALE), robot=RobotSettings(position_xy_m=BASE_XY_M))
         place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
         model = model_of(None, settings.hands, mobile_manipulator(settings.hands, things()))
         robot = MujocoRobot(model, ["right_hand"], settings.limits, place)
@@ -157,7 +158,7 @@ class Stage:
 
     def hand_path(self, begin_s: float) -> tuple[Array, Array]:
         """(N,) s and (N, 3) m in the world: the points between which the operator's hand moves, after a rest of `begin_s`."""
-        return begin_s + self.plan.at_s, HAND_M + self.plan.places - self.plan.places[0]
+        return begin_s + self.plan.at_s, HAND_M + (self.plan.places - self.plan.places[0]) / SCALE
 
 
 def move_boxes(
@@ -186,7 +187,7 @@ def move_boxes(
     steps = min(rest + len(plan.xyz), int(min(seconds, 1e6) * RATE_HZ))
     for k in range(steps):
         now_ns, i = 10**12 + k * _TICK_NS, max(0, k - rest)
-        view = hand.view(k, HAND_M + plan.xyz[i] - plan.xyz[0], now_ns)
+        view = hand.view(k, HAND_M + (plan.xyz[i] - plan.xyz[0]) / SCALE, now_ns)
         beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
         news = News(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         before = operator.gate.phase

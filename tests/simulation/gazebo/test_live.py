@@ -1,0 +1,93 @@
+"""Gazebo's part played by another process: images, CameraInfo and /clock over DDS, tracked live, compared with the truth."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from running import Running
+
+pytest.importorskip("cyclonedds")
+pytest.importorskip("mujoco")
+
+from posefuse.messages.bags import read_mcap
+from posefuse.simulation.cameras import ImageSettings, RingCameras, SensorSettings
+from posefuse.simulation.gazebo import GazeboSettings, export_world
+from posefuse.simulation.motion.settings import CirclePath, WalkSettings
+from posefuse.simulation.scene import PersonSettings, Scene
+from posefuse.simulation.session import simulate
+
+pytestmark = [pytest.mark.slow, pytest.mark.gl]
+DOMAIN = 16 + os.getpid() % 80
+RATE, POSES_S, PATIENCE_S = 0.4, 6.0, 240.0
+SCENE = Scene(
+    duration_s=6.0,
+    rate_hz=10,
+    seed=5,
+    cameras=RingCameras(
+        kind="ring",
+        count=3,
+        radius_m=3.5,
+        image=ImageSettings(size_px=(320, 240), horizontal_fov_deg=60),
+        sensor=SensorSettings(noise_dn=2.0),
+    ),
+    people=(PersonSettings(motion=WalkSettings(kind="walk", speed_mps=1.0, path=CirclePath(shape="circle", radius_m=0.9))),),
+)
+
+
+def compared(world: Path, recording: Path) -> dict:
+    command = [sys.executable, "-m", "posefuse.cli.main", "compare", str(world), str(recording), "--json"]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True, timeout=200).stdout)
+
+
+def wait_for_poses(recording: Path, live: Running) -> None:
+    """Until so many seconds with a person in them are recorded."""
+    end_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s and live.process.poll() is None:
+        time.sleep(2.0)
+        if recording.exists():
+            entries = read_mcap(recording, {"/posefuse/pose"}, lambda line: None)
+            if sum(len(one.msg.person_id) > 0 for one in entries) > 100 * POSES_S:
+                return
+    raise AssertionError(live.err.rest() if live.process.poll() is not None else "too few poses")
+
+
+def test_images_of_a_simulator_are_tracked_and_compared_by_simulation_time(tmp_path: Path) -> None:
+    world, session, recording = tmp_path / "gz", tmp_path / "session", tmp_path / "run.mcap"
+    export_world(SCENE, world, GazeboSettings())
+    simulate(SCENE, session, lambda done, total: None, None)
+    program = [sys.executable, str(Path(__file__).with_name("stand_in.py")), str(DOMAIN), str(world), str(session), str(RATE)]
+    sources = [word for c in range(3) for word in ("--source", f"cam{c:02d}=ros:/cam{c:02d}/image")]
+    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(world / "rig.toml"), "--sim-time", *sources]
+    command += ["--local-only", "--domain", str(DOMAIN), "--record", str(recording), "--networks", "blazepose_lite", "--json"]
+    with Running(program), Running(command) as live:
+        wait_for_poses(recording, live)
+        live.process.send_signal(signal.SIGINT)
+        out, err = live.finished()
+        assert live.process.returncode == 0, err
+    figures = json.loads(out)
+    assert "differs from the rig" not in err
+    found = compared(world, recording)
+    print({name: camera["used_share"] for name, camera in figures["cameras"].items()}, found["mean_mm"], found["walked_m"])
+    assert found["offset_s"] == 0 and found["walked_m"] > 1.0
+    # one small image ten times a second, and a person who jumps where the loop begins anew
+    assert found["mean_mm"] < 150
+    # and it is simulation time that does it: with a truth of another length they would be somewhere else
+    other = tmp_path / "other"
+    shutil.copytree(world, other)
+    (other / "truth" / "loop.json").write_text(json.dumps({"loop_ns": 4_700_000_000}))
+    assert compared(other, recording)["mean_mm"] > 2 * found["mean_mm"]
+
+
+def test_the_scene_is_one_that_gazebo_shows_unchanged() -> None:
+    from posefuse.simulation.gazebo.settings import shown_scene
+
+    shown, left_out = shown_scene(SCENE, GazeboSettings())
+    assert left_out == [] and shown.duration_s == SCENE.duration_s
+    assert replace(shown, cameras=SCENE.cameras) == SCENE
