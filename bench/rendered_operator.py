@@ -18,7 +18,7 @@ from posefuse.detection import region_from_pose
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.gate import Gate
+from posefuse.realtime.gate import KeypointGate
 from posefuse.realtime.joint_centres import Centring
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.session import ready_tracker
@@ -80,7 +80,7 @@ class SeenHand:
         self._detector = finder._detector
         config = LiveConfig()
         self._tracker = ready_tracker(self._rig, finder.skeleton, config)
-        self._centring, self._gate = Centring(self._rig.names, config.joint_centres), Gate(config.gate)
+        self._centring, self._gate = Centring(self._rig.names, config.joint_centres), KeypointGate(config.gate)
         self._centring.learn(Centres(self._rig.names, joint_centres_of(self._detector, proportions=config.proportions)))
         self._frames = _arrivals(SessionPaths(session).videos, self._rig, round(latency_s * _S))
         self._next = next(self._frames, None)
