@@ -18,17 +18,22 @@ if TYPE_CHECKING:
     from .api.compare import compare
     from .api.detector import detector
     from .api.live import live
+    from .api.plan import plan
     from .api.recording import Recording, read
+    from .api.recordings import recordings
     from .api.rig import Rig, read_rig
     from .api.simulate import gazebo_world, simulate
     from .api.teleoperate import teleoperate
     from .api.track import track
     from .core import Camera, Detections2D, JointAngles, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate
+    from .pipeline.edits import Edits, Exclusion
 
 _HOMES = {
     "Camera": "core",
     "Detections2D": "core",
+    "Edits": "pipeline.edits",
+    "Exclusion": "pipeline.edits",
     "JointAngles": "core",
     "Observations": "core",
     "Pose3D": "core",
@@ -47,8 +52,10 @@ _HOMES = {
     "detector": "api.detector",
     "gazebo_world": "api.simulate",
     "live": "api.live",
+    "plan": "api.plan",
     "read": "api.recording",
     "read_rig": "api.rig",
+    "recordings": "api.recordings",
     "simulate": "api.simulate",
     "teleoperate": "api.teleoperate",
     "track": "api.track",
@@ -57,10 +64,10 @@ _HOMES = {
 }
 
 __all__ = [
-    "Camera", "Detections2D", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError", "Progress", "Recording",
-    "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics",
-    "calibrate_person", "compare", "detector", "gazebo_world", "live", "read", "read_rig", "simulate", "teleoperate",
-    "track", "triangulate", "verify",
+    "Camera", "Detections2D", "Edits", "Exclusion", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError",
+    "Progress", "Recording", "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks", "calibrate_extrinsics",
+    "calibrate_intrinsics", "calibrate_person", "compare", "detector", "gazebo_world", "live", "plan", "read", "read_rig",
+    "recordings", "simulate", "teleoperate", "track", "triangulate", "verify",
 ]  # fmt: skip
 
 

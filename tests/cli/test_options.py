@@ -33,6 +33,7 @@ ACCEPTED = {
     "track SESSION": (
         "--out text",
         "--json, --force, --resume, --rig text, --input pose2d, --weights robust, --raw, --body on, --person -1.1,0, "
+        "--exclude cam0:1-2 --exclude 3-4.5, --keep-person 1, --no-edits, "
         "--start 1, --end 2, --outputs text, --view, --rate 50, "
         f"{SETTINGS}",
     ),
@@ -98,7 +99,7 @@ ACCEPTED = {
     ),
     "simulate scene.yaml": (
         "",
-        "--json, --force, --workers 2, --out text, --gazebo text, --for jetty",
+        "--json, --force, --workers 2, --out text, --plan, --gazebo text, --for jetty",
     ),
     "teleoperate rig.toml": (
         "",

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
+    from posefuse.pipeline.edits import Edits
+
 Fit = Literal["points", "rays", "none"]
 
 
@@ -88,20 +90,35 @@ class Recording(core.Recording):
 
         return joints_of(self, BiomechanicsSettings(fit=fit))[1]
 
-    def solve(self, *, smooth: bool = True, people: int | None = None, settings: Mapping[str, Any] | None = None) -> Recording:
+    def solve(
+        self,
+        *,
+        smooth: bool = True,
+        people: int | None = None,
+        settings: Mapping[str, Any] | None = None,
+        edits: Edits | None = None,
+    ) -> Recording:
         """Associate, fuse and smooth the kept observations again; nothing is detected again.
 
         Args:
             smooth: False leaves every time step as it was fused.
             people: how many at most; None: as before.
             settings: changes by dotted key as in ``--set``, e.g. ``{"fuse.weights": "score"}``.
+            edits: stretches and cameras to leave out, the person to keep, names; None: as before; ``Edits()``: none.
 
         Returns:
-            A new recording. With the settings of the first time it is the same to the last bit.
+            A new recording. With the settings and edits of the first time it is the same to the last bit. What edits exclude
+            stays in its observations, so that other edits can be tried later.
 
         Raises:
             ConfigError: an unknown setting or a wrong value.
-            InputError: no one can be followed.
+            InputError: no one can be followed, or edits about a camera or person that is not there.
+
+        Examples:
+            >>> import posefuse as pf
+            >>> recording = pf.read("RESULT")  # doctest: +SKIP
+            >>> blocked = pf.Exclusion(camera="cam02", start_s=1.5, end_s=2.5)  # doctest: +SKIP
+            >>> recording.solve(edits=pf.Edits(exclusions=(blocked,)))  # doctest: +SKIP
         """
         from posefuse.pipeline.config import changed_config
         from posefuse.pipeline.solve import config_of, solve_again
@@ -111,7 +128,7 @@ class Recording(core.Recording):
             changes["raw"] = True
         if people is not None:
             changes["associate.max_people"] = people
-        return recording_of(solve_again(self, changed_config(config_of(self), changes)))
+        return recording_of(solve_again(self, changed_config(config_of(self), changes), edits=edits))
 
     def save(
         self,
@@ -140,6 +157,28 @@ class Recording(core.Recording):
 
         with shown(progress) as report:
             return save_recording(self, Path(path), formats, None if session is None else Path(session), replace, report)
+
+    def export(
+        self,
+        path: str | Path,
+        formats: Sequence[str],
+        *,
+        session: str | Path | None = None,
+        replace: bool = False,
+        progress: Progress | bool | None = None,
+    ) -> list[Path]:
+        """Write files of other formats alone, without the result itself; see `save`.
+
+        Raises:
+            ConfigError: no such format.
+            InputError: the folder holds anything else, or a file cannot be written.
+        """
+        from posefuse.pipeline.session_images import session_of
+        from posefuse.pipeline.writing import export_recording
+
+        found = None if session is None else session_of(self, Path(session))
+        with shown(progress) as report:
+            return export_recording(self, Path(path), formats, found, replace, report)
 
     def report(
         self,

@@ -1,27 +1,31 @@
-"""`posefuse track LIVE.mcap`: the second solve of a live session, from the observations that it recorded."""
+"""`posefuse track RESULT` and `posefuse track LIVE.mcap`: solve again from the observations that were kept."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from posefuse.cli.options.shared import SettingsOptions
-from posefuse.cli.options.track import TrackOptions
+from posefuse.cli.options.track import EXCLUDED, TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_apart
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import DEFAULT_OUTPUTS, TrackConfig, read_config
+from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion
+from posefuse.pipeline.edits_file import edits_path, read_edits
 from posefuse.pipeline.reading import files_of_result, read_result
-from posefuse.pipeline.solve import solve_again
+from posefuse.pipeline.session import Session
+from posefuse.pipeline.session_images import nearby_session, session_frames
+from posefuse.pipeline.solve import edits_of, solve_again
 from posefuse.pipeline.writing import build_sinks, write_with_frames
 
 from .terminal import Terminal
 from .tracking import solve_options
 
-# a recording of a live session holds no images
 _NEED_IMAGES = ("overlay",)
 
 
@@ -29,51 +33,46 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     """Solve, write, show; returns the figures of the table. ``exit_code`` is 1 when an output could not be written.
 
     Raises:
-        InputError: an option that is about images, or a recording without a person.
+        InputError: an option that is about images, edits about what is not there, or a recording without a person.
     """
     refused = [
         name for name, value in (("--resume", options.resume), ("--rig", options.rig), ("--input", options.input)) if value
     ]
     if refused:
-        raise InputError(f"{refused[0]}: is for sessions of videos, {path} is the recording of a live session")
+        raise InputError(f"{refused[0]}: is for sessions of videos, {path} is a recording of detections")
     clock, inputs = StageClock(), files_of_result(path)
     check_apart(options.out, inputs)
     check_replaceable(options.out, command="track", replace=options.force)
     with clock.stage("read"):
-        live = read_result(path, terminal.warn)
-    config = _config(options, settings, live)
+        earlier = read_result(path, terminal.warn)
+    session = None if earlier.is_live else nearby_session(earlier, path)
+    config = _config(options, settings, earlier, session)
+    edits = _edits(path, earlier, options, terminal)
     sinks = build_sinks(config.outputs)
     with output_folder(
         options.out, command="track", inputs=inputs, replace=options.force, warn=terminal.warn
     ) as out, compiling("tracking", terminal.note):  # fmt: skip
-        recording = solve_again(live, config, clock)
-        with clock.stage("write"):
-            written, failed = write_with_frames(recording, (), sinks, out)
+        recording = solve_again(earlier, config, clock, edits)
+        with clock.stage("write"), terminal.progress("write") as advance:
+            frames = () if session is None else session_frames(recording, session, advance)
+            written, failed = write_with_frames(recording, frames, sinks, out)
     for name, reason in failed.items():
         terminal.warn(f"output {name}: not written ({reason})")
     figures = {
         "cameras": len(recording.rig),
-        "frames": len(live.observations.frame_t_ns),
+        "frames": len(earlier.observations.frame_t_ns),
         "time_steps": len(recording.poses),
         "people": len(recording.poses.person_id),
+        "exclusions": len(edits.exclusions),
         "seconds": clock.total_s,
         "out": options.out,
         "files": [path.name for path in written],
         "failed": dict(failed),
         "exit_code": int(bool(failed)),
     }
-    terminal.facts(
-        "Second solve",
-        {
-            "live": f"{len(live.poses)} poses, {figures['frames']} frames of {figures['cameras']} cameras",
-            "time steps": str(figures["time_steps"]),
-            "people": str(figures["people"]),
-            "result in": str(options.out),
-            "files": ", ".join(path.name for path in written),
-        },
-    )
+    _show(figures, earlier, terminal)
     terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")
-    terminal.next(f"posefuse compare {options.out} {path}", "how far the live output was from it")
+    terminal.next(f"posefuse compare {options.out} {path}", "how far the earlier result was from it")
     if options.view:
         from posefuse.outputs import view_recording
 
@@ -81,8 +80,47 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     return figures
 
 
-def _config(options: TrackOptions, settings: SettingsOptions, live: Recording) -> TrackConfig:
-    """The session's own settings with the config file and the command line on top."""
-    base = dict(live.provenance.get("config") or {})
-    base["outputs"] = [name for name in DEFAULT_OUTPUTS if name not in _NEED_IMAGES]
+def _show(figures: Mapping[str, Any], earlier: Recording, terminal: Terminal) -> None:
+    facts = {
+        "from": f"{len(earlier.poses)} poses, {figures['frames']} frames of {figures['cameras']} cameras",
+        "time steps": str(figures["time_steps"]),
+        "people": str(figures["people"]),
+        "result in": str(figures["out"]),
+        "files": ", ".join(figures["files"]),
+    }
+    if figures["exclusions"]:
+        facts["stretches left out"] = str(figures["exclusions"])
+    terminal.facts("Second solve", facts)
+
+
+def _config(options: TrackOptions, settings: SettingsOptions, earlier: Recording, session: Session | None) -> TrackConfig:
+    """The recording's own settings with the config file and the command line on top."""
+    base = dict(earlier.provenance.get("config") or {})
+    names = DEFAULT_OUTPUTS if earlier.is_live else tuple(base.get("outputs") or ())
+    base["outputs"] = [name for name in names if session is not None or name not in _NEED_IMAGES]
     return read_config(settings.config, settings.overrides, solve_options(options), base)
+
+
+def _edits(path: Path, earlier: Recording, options: TrackOptions, terminal: Terminal) -> Edits:
+    """The edits that the recording was made with, or those kept next to it, with the command line on top."""
+    if options.no_edits:
+        if options.exclude or options.keep_person is not None:
+            raise InputError("--no-edits: expected no --exclude and no --keep-person with it")
+        return NO_EDITS
+    kept = read_edits(path)
+    if kept != NO_EDITS:
+        terminal.note(
+            f"{edits_path(path)}: what is marked there is left out ({len(kept.exclusions)} stretches); --no-edits uses everything"
+        )
+    base = kept if kept != NO_EDITS else edits_of(earlier)
+    return dataclasses.replace(
+        base,
+        exclusions=(*base.exclusions, *map(_exclusion, options.exclude)),
+        person=base.person if options.keep_person is None else options.keep_person,
+    )
+
+
+def _exclusion(text: str) -> Exclusion:
+    found = EXCLUDED.fullmatch(text)
+    assert found is not None  # the option checked it
+    return Exclusion(camera=found["camera"], start_s=float(found["start"]), end_s=float(found["end"]))

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from posefuse.api.plan import plan
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.places import check_apart
 from posefuse.simulation.gazebo import GazeboSettings, export_world
@@ -53,6 +56,31 @@ def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | No
         },
     )
     terminal.next(f"posefuse track {paths.folder} --out {paths.folder.name}-result", "the 3D skeleton, compared with the truth")
+    return figures
+
+
+def show_plan(scene_file: Path, terminal: Terminal) -> Mapping[str, Any]:
+    """Coverage and expected error of a scene's cameras; returns the figures of the table."""
+    found = plan(scene_file)
+    figures = {
+        "area_m": [float(np.ptp(found.x_m)), float(np.ptp(found.y_m))],
+        "heights_m": found.height_m.tolist(),
+        "covered_by_2": found.covered(2),
+        "covered_by_3": found.covered(3),
+        "median_mm": found.error_at(0.5),
+        "p95_mm": found.error_at(0.95),
+    }
+    (width_m, depth_m), (lowest_m, highest_m) = figures["area_m"], found.height_m[[0, -1]]
+    terminal.facts(
+        "Expected of these cameras",
+        {
+            "floor": f"{width_m:.1f} x {depth_m:.1f} m, {lowest_m:g} to {highest_m:g} m high",
+            "seen by 2 cameras or more": f"{figures['covered_by_2']:.0%}",
+            "seen by 3 cameras or more": f"{figures['covered_by_3']:.0%}",
+            "keypoint error, one time step": f"median {figures['median_mm']:.0f} mm, 95 % below {figures['p95_mm']:.0f} mm",
+        },
+    )
+    terminal.next(f"posefuse simulate {scene_file} --out DIR", "a test walk, rendered, with its exact truth")
     return figures
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from posefuse.cli.networks import fetch_networks
 from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import TrackOptions
-from posefuse.core import Recording
+from posefuse.core import InputError, Recording
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.formats.truth import read_truth
 from posefuse.pipeline.clock import StageClock
@@ -29,6 +29,7 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
 
     ``exit_code`` among them: 1 when an output could not be written.
     """
+    check_no_edits(options)
     clock = StageClock()
     config = settled_config(folder, options, settings)
     sinks = build_sinks(config.outputs)
@@ -53,6 +54,13 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
 
         view_result(options.out, None if "rerun" in config.outputs else folder, terminal)
     return figures
+
+
+def check_no_edits(options: TrackOptions) -> None:
+    """Raise InputError for options that need a result: what to leave out shows only in one."""
+    given = {"--exclude": options.exclude, "--keep-person": options.keep_person is not None, "--no-edits": options.no_edits}
+    for name in (name for name, value in given.items() if value):
+        raise InputError(f"{name}: is for results; track the session first, then `posefuse track RESULT {name} ... --out DIR`")
 
 
 def settled_config(folder: Path, options: TrackOptions, settings: SettingsOptions) -> TrackConfig:

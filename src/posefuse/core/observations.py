@@ -182,11 +182,14 @@ class Observations:
         """What one camera observed; raises ShapeError for a name that is not there."""
         if camera not in self.camera_names:
             raise ShapeError(f"Observations: no camera {camera!r}; there are: {choices(self.camera_names)}")
-        frames = self.frame_camera == self.camera_names.index(camera)
+        mine = self.only(self.frame_camera == self.camera_names.index(camera))
+        return replace(mine, camera_names=(camera,), frame_camera=np.zeros(len(mine.frame_t_ns)))
+
+    def only(self, frames: Array) -> Observations:
+        """The log of these frames (F,) bool alone; the time steps stay."""
         rows = frames[self.detection_frame]
         parts = {name: getattr(self, name)[frames if axes == "F" else rows] for name, axes in _AXES.items() if axes != "T"}
-        parts["frame_camera"] = np.zeros(frames.sum())
-        return replace(self, camera_names=(camera,), **parts)
+        return replace(self, **parts)
 
     def with_person_ids(self, person_id: Array) -> Observations:
         """The same detections with other people (R,)."""

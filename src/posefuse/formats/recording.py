@@ -64,6 +64,23 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     return [folder / name for name in RECORDING_FILES]
 
 
+def read_poses(folder: Path) -> tuple[PoseSequence, dict[str, Any]]:
+    """The 3D result alone and how it was made, of a result folder: a fraction of the time that reading all of it takes.
+
+    Returns:
+        The poses, and the content of ``recording.json``: skeleton, rig, provenance.
+
+    Raises:
+        InputError: not a result folder, one of another format version, or damaged.
+    """
+    about, arrays = _about(folder), read_arrays(folder / ARRAYS_FILE)
+    try:
+        skeleton = _skeleton(about["skeleton"])
+        return PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES}), about
+    except (PosefuseError, *DAMAGED, IndexError) as error:
+        raise InputError(f"{folder}: the result does not fit together: {one_line(error)}") from None
+
+
 def read_recording(folder: Path | str) -> Recording:
     """Read a result folder.
 

@@ -123,6 +123,21 @@ def listed(folder: Path, manifest: Manifest, paths: Iterable[Path]) -> Manifest:
     return dataclasses.replace(manifest, target=".", complete=True, files=tuple(files), folders=tuple(sorted(parents)))
 
 
+def list_file(folder: Path, path: Path) -> None:
+    """Add a file that posefuse wrote later, or wrote anew, to the list of a complete folder; no list, nothing to do.
+
+    Raises:
+        OSError: the file cannot be read, or the list not be written.
+    """
+    manifest = read_manifest(folder)
+    if manifest is None or not manifest.complete:
+        return
+    new = written_file(folder, path)
+    others = (one for one in manifest.files if one.path != new.path)
+    files = tuple(sorted((*others, new), key=lambda one: one.path))
+    write_manifest(folder, dataclasses.replace(manifest, files=files))
+
+
 def written_file(folder: Path, path: Path) -> WrittenFile:
     """Size and hash of the file `path` below `folder`."""
     return WrittenFile(path=path.relative_to(folder).as_posix(), size=path.stat().st_size, sha256=_sha256(path))

@@ -155,12 +155,18 @@ def person_rgb(person: int) -> tuple[int, int, int]:
     return _PERSON_RGB[person % len(_PERSON_RGB)]
 
 
-def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh: tuple[int, int]) -> Array:
-    """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing."""
+def view_tile(
+    recording: Recording, i: int, c: int, image: Array | None, tile_wh: tuple[int, int], *, notes: bool = True
+) -> Array:
+    """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing.
+
+    Args:
+        notes: write camera, time and what is missing into the corner.
+    """
     camera, poses = recording.rig.cameras[c], recording.poses
     size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
     tile, scale = fitted(image, size_wh, tile_wh)
-    notes = [] if image is not None else ["no frame"]
+    words = [] if image is not None else ["no frame"]
     # pixel centres are integers: the corner of the image is at -0.5
     projected = (camera.project(poses.xyz_world[i]) + 0.5) * scale - 0.5
     for n in range(len(poses.person_id)):
@@ -168,15 +174,25 @@ def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh
         draw_detections(tile, (recording.views.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.views.score[i, n, c])
     for n in range(len(poses.person_id)):
         draw_name(tile, projected[n], recording, n)
+    if not notes:
+        return tile
     if not (recording.views.score[i, :, c] > 0).any():
-        notes.append("no person seen")
+        words.append("no person seen")
     gone = int((poses.kind[i] == Kind.MISSING).sum())
     if gone:
-        notes.append(f"{gone} of {poses.kind[i].size} keypoints missing")
+        words.append(f"{gone} of {poses.kind[i].size} keypoints missing")
     draw_text(tile, f"{camera.name}  {poses.t_ns[i] / 1e9:.3f} s", 0)
-    for line, note in enumerate(notes):
-        draw_text(tile, note, line + 1, ALARM_RGB if note != notes[-1] or not gone else NOTE_RGB)
+    for line, word in enumerate(words):
+        draw_text(tile, word, line + 1, ALARM_RGB if word != words[-1] or not gone else NOTE_RGB)
     return tile
+
+
+def jpeg_of(picture: Array, quality: int) -> bytes:
+    """An RGB picture (H, W, 3) as JPEG; quality 1 to 100."""
+    import cv2
+
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return encoded.tobytes()
 
 
 def _fixed(xy: Array) -> list[tuple[int, int] | None]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from posefuse.core import InputError, Recording
-from posefuse.formats.recording import RECORDING_FILES, read_recording
+from posefuse.formats.recording import ABOUT_FILE, RECORDING_FILES, read_recording
 
 LIVE_SUFFIX = ".mcap"
 
@@ -15,6 +15,11 @@ LIVE_SUFFIX = ".mcap"
 def is_live(path: Path) -> bool:
     """Whether `path` names a recording of a live session (or of any other MCAP file) rather than a result folder."""
     return path.suffix.lower() == LIVE_SUFFIX and not path.is_dir()
+
+
+def is_result(path: Path) -> bool:
+    """Whether `path` is a result folder of posefuse, complete or not."""
+    return (path / ABOUT_FILE).is_file()
 
 
 def read_result(path: Path | str, warn: Callable[[str], None] | None = None) -> Recording:

@@ -11,6 +11,7 @@ import numpy as np
 
 from posefuse.association import AssociateSettings
 from posefuse.core import InputError, Observations, Recording, Rig, views_over_time
+from posefuse.core.arrays import Array
 from posefuse.core.live_observations import on_time_steps
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.plain_values import plain
@@ -21,6 +22,7 @@ from posefuse.tracking import JointCentres, SmoothSettings
 
 from .clock import StageClock
 from .config import TrackConfig
+from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
 from .following import PeopleFollower
 from .live_steps import live_timeline
 from .second_pass import long_enough, poses_over_time
@@ -39,6 +41,7 @@ class SolveSettings:
         body: fits one skeleton per person to what all views saw; None: keypoints stay as they were fused and smoothed.
         gap_s: None: each camera gives one frame to each time step, interpolated between neighbouring time steps. Otherwise all
             of a camera's frames count at their own times, and two that are no farther apart are interpolated between.
+        edits: stretches that are left out, and the person who is kept.
     """
 
     associate: AssociateSettings
@@ -47,9 +50,10 @@ class SolveSettings:
     centres: JointCentres | None
     body: BodySettings | None = None
     gap_s: float | None = None
+    edits: Edits = NO_EDITS
 
     @staticmethod
-    def of(config: TrackConfig, centres: JointCentres | None, *, live: bool = False) -> SolveSettings:
+    def of(config: TrackConfig, centres: JointCentres | None, *, live: bool = False, edits: Edits = NO_EDITS) -> SolveSettings:
         """The part of a configuration that matters after detection; `live`: for the observations of a live session."""
         kept = centres if config.joint_centres else None
         return SolveSettings(
@@ -59,6 +63,7 @@ class SolveSettings:
             centres=kept,
             body=config.whole_body if _fits_bodies(config, kept) else None,
             gap_s=config.live_gap_s if live else None,
+            edits=edits,
         )
 
 
@@ -75,11 +80,29 @@ def solve(
     """Associate, fuse and smooth the observations of a recording.
 
     The first pass is repeated on the stored answers of the detector: with the settings of the first time the result is the
-    same to the last bit.
+    same to the last bit. Frames that the edits exclude stay in the log and belong to no person.
+
+    Args:
+        observations: their person ids are those of the earlier result, by which the person to keep is known.
 
     Raises:
-        InputError: no person could be followed.
+        InputError: no person could be followed, or not the one to keep.
     """
+    used = used_frames(observations, settings.edits.exclusions)
+    rest = observations if used.all() else observations.only(used)
+    person_id = _associated(rest, rig, settings, clock)
+    if settings.edits.person is not None:
+        person_id = only_person(person_id, rest.person_id, settings.edits.person)
+    solved = finish(rest.with_person_ids(person_id), rig, settings, provenance, clock)
+    if rest is observations:
+        return solved
+    all_ids = np.full(len(observations), NOT_KEPT)
+    all_ids[used[observations.detection_frame]] = solved.observations.person_id
+    return dataclasses.replace(solved, observations=observations.with_person_ids(all_ids))
+
+
+def _associated(observations: Observations, rig: Rig, settings: SolveSettings, clock: StageClock | None) -> Array:
+    """(R,) the person of each detection."""
     follower = PeopleFollower(
         skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
     )
@@ -87,7 +110,7 @@ def solve(
     for step, one in zip(steps, follower.identified(list(follower.follow(steps))), strict=True):
         for (_, rows), people in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
             person_id[rows] = people
-    return finish(observations.with_person_ids(person_id), rig, settings, provenance, clock)
+    return person_id
 
 
 def finish(
@@ -124,24 +147,44 @@ def solve_live(
     """
     line = live_timeline(recording.observations, config or TrackConfig())
     steps = on_time_steps(recording.observations, line.start_ns + line.period_ns * np.arange(line.count))
+    if settings.edits.person is not None:
+        steps = steps.with_person_ids(recording.observations.person_id)
     return solve(steps, recording.rig, settings, {**recording.provenance, "second_solve": True}, clock)
 
 
-def solve_again(recording: Recording, config: TrackConfig | None = None, clock: StageClock | None = None) -> Recording:
+def solve_again(
+    recording: Recording, config: TrackConfig | None = None, clock: StageClock | None = None, edits: Edits | None = None
+) -> Recording:
     """Solve a recording again from its observations, with its own settings or others; a live session by `solve_live`.
 
+    Args:
+        edits: what is left out, and who is kept; None: as the recording was made.
+
     Raises:
-        InputError: the provenance does not have the settings (the recording was not made by posefuse).
+        InputError: the provenance does not have the settings (the recording was not made by posefuse), or edits that are about
+            no camera or person of the recording.
     """
-    about = recording.provenance
+    about = {**recording.provenance}
     table = about.get("joint_centres")
     centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
     chosen = config or config_of(recording)
-    settings = SolveSettings.of(chosen, centres, live=recording.is_live or bool(about.get("second_solve")))
-    about = {**about, "config": plain(dataclasses.asdict(chosen))}
+    edits = edits_of(recording) if edits is None else edits
+    check_edits(edits, recording)
+    if edits.names:
+        chosen = dataclasses.replace(chosen, names=edits.names)
+    settings = SolveSettings.of(chosen, centres, live=recording.is_live or bool(about.get("second_solve")), edits=edits)
+    about["config"] = plain(dataclasses.asdict(chosen))
+    about.pop("edits", None)
+    if edits != NO_EDITS:
+        about["edits"] = plain(dataclasses.asdict(edits))
     if recording.is_live:
         return solve_live(dataclasses.replace(recording, provenance=about), settings, chosen, clock)
     return solve(recording.observations, recording.rig, settings, about, clock)
+
+
+def edits_of(recording: Recording) -> Edits:
+    """The edits that a recording was made with; empty for one that is as it was tracked."""
+    return settings_from_mapping(recording.provenance.get("edits") or {}, Edits, where="provenance: edits")
 
 
 def config_of(recording: Recording) -> TrackConfig:

@@ -75,6 +75,21 @@ def save_recording(
         return [out.final(file) for file in written]
 
 
+def export_recording(
+    recording: Recording, path: Path, formats: Sequence[str], session: Session | None, replace: bool, progress: StageProgress
+) -> list[Path]:
+    """Write files of other formats alone into a folder; images are drawn on where there is a session. Returns the files.
+
+    Raises:
+        ConfigError: no such format. InputError: the folder holds anything else, or a file cannot be written.
+    """
+    sinks = build_sinks(formats)
+    with output_folder(path, command="export", replace=replace) as out:
+        report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
+        frames = iter(()) if session is None else session_frames(recording, session, report)
+        return [out.final(file) for file in write_outputs(sinks, recording, out.folder, frames)]
+
+
 def _reason(error: Exception) -> str:
     if isinstance(error, PosefuseError):
         return str(error)

@@ -106,7 +106,7 @@ def live_scene(scene: Scene) -> LiveScene:
     )
     live = LiveScene(
         scene=scene,
-        room_size_m=_room_size(scene, rig),
+        room_size_m=room_size(scene, rig),
         placed=placed,
         rig=rig,
         shots=shots,
@@ -119,7 +119,8 @@ def live_scene(scene: Scene) -> LiveScene:
     return live
 
 
-def _room_size(scene: Scene, rig: Rig) -> tuple[float, float]:
+def room_size(scene: Scene, rig: Rig) -> tuple[float, float]:
+    """(x, y) metres of the floor about the origin: as set, or what the cameras enclose and a margin."""
     if scene.room.size_m is not None:
         return scene.room.size_m
     reach = np.maximum(2 * (np.abs(rig.centres_world()[:, :2]).max(axis=0) + _ROOM_MARGIN_M), _LEAST_ROOM_M)

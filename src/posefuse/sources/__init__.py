@@ -4,9 +4,11 @@ from .ahead import FramesAhead
 from .coverage import CountedSource, Coverage, RecordedSource, incomplete_cameras
 from .grouping import FrameSet, frame_sets
 from .images import IMAGE_SUFFIXES, ImagesConfig, ImagesSource
+from .seeking import ImagesSeeker, Seeker, VideoSeeker, nearest
 from .video import VIDEO_SUFFIXES, VideoConfig, VideoSource
 
 __all__ = [
-    "IMAGE_SUFFIXES", "VIDEO_SUFFIXES", "CountedSource", "Coverage", "FrameSet", "FramesAhead", "ImagesConfig", "ImagesSource",
-    "RecordedSource", "VideoConfig", "VideoSource", "frame_sets", "incomplete_cameras",
+    "IMAGE_SUFFIXES", "VIDEO_SUFFIXES", "CountedSource", "Coverage", "FrameSet", "FramesAhead", "ImagesConfig", "ImagesSeeker",
+    "ImagesSource", "RecordedSource", "Seeker", "VideoConfig", "VideoSeeker", "VideoSource", "frame_sets", "incomplete_cameras",
+    "nearest",
 ]  # fmt: skip

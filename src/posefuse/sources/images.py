@@ -70,6 +70,10 @@ class ImagesSource:
         """(F,) int64 session times of all frames, without reading them."""
         return np.array([self._session_ns(t) for _, t in self._times_s], dtype=np.int64)
 
+    def paths(self) -> list[Path]:
+        """(F) the files of all frames."""
+        return [path for path, _ in self._times_s]
+
     def _session_ns(self, time_s: float) -> int:
         return round((time_s * (1 + self._config.drift_ppm * 1e-6) + self._config.offset_s) * 1e9)
 

@@ -24,7 +24,7 @@ from .packets import PendingPackets
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
 
 # these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
-_ARBITRARY_START = ("mpegts", "avi", "mpeg")
+ARBITRARY_START = ("mpegts", "avi", "mpeg")
 _MOST_BROKEN_IN_A_ROW = 30
 _FIRST_YEAR = 2000
 # FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
@@ -83,7 +83,7 @@ class VideoSource:
         if first is None:
             raise SourceError(f"{config.path}: camera {config.camera}: no frame can be decoded; is the file complete?")
         self.size_wh = first.size_wh
-        with _opened(config) as container:
+        with opened_video(config) as container:
             self._stated_frames = int(container.streams.video[0].frames)
 
     @property
@@ -93,10 +93,10 @@ class VideoSource:
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
-        with _opened(self._config) as container:
+        with opened_video(self._config) as container:
             stream = container.streams.video[0]
             ticks = sorted(_ticks(container, stream))
-            if ticks and container.format.name in _ARBITRARY_START:
+            if ticks and container.format.name in ARBITRARY_START:
                 ticks = [tick - ticks[0] for tick in ticks]
             base = Fraction(stream.time_base or 1)
         try:
@@ -125,11 +125,10 @@ class VideoSource:
         return f"{self._config.path}: camera {self._config.camera}"
 
     def _session_ns(self, file_time_s: Fraction) -> int:
-        drift_ns = float(file_time_s) * self._config.drift_ppm * 1e3
-        return round(file_time_s * 1_000_000_000) + round(self._config.offset_s * 1e9 + drift_ns)
+        return session_ns(self._config, file_time_s)
 
     def _decode(self) -> Iterator[Frame]:
-        with _opened(self._config) as container:
+        with opened_video(self._config) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO" if self._config.threads else "SLICE"
             start_s = Fraction(0)
@@ -140,10 +139,10 @@ class VideoSource:
                     self.broken_frames += 1
                     continue
                 time_s = decoded.pts * Fraction(decoded.time_base or stream.time_base or 1)
-                if seq == 0 and container.format.name in _ARBITRARY_START:
+                if seq == 0 and container.format.name in ARBITRARY_START:
                     start_s = time_s
                 t_ns = self._session_ns(time_s - start_s)
-                image = _upright(converter.rgb(decoded), decoded)
+                image = upright(converter.rgb(decoded), decoded)
                 yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=image, encoded=encoded)
                 seq += 1
 
@@ -177,7 +176,14 @@ class VideoSource:
                     yield frame, pending.of(frame) if pending is not None else None
 
 
-def _opened(config: VideoConfig) -> av.container.InputContainer:
+def session_ns(config: VideoConfig, file_time_s: Fraction) -> int:
+    """Session time of a time of the file."""
+    drift_ns = float(file_time_s) * config.drift_ppm * 1e3
+    return round(file_time_s * 1_000_000_000) + round(config.offset_s * 1e9 + drift_ns)
+
+
+def opened_video(config: VideoConfig) -> av.container.InputContainer:
+    """The file, with a video stream that can be decoded; raises SourceError that says what is wrong with it."""
     where = f"{config.path}: camera {config.camera}"
     if not Path(config.path).is_file():
         raise SourceError(f"{where}: no such video file")
@@ -205,7 +211,7 @@ def _ticks(container: av.container.InputContainer, stream: VideoStream) -> set[i
     return ticks
 
 
-def _upright(image: Array, decoded: VideoFrame) -> Array:
+def upright(image: Array, decoded: VideoFrame) -> Array:
     """The image (H, W, 3) turned by the file's display rotation."""
     turns = round(decoded.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image

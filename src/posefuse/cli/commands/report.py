@@ -9,10 +9,6 @@ from cyclopts import Parameter
 
 from posefuse.cli.options.shared import Figures, Shown
 
-FOLDER = "biomechanics"
-# of all files together, measured on the bundled clip
-_BYTES_PER_STEP_AND_PERSON = 6_000
-
 
 def report(
     result: Annotated[Path, Parameter(metavar="DIR")],
@@ -33,25 +29,17 @@ def report(
         title: Title of the page (default: Motion report).
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
     """
-    from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
-    from posefuse.evaluation.report import TITLE
+    from posefuse.evaluation.biomechanics import BiomechanicsSettings
     from posefuse.foundation.compiled import compiling
-    from posefuse.foundation.output_folder import output_folder
-    from posefuse.pipeline.reading import files_of_result, is_live, read_result
+    from posefuse.pipeline.reading import read_result
+    from posefuse.pipeline.reporting import report_folder, write_report_folder
 
     recording = read_result(result, terminal.warn)
-    folder = out or (result.with_name(f"{result.stem}_{FOLDER}") if is_live(result) else result / FOLDER)
-    inputs = files_of_result(result)
+    folder = out or report_folder(result)
     settings = BiomechanicsSettings(fit=fit, opensim=opensim)
-    size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
-    # its own unchanged files can be made again at any time: replaced without --force
-    with (
-        output_folder(folder, command="report", inputs=inputs, replace=True, estimated_bytes=size, warn=terminal.warn) as place,
-        compiling("joint angles", terminal.note),
-        terminal.stages() as progress,
-    ):
-        made = write_biomechanics(recording, place.folder, settings, title=title or TITLE, progress=progress)
-        names = [path.relative_to(place.folder).as_posix() for path in made]
+    with compiling("joint angles", terminal.note), terminal.stages() as progress:
+        made = write_report_folder(recording, result, folder, settings, title=title, progress=progress, warn=terminal.warn)
+    names = [path.relative_to(folder).as_posix() for path in made]
     page = folder / "report.html"
     terminal.facts("Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(page)})
     terminal.next(f"open {page} in a browser", "angles.csv and angles.mot in the same folder hold the numbers")

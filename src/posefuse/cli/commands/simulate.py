@@ -17,6 +17,7 @@ def simulate(
     /,
     *,
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    plan: bool = False,
     gazebo: Annotated[Path | None, Parameter(metavar="DIR")] = None,
     release: Annotated[str, Parameter(name="--for", metavar="RELEASE")] = "harmonic",
     force: bool = False,
@@ -28,16 +29,19 @@ def simulate(
     Args:
         scene: Scene file; see examples/scenes and docs/simulation.md.
         out: Session folder; an unfinished one is resumed.
+        plan: Render nothing: show at once what the cameras cover, and the expected error there.
         gazebo: Write the scene there as a world that Gazebo opens, with the bridge to ROS 2; see docs/gazebo.md.
         release: Release of Gazebo: fortress, harmonic or jetty.
         force: Do it anew even if DIR is finished.
         workers: Processes that render (default: one per core).
     """
-    from posefuse.cli.simulating import simulate_session, write_gazebo_world
+    from posefuse.cli.simulating import show_plan, simulate_session, write_gazebo_world
     from posefuse.core import InputError
 
-    if (out is None) == (gazebo is None):
-        raise InputError("expected --out DIR (videos) or --gazebo DIR (a world), one of them")
+    if (out is not None) + (gazebo is not None) + plan != 1:
+        raise InputError("expected --out DIR (videos), --gazebo DIR (a world) or --plan, one of them")
+    if plan:
+        return show_plan(scene, terminal)
     if gazebo is not None:
         return write_gazebo_world(scene, gazebo, release, force, terminal)
     assert out is not None

@@ -19,11 +19,12 @@ def track(
     """Turn a session (calibration + videos, image folders or 2D poses) into a 3D skeleton and write its files.
 
     Args:
-        session: Folder with a calibration file and the recordings, or the .mcap of `posefuse live --record`.
+        session: Folder with a calibration file and the recordings; or a result, or the .mcap of `posefuse live --record`, to
+            solve again without detecting.
     """
-    from posefuse.pipeline.reading import is_live
+    from posefuse.pipeline.reading import is_live, is_result
 
-    if is_live(session):
+    if is_live(session) or is_result(session):
         from posefuse.cli.second_solve import second_solve
 
         return second_solve(session, options, settings, terminal)

@@ -1,5 +1,6 @@
 """Options of `posefuse track`."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -8,6 +9,8 @@ from cyclopts import ArgumentCollection, Group, Parameter
 
 from .shared import InputKind, people_from_text, xy_from_text
 
+EXCLUDED = re.compile(r"(?:(?P<camera>.+):)?(?P<start>-?\d+(?:\.\d*)?)-(?P<end>-?\d+(?:\.\d*)?)")
+
 
 def _one_of_two(arguments: ArgumentCollection) -> None:
     given = [argument.name for argument in arguments if argument.has_tokens]
@@ -15,6 +18,18 @@ def _one_of_two(arguments: ArgumentCollection) -> None:
         raise ValueError(f"expected one of {', '.join(given)}, got both")
 
 
+def _check_excluded(_: object, texts: tuple[str, ...]) -> None:
+    for text in texts:
+        if not EXCLUDED.fullmatch(text):
+            raise ValueError(f"expected CAMERA:START-END or START-END in seconds, e.g. cam02:1.5-2.5, got {text!r}")
+
+
+def _check_id(_: object, value: int | None) -> None:
+    if value is not None and value < 0:
+        raise ValueError(f"expected a person's id, from 0 on, got {value}")
+
+
+_SOLVE_AGAIN = Group("When SESSION is a result or the .mcap of a live session", sort_key=-2)
 _AGAIN = Group("Earlier work in DIR", validator=_one_of_two, sort_key=-1)
 
 
@@ -54,6 +69,12 @@ class TrackOptions:
     """Which files to write; `posefuse plugins` lists them."""
     view: bool = False
     """Open the result in the Rerun viewer (extra: viewer)."""
+    exclude: Annotated[tuple[str, ...], Parameter(metavar="[CAMERA:]A-B", group=_SOLVE_AGAIN, validator=_check_excluded)] = ()
+    """Leave out a camera, or without a name all of them, from second A to B. May be given several times."""
+    keep_person: Annotated[int | None, Parameter(metavar="ID", group=_SOLVE_AGAIN, validator=_check_id)] = None
+    """Keep this person alone."""
+    no_edits: Annotated[bool, Parameter(group=_SOLVE_AGAIN)] = False
+    """Leave out nothing and keep everybody, whatever was marked before."""
     force: Annotated[bool, Parameter(group=_AGAIN)] = False
     """Replace the results in DIR, and start interrupted work anew."""
     resume: Annotated[bool, Parameter(group=_AGAIN)] = False

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, Recording
+from posefuse.core import InputError, PoseSequence, Recording
+from posefuse.core.arrays import Array
 from posefuse.evaluation.gait_cycles import CycleAngles, gait_cycles
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.gait import Gait, gait_from_poses
@@ -22,19 +23,29 @@ def figures_of(recording: Recording) -> dict[str, Any]:
     ``cycle_SIDE_JOINT_ANGLE_deg`` are lists of 101 values over the gait cycle.
     """
     poses = recording.poses
-    sigma_m = np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3)
-    span_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9 if len(poses) else 0.0
-    figures: dict[str, Any] = {
-        "duration_s": span_s,
-        "time_steps": len(poses),
-        "cameras": len(recording.rig),
-        "people": len(poses.person_id),
-        "present_share": float(np.isfinite(poses.xyz_world[..., 0]).mean()),
-        "median_sigma_mm": 1000 * float(np.nanmedian(sigma_m)),
-        "median_reprojection_px": float(np.nanmedian(poses.reproj_px)),
-    }
+    figures = quality_figures(poses, len(recording.rig))
     gait = gait_from_poses(poses, 0) if len(poses.person_id) else None
     return figures if gait is None else figures | _gait_figures(gait) | _angle_figures(recording, gait)
+
+
+def quality_figures(poses: PoseSequence, cameras: int) -> dict[str, Any]:
+    """How long, how many, how complete and how exact; NaN where nothing is known."""
+    sigma_m = np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3)
+    known = np.isfinite(poses.xyz_world[..., 0])
+    return {
+        "duration_s": float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9 if len(poses) else 0.0,
+        "time_steps": len(poses),
+        "cameras": cameras,
+        "people": len(poses.person_id),
+        "present_share": float(known.mean()) if known.size else float("nan"),
+        "median_sigma_mm": 1000 * _median(sigma_m),
+        "median_reprojection_px": _median(poses.reproj_px),
+    }
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _gait_figures(gait: Gait) -> dict[str, Any]:

@@ -1,0 +1,226 @@
+"""The recordings below a folder with how good each is at a glance, and a small picture of each.
+
+Figures and pictures are kept in posefuse's cache folder, by content of the files that they are about, never among the recordings.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import PosefuseError
+from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_poses
+from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.plain_values import plain
+from posefuse.foundation.user_cache import default_cache_dir
+
+from .batch.figures import quality_figures
+from .reading import LIVE_SUFFIX, is_live, is_result, read_result
+from .session_images import nearby_session
+
+CACHE_FOLDER = "recordings"
+# how deep recordings may lie below the folder: STUDY/P01/walk1/RESULT
+_DEEPEST = 5
+# a live session of more is listed without figures, which would take long to read
+_MOST_LIVE_BYTES = 200_000_000
+_PICTURE_WH = (320, 180)
+_JPEG_QUALITY = 82
+_VERSION = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listed:
+    """A recording as a list shows it. Figures are NaN, and words empty, where they are not known.
+
+    Attributes:
+        path: result folder or .mcap. live: whether it is the recording of a live session.
+        session: that it was made from. recorded: when, as the camera stated it. modified_s: of its files, seconds since 1970.
+        people: names or ``person 0``. duration_s, cameras: of the recording.
+        coverage: share of keypoints and time steps that are known. sigma_mm, reprojection_px: medians.
+        edited: whether stretches were left out. problem: why nothing more is known.
+    """
+
+    path: Path
+    live: bool
+    session: str = ""
+    recorded: str = ""
+    modified_s: float = float("nan")
+    people: tuple[str, ...] = ()
+    duration_s: float = float("nan")
+    cameras: int = 0
+    coverage: float = float("nan")
+    sigma_mm: float = float("nan")
+    reprojection_px: float = float("nan")
+    edited: bool = False
+    problem: str = ""
+
+    def matches(self, search: str) -> bool:
+        """Whether every word of the search is in its path, session, date or people; capital letters make no difference."""
+        text = " ".join((str(self.path), self.session, self.recorded, *self.people)).lower()
+        return all(word in text for word in search.lower().split())
+
+
+def find_recordings(folder: Path, most: int = 2000) -> list[Path]:
+    """Result folders and .mcap files below a folder, the newest first; at most so many.
+
+    Hidden folders are left out, links are not followed.
+    """
+    found = [path for path, _ in zip(_found(folder, 0), range(most), strict=False)]
+    return sorted(found, key=_modified_s, reverse=True)
+
+
+def listed(path: Path) -> Listed:
+    """A recording at a glance, from the cache where its files have not changed; one that cannot be read has a `problem`."""
+    place = _place(path, "json")
+    if place.is_file():
+        try:
+            return _from_plain(json.loads(place.read_text(encoding="utf-8")), path)
+        except (OSError, ValueError, TypeError, KeyError):
+            pass  # not as this version writes it: made anew
+    one = _looked_at(path)
+    _keep(place, json.dumps(plain({**asdict(one), "path": ""})).encode())
+    return one
+
+
+def thumbnail(path: Path) -> bytes:
+    """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
+
+    Raises:
+        PosefuseError: the recording cannot be read.
+    """
+    place = _place(path, "jpg")
+    if place.is_file():
+        return place.read_bytes()
+    made = _picture(path)
+    _keep(place, made)
+    return made
+
+
+def _found(folder: Path, depth: int) -> Iterator[Path]:
+    if is_result(folder):
+        yield folder
+        return
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return
+    for entry in entries:
+        if entry.name.startswith("."):
+            continue
+        if entry.is_dir(follow_symlinks=False):
+            if depth < _DEEPEST:
+                yield from _found(Path(entry.path), depth + 1)
+        elif is_live(Path(entry.path)) and not _is_later_part(Path(entry.path)):
+            yield Path(entry.path)
+
+
+def _is_later_part(path: Path) -> bool:
+    """Whether a .mcap file continues another one (NAME.2.mcap)."""
+    first, _, number = path.stem.rpartition(".")
+    return number.isdigit() and bool(first) and path.with_name(first + LIVE_SUFFIX).is_file()
+
+
+def _main_file(path: Path) -> Path:
+    return path if is_live(path) else path / ABOUT_FILE
+
+
+def _modified_s(path: Path) -> float:
+    try:
+        return _main_file(path).stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _place(path: Path, suffix: str) -> Path:
+    """Where what is known of the recording is kept: by place, size and time of its files."""
+    parts = [str(path.resolve()), str(_VERSION)]
+    for file in (_main_file(path), path / ARRAYS_FILE):
+        if file.is_file():
+            about = file.stat()
+            parts.append(f"{about.st_size} {about.st_mtime_ns}")
+    name = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+    return default_cache_dir() / CACHE_FOLDER / f"{name}.{suffix}"
+
+
+def _keep(place: Path, content: bytes) -> None:
+    """Into the cache; where it cannot be written, everything is made anew the next time."""
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_file(place) as staged:
+            staged.write_bytes(content)
+    except (OSError, PosefuseError):
+        return
+
+
+def _looked_at(path: Path) -> Listed:
+    live, modified_s = is_live(path), _modified_s(path)
+    try:
+        if live and path.stat().st_size > _MOST_LIVE_BYTES:
+            return Listed(path=path, live=True, modified_s=modified_s, problem="long: open it to see how good it is")
+        if live:
+            recording = read_result(path, lambda line: None)
+            poses, about = recording.poses, {"provenance": recording.provenance, "rig": {"cameras": recording.rig.names}}
+        else:
+            poses, about = read_poses(path)
+    except (PosefuseError, OSError) as error:
+        return Listed(path=path, live=live, modified_s=modified_s, problem=str(error))
+    made = about["provenance"]
+    figures = quality_figures(poses, len(about["rig"]["cameras"]))
+    names = (made.get("config") or {}).get("names") or ()
+    return Listed(
+        path=path,
+        live=live,
+        session=str(made.get("session", "")),
+        recorded=_recorded(made),
+        modified_s=modified_s,
+        people=tuple(names[i] if i < len(names) else f"person {i}" for i in poses.person_id.tolist()),
+        duration_s=figures["duration_s"],
+        cameras=figures["cameras"],
+        coverage=figures["present_share"],
+        sigma_mm=figures["median_sigma_mm"],
+        reprojection_px=figures["median_reprojection_px"],
+        edited=bool(made.get("edits")),
+    )
+
+
+def _recorded(made: dict[str, Any]) -> str:
+    """The time that the camera stated, or at which the live session began, in UTC; empty where neither is known."""
+    if "recorded" in made:
+        return str(made["recorded"])
+    start_ns = made.get("start_ns")
+    # sessions that count from zero say nothing about the date
+    if isinstance(start_ns, int) and start_ns > 946_684_800 * 10**9:
+        return datetime.fromtimestamp(start_ns * 1e-9, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return ""
+
+
+def _from_plain(content: dict[str, Any], path: Path) -> Listed:
+    numbers = ("modified_s", "duration_s", "coverage", "sigma_mm", "reprojection_px")
+    known = {name: float("nan") if content[name] is None else content[name] for name in numbers}
+    return Listed(**{**content, **known, "path": path, "people": tuple(content["people"])})
+
+
+def _picture(path: Path) -> bytes:
+    from posefuse.outputs.drawing import jpeg_of
+    from posefuse.outputs.overview import best_instant
+    from posefuse.outputs.stage3d import stage_picture
+
+    from .playback import Playback
+
+    recording = read_result(path, lambda line: None)
+    i = best_instant(recording)
+    session = None if recording.is_live else nearby_session(recording, path)
+    if session is None:
+        return jpeg_of(stage_picture(recording, i, _PICTURE_WH), _JPEG_QUALITY)
+    seen = (recording.views.score[i] > 0).sum(axis=(0, 2))
+    camera = recording.rig.names[int(np.argmax(seen))]
+    with Playback(recording, session) as playback:
+        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _PICTURE_WH[0], quality=_JPEG_QUALITY)

@@ -1,0 +1,144 @@
+"""A recording and the videos that it was made from, on one timeline: any moment of any camera as a small picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import TracebackType
+
+import numpy as np
+
+from posefuse.core import Recording, SourceError
+from posefuse.core.arrays import Array
+from posefuse.outputs.drawing import fitted, jpeg_of, view_tile
+from posefuse.sources import ImagesConfig, ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
+
+from .config import TrackConfig
+from .session import Input, Session
+from .solve import config_of
+
+JPEG_QUALITY = 75
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Moment:
+    """One camera at one moment.
+
+    Attributes:
+        t_ns: session time of the frame shown. jpeg: the image, of size_wh px.
+        detected_px, projected_px: (N, K, 2) what the detector found, and where the 3D result lies, in px of this image.
+    """
+
+    t_ns: int
+    jpeg: bytes
+    size_wh: tuple[int, int]
+    detected_px: Array
+    projected_px: Array
+
+
+class Playback:
+    """The moments of a recording; a context manager. May be asked from several threads.
+
+    Args:
+        recording: a result. session: that it was made from, see `session_images`; None: skeletons on plain ground.
+
+    Attributes:
+        problems: by camera, why there are no images of it.
+    """
+
+    def __init__(self, recording: Recording, session: Session | None) -> None:
+        self.recording = recording
+        self.problems: dict[str, str] = {}
+        self._seekers = _opened(recording, session, self.problems) if session is not None else {}
+
+    def __enter__(self) -> Playback:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names in the order of the rig."""
+        return self.recording.rig.names
+
+    def step_at(self, t_ns: int) -> int:
+        """The time step nearest to a time."""
+        return nearest(self.recording.poses.t_ns, t_ns)
+
+    def moment(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> Moment | None:
+        """What a camera saw nearest to a time; None where it has no frame there.
+
+        Args:
+            camera: name in the rig. t_ns: session time. width_px: at most; images are never enlarged.
+        """
+        found = self._image(camera, t_ns)
+        if found is None:
+            return None
+        shown_ns, image = found
+        size_wh = (image.shape[1], image.shape[0])
+        tile, scale = fitted(image, size_wh, _tile_wh(size_wh, width_px))
+        i, c = self.step_at(t_ns), self.cameras.index(camera)
+        views, poses = self.recording.views, self.recording.poses
+        detected = np.where((views.score[i, :, c] > 0)[..., None], views.xy_img[i, :, c], np.nan)
+        projected = self.recording.rig.cameras[c].project(poses.xyz_world[i])
+        # pixel centres are integers: the corner of the image is at -0.5
+        detected_px, projected_px = ((xy + 0.5) * scale - 0.5 for xy in (detected, projected))
+        return Moment(
+            t_ns=shown_ns,
+            jpeg=jpeg_of(tile, quality),
+            size_wh=(tile.shape[1], tile.shape[0]),
+            detected_px=detected_px,
+            projected_px=projected_px,
+        )
+
+    def tile_jpeg(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> bytes:
+        """What a camera saw nearest to a time with skeletons and detections on top, on plain ground without a frame."""
+        i, c = self.step_at(t_ns), self.cameras.index(camera)
+        found = self._image(camera, t_ns)
+        image = None if found is None else found[1]
+        size_wh = self.recording.rig.cameras[c].size_wh if image is None else (image.shape[1], image.shape[0])
+        return jpeg_of(view_tile(self.recording, i, c, image, _tile_wh(size_wh, width_px), notes=False), quality)
+
+    def close(self) -> None:
+        """Release the videos."""
+        for seeker in self._seekers.values():
+            seeker.close()
+
+    def _image(self, camera: str, t_ns: int) -> tuple[int, Array] | None:
+        """The frame nearest to a time, and its own; None where the camera has none within a period of it."""
+        seeker = self._seekers.get(camera)
+        if seeker is None or not len(seeker.times_ns):
+            return None
+        i = nearest(seeker.times_ns, t_ns)
+        period_ns = float(np.median(np.diff(seeker.times_ns))) if len(seeker.times_ns) > 1 else np.inf
+        if abs(int(seeker.times_ns[i]) - t_ns) > period_ns:
+            return None
+        try:
+            return int(seeker.times_ns[i]), np.asarray(seeker.at(i).image)
+        except SourceError:
+            return None
+
+
+def _tile_wh(size_wh: tuple[int, int], width_px: int) -> tuple[int, int]:
+    scale = min(1.0, width_px / size_wh[0])
+    return round(size_wh[0] * scale), round(size_wh[1] * scale)
+
+
+def _opened(recording: Recording, session: Session, problems: dict[str, str]) -> Mapping[str, Seeker]:
+    config, seekers = config_of(recording), {}
+    for entry in session.inputs:
+        if entry.camera not in recording.rig.names or entry.kind == "pose2d":
+            continue
+        try:
+            seekers[entry.camera] = _seeker(entry, config)
+        except SourceError as error:
+            problems[entry.camera] = str(error)
+    return seekers
+
+
+def _seeker(entry: Input, config: TrackConfig) -> Seeker:
+    offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
+    if entry.kind == "videos":
+        return VideoSeeker(VideoConfig(entry.path, entry.camera, offset_s, drift_ppm))
+    return ImagesSeeker(ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build())

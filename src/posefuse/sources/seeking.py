@@ -1,0 +1,154 @@
+"""Any frame of a recording at once: for players, which jump about in a video instead of reading it from the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from threading import Lock
+from typing import Protocol
+
+import av
+import cv2
+import numpy as np
+from av.video.frame import VideoFrame
+
+from posefuse.core import Frame, SourceError
+from posefuse.core.arrays import Array
+from posefuse.formats.pixels import PixelConverter
+
+from .images import ImagesSource
+from .video import ARBITRARY_START, VideoConfig, opened_video, session_ns, upright
+
+
+class Seeker(Protocol):
+    """The frames of one camera, in any order; may be asked from several threads."""
+
+    @property
+    def times_ns(self) -> Array:
+        """(F,) session times of all frames, increasing."""
+        ...
+
+    def at(self, i: int) -> Frame:
+        """Frame i; raises SourceError where it cannot be decoded."""
+        ...
+
+    def close(self) -> None:
+        """Release the file."""
+        ...
+
+
+def nearest(times_ns: Array, t_ns: int) -> int:
+    """The place of the frame nearest in time."""
+    after = int(np.searchsorted(times_ns, t_ns).clip(max=len(times_ns) - 1))
+    before = max(after - 1, 0)
+    return before if t_ns - times_ns[before] <= times_ns[after] - t_ns else after
+
+
+class VideoSeeker:
+    """Frames of a video file by the index of its packets: a jump decodes from the key frame before, not from the start.
+
+    Reading on from frame to frame decodes each once.
+
+    Raises:
+        SourceError: the file cannot be opened, or lists no frame.
+    """
+
+    def __init__(self, config: VideoConfig) -> None:
+        self._config, self._lock = config, Lock()
+        self._container = opened_video(config)
+        stream = self._stream = self._container.streams.video[0]
+        stream.thread_type = "AUTO"
+        self._base = Fraction(stream.time_base or 1)
+        packets = list(_listed(self._container))
+        ticks = sorted({pts for pts, _ in packets})
+        if not ticks:
+            self._container.close()
+            raise SourceError(f"{self._where}: no frame is listed; is the file complete?")
+        start = ticks[0] if self._container.format.name in ARBITRARY_START else 0
+        self._ticks = np.array(ticks, np.int64)
+        self._keys = np.array(sorted(pts for pts, key in packets if key) or ticks[:1], np.int64)
+        self._times_ns = np.array([session_ns(config, (tick - start) * self._base) for tick in ticks], np.int64)
+        self._pixels = PixelConverter()
+        self._decoding: Iterator[VideoFrame] = iter(())
+        self._last: tuple[int, VideoFrame] | None = None
+
+    @property
+    def times_ns(self) -> Array:
+        """(F,) session times of all frames that the file lists."""
+        return self._times_ns
+
+    def at(self, i: int) -> Frame:
+        """Frame i, or the first after it that can be decoded."""
+        with self._lock:
+            tick = int(self._ticks[i])
+            if self._last is None or self._last[0] != tick:
+                self._last = self._reach(tick)
+            decoded = self._last[1]
+            image = upright(self._pixels.rgb(decoded), decoded)
+        t_ns = int(self._times_ns[i])
+        return Frame(camera=self._config.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
+
+    def close(self) -> None:
+        """Release the file."""
+        with self._lock:
+            self._container.close()
+
+    @property
+    def _where(self) -> str:
+        return f"{self._config.path}: camera {self._config.camera}"
+
+    def _reach(self, tick: int) -> tuple[int, VideoFrame]:
+        """Decode to the frame of this time: on from the last one where no key frame lies between, else from the key frame."""
+        key = int(self._keys[max(int(np.searchsorted(self._keys, tick, "right")) - 1, 0)])
+        if self._last is None or not key <= self._last[0] < tick:
+            self._container.seek(key, stream=self._stream)
+            self._decoding = self._decoded()
+        for decoded in self._decoding:
+            if decoded.pts is not None and decoded.pts >= tick:
+                return tick, decoded
+        self._last = None
+        raise SourceError(f"{self._where}: frame at {float(tick * self._base):.3f} s of the file cannot be decoded")
+
+    def _decoded(self) -> Iterator[VideoFrame]:
+        """Frames from here on; packets that cannot be decoded are left out."""
+        for packet in self._container.demux(self._stream):
+            try:
+                yield from packet.decode()
+            except av.error.FFmpegError:
+                continue
+
+
+class ImagesSeeker:
+    """Frames of an image folder."""
+
+    def __init__(self, source: ImagesSource) -> None:
+        self._source = source
+        self._paths = source.paths()
+        self._times_ns = source.times_ns()
+
+    @property
+    def times_ns(self) -> Array:
+        """(F,) session times of all frames."""
+        return self._times_ns
+
+    def at(self, i: int) -> Frame:
+        """Frame i."""
+        image = cv2.imread(str(self._paths[i]), cv2.IMREAD_COLOR)
+        if image is None:
+            raise SourceError(f"{self._paths[i]}: cannot be read as an image")
+        t_ns = int(self._times_ns[i])
+        rgb = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        return Frame(camera=self._source.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=rgb)
+
+    def close(self) -> None:
+        """Nothing stays open between frames."""
+
+
+def _listed(container: av.container.InputContainer) -> Iterator[tuple[int, bool]]:
+    """(presentation time in ticks, key frame) of every packet, up to the first that cannot be read."""
+    try:
+        for packet in container.demux(container.streams.video[0]):
+            if packet.pts is not None:
+                yield packet.pts, packet.is_keyframe
+    except av.error.FFmpegError:
+        return

@@ -1,0 +1,43 @@
+"""What pages fetch by address: small pictures of recordings, and files that posefuse made in the workspace."""
+
+from __future__ import annotations
+
+import mimetypes
+from typing import Any
+
+from fastapi import Response
+from fastapi.responses import FileResponse
+from nicegui import run
+
+from posefuse.core import PosefuseError
+from posefuse.pipeline.catalogue import thumbnail
+
+from .workspace import Workspace
+
+# a page from the workspace runs by itself: it can read nothing of the studio and send nothing
+_SANDBOX = {"Content-Security-Policy": "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'"}
+
+
+def add_routes(app: Any, workspace: Workspace) -> None:
+    """Serve ``/studio/thumbnail?name=RECORDING`` and ``/studio/file?name=FILE``."""
+
+    @app.get("/studio/thumbnail")
+    async def small_picture(name: str) -> Response:
+        try:
+            picture = await run.io_bound(thumbnail, workspace.existing(name))
+        except PosefuseError as error:
+            return Response(str(error), status_code=404, media_type="text/plain")
+        return Response(picture, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=60"})
+
+    @app.get("/studio/file")
+    def file(name: str) -> Response:
+        try:
+            path = workspace.existing(name)
+        except PosefuseError as error:
+            return Response(str(error), status_code=404, media_type="text/plain")
+        if not path.is_file():
+            return Response(f"{name}: not a file", status_code=404, media_type="text/plain")
+        if path.suffix == ".html":
+            return FileResponse(path, media_type="text/html", headers=_SANDBOX)
+        kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        return FileResponse(path, media_type=kind, filename=path.name)

@@ -1,0 +1,20 @@
+"""Files of a recording in the formats of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import posefuse as pf
+from posefuse.pipeline.session_images import nearby_session
+from posefuse.studio.workspace import Workspace
+
+
+def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progress) -> Mapping[str, Any]:
+    """`arguments`: ``result``, ``out`` (names in the workspace), ``formats`` (names of outputs)."""
+    result, out = workspace.existing(arguments["result"]), workspace.path(arguments["out"])
+    progress("read", 0, None, f"reading {arguments['result']}")
+    recording = pf.read(result)
+    session = None if recording.is_live else nearby_session(recording, result)
+    made = recording.export(out, arguments["formats"], session=session and session.folder, progress=progress)
+    return {"files": [workspace.name_of(path) for path in made]}

@@ -1,0 +1,235 @@
+"""Corrections by hand: what a second solve leaves out, whom it keeps, and where that is written down."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.api.recording import recording_of
+from posefuse.cli.main import main
+from posefuse.core import ConfigError, DetectionBatch, Detections2D, InputError, LookKind, Observations, Recording, Rig
+from posefuse.core.observations import NOT_KEPT
+from posefuse.core.skeleton import COCO17
+from posefuse.core.views_over_time import keypoint_boxes
+from posefuse.formats.recording import read_recording, write_recording
+from posefuse.foundation.output_folder import check_replaceable, output_folder
+from posefuse.foundation.plain_values import plain
+from posefuse.pipeline.config import TrackConfig, changed_config
+from posefuse.pipeline.edits import Edits, Exclusion, used_frames
+from posefuse.pipeline.edits_file import edits_path, read_edits, write_edits
+from posefuse.pipeline.solve import SolveSettings, edits_of, solve, solve_again
+
+T, K, PERIOD_NS, CAMERAS = 45, len(COCO17), 33_333_333, 5
+# the stretch in which camera 2 is wrong
+FROM_S, TO_S = 0.5, 0.9
+# so little that consensus does not leave the camera out by itself
+OFF_PX = 5.0
+BODY = np.random.default_rng(4).normal(size=(K, 3)) * [0.2, 0.2, 0.4] + [-0.5, 0.3, 1.0]
+APART = np.array([0.9, 0.8, 0.0])
+BLOCKED = Exclusion(camera="cam02", start_s=FROM_S, end_s=TO_S)
+POSES = ("t_ns", "person_id", "xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+
+
+def people_at(t_ns: int) -> np.ndarray:
+    """(2, K, 3) two people who walk next to each other."""
+    return BODY + np.array([1.2, -0.5, 0.0]) * t_ns * 1e-9 + np.arange(2)[:, None, None] * APART
+
+
+def noisy_log(rig: Rig) -> Observations:
+    """Two people in five cameras; camera 2 is off to one side for a while."""
+    rng, batches = np.random.default_rng(7), []
+    for i in range(T):
+        t_ns, found = i * PERIOD_NS, []
+        for camera in rig:
+            bad = camera.name == BLOCKED.camera and FROM_S <= t_ns / 1e9 < TO_S
+            xy = camera.project(people_at(t_ns)) + rng.normal(0, 1.0, (2, K, 2)) + bad * np.array([OFF_PX, 0.0])
+            score = np.ones((2, K))
+            planes = {"xy_img": xy, "score": score, "sigma_px": 1.5 * score, "box_img": keypoint_boxes(xy, score)}
+            found.append(Detections2D(camera=camera.name, t_ns=t_ns, skeleton=COCO17, **planes))
+        batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.SEARCH, detections=tuple(found)))
+    return Observations.from_batches(COCO17, rig.names, batches)
+
+
+CONFIG = changed_config(TrackConfig(), {"associate.max_people": 2})
+
+
+@pytest.fixture(scope="module")
+def recording(ring_rig: Callable[..., Rig]) -> Recording:
+    rig = ring_rig(CAMERAS)
+    about = {"session": "walk", "config": plain(dataclasses.asdict(CONFIG))}
+    return solve(noisy_log(rig), rig, SolveSettings.of(CONFIG, None), about)
+
+
+def assert_same_poses(one: Recording, other: Recording) -> None:
+    for name in POSES:
+        np.testing.assert_array_equal(getattr(one.poses, name), getattr(other.poses, name), err_msg=name)
+
+
+def inside(recording: Recording) -> np.ndarray:
+    t_s = recording.poses.t_ns / 1e9
+    return (t_s >= FROM_S) & (t_s < TO_S)
+
+
+def error_mm(recording: Recording, steps: np.ndarray) -> float:
+    true = np.stack([people_at(t_ns) for t_ns in recording.poses.t_ns.tolist()])
+    off = np.linalg.norm(recording.poses.xyz_world[:, :, None] - true[:, None], axis=-1).mean(axis=-1)
+    return float(1000 * np.nanmedian(off[steps].min(axis=-1)))
+
+
+def test_without_edits_every_bit_stays(recording: Recording) -> None:
+    again = solve_again(recording)
+    assert_same_poses(again, recording)
+    assert again.provenance == recording.provenance
+    np.testing.assert_array_equal(again.observations.person_id, recording.observations.person_id)
+
+
+@pytest.mark.parametrize(
+    "exclusions",
+    [(BLOCKED,), (BLOCKED, Exclusion(camera="cam04", start_s=0.7, end_s=1.2)), (Exclusion(start_s=0.6, end_s=0.8),)],
+    ids=["a camera", "two that overlap", "all cameras"],
+)
+def test_excluding_is_solving_without_these_observations(recording: Recording, exclusions: tuple[Exclusion, ...]) -> None:
+    log, rig = recording.observations, recording.rig
+    used = used_frames(log, exclusions)
+    assert 0 < (~used).sum() < len(used)
+    without = solve(log.only(used), rig, SolveSettings.of(CONFIG, None), {})
+    edited = solve_again(recording, edits=Edits(exclusions=exclusions))
+    assert_same_poses(edited, without)
+    rows = used[log.detection_frame]
+    np.testing.assert_array_equal(edited.observations.person_id[rows], without.observations.person_id)
+    assert (edited.observations.person_id[~rows] == NOT_KEPT).all()
+    assert not np.array_equal(edited.poses.xyz_world, recording.poses.xyz_world)
+
+
+def test_nothing_is_thrown_away_so_that_edits_can_be_taken_back(recording: Recording, tmp_path: Path) -> None:
+    edited = solve_again(recording, edits=Edits(exclusions=(BLOCKED,), person=1, names=("Ada", "Ben")))
+    assert edited.person_names == ("Ben",)
+    write_recording(tmp_path, edited)
+    kept = read_recording(tmp_path)
+    assert_same_poses(solve_again(kept), edited)
+    assert edits_of(kept).person == 1
+    back = solve_again(kept, changed_config(CONFIG, {}), edits=Edits())
+    assert_same_poses(back, recording)
+    assert back.provenance == recording.provenance
+
+
+def test_excluding_a_wrong_camera_brings_the_accuracy_back(recording: Recording) -> None:
+    edited = solve_again(recording, edits=Edits(exclusions=(BLOCKED,)))
+    steps = inside(recording)
+    assert (recording.poses.n_views[steps] <= edited.poses.n_views[steps].max()).all()
+    assert edited.poses.n_views[steps].max() == CAMERAS - 1
+    assert edited.poses.n_views[~steps].max() == CAMERAS
+    assert error_mm(edited, steps) < 1.5 * error_mm(edited, ~steps)
+
+
+def test_in_a_bad_stretch_nothing_is_measured(recording: Recording) -> None:
+    edited = solve_again(recording, edits=Edits(exclusions=(Exclusion(start_s=FROM_S, end_s=TO_S),)))
+    steps = inside(recording)
+    assert (edited.poses.n_views[steps] == 0).all()
+    assert (edited.poses.n_views[~steps] > 0).any()
+    np.testing.assert_array_equal(edited.poses.t_ns, recording.poses.t_ns)
+
+
+@pytest.mark.parametrize("person", [0, 1])
+def test_the_person_kept_is_that_of_the_earlier_result(recording: Recording, person: int) -> None:
+    edited = solve_again(recording, edits=Edits(exclusions=(BLOCKED,), person=person))
+    assert edited.poses.person_id.tolist() == [person]
+    both = recording.poses
+    earlier = both.xyz_world[:, both.person_id.tolist().index(person)]
+    away_m = np.nanmedian(np.linalg.norm(edited.poses.xyz_world[:, 0] - earlier, axis=-1))
+    assert away_m < 0.1 * np.linalg.norm(APART)
+    assert set(np.unique(edited.observations.person_id)) == {NOT_KEPT, person}
+
+
+@pytest.mark.parametrize(
+    ("edits", "words"),
+    [
+        (Edits(exclusions=(Exclusion(camera="cam9", start_s=0, end_s=1),)), "no camera 'cam9'; there are: cam00"),
+        (Edits(exclusions=(Exclusion(start_s=1, end_s=1),)), "an end after the start"),
+        (Edits(person=5), "no person 5; there are: 0, 1"),
+    ],
+)
+def test_edits_about_what_is_not_there_are_refused(recording: Recording, edits: Edits, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        solve_again(recording, edits=edits)
+
+
+def test_a_person_who_is_excluded_altogether_is_named(recording: Recording) -> None:
+    with pytest.raises(InputError, match="person"):
+        solve_again(recording, edits=Edits(exclusions=(Exclusion(start_s=-1, end_s=99),), person=1))
+
+
+def saved(recording: Recording, folder: Path) -> Path:
+    recording_of(recording).save(folder)
+    return folder
+
+
+def test_kept_edits_belong_to_the_result(recording: Recording, tmp_path: Path) -> None:
+    result = saved(recording, tmp_path / "result")
+    assert read_edits(result) == Edits()
+    edits = Edits(exclusions=(BLOCKED,), person=1, names=("Ada",))
+    for one in (Edits(person=0), edits):
+        write_edits(result, one)
+        assert read_edits(result) == one
+    check_replaceable(result, command="track", replace=True)  # known as a file of posefuse
+    (result / "edits.json").write_text(edits_path(result).read_text() + " ")
+    with pytest.raises(InputError, match="changed since"):
+        check_replaceable(result, command="track", replace=True)
+
+
+def test_another_file_of_this_name_is_never_written_over(recording: Recording, tmp_path: Path) -> None:
+    result = saved(recording, tmp_path / "result")
+    edits_path(result).write_text(json.dumps({"mine": 1}))
+    with pytest.raises(InputError, match="not edits of posefuse"):
+        write_edits(result, Edits(person=0))
+    assert json.loads(edits_path(result).read_text()) == {"mine": 1}
+    edits_path(result).write_text(json.dumps({"format": "posefuse edits", "person": -2}))
+    with pytest.raises(ConfigError, match="person"):
+        read_edits(result)
+
+
+def test_edits_of_a_live_session_lie_next_to_it(tmp_path: Path) -> None:
+    live = tmp_path / "walk.mcap"
+    live.write_bytes(b"")
+    assert write_edits(live, Edits(person=3)) == tmp_path / "walk.edits.json"
+    assert read_edits(live).person == 3
+
+
+def test_from_the_shell_marks_and_options_are_used_together(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result, out = saved(recording, tmp_path / "result"), tmp_path / "edited"
+    write_edits(result, Edits(exclusions=(BLOCKED,)))
+    line = ["track", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
+    assert main(line) == 0
+    assert "left out (1 stretches)" in capsys.readouterr().err
+    exclusions = (BLOCKED, Exclusion(camera="cam04", start_s=0.7, end_s=1.2))
+    assert_same_poses(read_recording(out), solve_again(recording, edits=Edits(exclusions=exclusions, person=1)))
+    assert main([*line[:2], "--no-edits", "--outputs", "csv", "--out", str(tmp_path / "plain")]) == 0
+    assert_same_poses(read_recording(tmp_path / "plain"), recording)
+    assert main(line) == 1  # a result that is there is never replaced in silence
+
+
+@pytest.mark.parametrize(
+    "words", [["--exclude", "cam02"], ["--keep-person", "-1"], ["--exclude", "cam02:1.5"]], ids=["no time", "no id", "one time"]
+)
+def test_options_that_cannot_be_are_one_line(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", str(tmp_path), *words, "--out", str(tmp_path / "out")]) == 1
+    assert words[0] in capsys.readouterr().err
+
+
+def test_a_session_is_tracked_before_it_is_edited(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", str(demo_session), "--exclude", "cam00:0-1", "--out", str(tmp_path / "out")]) == 1
+    assert "is for results" in capsys.readouterr().err
+
+
+def test_listing_a_file_leaves_the_rest_of_the_list(tmp_path: Path) -> None:
+    with output_folder(tmp_path / "out", command="track") as out:
+        (out.folder / "a.txt").write_text("a")
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    write_edits(tmp_path / "out", Edits())
+    with pytest.raises(InputError, match=r"\(mine.txt\)"):
+        check_replaceable(tmp_path / "out", command="track", replace=True)
