@@ -20,11 +20,15 @@ def stated(rig: Rig, points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("distortion", [(), (-0.2, 0.05, 0.001, -0.002, 0.0)])
-def test_it_is_the_covariance_that_fusion_states(ring_rig: Callable[..., Rig], distortion: tuple[float, ...]) -> None:
-    rig = ring_rig(5, distortion=distortion)
+def test_it_is_what_fusion_states_on_average(ring_rig: Callable[..., Rig], distortion: tuple[float, ...]) -> None:
+    # fusion scales by how well the views agree, which is 1 on average
+    rig, rng, rounds = ring_rig(5, distortion=distortion), np.random.default_rng(2), 300
     xy = np.stack([camera.project(POINTS) for camera in rig])
-    _, fused, _ = triangulate(rig, xy, None, np.full(xy.shape[:-1], SIGMA_PX))
-    np.testing.assert_allclose(stated(rig, POINTS), fused, rtol=0.02, atol=1e-9)
+    noisy = xy + rng.normal(0, SIGMA_PX, (rounds, *xy.shape))
+    _, fused, _ = triangulate(rig, noisy, None, np.full(noisy.shape[:-1], SIGMA_PX))
+    expected = stated(rig, POINTS)
+    off = np.abs(fused.mean(axis=0) - expected).max(axis=(1, 2)) / np.trace(expected, axis1=1, axis2=2)
+    assert off.max() < 0.04
 
 
 def test_measured_points_are_off_by_what_it_states(ring_rig: Callable[..., Rig]) -> None:
@@ -35,8 +39,8 @@ def test_measured_points_are_off_by_what_it_states(ring_rig: Callable[..., Rig])
     xyz, _, _ = triangulate(rig, noisy, None, np.full(noisy.shape[:-1], SIGMA_PX), "none")
     off = xyz - POINTS
     square = np.einsum("rki,kij,rkj->rk", off, np.linalg.inv(cov), off)
-    # 3 degrees of freedom: mean 3, standard deviation sqrt(6 / draws)
-    assert abs(square.mean() - 3) < 4 * np.sqrt(6 / square.size)
+    # 3 degrees of freedom: mean 3, standard deviation sqrt(6 / draws); the linear solution is at most a tenth worse than the best
+    assert -4 * np.sqrt(6 / square.size) < square.mean() - 3 < 0.3
 
 
 def test_moving_the_world_turns_the_covariance_along(ring_rig: Callable[..., Rig]) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from posefuse.core import PosefuseError
 from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_poses
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.plain_values import plain
+from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir
 
 from .batch.figures import quality_figures
@@ -34,6 +35,20 @@ _MOST_LIVE_BYTES = 200_000_000
 _PICTURE_WH = (320, 180)
 _JPEG_QUALITY = 82
 _VERSION = 1
+
+
+@settings
+class GlanceLimits:
+    """When a recording is marked in a list, so that it is looked at first; a choice by eye, not a verdict.
+
+    Attributes:
+        coverage_good, sigma_good_mm: at least and at most this: good. coverage_bad, sigma_bad_mm: less or more than this: bad.
+    """
+
+    coverage_good: float = 0.9
+    coverage_bad: float = 0.5
+    sigma_good_mm: float = 20.0
+    sigma_bad_mm: float = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +76,15 @@ class Listed:
     reprojection_px: float = float("nan")
     edited: bool = False
     problem: str = ""
+
+    def mark(self, limits: GlanceLimits | None = None) -> Literal["good", "doubt", "bad", "off"]:
+        """How good it is at a glance; ``off`` where that is not known."""
+        limits = limits or GlanceLimits()
+        if self.problem or not np.isfinite([self.coverage, self.sigma_mm]).all():
+            return "off"
+        if self.coverage < limits.coverage_bad or self.sigma_mm > limits.sigma_bad_mm:
+            return "bad"
+        return "good" if self.coverage >= limits.coverage_good and self.sigma_mm <= limits.sigma_good_mm else "doubt"
 
     def matches(self, search: str) -> bool:
         """Whether every word of the search is in its path, session, date or people; capital letters make no difference."""
@@ -90,8 +114,11 @@ def listed(path: Path) -> Listed:
     return one
 
 
-def thumbnail(path: Path) -> bytes:
+def thumbnail(path: Path, within: Path | None = None) -> bytes:
     """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
+
+    Args:
+        within: a folder that its videos must lie in; None: anywhere.
 
     Raises:
         PosefuseError: the recording cannot be read.
@@ -99,7 +126,7 @@ def thumbnail(path: Path) -> bytes:
     place = _place(path, "jpg")
     if place.is_file():
         return place.read_bytes()
-    made = _picture(path)
+    made = _picture(path, within)
     _keep(place, made)
     return made
 
@@ -208,7 +235,7 @@ def _from_plain(content: dict[str, Any], path: Path) -> Listed:
     return Listed(**{**content, **known, "path": path, "people": tuple(content["people"])})
 
 
-def _picture(path: Path) -> bytes:
+def _picture(path: Path, within: Path | None) -> bytes:
     from posefuse.outputs.drawing import jpeg_of
     from posefuse.outputs.overview import best_instant
     from posefuse.outputs.stage3d import stage_picture
@@ -217,7 +244,7 @@ def _picture(path: Path) -> bytes:
 
     recording = read_result(path, lambda line: None)
     i = best_instant(recording)
-    session = None if recording.is_live else nearby_session(recording, path)
+    session = None if recording.is_live else nearby_session(recording, path, within)
     if session is None:
         return jpeg_of(stage_picture(recording, i, _PICTURE_WH), _JPEG_QUALITY)
     seen = (recording.views.score[i] > 0).sum(axis=(0, 2))

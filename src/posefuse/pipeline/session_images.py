@@ -38,16 +38,27 @@ def session_of(recording: Recording, folder: Path) -> Session:
     return session
 
 
-def nearby_session(recording: Recording, result: Path) -> Session | None:
-    """The session of a recording, by its name in or next to the folders above the result and in the working folder."""
+def nearby_session(recording: Recording, result: Path, within: Path | None = None) -> Session | None:
+    """The session of a recording, by its name in or next to the folders above the result and in the working folder.
+
+    Args:
+        within: a folder that the session and its files must lie in; None: anywhere.
+    """
     name = str(recording.provenance.get("session") or "")
     above = [Path.cwd(), *result.resolve().parents[:_FOLDERS_UP]]
     for folder in (place for one in above for place in (one, one / name) if name and place.name == name and place.is_dir()):
         try:
-            return session_of(recording, folder)
+            session = session_of(recording, folder)
         except PosefuseError:
             continue
+        if within is None or _lies_in(session, within):
+            return session
     return None
+
+
+def _lies_in(session: Session, folder: Path) -> bool:
+    files = (session.folder, session.rig_path, *(entry.path for entry in session.inputs))
+    return all(path.resolve().is_relative_to(folder.resolve()) for path in files)
 
 
 def session_frames(

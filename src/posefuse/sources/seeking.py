@@ -20,6 +20,10 @@ from .images import ImagesSource
 from .video import ARBITRARY_START, VideoConfig, opened_video, session_ns, upright
 
 
+# a jump costs about as much as so many frames
+_READ_ON = 8
+
+
 class Seeker(Protocol):
     """The frames of one camera, in any order; may be asked from several threads."""
 
@@ -98,16 +102,39 @@ class VideoSeeker:
         return f"{self._config.path}: camera {self._config.camera}"
 
     def _reach(self, tick: int) -> tuple[int, VideoFrame]:
-        """Decode to the frame of this time: on from the last one where no key frame lies between, else from the key frame."""
-        key = int(self._keys[max(int(np.searchsorted(self._keys, tick, "right")) - 1, 0)])
-        if self._last is None or not key <= self._last[0] < tick:
-            self._container.seek(key, stream=self._stream)
+        """Decode to the frame of this time: on from the last one where that is near, else from a key frame before."""
+        key = max(int(np.searchsorted(self._keys, tick, "right")) - 1, 0)
+        if self._last is not None and self._is_near(self._last[0], tick, int(self._keys[key])):
+            found = self._first_from(tick)
+            if found is not None:
+                return tick, found
+        # containers without an index may land behind the key frame that was asked for: then one key frame earlier
+        for place in range(key, -1, -1):
+            self._container.seek(int(self._keys[place]) if place else 0, stream=self._stream)
             self._decoding = self._decoded()
-        for decoded in self._decoding:
-            if decoded.pts is not None and decoded.pts >= tick:
-                return tick, decoded
+            found = self._first_from(tick, whole=place > 0)
+            if found is not None:
+                return tick, found
         self._last = None
         raise SourceError(f"{self._where}: frame at {float(tick * self._base):.3f} s of the file cannot be decoded")
+
+    def _is_near(self, last: int, tick: int, key: int) -> bool:
+        """Whether reading on from the last frame decodes hardly more than starting at the key frame."""
+        at, begin = np.searchsorted(self._ticks, (last, key))
+        return last < tick and int(at) + _READ_ON >= int(begin)
+
+    def _first_from(self, tick: int, *, whole: bool = False) -> VideoFrame | None:
+        """The first frame from a time on; None where there is none, or, with `whole`, where nothing before it was decoded."""
+        before = False
+        for decoded in self._decoding:
+            if decoded.pts is None:
+                continue
+            if decoded.pts == tick or (decoded.pts > tick and (before or not whole)):
+                return decoded
+            if decoded.pts > tick:
+                return None
+            before = True
+        return None
 
     def _decoded(self) -> Iterator[VideoFrame]:
         """Frames from here on; packets that cannot be decoded are left out."""

@@ -24,7 +24,7 @@ def add_routes(app: Any, workspace: Workspace) -> None:
     @app.get("/studio/thumbnail")
     async def small_picture(name: str) -> Response:
         try:
-            picture = await run.io_bound(thumbnail, workspace.existing(name))
+            picture = await run.io_bound(thumbnail, workspace.existing(name), workspace.root)
         except PosefuseError as error:
             return Response(str(error), status_code=404, media_type="text/plain")
         return Response(picture, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=60"})

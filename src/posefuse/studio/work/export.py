@@ -15,6 +15,6 @@ def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progres
     result, out = workspace.existing(arguments["result"]), workspace.path(arguments["out"])
     progress("read", 0, None, f"reading {arguments['result']}")
     recording = pf.read(result)
-    session = None if recording.is_live else nearby_session(recording, result)
+    session = None if recording.is_live else nearby_session(recording, result, workspace.root)
     made = recording.export(out, arguments["formats"], session=session and session.folder, progress=progress)
     return {"files": [workspace.name_of(path) for path in made]}

@@ -1,0 +1,147 @@
+"""One visitor's playback of one recording: where it stands, and what the elements of the page draw there."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from nicegui import background_tasks, run
+
+import posefuse as pf
+from posefuse.core import InputError, JointAngles
+from posefuse.core.arrays import Array
+from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.pipeline.playback import Moment, Playback
+from posefuse.pipeline.session_images import nearby_session
+
+from .scene.messages import image_message, labels_message, poses_message, setup_message
+from .scene.setup import scene_setup
+from .streams import Stream
+
+TILE_PX = 480
+# frames per second while playing: what several videos cost a small computer to decode
+_PLAY_HZ = 12.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OpenedRecording:
+    """A recording with all that its page shows.
+
+    Attributes:
+        playback: its moments. joints: angles of all people; None where there are none. gaits: by place of a person who walks.
+    """
+
+    recording: pf.Recording
+    playback: Playback
+    joints: JointAngles | None
+    gaits: dict[int, Gait]
+
+    @property
+    def t_s(self) -> Array:
+        """(T,) session seconds."""
+        return self.recording.poses.t_ns / 1e9
+
+
+def open_recording(path: Path, within: Path) -> OpenedRecording:
+    """Read a recording and open its videos, if they lie in the folder `within`; takes seconds for a long one.
+
+    Raises:
+        PosefuseError: not a recording, or damaged.
+    """
+    recording = pf.read(path)
+    session = None if recording.is_live else nearby_session(recording, path, within)
+    try:
+        joints = recording.joint_angles(fit="none")
+    except InputError:
+        joints = None
+    found = {n: gait_from_poses(recording.poses, n) for n in range(len(recording.poses.person_id))}
+    gaits = {n: gait for n, gait in found.items() if gait is not None}
+    _ = recording.views  # kept for every moment that follows
+    return OpenedRecording(recording=recording, playback=Playback(recording, session), joints=joints, gaits=gaits)
+
+
+class Player:
+    """Moves over a recording; the newest place asked for wins.
+
+    Args:
+        opened: the recording. stream: what it draws to.
+
+    Attributes:
+        t_s: where it stands, session seconds. playing: whether it moves on by itself. speed: of playing.
+    """
+
+    def __init__(self, opened: OpenedRecording, stream: Stream) -> None:
+        self.opened, self._stream = opened, stream
+        t_s = opened.t_s
+        self.begin_s, self.end_s = (float(t_s[0]), float(t_s[-1])) if len(t_s) else (0.0, 0.0)
+        self.t_s, self.playing, self.speed = self.begin_s, False, 1.0
+        self._wanted: float | None = None
+        self._busy = False
+
+    def start(self) -> None:
+        """Draw what stays, and the first moment; call in the event loop."""
+        recording = self.opened.recording
+        self._stream.publish("setup", setup_message(scene_setup(recording.rig, recording.poses.skeleton)), keep=True)
+        names = dict(zip(recording.poses.person_id.tolist(), recording.person_names, strict=True))
+        self._stream.publish("labels", labels_message(names), keep=True)
+        self.seek(self.begin_s)
+
+    def seek(self, t_s: float) -> None:
+        """Go to a time; the 3D view follows at once, the videos as soon as they are decoded."""
+        self.t_s = float(np.clip(t_s, self.begin_s, self.end_s))
+        poses = self.opened.recording.poses
+        i = self.opened.playback.step_at(round(self.t_s * 1e9))
+        message = poses_message(self.t_s, poses.person_id, poses.xyz_world[i], poses.cov_world[i])
+        self._stream.publish("pose", message, keep=True)
+        self._wanted = self.t_s
+        if not self._busy:
+            self._busy = True
+            background_tasks.create(self._show())
+
+    def step(self, count: int) -> None:
+        """Go on by so many time steps."""
+        t_s = self.opened.t_s
+        i = self.opened.playback.step_at(round(self.t_s * 1e9)) + count
+        self.seek(float(t_s[np.clip(i, 0, len(t_s) - 1)]))
+
+    async def play(self) -> None:
+        """Move on until `playing` is off or the end is there."""
+        if self.t_s >= self.end_s:
+            self.seek(self.begin_s)
+        self.playing, last = True, time.monotonic()
+        while self.playing and self.t_s < self.end_s:
+            await asyncio.sleep(1 / _PLAY_HZ)
+            now = time.monotonic()
+            self.seek(self.t_s + (now - last) * self.speed)
+            last = now
+        self.playing = False
+
+    def close(self) -> None:
+        """Stop and release the videos."""
+        self.playing = False
+        self.opened.playback.close()
+
+    async def _show(self) -> None:
+        try:
+            while (t_s := self._wanted) is not None:
+                self._wanted = None
+                for c, camera in enumerate(self.opened.playback.cameras):
+                    moment = await run.io_bound(self.opened.playback.moment, camera, round(t_s * 1e9), TILE_PX)
+                    if moment is not None:
+                        self._stream.publish(("image", c), _image(c, moment), keep=True)
+        finally:
+            self._busy = False
+
+
+def _image(c: int, moment: Moment) -> bytes:
+    return image_message(
+        moment.t_ns / 1e9,
+        c,
+        moment.jpeg,
+        moment.size_wh,
+        detected_px=moment.detected_px,
+        projected_px=moment.projected_px,
+    )
