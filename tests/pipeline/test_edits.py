@@ -119,7 +119,6 @@ def test_nothing_is_thrown_away_so_that_edits_can_be_taken_back(recording: Recor
 def test_excluding_a_wrong_camera_brings_the_accuracy_back(recording: Recording) -> None:
     edited = solve_again(recording, edits=Edits(exclusions=(BLOCKED,)))
     steps = inside(recording)
-    assert (recording.poses.n_views[steps] <= edited.poses.n_views[steps].max()).all()
     assert edited.poses.n_views[steps].max() == CAMERAS - 1
     assert edited.poses.n_views[~steps].max() == CAMERAS
     assert error_mm(edited, steps) < 1.5 * error_mm(edited, ~steps)

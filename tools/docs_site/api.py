@@ -8,7 +8,7 @@ import posefuse
 
 # what `import posefuse` offers, grouped by what one does with it
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Recordings", ("track", "read", "Recording", "batch", "compare", "simulate")),
+    ("Recordings", ("track", "read", "Recording", "Edits", "Exclusion", "recordings", "batch", "compare", "plan", "simulate")),
     ("Live", ("live", "teleoperate")),
     ("Cameras", ("read_rig", "Rig", "Camera", "triangulate")),
     ("Calibration", ("calibrate_intrinsics", "calibrate_extrinsics", "calibrate_person", "calibrate_clocks", "verify")),

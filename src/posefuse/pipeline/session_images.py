@@ -18,6 +18,8 @@ from .solve import config_of
 Progress = Callable[[int, int], None]
 # how many folders above a result are looked into for its session
 _FOLDERS_UP = 3
+# where the studio puts sessions, next to its folder of results
+SESSIONS_FOLDER = "sessions"
 
 
 def session_of(recording: Recording, folder: Path) -> Session:
@@ -39,14 +41,16 @@ def session_of(recording: Recording, folder: Path) -> Session:
 
 
 def nearby_session(recording: Recording, result: Path, within: Path | None = None) -> Session | None:
-    """The session of a recording, by its name in or next to the folders above the result and in the working folder.
+    """The session of a recording, by its name in or next to the folders above the result, in their folder ``sessions``, and in
+    the working folder.
 
     Args:
         within: a folder that the session and its files must lie in; None: anywhere.
     """
     name = str(recording.provenance.get("session") or "")
     above = [Path.cwd(), *result.resolve().parents[:_FOLDERS_UP]]
-    for folder in (place for one in above for place in (one, one / name) if name and place.name == name and place.is_dir()):
+    places = (place for one in above for place in (one, one / name, one / SESSIONS_FOLDER / name))
+    for folder in (place for place in places if name and place.name == name and place.is_dir()):
         try:
             session = session_of(recording, folder)
         except PosefuseError:

@@ -19,7 +19,6 @@ from posefuse.formats.pixels import PixelConverter
 from .images import ImagesSource
 from .video import ARBITRARY_START, VideoConfig, opened_video, session_ns, upright
 
-
 # a jump costs about as much as so many frames
 _READ_ON = 8
 

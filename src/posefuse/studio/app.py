@@ -28,6 +28,7 @@ except ImportError as error:
     raise DependencyError(f'studio: {error.name} is missing; install the extra: pip install "posefuse[studio]"') from None
 
 from .pages import PAGES, Page
+from .recording_files import add_routes
 from .shell import shell
 
 _RECONNECT_S = 10.0
@@ -48,6 +49,7 @@ def application(studio: Studio) -> Any:
         with contextlib.suppress(RuntimeError):
             await studio.streams[name].serve(websocket)
 
+    add_routes(pages_app, studio.workspace)
     outer = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     ui.run_with(outer, title="posefuse studio", dark=None, reconnect_timeout=_RECONNECT_S, show_welcome_message=False)
     return AccessMiddleware(outer, studio.access)

@@ -129,7 +129,9 @@ class EditCard:
                 with ui.row().classes("pf-edit"):
                     ui.icon("content_cut")
                     ui.label(f"{one.camera or 'all cameras'}, {one.start_s:.2f} to {one.end_s:.2f} s")
-                    ui.button(icon="close", on_click=lambda p=place: self._remove(p)).props('flat round dense aria-label="Remove"')
+                    ui.button(icon="close", on_click=lambda p=place: self._remove(p)).props(
+                        'flat round dense aria-label="Remove"'
+                    )
 
     def _remove(self, place: int) -> None:
         self._change(exclusions=tuple(one for i, one in enumerate(self.edits.exclusions) if i != place))

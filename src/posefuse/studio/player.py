@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -24,19 +27,19 @@ from .streams import Stream
 TILE_PX = 480
 # frames per second while playing: what several videos cost a small computer to decode
 _PLAY_HZ = 12.0
+_PERSON_RGB = ((38, 198, 218), (255, 179, 0), (236, 64, 122), (124, 179, 66), (126, 87, 194), (255, 112, 67))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OpenedRecording:
-    """A recording with all that its page shows.
+    """A recording with all that its page shows at once.
 
     Attributes:
-        playback: its moments. joints: angles of all people; None where there are none. gaits: by place of a person who walks.
+        playback: its moments. gaits: by place of a person who walks.
     """
 
     recording: pf.Recording
     playback: Playback
-    joints: JointAngles | None
     gaits: dict[int, Gait]
 
     @property
@@ -53,14 +56,28 @@ def open_recording(path: Path, within: Path) -> OpenedRecording:
     """
     recording = pf.read(path)
     session = None if recording.is_live else nearby_session(recording, path, within)
-    try:
-        joints = recording.joint_angles(fit="none")
-    except InputError:
-        joints = None
     found = {n: gait_from_poses(recording.poses, n) for n in range(len(recording.poses.person_id))}
     gaits = {n: gait for n, gait in found.items() if gait is not None}
     _ = recording.views  # kept for every moment that follows
-    return OpenedRecording(recording=recording, playback=Playback(recording, session), joints=joints, gaits=gaits)
+    return OpenedRecording(recording=recording, playback=Playback(recording, session), gaits=gaits)
+
+
+@cache
+def _other_process() -> ProcessPoolExecutor:
+    """A process for what compiles code, which would hold up every page; it ends with the server."""
+    return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+
+
+async def joint_angles(path: Path) -> JointAngles | None:
+    """Angles of all people of a recording, straight from its points, worked out in another process; None where there are none."""
+    return await asyncio.get_running_loop().run_in_executor(_other_process(), _joint_angles, path)
+
+
+def _joint_angles(path: Path) -> JointAngles | None:
+    try:
+        return pf.read(path).joint_angles(fit="none")
+    except InputError:
+        return None
 
 
 class Player:
@@ -131,17 +148,18 @@ class Player:
                 for c, camera in enumerate(self.opened.playback.cameras):
                     moment = await run.io_bound(self.opened.playback.moment, camera, round(t_s * 1e9), TILE_PX)
                     if moment is not None:
-                        self._stream.publish(("image", c), _image(c, moment), keep=True)
+                        self._stream.publish(("image", c), self._image(c, moment), keep=True)
         finally:
             self._busy = False
 
-
-def _image(c: int, moment: Moment) -> bytes:
-    return image_message(
-        moment.t_ns / 1e9,
-        c,
-        moment.jpeg,
-        moment.size_wh,
-        detected_px=moment.detected_px,
-        projected_px=moment.projected_px,
-    )
+    def _image(self, c: int, moment: Moment) -> bytes:
+        people = self.opened.recording.poses.person_id.tolist()
+        return image_message(
+            moment.t_ns / 1e9,
+            c,
+            moment.jpeg,
+            moment.size_wh,
+            detected_px=moment.detected_px,
+            projected_px=moment.projected_px,
+            rgba=[(*_PERSON_RGB[person % len(_PERSON_RGB)], 255) for person in people],
+        )

@@ -104,8 +104,12 @@ def _axes(span: Span, low: float, high: float, unit: str) -> str:
     parts = []
     for value in _round_values(low, high, 4):
         y = _y_px(value, low, high)
-        parts.append(f'<line x1="{_LEFT}" x2="{width - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}" stroke="#90a4ae" stroke-opacity="0.35"/>')
-        parts.append(f'<text x="{_LEFT - 8}" y="{y + 5:.1f}" font-size="14" fill="#78909c" text-anchor="end">{value:g}{unit}</text>')
+        parts.append(
+            f'<line x1="{_LEFT}" x2="{width - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}" stroke="#90a4ae" stroke-opacity="0.35"/>'
+        )
+        parts.append(
+            f'<text x="{_LEFT - 8}" y="{y + 5:.1f}" font-size="14" fill="#78909c" text-anchor="end">{value:g}{unit}</text>'
+        )
     for value in _round_values(span.begin_s, span.end_s, 8):
         x = span.x_px(value)
         parts.append(f'<text x="{x:.1f}" y="{height - 8}" font-size="14" fill="#78909c" text-anchor="middle">{value:g} s</text>')

@@ -24,4 +24,6 @@ PAGES = (
     Page("cameras", "/", "Cameras", "videocam"),
     Page("calibrate", "/calibrate", "Calibrate", "straighten"),
     Page("live", "/live", "Live", "sensors"),
+    Page("recordings", "/recordings", "Recordings", "movie"),
+    Page("simulate", "/simulate", "Simulate", "view_in_ar"),
 )

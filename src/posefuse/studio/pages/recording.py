@@ -7,11 +7,11 @@ from pathlib import PurePosixPath
 import numpy as np
 from nicegui import events, run, ui
 
-from posefuse.core import PosefuseError
+from posefuse.core import JointAngles, PosefuseError
 from posefuse.studio.edit_card import EditCard
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.output_card import output_card
-from posefuse.studio.player import Player, open_recording
+from posefuse.studio.player import Player, joint_angles, open_recording
 from posefuse.studio.scene.view import CameraTile, RigScene
 from posefuse.studio.shell import card, refused, title
 from posefuse.studio.state import Studio
@@ -19,6 +19,7 @@ from posefuse.studio.timeline import SIZE_PX, Curve, Span, cursor, picture
 
 _POLL_S = 0.1
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
+_SIDES = ("left", "right")
 _FIRST_ANGLES = (("knee", "flexion"), ("hip", "flexion"))
 
 
@@ -29,10 +30,9 @@ def build(studio: Studio, name: str) -> None:
         ui.link("All recordings", "/recordings")
     title(PurePosixPath(name).name, name)
     place = ui.column().classes("pf-page-body")
-    with place:
-        with ui.row().classes("pf-tools") as waiting:
-            ui.spinner()
-            ui.label("Reading the recording ...").classes("pf-small")
+    with place, ui.row().classes("pf-tools") as waiting:
+        ui.spinner()
+        ui.label("Reading the recording ...").classes("pf-small")
 
     async def load() -> None:
         try:
@@ -41,6 +41,9 @@ def build(studio: Studio, name: str) -> None:
         except PosefuseError as error:
             waiting.clear()
             refused(error)
+            return
+        if client.is_deleted:
+            opened.playback.close()
             return
         waiting.delete()
         stream = f"recording-{client.id}"
@@ -52,8 +55,11 @@ def build(studio: Studio, name: str) -> None:
 
         client.on_delete(leave)
         with place:
-            _Recording(studio, name, player, stream)
+            elements = _Recording(studio, name, player, stream)
         player.start()
+        joints = await joint_angles(path)
+        if not client.is_deleted:
+            elements.show_angles(joints)
 
     ui.timer(0.05, load, once=True)
 
@@ -65,6 +71,7 @@ class _Recording:
         self._player, self._opened = player, player.opened
         self._span = Span(player.begin_s, player.end_s)
         self._drawn: object = None
+        self._joints: JointAngles | None = None
         with ui.element("div").classes("pf-split"):
             self._videos(stream)
             with card("3D") as head:
@@ -104,26 +111,24 @@ class _Recording:
             ui.button(icon="skip_previous", on_click=lambda: player.step(-1)).props('flat round aria-label="One frame back"')
             self._play = ui.button(icon="play_arrow", on_click=self._toggle).props('round aria-label="Play or pause"')
             ui.button(icon="skip_next", on_click=lambda: player.step(1)).props('flat round aria-label="One frame on"')
-            self._slider = ui.slider(
-                min=player.begin_s, max=max(player.end_s, player.begin_s + 1e-3), step=0.001, value=player.t_s,
-                on_change=lambda e: self._slid(e.value), throttle=0.05,
-            ).props('aria-label="Time"').classes("pf-time")  # fmt: skip
+            self._slider = ui.slider(min=player.begin_s, max=max(player.end_s, player.begin_s + 1e-3), step=0.001)
+            # only what the hand moves comes back: the slider follows the player, too
+            self._slider.on("update:model-value", lambda e: player.seek(float(e.args)), throttle=0.05)
+            self._slider.props('aria-label="Time"').classes("pf-time")
             self._time = ui.label("").classes("pf-clock")
             ui.select(_SPEEDS, value=1.0, on_change=lambda e: setattr(player, "speed", e.value)).props(
                 'dense outlined aria-label="Speed"'
             )
 
     def _angles(self) -> None:
-        joints = self._opened.joints
         with card("Angles and gait events") as head:
-            names = [] if joints is None else [f"{j} {a}" for q, j in enumerate(joints.joints) for a in joints.angle_names[q]]
             people = dict(enumerate(self._opened.recording.person_names))
             with head:
                 ui.space()
                 self._person = ui.select(people, value=0 if people else None, on_change=self._redraw).props(
                     'dense outlined aria-label="Person"'
                 )
-                self._chosen = ui.select(names, multiple=True, value=_first(names), on_change=self._redraw).props(
+                self._chosen = ui.select([], multiple=True, value=[], on_change=self._redraw).props(
                     'dense outlined aria-label="Angles"'
                 )
             self._plot = ui.interactive_image(
@@ -131,28 +136,25 @@ class _Recording:
             ).classes("pf-timeline")
             self._redraw()
 
+    def show_angles(self, joints: JointAngles | None) -> None:
+        """Take the angles when they are there."""
+        self._joints = joints
+        names = [] if joints is None else [f"{j} {a}" for q, j in enumerate(joints.joints) for a in joints.angle_names[q]]
+        self._chosen.set_options(names, value=_first(names))
+        self._redraw()
+
     def _redraw(self) -> None:
-        opened, joints, n = self._opened, self._opened.joints, self._person.value
+        opened, n = self._opened, self._person.value
         if n is None or not len(opened.t_s):
             return
-        curves = []
-        for text in self._chosen.value if joints is not None else ():
-            joint, angle = text.split(" ", 1)
-            q = joints.joints.index(joint)
-            values = np.degrees(joints.angle_rad[:, n, q, joints.angle_names[q].index(angle)])
-            curves.append(Curve(text.replace("_", " "), values, joint.split("_")[0] if joint.split("_")[0] in _SIDES else "mid"))
         gait = opened.gaits.get(n)
         strikes = {} if gait is None else {side: times + self._span.begin_s for side, times in gait.strike_s.items()}
+        curves = [] if self._joints is None else [_curve(self._joints, n, text) for text in self._chosen.value]
         self._plot.set_source(picture(opened.t_s, curves, strikes, "°"))
 
     def _pointed(self, event: events.MouseEventArguments) -> None:
         if event.type == "mousedown" or event.buttons:
             self._player.seek(self._span.t_s(event.image_x))
-
-    def _slid(self, value: float) -> None:
-        # the slider follows the player, too: only what differs was moved by hand
-        if abs(value - self._player.t_s) > 1e-3:
-            self._player.seek(value)
 
     async def _toggle(self) -> None:
         if self._player.playing:
@@ -173,7 +175,13 @@ class _Recording:
         self._plot.set_content(cursor(self._span, self._player.t_s, self._edit.edits.exclusions, self._edit.marked_s))
 
 
-_SIDES = ("left", "right")
+def _curve(joints: JointAngles, n: int, text: str) -> Curve:
+    """An angle of the person at place n, by the words that choose it."""
+    joint, angle = text.split(" ", 1)
+    q = joints.joints.index(joint)
+    values = np.degrees(joints.angle_rad[:, n, q, joints.angle_names[q].index(angle)])
+    side = joint.split("_")[0]
+    return Curve(text.replace("_", " "), values, side if side in _SIDES else "mid")
 
 
 def _first(names: list[str]) -> list[str]:
@@ -183,6 +191,3 @@ def _first(names: list[str]) -> list[str]:
         if found:
             return found
     return names[:2]
-
-
-

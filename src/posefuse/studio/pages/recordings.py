@@ -93,7 +93,9 @@ class _List:
         address = f"{PATH}?{urlencode({'open': name})}"
         with ui.card().classes("pf-card pf-recording-card").props("flat bordered"):
             with ui.link(target=address).props(f'aria-label="Open {name}"'):
-                ui.image(f"/studio/thumbnail?{urlencode({'name': name})}").classes("pf-thumbnail").props("no-spinner ratio=1.7778")
+                ui.image(f"/studio/thumbnail?{urlencode({'name': name})}").classes("pf-thumbnail").props(
+                    "no-spinner ratio=1.7778"
+                )
             with ui.row().classes("pf-card-head"):
                 ui.link(name, address).classes("pf-recording-name")
                 ui.space()
@@ -101,7 +103,7 @@ class _List:
                     f'dense aria-label="Choose {name} to compare"'
                 )
             if one.problem:
-                light("bad" if not one.live else "off", one.problem)
+                light("bad" if not one.live else "off", one.problem.replace(f"{self._studio.workspace.root}/", ""))
                 return
             ui.label(about(one)).classes("pf-small")
             light(one.mark(), quality(one))
@@ -130,9 +132,7 @@ class _List:
                 try:
                     self._studio.workspace.existing(study.value)
                     check_name(out.value)
-                    self._studio.jobs.start(
-                        "batch", f"Study {study.value}", {"study": study.value, "out": out.value}, page=PATH
-                    )
+                    self._studio.jobs.start("batch", f"Study {study.value}", {"study": study.value, "out": out.value}, page=PATH)
                 except InputError as error:
                     refused(error)
                     return

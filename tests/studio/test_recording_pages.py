@@ -1,0 +1,227 @@
+"""What the pages Recordings and Simulate are made of: curves, maps, files by address, the player, the jobs."""
+
+import asyncio
+import base64
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+from small_session import COUNT, PERIOD_NS, saved_session
+
+import posefuse as pf
+from posefuse.core import ConfigError, Rig
+from posefuse.evaluation.rig_plan import plan_rig
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.pipeline.edits import Exclusion
+from posefuse.simulation.cameras import PlacedCamera, placed_cameras
+from posefuse.simulation.planning import (
+    camera_of,
+    first_plan,
+    free_camera_name,
+    rig_of_scene,
+    with_camera,
+    with_test_walk,
+    without_camera,
+)
+from posefuse.simulation.scene import Scene, check_scene, read_scene
+from posefuse.simulation.scene_files import plain_settings, scene_text
+from posefuse.studio.plan_view import RoomMap, cameras_svg, heat_picture, nearest_camera
+from posefuse.studio.player import Player, open_recording
+from posefuse.studio.recording_files import add_routes
+from posefuse.studio.scene.messages import IMAGE, POSES
+from posefuse.studio.streams import Stream
+from posefuse.studio.timeline import Curve, Span, cursor, picture
+from posefuse.studio.work import compare, export, report
+from posefuse.studio.workspace import Workspace
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, ring_rig: Callable[..., Rig], monkeypatch: pytest.MonkeyPatch) -> Workspace:
+    """With a session ``walk`` and its result ``result``."""
+    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "ws").mkdir()
+    saved_session(tmp_path / "ws", ring_rig)
+    return Workspace(tmp_path / "ws")
+
+
+def svg_of(address: str) -> str:
+    return base64.b64decode(address.partition(",")[2]).decode()
+
+
+def test_time_and_place_on_the_timeline_are_inverse() -> None:
+    span = Span(3.0, 13.0)
+    for t_s in (3.0, 7.25, 13.0):
+        assert span.t_s(span.x_px(t_s)) == pytest.approx(t_s)
+    assert (span.t_s(-50), span.t_s(99_999)) == (3.0, 13.0)
+
+
+def test_a_curve_has_a_gap_where_values_are_missing() -> None:
+    t_s = np.linspace(0, 2, 20)
+    values = np.sin(t_s)
+    whole = svg_of(picture(t_s, [Curve("left knee", values, "left")], {"left": np.array([0.5])}, "°"))
+    values[8:11] = np.nan
+    broken = svg_of(picture(t_s, [Curve("left knee", values, "left")], {}, "°"))
+    assert whole.count("M") == 1
+    assert broken.count("M") == 2
+    assert "left knee" in whole
+
+
+def test_names_cannot_bring_markup_into_a_picture() -> None:
+    t_s = np.linspace(0, 1, 5)
+    assert "<script>" not in svg_of(picture(t_s, [Curve("<script>", t_s)], {}, ""))
+    assert "<b>" not in cursor(Span(0, 1), 0.5, [Exclusion(start_s=0, end_s=1, camera="<b>")], (0.2, 0.4))
+
+
+def test_a_long_recording_is_drawn_with_few_points() -> None:
+    t_s = np.arange(18_000) / 30
+    assert len(picture(t_s, [Curve("knee", np.sin(t_s))], {}, "°")) < 20_000
+
+
+def test_the_room_map_is_inverse_and_stays_inside() -> None:
+    room = RoomMap((6.0, 4.0))
+    assert room.metres(*room.px(1.25, -1.5)) == (1.25, -1.5)
+    assert room.metres(-999, 9999) == (-3.0, -2.0)
+    assert room.px(0, 1)[1] < room.px(0, 0)[1]
+
+
+def test_the_map_is_brighter_where_the_rig_is_more_exact() -> None:
+    scene, room = first_plan(), RoomMap((7.0, 7.0))
+    plan = plan_rig(rig_of_scene(scene), room.size_m, step_m=0.5)
+    image = cv2.imdecode(
+        np.frombuffer(base64.b64decode(heat_picture(plan, room).partition(",")[2]), np.uint8), cv2.IMREAD_UNCHANGED
+    )
+    assert (image.shape[1], image.shape[0]) == room.size_px
+    brightness = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
+    at = lambda x, y: float(brightness[tuple(int(v) for v in room.px(x, y)[::-1])])  # noqa: E731
+    best, worst = (np.unravel_index(f(plan.error_map_mm), plan.error_map_mm.shape) for f in (np.nanargmin, np.nanargmax))
+    assert at(plan.x_m[best[1]], plan.y_m[best[0]]) > at(plan.x_m[worst[1]], plan.y_m[worst[0]])
+
+
+def test_a_camera_is_found_where_it_is_drawn() -> None:
+    room, cameras = RoomMap((7.0, 7.0)), placed_cameras(first_plan().cameras)
+    for camera in cameras:
+        assert nearest_camera(cameras, *room.px(*camera.position_m[:2]), room) == camera.name
+    assert nearest_camera(cameras, *room.px(0, 0), room) == ""
+    assert all(camera.name in cameras_svg(cameras, cameras[0].name, room) for camera in cameras)
+
+
+def test_a_plan_is_changed_camera_by_camera() -> None:
+    scene = first_plan(4)
+    name = free_camera_name(scene)
+    more = with_camera(scene, PlacedCamera(name=name, position_m=(0.0, -3.0, 2.0)))
+    moved = with_camera(more, PlacedCamera(name=name, position_m=(1.0, -3.0, 2.0)))
+    assert camera_of(moved, name).position_m == (1.0, -3.0, 2.0)
+    assert without_camera(moved, name) == scene
+    with pytest.raises(ConfigError, match="own position"):
+        with_camera(scene, PlacedCamera(name=name, position_m=(0.0, 0.0, 1.0)))
+    only = scene
+    for camera in placed_cameras(scene.cameras)[1:]:
+        only = without_camera(only, camera.name)
+    with pytest.raises(ConfigError, match="needs a camera"):
+        without_camera(only, "cam00")
+
+
+def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> None:
+    scene = with_test_walk(first_plan(), 2.0)
+    (tmp_path / "plan.yaml").write_text(scene_text(scene), encoding="utf-8")
+    read = read_scene(tmp_path / "plan.yaml")
+    assert read == scene == settings_from_mapping(plain_settings(scene), Scene, where="plan")
+    check_scene(read)
+    from posefuse.simulation.build import live_scene
+
+    live_scene(read)  # cameras inside the room, nobody walks through a wall or a camera
+
+
+@pytest.fixture
+def client(workspace: Workspace) -> TestClient:
+    app = FastAPI()
+    add_routes(app, workspace)
+    return TestClient(app)
+
+
+def test_a_small_picture_is_fetched_by_name(client: TestClient) -> None:
+    answer = client.get("/studio/thumbnail", params={"name": "result"})
+    assert answer.headers["content-type"] == "image/jpeg"
+    assert cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR) is not None
+    assert client.get("/studio/thumbnail", params={"name": "walk"}).status_code == 404
+
+
+@pytest.mark.parametrize("name", ["../secret.txt", "/etc/passwd", "link", "result", "nowhere.html"])
+def test_no_file_outside_the_workspace_is_fetched(client: TestClient, workspace: Workspace, name: str) -> None:
+    secret = workspace.root.parent / "secret.txt"
+    secret.write_text("secret")
+    (workspace.root / "link").symlink_to(secret)
+    answer = client.get("/studio/file", params={"name": name})
+    assert answer.status_code == 404
+    assert "secret\n" not in answer.text
+
+
+def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient, workspace: Workspace) -> None:
+    (workspace.root / "page.html").write_text("<script>1</script>")
+    answer = client.get("/studio/file", params={"name": "page.html"})
+    assert answer.headers["content-security-policy"].startswith("sandbox allow-scripts;")
+    assert "allow-same-origin" not in answer.headers["content-security-policy"]
+    assert client.get("/studio/file", params={"name": "result/rig.toml"}).headers["content-disposition"].startswith("attachment")
+
+
+def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: Workspace) -> None:
+    opened, stream, sent = open_recording(workspace.path("result"), workspace.root), Stream(), []
+    stream.publish = lambda key, message, keep=False: sent.append((key, message))  # type: ignore[method-assign]
+
+    async def use() -> None:
+        player = Player(opened, stream)
+        player.start()
+        for i in (3, 25, 11):
+            player.seek(i * PERIOD_NS / 1e9)
+        while player._busy:
+            await asyncio.sleep(0.01)
+        player.step(2)
+        assert player.t_s == pytest.approx(13 * PERIOD_NS / 1e9)
+        while player._busy:
+            await asyncio.sleep(0.01)
+        player.seek(999.0)
+        assert player.t_s == player.end_s
+        player.close()
+
+    asyncio.run(use())
+    images = [struct.unpack_from("<2sBBId", message) for key, message in sent if key == ("image", 2)]
+    assert all(one[3] == IMAGE for one in images)
+    times = [round(one[4] * 1e9 / PERIOD_NS) for one in images]
+    assert times[-1] in (13, COUNT - 1) and 11 in times
+    assert 3 not in times[1:]  # newer requests take its place
+    poses = [message for key, message in sent if key == "pose"]
+    assert all(struct.unpack_from("<2sBBId", message)[3] == POSES for message in poses)
+
+
+def test_videos_outside_the_workspace_are_not_shown(workspace: Workspace) -> None:
+    (workspace.root / "walk").rename(workspace.root.parent / "walk")
+    opened = open_recording(workspace.path("result"), workspace.root)
+    assert opened.playback.moment("cam00", 0, 480) is None
+    assert pf.read(workspace.path("result")).provenance["session"] == "walk"
+
+
+def test_jobs_write_into_the_workspace(workspace: Workspace) -> None:
+    told: list[str] = []
+    progress = lambda stage, done, total, message="": told.append(stage)  # noqa: E731
+    files = export.run({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)["files"]
+    assert {Path(name).suffix for name in files} >= {".trc", ".csv"}
+    assert all(workspace.existing(name).is_file() for name in files)
+    done = compare.run({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
+    assert done["mean_mm"] == pytest.approx(0.0, abs=1e-6)
+    assert workspace.existing(done["page"]).is_file()
+    assert told
+
+
+def test_a_report_job_replaces_its_own_report(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def written(recording: pf.Recording, folder: Path, *_: object, **__: object) -> list[Path]:
+        (folder / "report.html").write_text("page")
+        return [folder / "report.html"]
+
+    monkeypatch.setattr("posefuse.pipeline.reporting.write_biomechanics", written)
+    for _ in range(2):
+        assert report.run({"result": "result"}, workspace, lambda *_: None) == {"page": "result/biomechanics/report.html"}
