@@ -190,12 +190,12 @@ def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: Workspac
 
     asyncio.run(use())
     images = [struct.unpack_from("<2sBBId", message) for key, message in sent if key == ("image", 2)]
-    assert all(one[3] == IMAGE for one in images)
+    assert all(one[2] == IMAGE for one in images)
     times = [round(one[4] * 1e9 / PERIOD_NS) for one in images]
     assert times[-1] in (13, COUNT - 1) and 11 in times
     assert 3 not in times[1:]  # newer requests take its place
     poses = [message for key, message in sent if key == "pose"]
-    assert all(struct.unpack_from("<2sBBId", message)[3] == POSES for message in poses)
+    assert all(struct.unpack_from("<2sBBId", message)[2] == POSES for message in poses)
 
 
 def test_videos_outside_the_workspace_are_not_shown(workspace: Workspace) -> None:

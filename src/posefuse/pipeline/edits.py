@@ -77,7 +77,7 @@ def used_frames(observations: Observations, exclusions: Sequence[Exclusion]) -> 
 def only_person(new_id: Array, earlier_id: Array, person: int) -> Array:
     """(R,) people of detections after a new association, in which the one person kept has the earlier id.
 
-    That person is whoever has most of the detections that belonged to `person` before.
+    That person is the one who has most of the detections that belonged to `person` before.
 
     Raises:
         InputError: none of these detections belongs to a person any more.

@@ -11,7 +11,6 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from nicegui import background_tasks, run
 
 import posefuse as pf
 from posefuse.core import InputError, JointAngles
@@ -97,6 +96,7 @@ class Player:
         self.t_s, self.playing, self.speed = self.begin_s, False, 1.0
         self._wanted: float | None = None
         self._busy = False
+        self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
         """Draw what stays, and the first moment; call in the event loop."""
@@ -116,7 +116,7 @@ class Player:
         self._wanted = self.t_s
         if not self._busy:
             self._busy = True
-            background_tasks.create(self._show())
+            self._task = asyncio.create_task(self._show())
 
     def step(self, count: int) -> None:
         """Go on by so many time steps."""
@@ -146,7 +146,7 @@ class Player:
             while (t_s := self._wanted) is not None:
                 self._wanted = None
                 for c, camera in enumerate(self.opened.playback.cameras):
-                    moment = await run.io_bound(self.opened.playback.moment, camera, round(t_s * 1e9), TILE_PX)
+                    moment = await asyncio.to_thread(self.opened.playback.moment, camera, round(t_s * 1e9), TILE_PX)
                     if moment is not None:
                         self._stream.publish(("image", c), self._image(c, moment), keep=True)
         finally:
