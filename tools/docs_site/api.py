@@ -8,7 +8,22 @@ import posefuse
 
 # what `import posefuse` offers, grouped by what one does with it
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Recordings", ("track", "read", "Recording", "Edits", "Exclusion", "recordings", "batch", "compare", "plan", "simulate")),
+    (
+        "Recordings",
+        (
+            "track",
+            "read",
+            "Recording",
+            "Edits",
+            "Exclusion",
+            "recordings",
+            "batch",
+            "compare",
+            "plan",
+            "simulate",
+            "gazebo_world",
+        ),
+    ),
     ("Live", ("live", "teleoperate")),
     ("Cameras", ("read_rig", "Rig", "Camera", "triangulate")),
     ("Calibration", ("calibrate_intrinsics", "calibrate_extrinsics", "calibrate_person", "calibrate_clocks", "verify")),
