@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from posefuse.core import ConfigError, DependencyError, SourceError
-from posefuse.messages import dds, messages, topics
-from posefuse.messages.dds import Network, RosNode, domain_xml
+from posefuse.messages import dds_domain, messages, topics
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network, domain_xml
 from posefuse.messages.intake import Intake, encode
 from posefuse.messages.ros_output import RosOutput
 from posefuse.messages.types import message, type_hash
@@ -238,6 +239,6 @@ def test_addresses_are_quoted_in_the_configuration():
 
 
 def test_another_cyclonedds_is_refused(monkeypatch):
-    monkeypatch.setattr(dds, "TESTED_CYCLONEDDS", "0.0.0")
+    monkeypatch.setattr(dds_domain, "TESTED_CYCLONEDDS", "0.0.0")
     with pytest.raises(DependencyError, match=r"expected version 0\.0\.0, got 11"):
         RosNode("x", Network(local_only=True))

@@ -40,7 +40,8 @@ def test_a_circle_of_frames_ends():
 
 def test_transforms_of_others_are_heard_and_own_ones_are_not():
     from posefuse.messages.body_messages import transform
-    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.dds import RosNode
+    from posefuse.messages.dds_domain import Network
     from posefuse.messages.topics import TF, TF_STATIC
     from posefuse.messages.types import message
 

@@ -10,7 +10,8 @@ from posefuse.core import SKELETONS, Detections2D
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_rig
 from posefuse.messages import topics
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.intake import encode
 from posefuse.messages.messages import message_from_detections
 

@@ -15,7 +15,8 @@ pytest.importorskip("cyclonedds")
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_rig
 from posefuse.messages import topics
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.messages import message_from_detections
 from posefuse.tracking.stand_in import made_up_detections
 

@@ -13,7 +13,8 @@ pytest.importorskip("cyclonedds")
 from posefuse.core import SourceError
 from posefuse.messages import topics
 from posefuse.messages.camera_messages import info_from_camera
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.realtime.node_intrinsics import rig_of_nodes, tell_intrinsics

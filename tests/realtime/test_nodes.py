@@ -42,7 +42,8 @@ def stopped(running: Running) -> dict:
 def wait_until_heard(views: dict[str, int], poses: int) -> None:
     """Listen next to the nodes until so many views of each camera, and poses with a person in them, have come."""
     from posefuse.messages import topics
-    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.dds import RosNode
+    from posefuse.messages.dds_domain import Network
     from posefuse.messages.intake import Intake
     from posefuse.messages.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, pose_from_message
 
@@ -82,7 +83,8 @@ def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> No
 
 def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
     from posefuse.messages import topics
-    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.dds import RosNode
+    from posefuse.messages.dds_domain import Network
     from posefuse.messages.messages import message_from_detections
 
     skeleton = SKELETONS["coco17"]

@@ -22,7 +22,8 @@ SENDER = textwrap.dedent(
     import sys, time
     import numpy as np
     from posefuse.messages.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, jpeg_from_image, message_from_image
-    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.dds import RosNode
+    from posefuse.messages.dds_domain import Network
     from posefuse.messages.topics import Topic
     from posefuse.messages.types import message
     image = np.zeros((12, 16, 3), np.uint8); image[:, :8] = 200

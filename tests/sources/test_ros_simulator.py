@@ -26,7 +26,8 @@ SENDER = textwrap.dedent(
     import pickle, sys, time
     import numpy as np
     from posefuse.messages.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera, message_from_image
-    from posefuse.messages.dds import Network, RosNode
+    from posefuse.messages.dds import RosNode
+    from posefuse.messages.dds_domain import Network
     from posefuse.messages.messages import time_from_ns
     from posefuse.messages.topics import CLOCK, Topic
     from posefuse.messages.types import message

@@ -13,7 +13,8 @@ from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import SourceError
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.messages import topics
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.outputs.live.ros import Ros2Config
 from posefuse.realtime.camera_node import CameraNode
 from posefuse.realtime.clock import SessionClock

@@ -27,13 +27,15 @@ from .live_messages import (
     OutputHealth,
 )
 from .observations import DetectionBatch, LookKind, Observations
+from .poses import Kind, Pose3D, PoseSequence
 from .progress import Progress, silent
 from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
 from .recording import Recording
 from .rig import Rig
 from .se3 import SE3
 from .skeleton import PAPER14, SKELETONS, Skeleton, pick_keypoints
-from .values import CameraTruth, Detections2D, Frame, Kind, Pose3D, PoseSequence, Region, Truth, Views
+from .truth import CameraTruth, Truth
+from .values import Detections2D, Frame, Region, Views
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .joint_angles import JointAngles
+from .poses import Pose3D
 from .rig import Rig
-from .values import Detections2D, Pose3D
+from .values import Detections2D
 
 OK, FAILED = "ok", "failed"
 

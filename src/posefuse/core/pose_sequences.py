@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .errors import ShapeError
-from .values import Kind, Pose3D, PoseSequence
+from .poses import Kind, Pose3D, PoseSequence
 
 
 def sequence_of_all(poses: Sequence[Pose3D]) -> PoseSequence:

@@ -12,8 +12,8 @@ import numpy as np
 from .arrays import Array
 from .errors import ShapeError, choices
 from .observations import Observations
+from .poses import PoseSequence
 from .rig import Rig
-from .values import PoseSequence
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 

@@ -6,31 +6,16 @@ mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (neve
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields
 from .encoded import EncodedImage
 from .errors import ShapeError
-from .joint_angles import JointAngles
-from .rig import Rig
 from .skeleton import Skeleton
-
-
-class Kind(IntEnum):
-    """How a 3D keypoint came about."""
-
-    MISSING = 0
-    FUSED = 1  # from the views of this time step alone
-    SMOOTHED = 2  # from views of this and neighbouring time steps
-    INTERPOLATED = 3  # inside a gap, from both sides of it
-    PREDICTED = 4  # ahead of the newest measurement
-
 
 # the arrays of `Detections2D` and their axes
 DETECTION_ARRAYS = {
@@ -44,7 +29,8 @@ DETECTION_ARRAYS = {
 NO_TRACK = -1
 
 
-def _check_keypoints(value: Any, sizes: Mapping[str, int]) -> None:
+def check_keypoints(value: Any, sizes: Mapping[str, int]) -> None:
+    """Raise ShapeError when the arrays of a value have another number of keypoints than its skeleton."""
     skeleton: Skeleton = value.skeleton
     if sizes["K"] != len(skeleton):
         raise ShapeError(
@@ -140,7 +126,7 @@ class Detections2D:
         if not len(self.track_id):
             object.__setattr__(self, "track_id", np.full(people, NO_TRACK))
         freeze_fields(self, dict.fromkeys(DETECTION_ARRAYS, np.float32) | {"track_id": np.int64})
-        _check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
+        check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
 
     def __len__(self) -> int:
         return len(self.xy_img)
@@ -187,173 +173,6 @@ class Views:
     def __post_init__(self) -> None:
         freeze_fields(self, {"person_id": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
         sizes = check_fields(self, {"person_id": "N", "xy_img": "N C K 2", "score": "N C K", "sigma_px": "N C K"})
-        _check_keypoints(self, sizes)
+        check_keypoints(self, sizes)
         if sizes["C"] != len(self.camera_names):
             raise ShapeError(f"Views: {len(self.camera_names)} camera names, arrays have {sizes['C']} cameras")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Pose3D:
-    """People in 3D at one time step.
-
-    Attributes:
-        t_ns: session clock.
-        person_id: (N,) int64.
-        xyz_world: (N, K, 3) metres; NaN where missing.
-        cov_world: (N, K, 3, 3) square metres; NaN where missing.
-        reproj_px: (N, K) rms distance of the used views' raw pixels to the reprojection.
-        n_views: (N, K) uint8 views used.
-        kind: (N, K) uint8 of `Kind`.
-    """
-
-    t_ns: int
-    skeleton: Skeleton
-    person_id: Array
-    xyz_world: Array
-    cov_world: Array
-    reproj_px: Array
-    n_views: Array
-    kind: Array
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, _POSE_DTYPES)
-        _check_keypoints(self, check_fields(self, _POSE_AXES))
-
-    @staticmethod
-    def empty(t_ns: int, skeleton: Skeleton) -> Pose3D:
-        """No person at this time."""
-        sizes = {"N": 0, "K": len(skeleton), "3": 3}
-        arrays = {name: np.zeros([sizes[axis] for axis in axes.split()]) for name, axes in _POSE_AXES.items()}
-        return Pose3D(t_ns=t_ns, skeleton=skeleton, **arrays)
-
-    def people(self, which: Array) -> Pose3D:
-        """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
-        chosen: dict[str, Any] = {name: getattr(self, name)[which] for name in _POSE_AXES}
-        return replace(self, **chosen)
-
-
-_POSE_DTYPES: dict[str, DTypeLike] = {
-    "person_id": np.int64,
-    "xyz_world": np.float64,
-    "cov_world": np.float64,
-    "reproj_px": np.float64,
-    "n_views": np.uint8,
-    "kind": np.uint8,
-}
-_POSE_AXES = {
-    "person_id": "N",
-    "xyz_world": "N K 3",
-    "cov_world": "N K 3 3",
-    "reproj_px": "N K",
-    "n_views": "N K",
-    "kind": "N K",
-}
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PoseSequence:
-    """People in 3D over time: `Pose3D` with an axis T in front, person_id excepted.
-
-    Attributes:
-        t_ns: (T,) int64, strictly increasing.
-        person_id: (N,).
-        xyz_world: (T, N, K, 3).
-        cov_world: (T, N, K, 3, 3).
-        reproj_px: (T, N, K).
-        n_views: (T, N, K).
-        kind: (T, N, K).
-    """
-
-    t_ns: Array
-    skeleton: Skeleton
-    person_id: Array
-    xyz_world: Array
-    cov_world: Array
-    reproj_px: Array
-    n_views: Array
-    kind: Array
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64} | _POSE_DTYPES)
-        axes = {name: text if name == "person_id" else f"T {text}" for name, text in _POSE_AXES.items()}
-        _check_keypoints(self, check_fields(self, {"t_ns": "T"} | axes))
-        if (np.diff(self.t_ns) <= 0).any():
-            raise ShapeError("PoseSequence.t_ns: expected strictly increasing times")
-
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-    def at(self, i: int) -> Pose3D:
-        """The time step at place i of axis T."""
-        return Pose3D(
-            t_ns=int(self.t_ns[i]),
-            skeleton=self.skeleton,
-            person_id=self.person_id,
-            xyz_world=self.xyz_world[i],
-            cov_world=self.cov_world[i],
-            reproj_px=self.reproj_px[i],
-            n_views=self.n_views[i],
-            kind=self.kind[i],
-        )
-
-    @staticmethod
-    def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
-        """Stack time steps of the same people (same person_id in the same order); raises ShapeError otherwise."""
-        if not poses:
-            raise ShapeError("PoseSequence: expected at least 1 pose, got 0")
-        first = poses[0]
-        if any(p.skeleton != first.skeleton or not np.array_equal(p.person_id, first.person_id) for p in poses):
-            raise ShapeError("PoseSequence: expected the same skeleton and people in every pose")
-        stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
-        return PoseSequence(t_ns=np.array([p.t_ns for p in poses]), skeleton=first.skeleton, person_id=first.person_id, **stacked)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CameraTruth:
-    """What one camera would have seen exactly, at its own frame times.
-
-    Attributes:
-        t_ns: (F,) mid-exposure, session clock, strictly increasing.
-        xy_img: (F, N, K, 2) raw distorted px; NaN behind the camera.
-        visible: (F, N, K) bool: in the image and not hidden, by depth test.
-    """
-
-    camera: str
-    t_ns: Array
-    xy_img: Array
-    visible: Array
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "xy_img": np.float64, "visible": np.bool_})
-        check_fields(self, {"t_ns": "F", "xy_img": "F N K 2", "visible": "F N K"})
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Truth:
-    """A scene known exactly.
-
-    Attributes:
-        rig: the true cameras.
-        t_ns: (T,) session clock.
-        skeleton: anatomical keypoints. person_id: (N,).
-        xyz_world: (T, N, K, 3).
-        joints: segment poses and angles at the same times, from the body model itself; None when not asked for.
-        views: one entry per camera, in the order of the rig.
-    """
-
-    rig: Rig
-    t_ns: Array
-    skeleton: Skeleton
-    person_id: Array
-    xyz_world: Array
-    views: tuple[CameraTruth, ...]
-    joints: JointAngles | None = None
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "xyz_world": np.float64})
-        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "xyz_world": "T N K 3"})
-        _check_keypoints(self, sizes)
-        if tuple(view.camera for view in self.views) != self.rig.names:
-            raise ShapeError("Truth.views: expected one entry per camera of the rig, in its order")
-        if any(view.visible.shape[1:] != (sizes["N"], sizes["K"]) for view in self.views):
-            raise ShapeError(f"Truth.views: expected {sizes['N']} people and {sizes['K']} keypoints in every view")

@@ -8,87 +8,28 @@ their endpoints on ``ros_discovery_info`` (the design document "Node to Particip
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, NamedTuple
-from weakref import WeakValueDictionary
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from posefuse.core import ConfigError, DependencyError, SourceError
-from posefuse.core.errors import choices
+from posefuse.core import SourceError
 
+from .dds_domain import Network, open_domain, require_tested_cyclonedds
 from .idl import idl_class
 from .intake import Intake, encode
 from .topics import Topic
 from .types import message, optional_module, type_hash
 
 GRAPH = Topic("ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo", depth=1, latched=True)
-TESTED_CYCLONEDDS = "11.0.1"
 _LATCHED_WRITERS = 100
 # DDS_RETCODE_TIMEOUT, and how long a write may wait before it
 _TIMEOUT = -10
 _PATIENCE_MS = 20
 _MAX_TAKE = 256
 _MOST_SENDERS = 1000
-# of one domain on one machine
-_PARTICIPANTS = 32
-
-
-@dataclass(frozen=True, kw_only=True)
-class Network:
-    """Where a node talks.
-
-    Attributes:
-        domain_id: ROS_DOMAIN_ID; nodes of different domains do not hear each other (0 to 232).
-        local_only: nothing leaves this machine.
-        interface: name of a network interface; empty lets Cyclone DDS choose.
-        peers: addresses of other machines, for networks without multicast.
-        multicast: find others by multicast too.
-        fragment_bytes: largest UDP payload of one fragment. The default suits wired networks and Fast DDS readers;
-            on links that lose packets take about 1300, so that one lost packet costs one fragment.
-    """
-
-    domain_id: int = 0
-    local_only: bool = False
-    interface: str = ""
-    peers: tuple[str, ...] = ()
-    multicast: bool = True
-    fragment_bytes: int = 65000
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.domain_id <= 232:
-            raise ConfigError(f"network: domain_id: expected 0 to 232, got {self.domain_id}")
-        if not 500 <= self.fragment_bytes <= 65000:
-            raise ConfigError(f"network: fragment_bytes: expected 500 to 65000, got {self.fragment_bytes}")
-        if self.local_only and (self.peers or self.interface):
-            raise ConfigError("network: local_only excludes peers and interface; leave one of them out")
-
-
-def domain_xml(network: Network) -> str:
-    """Cyclone DDS configuration. Peers are always asked at their unicast ports, this machine included."""
-    interface = "lo" if network.local_only else network.interface
-    chosen = f"name={quoteattr(interface)}" if interface else 'autodetermine="true"'
-    multicast = network.multicast and not network.local_only
-    peers = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in dict.fromkeys(("localhost", *network.peers)))
-    return (
-        '<CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">'
-        f"<General><Interfaces><NetworkInterface {chosen}/></Interfaces>"
-        f"<AllowMulticast>{'default' if multicast else 'false'}</AllowMulticast>"
-        f"<MaxMessageSize>{network.fragment_bytes + 500}B</MaxMessageSize>"
-        f"<FragmentSize>{network.fragment_bytes}B</FragmentSize></General>"
-        "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
-        f"<MaxAutoParticipantIndex>{_PARTICIPANTS - 1}</MaxAutoParticipantIndex>"
-        # a peer that was cut off is found again within about this time
-        f"<SPDPInterval>1s</SPDPInterval><Peers>{peers}</Peers></Discovery>"
-        '<Internal><SocketReceiveBufferSize max="4MB"/></Internal>'
-        # it would write 32 lines a second for every peer that is away; what matters comes back as return codes
-        "<Tracing><Verbosity>none</Verbosity></Tracing>"
-        "</Domain></CycloneDDS>"
-    )
 
 
 class Sample(NamedTuple):
@@ -184,7 +125,7 @@ class RosNode:
 
     def __post_init__(self) -> None:
         optional_module("rosbags")
-        _require_tested_cyclonedds()
+        require_tested_cyclonedds()
         from cyclonedds.core import WaitSet
         from cyclonedds.domain import DomainParticipant
         from cyclonedds.qos import Policy, Qos
@@ -192,7 +133,7 @@ class RosNode:
         self._writers: dict[str, Writer] = {}
         self._readers: dict[str, Reader] = {}
         self._conditions: dict[str, Any] = {}
-        self._domain: Any = _domain(self.network)
+        self._domain: Any = open_domain(self.network)
         self._participant: Any = DomainParticipant(self.network.domain_id, qos=Qos(Policy.Userdata(b"enclave=/;")))
         self._waitset: Any = WaitSet(self._participant)
         self._graph_writer: Any = self._open_writer(GRAPH)
@@ -315,54 +256,6 @@ class RosNode:
         self._graph_writer.write(encode(info))
 
 
-class _Domain:
-    """Cyclone DDS keeps one domain per id and process; it ends with the last node that holds it."""
-
-    def __init__(self, network: Network) -> None:
-        from cyclonedds.core import DDSException
-        from cyclonedds.domain import Domain
-
-        self.network = network
-        try:
-            self.entity = Domain(network.domain_id, domain_xml(network))
-        except DDSException as error:
-            raise SourceError(f"DDS domain {network.domain_id}: cannot be opened; {_why_not_open(network, error)}") from None
-
-
-def _why_not_open(network: Network, error: Exception) -> str:
-    """What is in the way, found out after the fact: Cyclone DDS itself does not tell."""
-    there = [name for _, name in socket.if_nameindex()]
-    if network.interface and network.interface not in there:
-        return f"no network interface {network.interface!r}, there are: {choices(there)}"
-    # DDSI-RTPS 9.6: unicast discovery of participant i
-    first = 7410 + 250 * network.domain_id
-    ports = range(first, first + 2 * _PARTICIPANTS, 2)
-    if not any(map(_free, ports)):
-        return f"UDP ports {ports[0]} to {ports[-1]} are all in use by other programs, choose another domain"
-    return str(error)
-
-
-def _free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", port))
-        except OSError:
-            return False
-    return True
-
-
-_OPEN: WeakValueDictionary[int, _Domain] = WeakValueDictionary()
-
-
-def _domain(network: Network) -> _Domain:
-    found = _OPEN.get(network.domain_id)
-    if found is None:
-        found = _OPEN[network.domain_id] = _Domain(network)
-    if found.network != network:
-        raise SourceError(f"DDS domain {network.domain_id}: open in this process as {found.network}, asked for as {network}")
-    return found
-
-
 def _gids(entities: Sequence[Any]) -> list[Any]:
     return [message("rmw_dds_common/msg/Gid", data=np.frombuffer(entity.guid.bytes, np.uint8)) for entity in entities]
 
@@ -378,18 +271,3 @@ def _qos(topic: Topic, depth: int, reliable: bool) -> Any:
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(f"typehash={type_hash(topic.type_name)};".encode()),
     )
-
-
-def _require_tested_cyclonedds() -> None:
-    """Raw bytes go through names the wheel keeps private: only the version they were tested with will do."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        found = version("cyclonedds")
-    except PackageNotFoundError:
-        found = "none"
-    if found != TESTED_CYCLONEDDS:
-        raise DependencyError(
-            f"cyclonedds: expected version {TESTED_CYCLONEDDS}, got {found}; install it with: pip install 'posefuse[ros]'"
-        )
-    optional_module("cyclonedds._clayer")

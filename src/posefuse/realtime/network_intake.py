@@ -11,7 +11,8 @@ from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState
 from posefuse.messages import topics
-from posefuse.messages.dds import Network, RosNode, Sample
+from posefuse.messages.dds import RosNode, Sample
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.intake import Intake
 from posefuse.messages.joint_centre_messages import JOINT_CENTRES_TYPE
 from posefuse.messages.messages import DETECTIONS_TYPE, SourceCounts, detections_from_message, source_from_message

@@ -9,7 +9,8 @@ from dataclasses import replace
 from posefuse.core import Camera, MessageError, Rig, SourceError
 from posefuse.messages import topics
 from posefuse.messages.camera_messages import CAMERA_INFO_TYPE, camera_from_info, info_from_camera
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.intake import decode
 
 from .news import Say

@@ -10,7 +10,8 @@ from posefuse.core import Camera, Frame, PosefuseError, SourceError
 from posefuse.core.errors import choices
 from posefuse.core.ideal_image import has_lens
 from posefuse.messages.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.intake import decode
 from posefuse.messages.sim_time import ClockReader
 from posefuse.messages.topics import CLOCK, Topic, ros_name
@@ -33,7 +34,7 @@ class RosConfig:
         wait_s: how long the first image may take.
         sim_time: stamps are simulated time; `/clock` says what they are on this machine's clock (ROS: `use_sim_time`).
         lens: the rig's camera; images of an ideal camera, as simulators draw them, get its lens (`rig_lens`).
-        domain_id, local_only, interface, peers: see `messages.dds.Network`.
+        domain_id, local_only, interface, peers: see `messages.dds_domain.Network`.
     """
 
     topic: str

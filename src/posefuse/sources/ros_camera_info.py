@@ -12,7 +12,8 @@ from posefuse.core import Camera, MessageError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import has_lens
 from posefuse.messages.camera_messages import CAMERA_INFO_TYPE, camera_from_info
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.intake import Intake
 from posefuse.messages.topics import Topic
 

@@ -12,7 +12,8 @@ import numpy as np
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop
 from posefuse.messages.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera, message_from_image
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.messages import time_from_ns
 from posefuse.messages.topics import CLOCK, Topic
 from posefuse.messages.types import message

@@ -184,7 +184,7 @@ class RecordOutput:
 
 
 def _clock_of(config: RecordConfig) -> Any:
-    from posefuse.messages.dds import Network
+    from posefuse.messages.dds_domain import Network
 
     from .recorded_clock import RecordedClock
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from posefuse.messages import topics
-from posefuse.messages.dds import Network, RosNode
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.messages import time_from_ns
 from posefuse.messages.sim_time import ClockReader, SimulatedClock
 from posefuse.messages.types import message

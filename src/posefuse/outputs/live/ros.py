@@ -69,7 +69,8 @@ class Ros2Config:
         return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self)
 
     def _node(self) -> Any:
-        from posefuse.messages.dds import Network, RosNode
+        from posefuse.messages.dds import RosNode
+        from posefuse.messages.dds_domain import Network
         from posefuse.messages.rclpy_node import RclpyNode, ros2_is_sourced
 
         plain = not (self.local_only or self.interface or self.peers)

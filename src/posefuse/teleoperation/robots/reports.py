@@ -19,7 +19,7 @@ class RosPlan:
 
     Attributes:
         version: 2, or 1 for the master that ROS_MASTER_URI names.
-        domain_id, local_only, interface, peers: see `messages.dds.Network`.
+        domain_id, local_only, interface, peers: see `messages.dds_domain.Network`.
         namespace: of our own topics. base_frame: tf frame that commands are given in. world_frame: of markers.
         controller: topic of `trajectory_msgs/JointTrajectory` or, ending in ``/commands``, of `std_msgs/Float64MultiArray`.
         cmd_vel: topic of the base's velocity; empty: none. stamped: it is a TwistStamped (ROS 2 Jazzy and later).
@@ -45,7 +45,8 @@ class RosPlan:
             from posefuse.messages.ros1 import Ros1Node
 
             return Ros1Node(name)
-        from posefuse.messages.dds import Network, RosNode
+        from posefuse.messages.dds import RosNode
+        from posefuse.messages.dds_domain import Network
 
         network = Network(domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=self.peers)
         return RosNode(name, network)

@@ -1,0 +1,142 @@
+"""3D poses of one time step and of a recording. Axes as in `values`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from .arrays import Array, check_fields, freeze_fields
+from .errors import ShapeError
+from .skeleton import Skeleton
+from .values import check_keypoints
+
+
+class Kind(IntEnum):
+    """How a 3D keypoint came about."""
+
+    MISSING = 0
+    FUSED = 1  # from the views of this time step alone
+    SMOOTHED = 2  # from views of this and neighbouring time steps
+    INTERPOLATED = 3  # inside a gap, from both sides of it
+    PREDICTED = 4  # ahead of the newest measurement
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pose3D:
+    """People in 3D at one time step.
+
+    Attributes:
+        t_ns: session clock.
+        person_id: (N,) int64.
+        xyz_world: (N, K, 3) metres; NaN where missing.
+        cov_world: (N, K, 3, 3) square metres; NaN where missing.
+        reproj_px: (N, K) rms distance of the used views' raw pixels to the reprojection.
+        n_views: (N, K) uint8 views used.
+        kind: (N, K) uint8 of `Kind`.
+    """
+
+    t_ns: int
+    skeleton: Skeleton
+    person_id: Array
+    xyz_world: Array
+    cov_world: Array
+    reproj_px: Array
+    n_views: Array
+    kind: Array
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, _POSE_DTYPES)
+        check_keypoints(self, check_fields(self, _POSE_AXES))
+
+    @staticmethod
+    def empty(t_ns: int, skeleton: Skeleton) -> Pose3D:
+        """No person at this time."""
+        sizes = {"N": 0, "K": len(skeleton), "3": 3}
+        arrays = {name: np.zeros([sizes[axis] for axis in axes.split()]) for name, axes in _POSE_AXES.items()}
+        return Pose3D(t_ns=t_ns, skeleton=skeleton, **arrays)
+
+    def people(self, which: Array) -> Pose3D:
+        """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
+        chosen: dict[str, Any] = {name: getattr(self, name)[which] for name in _POSE_AXES}
+        return replace(self, **chosen)
+
+
+_POSE_DTYPES: dict[str, DTypeLike] = {
+    "person_id": np.int64,
+    "xyz_world": np.float64,
+    "cov_world": np.float64,
+    "reproj_px": np.float64,
+    "n_views": np.uint8,
+    "kind": np.uint8,
+}
+_POSE_AXES = {
+    "person_id": "N",
+    "xyz_world": "N K 3",
+    "cov_world": "N K 3 3",
+    "reproj_px": "N K",
+    "n_views": "N K",
+    "kind": "N K",
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PoseSequence:
+    """People in 3D over time: `Pose3D` with an axis T in front, person_id excepted.
+
+    Attributes:
+        t_ns: (T,) int64, strictly increasing.
+        person_id: (N,).
+        xyz_world: (T, N, K, 3).
+        cov_world: (T, N, K, 3, 3).
+        reproj_px: (T, N, K).
+        n_views: (T, N, K).
+        kind: (T, N, K).
+    """
+
+    t_ns: Array
+    skeleton: Skeleton
+    person_id: Array
+    xyz_world: Array
+    cov_world: Array
+    reproj_px: Array
+    n_views: Array
+    kind: Array
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, {"t_ns": np.int64} | _POSE_DTYPES)
+        axes = {name: text if name == "person_id" else f"T {text}" for name, text in _POSE_AXES.items()}
+        check_keypoints(self, check_fields(self, {"t_ns": "T"} | axes))
+        if (np.diff(self.t_ns) <= 0).any():
+            raise ShapeError("PoseSequence.t_ns: expected strictly increasing times")
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def at(self, i: int) -> Pose3D:
+        """The time step at place i of axis T."""
+        return Pose3D(
+            t_ns=int(self.t_ns[i]),
+            skeleton=self.skeleton,
+            person_id=self.person_id,
+            xyz_world=self.xyz_world[i],
+            cov_world=self.cov_world[i],
+            reproj_px=self.reproj_px[i],
+            n_views=self.n_views[i],
+            kind=self.kind[i],
+        )
+
+    @staticmethod
+    def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
+        """Stack time steps of the same people (same person_id in the same order); raises ShapeError otherwise."""
+        if not poses:
+            raise ShapeError("PoseSequence: expected at least 1 pose, got 0")
+        first = poses[0]
+        if any(p.skeleton != first.skeleton or not np.array_equal(p.person_id, first.person_id) for p in poses):
+            raise ShapeError("PoseSequence: expected the same skeleton and people in every pose")
+        stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
+        return PoseSequence(t_ns=np.array([p.t_ns for p in poses]), skeleton=first.skeleton, person_id=first.person_id, **stacked)
