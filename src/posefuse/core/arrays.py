@@ -15,7 +15,7 @@ Array = NDArray[Any]
 def frozen(value: Any, dtype: DTypeLike, name: str) -> Array:
     """`value` as a read-only, contiguous array of its own; raises ShapeError when it is not numeric.
 
-    An array that this function returned before is not copied again: no person writes to it any more.
+    An array that this function returned before is not copied again: it can no longer be written.
     """
     if _is_frozen(value, dtype):
         return np.asarray(value)

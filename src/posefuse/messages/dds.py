@@ -171,7 +171,7 @@ class RosNode:
         return self._readers[topic.name]
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether any person listens, or will be given the last message on coming (`topics.Outlet`)."""
+        """Whether there are subscribers, or later ones will get the last message (`topics.Outlet`)."""
         return self.writer(topic).readers() > 0 or topic.latched
 
     def forget(self, name: str) -> None:

@@ -103,7 +103,7 @@ class PersonOutput:
             self.outlet.publish(topic, twist_stamped(t_ns, frame, turned), t_ns)
 
     def show_models(self, pose: Pose3D, ids: Sequence[str]) -> None:
-        """A model of a person is latched, so it is made whether or not any person listens now."""
+        """A model of a person is latched, so it is made whether or not there are subscribers now."""
         lengths = sizes_from_points(pick_keypoints(pose.xyz_world, pose.skeleton, POINTS))
         for one, new in zip(ids, lengths, strict=True):
             if not np.isfinite(new).all():

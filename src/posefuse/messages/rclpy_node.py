@@ -87,7 +87,7 @@ class RclpyNode:
             publisher.publish(encode(msg))
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether any person listens, or will be given the last message on coming."""
+        """Whether there are subscribers, or later ones will get the last message."""
         publisher = self._publisher(topic)
         return publisher is not None and (topic.latched or publisher.get_subscription_count() > 0)
 

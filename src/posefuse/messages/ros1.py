@@ -96,7 +96,7 @@ class Ros1Node:
         self._publisher(topic).publish(carrier_of(topic.type_name)(ros1_bytes(msg)))
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether any person listens, or will be given the last message on coming."""
+        """Whether there are subscribers, or later ones will get the last message."""
         return self._publisher(topic).get_num_connections() > 0 or topic.latched
 
     def forget(self, name: str) -> None:

@@ -38,7 +38,7 @@ class Outlet(Protocol):
         ...
 
     def wanted(self, topic: Topic) -> bool:
-        """Whether a message on `topic` would reach any person now; making one costs more than asking."""
+        """Whether a message on `topic` has a receiver now; making a message costs more than asking."""
         ...
 
     def forget(self, name: str) -> None:

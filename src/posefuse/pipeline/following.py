@@ -32,8 +32,8 @@ Keep = Callable[[DetectionBatch], None]
 _SEARCH_EVERY = 5
 # a pose that gives the views their regions has this share of its keypoints
 _GOOD_SHARE = 0.5
-# a newcomer of two views is no person when more than so many others, in whose image this share of the body lies, see no person
-# there
+# a newcomer seen by two views is dropped when more than this many others see no person there, though at least this share of
+# the body is in their image
 _MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 

@@ -1,4 +1,4 @@
-"""What the fusion expects to be seen next, for all camera groups to read at any time without any person waiting."""
+"""What the fusion expects to be seen next, for all camera groups to read at any time without waiting."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class LearntLengths:
 
 
 def _well_known(pose: Pose3D) -> Array:
-    """(N, K, 3); NaN where no person measured a keypoint or its place is not sure enough."""
+    """(N, K, 3); NaN where a keypoint was not measured or is too uncertain."""
     variance = np.trace(pose.cov_world, axis1=-2, axis2=-1) / 3
     good = (pose.kind == Kind.FUSED) & (variance < _SURE_M**2)
     return np.where(good[..., None], pose.xyz_world, np.nan)

@@ -1,4 +1,4 @@
-"""Offsets of joint centres from the keypoints of detectors whose offsets no person has fitted: from people's proportions.
+"""Offsets of joint centres from the keypoints of detectors whose offsets are not fitted, from people's proportions.
 
 Detectors mark joints where they seem to be on the surface of the body, so segments come out too short or too long, while people's
 segments are known shares of their stature, each with a spread. Both together say how far a keypoint is probably off: of

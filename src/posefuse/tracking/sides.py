@@ -23,7 +23,7 @@ _LIMBS = (
 _MOST_SURPRISE_M = 0.4
 # what an exchange must gain per time step and keypoint to be believed
 _PRIOR_M = 0.03
-# no person turns the hips further than this against the shoulders (cosine of the angle from left to right of both)
+# largest twist of the hips against the shoulders (cosine of the angle between their left-right axes)
 _MOST_TWIST = -0.2
 # a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
 _LEAST_SIGMA_PX = 2.0

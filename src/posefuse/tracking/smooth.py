@@ -155,7 +155,7 @@ def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Ar
     miss = np.full(len(z), np.nan)
     sign = np.where(left_out, 1.0, -1.0)[:, None, None]
     spread = np.where((measured & np.isfinite(mean[:, 0]))[:, None, None], noise + sign * cov, 0.0)
-    # alone in its run a measurement is its own posterior: no person contradicts it
+    # alone in its run a measurement is its own posterior: nothing contradicts it
     told = np.linalg.eigvalsh(spread)[:, 0] > 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
     residual = (z - mean)[told]
     miss[told] = (residual * np.linalg.solve(spread[told], residual[..., None])[..., 0]).sum(axis=-1)

@@ -76,7 +76,7 @@ def locate_static(rig: Rig, observations: Observations, target: Target, patch: i
     """world_from_patch of a patch that lies still, from all frames of all cameras that see it.
 
     Raises:
-        CalibrationError: no person sees it, it moved, or the cameras disagree about where it is.
+        CalibrationError: no camera sees it, it moved, or the cameras disagree about where it is.
     """
     mine = aligned(observations, rig).of_patches([patch])
     if len(mine) == 0:

@@ -19,8 +19,8 @@ def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: S
     Args:
         rig: the cameras. skeleton: of every view.
         settings: which tracker, and how it judges.
-        solve: who stands where, from one view of every camera (no person in those that have none) and the pose before: people
-            are born from it, and ``latest`` is nothing else. Association and fusion of one time step, put together by `app`.
+        solve: association and fusion of one time step, from one view of every camera (empty for those that have none) and the
+            pose before. New people come from it, and ``latest`` uses nothing else.
     """
     if settings.tracker == "latest":
         from .latest import LatestTracker

@@ -193,7 +193,7 @@ class AsynchronousTracker:
         if self._tried_ns is not None and abs(newest_ns - self._tried_ns) < _BIRTH_EVERY_NS:
             return
         several = self._model.settings.max_people > 1 and len(views) < len(self._place)
-        # among several people the first two views alone meet in bodies that are no person's: the others get to add theirs
+        # among several people two views alone may meet in bodies that do not exist: wait for the other views
         if several and newest_ns - min(one.t_ns for one in views.values()) < _BIRTH_WAIT_NS:
             return
         self._tried_ns = newest_ns
@@ -224,7 +224,7 @@ class AsynchronousTracker:
             if len(self._people) >= self._model.settings.max_people:
                 return
             number = self._next_id
-            # one person is always the same one; of several, a later track may be any person
+            # with one person a later track is the same person; with several it may be any of them
             self._next_id += self._model.settings.max_people > 1
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
         self._people.sort(key=lambda person: person.id)
