@@ -121,7 +121,7 @@ def _gaps(present: Array, least: int) -> list[tuple[int, int]]:
 
 
 def _on_unasked(distance_m: Array, asked: Array, there: Array, gate_m: float) -> Array:
-    """(T, M) results that belong to people who are not evaluated: they are nearer to one of those than to any evaluated person."""
+    """(T, M) results of people who are not evaluated: nearer to one of those than to any evaluated person."""
     hidden = np.where(asked[:, :, None], np.inf, distance_m).min(axis=1, initial=np.inf)
     counted = np.where(asked[:, :, None], distance_m, np.inf).min(axis=1, initial=np.inf)
     return np.asarray(there & (hidden < gate_m) & (hidden < counted))
