@@ -55,7 +55,7 @@ def test_a_camera_that_no_node_tells_of_is_named(ring_rig):
             rig_of_nodes(rig, NETWORK, lambda line: None, 1.0)
 
 
-def test_a_node_with_other_intrinsics_is_said(ring_rig):
+def test_a_node_with_other_intrinsics_is_reported(ring_rig):
     rig = ring_rig(2)
     intake = NetworkIntake(rig, NETWORK, SessionClock.begin())
     try:

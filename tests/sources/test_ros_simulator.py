@@ -141,7 +141,7 @@ def test_the_network_reaches_the_sources(ring_rig):
     assert (network.domain_id, network.interface, network.peers, entry.config.sim_time) == (7, "eth9", ("10.0.0.2",), True)
 
 
-def test_the_network_is_said_in_python_too(ring_rig):
+def test_the_network_is_reported_in_python_too(ring_rig):
     import posefuse as pf
 
     ros = {"domain_id": 7, "peers": ["10.0.0.2"], "interface": "eth9"}
