@@ -35,7 +35,7 @@ class CsvPoints:
 
 
 def read_points_csv(path: Path, person: int | None = None) -> CsvPoints:
-    """Read ``pose.csv`` (`sinks.tables`), or a table of columns t_s, NAME_x, NAME_y, NAME_z in metres.
+    """Read ``pose.csv`` (`outputs.tables`), or a table of columns t_s, NAME_x, NAME_y, NAME_z in metres.
 
     Args:
         path: the file.

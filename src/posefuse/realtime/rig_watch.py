@@ -1,6 +1,6 @@
 """The rig, watched while it is used: cameras that were moved, exchanged or run unsynchronised, and how far clocks are apart.
 
-Both are asked of what the cameras see of one person. The work (`calibrate.monitor`, `clock_finding`) is done in a process of its
+Both are asked of what the cameras see of one person. The work (`health.rig_monitor`, `clock_finding`) is done in a process of its
 own, so that the output tick never waits for it.
 """
 

@@ -6,7 +6,7 @@ SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
 SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
-SESSION/posefuse-files.json   `files.manifest`: what was written, once all is
+SESSION/posefuse-files.json   `foundation.manifest`: what was written, once all is
 SESSION/INCOMPLETE            as long as something of the above is missing; simulating again resumes
 """
 

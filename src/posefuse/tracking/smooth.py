@@ -63,7 +63,7 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     fine): the exact posterior given all its measurements, past and future, so there is no lag. The strength of the jerk
     is set so that at the keypoint's typical noise the response is that of `cutoff_hz`. Measurements the others
     contradict are left out, and covariances grow by as much as the residuals exceed what they promise, and by what lasting
-    errors leave. Bone lengths then hold the keypoints of each time step together (`track.bones`).
+    errors leave. Bone lengths then hold the keypoints of each time step together (`tracking.bones`).
 
     Returns:
         PoseSequence: kind SMOOTHED where measured, INTERPOLATED inside a bridged gap (n_views 0, reproj_px NaN;

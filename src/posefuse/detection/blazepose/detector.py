@@ -109,7 +109,7 @@ class BlazePoseDetector:
 
     @property
     def joint_centres_file(self) -> Path | None:
-        """Table of the offsets of joint centres from the network's landmarks, in the format of `track.joint_centres`."""
+        """Table of the offsets of joint centres from the network's landmarks, in the format of `tracking.joint_centres`."""
         return self._joint_centres_file
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:

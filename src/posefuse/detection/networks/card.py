@@ -136,7 +136,7 @@ class NetworkCard:
 
 
 def is_network_card(content: dict[str, Any]) -> bool:
-    """Whether a TOML file's content is a card of this kind (and not one of `detect.models`)."""
+    """Whether a TOML file's content is a card of this kind (and not one of `detection.models`)."""
     return content.get("kind") in LAYOUTS
 
 

@@ -42,8 +42,8 @@ class PersonState:
 
     Attributes:
         world_from_bone: (T, B, 4, 4). keypoints_world: (T, 23, 3) of `ANATOMICAL23`.
-        world_from_segment: batch (T, S) of `simulate.body.SEGMENTS`.
-        angle_rad: (T, J, 3) of `simulate.body.JOINTS`.
+        world_from_segment: batch (T, S) of `simulation.body.SEGMENTS`.
+        angle_rad: (T, J, 3) of `simulation.body.JOINTS`.
     """
 
     world_from_bone: Array
