@@ -14,7 +14,7 @@ from posefuse.kinematics.joints import Workspace
 from posefuse.kinematics.settings import JointSettings
 
 # the noise is white and this figure never jerks
-WHITE = BodySettings(noise_memory_s=0.0, offset_sigma_m=0.0, robust_dof=1e6, turn_accel_rad_s15=8.0)
+WHITE = BodySettings(noise_memory_s=0.0, offset_sigma_m=0.0, hip_sigma_m=0.0, robust_dof=1e6, turn_accel_rad_s15=8.0)
 SIGMA_M = 0.012
 RATE_HZ = 50.0
 HIDDEN = ("left_wrist", "left_index", "left_pinky")

@@ -9,14 +9,15 @@ from posefuse.core import ViewSequence
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_views, kernels
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
-from posefuse.kinematics.body.shape import length_derivatives, slopes_of
+from posefuse.kinematics.body.response import length_derivatives
+from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import Workspace
 from posefuse.kinematics.settings import JointSettings
 
 NAMES = ("upper_arm", "forearm", "thigh", "shank", "shoulders", "hips", "trunk")
 TRUE_M = np.array([0.31, 0.26, 0.43, 0.41, 0.38, 0.26, 0.52])
 KEYS = ("left_upper_arm", "right_forearm", "left_thigh", "right_shank", "shoulders", "pelvis", "trunk")
-SETTINGS = BodySettings(noise_memory_s=0.0, offset_sigma_m=0.0, robust_dof=1e6, length_steps=10)
+SETTINGS = BodySettings(noise_memory_s=0.0, offset_sigma_m=0.0, hip_sigma_m=0.0, robust_dof=1e6, length_steps=10)
 STEPS, RATE_HZ, SIGMA_PX = 20, 20.0, 0.5
 
 

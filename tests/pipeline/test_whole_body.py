@@ -1,4 +1,4 @@
-"""When a solve fits skeletons, and what stays missing."""
+"""When a solve fits skeletons, what stays missing, and what that does for a limb that only one camera sees."""
 
 import numpy as np
 import pytest
@@ -59,6 +59,17 @@ def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
         kind=np.where(there, Kind.SMOOTHED, Kind.MISSING),
     )
     return Recording.from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
+
+
+def test_a_forearm_in_one_view_is_found_and_says_how_well(walker, ring_rig) -> None:
+    rig = ring_rig(4)
+    recording = seen_by(rig, walker, hidden_from=3)
+    poses = with_bodies(recording, recording.views, BodySettings(), None).poses
+    error = np.linalg.norm(poses.xyz_world - walker, axis=-1)[HIDDEN, 0, WRIST]
+    sigma = np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1))[HIDDEN, 0, WRIST]
+    assert (poses.kind[HIDDEN, 0, WRIST] == Kind.INTERPOLATED).all()
+    assert np.mean(error) < 0.03
+    assert (error < 3 * sigma).all()
 
 
 def test_what_is_not_seen_and_not_certain_stays_missing(walker, ring_rig) -> None:

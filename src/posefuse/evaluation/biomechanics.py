@@ -22,6 +22,7 @@ from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, fit_poses, fit_views
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
+from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import person_suffix
 from posefuse.tracking import JointCentres, views_at_joint_centres
 
@@ -145,7 +146,8 @@ def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path
     if animation_gap(joints, n) is None:
         made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
         write_bvh(made[2], animation_from_joints(poses, joints, n, _CENTIMETRES))
-        write_gltf(made[3], animation_from_joints(poses, joints, n))
+        animation = animation_from_joints(poses, joints, n)
+        write_gltf(made[3], animation, skin=skin_of(animation))
     return made
 
 

@@ -1,4 +1,4 @@
-"""glTF 2.0 animation of a skeleton, in one .glb: a node per joint, its bones drawn as lines. Write only.
+"""glTF 2.0 animation of a skeleton, in one .glb: a node per joint, its bones as lines or under a skin. Write only.
 
 glTF is metres, Y up, quaternions xyzw; the motion given must already be in these axes.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,34 @@ from posefuse.foundation.atomic import atomic_file
 
 from .bvh import BvhData
 
-_FLOAT, _LINES = 5126, 1
+_FLOAT, _UINT8, _UINT16, _LINES, _TRIANGLES = 5126, 5121, 5123, 1, 4
+_SKIN_RGBA = [0.72, 0.74, 0.78, 1.0]
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
-def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0) -> None:
-    """Write a .glb of the motion; raises InputError for missing values, another ending, or a place that cannot be written to."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Skin:
+    """A mesh bound to a skeleton of J joints.
+
+    Attributes:
+        vertices: (V, 3) metres, as the mesh was bound. faces: (F, 3), counter-clockwise from outside.
+        joint, weight: (V, 4), (V, 4) which joints move each vertex, and how much; rows of weight sum to 1.
+        joint_from_mesh: (J, 4, 4) place of the bound mesh in the axes of each joint, stretched to the person's segments.
+    """
+
+    vertices: Array
+    faces: Array
+    joint: Array
+    weight: Array
+    joint_from_mesh: Array
+
+
+def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0, skin: Skin | None = None) -> None:
+    """Write a .glb of the motion: bones as lines or, with a skin, a mesh that moves with them.
+
+    Raises:
+        InputError: missing values, another ending, or a place that cannot be written to.
+    """
     path = Path(path)
     if path.suffix != ".glb":
         raise InputError(f"{path}: expected a file ending in .glb, got {path.suffix or 'no ending'!r}")
@@ -41,21 +64,31 @@ def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0) ->
         children = [int(c) for c in np.flatnonzero(np.asarray(data.parent) == j)]
         node: dict[str, Any] = {"name": name, "translation": [float(v) for v in offset[j]]}
         if children:
+            _animate(channels, samplers, j, "rotation", time, buffer.add(_quaternions(data.rotation[:, j]), "VEC4"))
+            node["children"] = children
+        if children and skin is None:
             lines = np.stack([np.zeros((len(children), 3)), offset[children]], axis=1).reshape(-1, 3)
             primitive = {"attributes": {"POSITION": buffer.add(lines, "VEC3")}, "mode": _LINES}
-            node |= {"children": children, "mesh": len(meshes)}
+            node["mesh"] = len(meshes)
             meshes.append({"name": name, "primitives": [primitive]})
-            _animate(channels, samplers, j, "rotation", time, buffer.add(_quaternions(data.rotation[:, j]), "VEC4"))
         if data.parent[j] < 0:
             _animate(channels, samplers, j, "translation", time, buffer.add(position[:, j], "VEC3"))
         nodes.append(node)
+    roots = [int(j) for j in np.flatnonzero(np.asarray(data.parent) < 0)]
+    skinned: dict[str, Any] = {}
+    if skin is not None:
+        skinned = _skinned(buffer, skin, len(nodes))
+        roots.append(len(nodes))
+        nodes.append({"name": "body", "mesh": 0, "skin": 0})
+        meshes = skinned.pop("meshes")
     content = {
         "asset": {"version": "2.0", "generator": "posefuse"},
         "scene": 0,
-        "scenes": [{"nodes": [int(j) for j in np.flatnonzero(np.asarray(data.parent) < 0)]}],
+        "scenes": [{"nodes": roots}],
         "nodes": nodes,
         "meshes": meshes,
         "animations": [{"name": "motion", "samplers": samplers, "channels": channels}],
+        **skinned,
         **buffer.described(),
     }
     with atomic_file(path) as staged:
@@ -70,13 +103,14 @@ class _Buffer:
         self._views: list[dict[str, Any]] = []
         self._accessors: list[dict[str, Any]] = []
 
-    def add(self, values: Array, kind: str) -> int:
-        """Index of the accessor of (n, components) values."""
-        stored = np.ascontiguousarray(values, np.float32)
+    def add(self, values: Array, kind: str, component: int = _FLOAT) -> int:
+        """Index of the accessor of (n, components) values; each view begins at a multiple of four bytes."""
+        stored = np.ascontiguousarray(values, {_FLOAT: np.float32, _UINT8: np.uint8, _UINT16: np.uint16}[component])
+        self.data += b"\0" * (-len(self.data) % 4)
         self._views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": stored.nbytes})
         self._accessors.append(
             {
-                "bufferView": len(self._views) - 1, "componentType": _FLOAT, "count": len(stored), "type": kind,
+                "bufferView": len(self._views) - 1, "componentType": component, "count": len(stored), "type": kind,
                 "min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist(),
             }
         )  # fmt: skip
@@ -85,6 +119,37 @@ class _Buffer:
 
     def described(self) -> dict[str, Any]:
         return {"buffers": [{"byteLength": len(self.data)}], "bufferViews": self._views, "accessors": self._accessors}
+
+
+def _skinned(buffer: _Buffer, skin: Skin, joints: int) -> dict[str, Any]:
+    """Mesh, skin and material; matrices are stored column by column."""
+    primitive = {
+        "attributes": {
+            "POSITION": buffer.add(skin.vertices, "VEC3"),
+            "NORMAL": buffer.add(_normals(skin), "VEC3"),
+            "JOINTS_0": buffer.add(skin.joint, "VEC4", _UINT8),
+            "WEIGHTS_0": buffer.add(skin.weight, "VEC4"),
+        },
+        "indices": buffer.add(skin.faces.reshape(-1, 1), "SCALAR", _UINT16),
+        "mode": _TRIANGLES,
+        "material": 0,
+    }
+    matrices = buffer.add(np.swapaxes(skin.joint_from_mesh, -1, -2).reshape(joints, 16), "MAT4")
+    surface = {"baseColorFactor": _SKIN_RGBA, "metallicFactor": 0.0, "roughnessFactor": 0.8}
+    return {
+        "meshes": [{"name": "body", "primitives": [primitive]}],
+        "skins": [{"joints": list(range(joints)), "inverseBindMatrices": matrices}],
+        "materials": [{"name": "body", "pbrMetallicRoughness": surface}],
+    }
+
+
+def _normals(skin: Skin) -> Array:
+    """(V, 3) unit normals, of the faces around each vertex by their area."""
+    a, b, c = (skin.vertices[skin.faces[:, i]] for i in range(3))
+    out = np.zeros_like(skin.vertices)
+    for i in range(3):
+        np.add.at(out, skin.faces[:, i], np.cross(b - a, c - a))
+    return np.asarray(out / np.maximum(np.linalg.norm(out, axis=-1, keepdims=True), 1e-12))
 
 
 def _animate(channels: list[Any], samplers: list[Any], node: int, what: str, time: int, values: int) -> None:

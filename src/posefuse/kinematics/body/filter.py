@@ -29,6 +29,8 @@ class Measurement:
         t_ns: session clock.
         xyz, cov: (A, 3), (A, 3, 3) world points to start from and, if `by_rays` is off, to fit; NaN where missing.
         projections, xy, inverse_var: (C, 3, 4), (A, C, 2), (A, C) undistorted pixels and 1 / sigma^2, 0 where unseen.
+        standing: (A, 3) where keypoints of feet stand on the floor, NaN where they do not; counts together with rays.
+        standing_cov: (A, 3, 3) of the error of these places.
     """
 
     t_ns: int
@@ -37,6 +39,8 @@ class Measurement:
     projections: Array
     xy: Array
     inverse_var: Array
+    standing: Array | None = None
+    standing_cov: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +79,27 @@ class BodyFilter:
         usable = (information[:, 0, 0] > 0) | (seen.inverse_var > 0).any(axis=1)
         if self._last is not None and (seen.t_ns - self._seen_ns) * 1e-9 > _LOST_S:
             self._last = None
+        seen, information = self._with_contacts(seen, information)
         moment = self._start(seen, information) if self._last is None else self._next(self._last, seen, information)
         self._last = moment
         if usable.any():
             self._seen_ns = seen.t_ns
         return moment
+
+    def _with_contacts(self, seen: Measurement, information: Array) -> tuple[Measurement, Array]:
+        """The feet's places on the floor in place of points that do not count themselves."""
+        if seen.standing is None:
+            return seen, information
+        there = np.isfinite(seen.standing[:, 0])
+        # a place on the floor is no measurement whose error lasts
+        repeats = 1.0 if self._last is None else self._repeats((seen.t_ns - self._last.t_ns) * 1e-9)
+        counts = repeats / self.settings.contact_sigma_m**2
+        xyz = np.where(there[:, None], seen.standing, seen.xyz)
+        return replace(seen, xyz=xyz), np.where(there[:, None, None], counts * np.eye(3), information)
+
+    def _repeats(self, elapsed_s: float) -> float:
+        """In how many time steps the error of a measurement is the same."""
+        return max(1.0, self.settings.noise_memory_s / elapsed_s)
 
     def _start(self, seen: Measurement, information: Array) -> Moment | None:
         guess = guessed_state(self.body, self.packed, self._workspace, seen.xyz)
@@ -105,7 +125,7 @@ class BodyFilter:
         )
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
         prior = kernels.inverse(np.ascontiguousarray(cov[: p.size, : p.size]))
-        repeats = max(1.0, s.noise_memory_s / elapsed_s)
+        repeats = self._repeats(elapsed_s)
         hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
         step = kernels.difference(p.kind, p.dof, q, rot, expected.q, expected.rot)
         kernels.absorb(cov, prior, kernels.inverse(hessian), step, velocity)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.joints import Workspace, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
 
-from .filter import BodyFilter, Measurement, smoothed
+from .contacts import contacts_of
+from .filter import BodyFilter, Measurement, State, smoothed
 from .model import Body, bodies_from_poses
 from .result import Reader
 from .settings import BodySettings
@@ -103,6 +104,26 @@ def fit_views(
     return _fit(sequence, measured, settings, bodies, joint_settings)
 
 
+def _states(
+    body: Body, seen: list[Measurement], settings: BodySettings, work: Workspace
+) -> tuple[BodyFilter, list[State | None], list[Measurement]]:
+    """Smoothed states of one person, fitted to rays twice: the first time tells which feet stand where."""
+    filter_ = BodyFilter(body, settings, work)
+    states = smoothed(filter_, [filter_.step(one) for one in seen])
+    if not settings.contact_sigma_m or not len(seen[0].projections):
+        return filter_, states, seen
+    reader, count = Reader(filter_, work), len(body.keypoint)
+    points, cov = np.full((len(seen), count, 3), np.nan), np.full((len(seen), count, 3, 3), np.nan)
+    for i, state in enumerate(states):
+        if state is not None:
+            points[i], cov[i] = reader.points(state)
+    contacts = contacts_of(np.array([one.t_ns for one in seen]), points, cov, body.skeleton, body.keypoint)
+    standing = zip(seen, contacts.xyz, contacts.cov, strict=True)
+    seen = [replace(one, standing=xyz, standing_cov=shared) for one, xyz, shared in standing]
+    filter_ = BodyFilter(body, settings, work)
+    return filter_, smoothed(filter_, [filter_.step(one) for one in seen]), seen
+
+
 def _fit(
     sequence: PoseSequence,
     measured: Callable[[int, int, Array], Measurement],
@@ -122,13 +143,13 @@ def _fit(
         if person not in bodies:
             continue
         at = bodies[person].keypoint
-        filter_ = BodyFilter(bodies[person], settings, work)
-        states = smoothed(filter_, [filter_.step(measured(i, n, at)) for i in range(len(sequence))])
+        seen = [measured(i, n, at) for i in range(len(sequence))]
+        filter_, states, seen = _states(bodies[person], seen, settings, work)
         reader = Reader(filter_, work)
         for i, state in enumerate(states):
             if state is None:
                 continue
-            fitted = reader.read(state)
+            fitted = reader.read(state, seen[i])
             missing = kind[i, n, at] == Kind.MISSING
             sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < 3 * settings.most_sigma_m**2
             kept = at[~missing | sure]

@@ -45,6 +45,8 @@ class Body:
         offset: (nodes, 3) origin of each in its parent's frame, metres.
         keypoint, keypoint_node, keypoint_local: (A,), (A,), (A, 3): keypoints of the tree, the node each is fixed to, where.
         lengths: named segment lengths.
+        length_slopes: (nodes, S, 3) by how much each offset changes per metre of each segment that was solved for; S is 0 where
+            none was. length_cov: (S, S) covariance of these.
     """
 
     skeleton: Skeleton
@@ -54,6 +56,8 @@ class Body:
     keypoint_node: Array
     keypoint_local: Array
     lengths: dict[str, Length]
+    length_slopes: Array
+    length_cov: Array
 
     def node(self, name: str) -> int:
         """Place of a node."""
@@ -110,6 +114,8 @@ def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySe
         keypoint_node=at,
         keypoint_local=local,
         lengths=lengths,
+        length_slopes=np.zeros((len(nodes), 0, 3)),
+        length_cov=np.zeros((0, 0)),
     )
 
 

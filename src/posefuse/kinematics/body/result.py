@@ -12,8 +12,9 @@ from posefuse.kinematics.joints import Workspace
 from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 
 from . import kernels
-from .filter import BodyFilter, State
+from .filter import BodyFilter, Measurement, State
 from .model import landmark_rows
+from .response import length_derivatives, length_response
 
 _LIMB_NODE = {"left_arm": "left_shoulder", "right_arm": "right_shoulder", "left_leg": "left_hip", "right_leg": "right_hip"}
 
@@ -36,7 +37,9 @@ class Reader:
     def __init__(self, filter_: BodyFilter, workspace: Workspace) -> None:
         self._packed, self._body, self._work = filter_.packed, filter_.body, workspace
         self._rows = landmark_rows(filter_.body)
-        self._offset_var = filter_.settings.offset_sigma_m**2
+        self._offset_var, self._robust = filter_.settings.offset_sigma_m**2, filter_.settings.robust_dof
+        hips = [self._body.skeleton.keypoints[k].endswith("_hip") for k in self._body.keypoint]
+        self._own_var = np.where(hips, filter_.settings.hip_sigma_m**2, self._offset_var)
         nodes, points = len(self._body.nodes), len(self._body.keypoint)
         self._frame, self._origin = np.empty((nodes, 3, 3)), np.empty((nodes, 3))
         self._points, self._jacobians = np.empty((points, 3)), np.empty((points, 3, self._packed.size))
@@ -44,19 +47,25 @@ class Reader:
         self._limb_nodes = [names.index(node) if (node := _LIMB_NODE[limb.name]) in names else -1 for limb in LIMBS]
         self._last = np.full((len(workspace.angles), 3), np.nan)
 
-    def read(self, state: State) -> Fitted:
-        """All results of the state, with their uncertainty."""
-        p, work, size = self._packed, self._work, self._packed.size
-        kernels.keypoints(
-            p.parent, p.kind, p.axis, p.offset, p.dof, p.node, p.local, state.q, state.rot, self._frame, self._origin,
-            self._points, self._jacobians,
-        )  # fmt: skip
+    def read(self, state: State, seen: Measurement | None = None) -> Fitted:
+        """All results of the state, with their uncertainty; with that of segment lengths where the rays are given."""
+        work, size = self._work, self._packed.size
+        self._place(state)
         cov_state = np.ascontiguousarray(state.cov[:size, :size])
         own = self._offset_var * np.eye(3)
-        cov = self._jacobians @ cov_state @ np.swapaxes(self._jacobians, -1, -2) + own
+        cov = self._cov(state) + self._own_var[:, None, None] * np.eye(3)
+        if seen is not None and self._body.length_cov.size:
+            by_length = length_derivatives(self._packed, self._body.length_slopes, self._frame)
+            moves = length_response(self._packed, seen, self._robust, self._points, self._jacobians, by_length)
+            cov = cov + moves @ self._body.length_cov @ np.swapaxes(moves, -1, -2)
+        if seen is not None and seen.standing_cov is not None:
+            cov = cov + seen.standing_cov
         xyz = np.full((len(self._body.skeleton), 3), np.nan)
         xyz[self._body.keypoint] = self._points
         work.read(xyz, np.broadcast_to(own, (len(xyz), 3, 3)))
+        # the tree has a turn of every limb; angles say how well it is known, and are missing where it is not
+        work.solve(self._planes(np.zeros_like(cov_state)))
+        rotation = work.rotation.copy()
         work.solve(self._planes(cov_state))
         kernels.add_point_variance(work.weights, self._rows, self._jacobians, cov_state, work.sigmas)
         work.drop_uncertain()
@@ -64,11 +73,27 @@ class Reader:
         return Fitted(
             xyz=self._points.copy(),
             cov=cov,
-            rotation=work.rotation.copy(),
+            rotation=rotation,
             origin=work.origins(),
             angles=work.angles.copy(),
             sigmas=work.sigmas.copy(),
         )
+
+    def points(self, state: State) -> tuple[Array, Array]:
+        """(A, 3), (A, 3, 3) keypoints of the tree alone, with the covariance that the state gives them."""
+        self._place(state)
+        return self._points.copy(), self._cov(state)
+
+    def _cov(self, state: State) -> Array:
+        size = self._packed.size
+        return np.asarray(self._jacobians @ state.cov[:size, :size] @ np.swapaxes(self._jacobians, -1, -2))
+
+    def _place(self, state: State) -> None:
+        p = self._packed
+        kernels.keypoints(
+            p.parent, p.kind, p.axis, p.offset, p.dof, p.node, p.local, state.q, state.rot, self._frame, self._origin,
+            self._points, self._jacobians,
+        )  # fmt: skip
 
     def _planes(self, cov: Array) -> Array:
         """The limb planes as the tree itself holds them, straight or not."""

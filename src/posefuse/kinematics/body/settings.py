@@ -25,7 +25,10 @@ class BodySettings:
         offset_sigma_m: how far a keypoint may lie from its joint for good, in each direction: no time averages that out, so it is
             in every covariance. The default covers the errors of the default network on bodies of random seeds 7300 to 7309
             (walking, squatting, reaching, waving, T-pose; 90 % intervals).
+        hip_sigma_m: the same of hips, which no detector sees.
         most_sigma_m: a joint that was not measured and is less certain than this is missing, not filled in.
+        contact_sigma_m: how far a point of a standing foot may be from its place on the floor, in a recorded fit to rays; 0:
+            feet may move and sink at any time.
         length_steps: segment lengths are solved from so many time steps, spread over the recording.
         robust_dof: degrees of freedom of the Student-t noise; small forgives outliers.
         iterations: Gauss-Newton steps at most per time step.
@@ -38,7 +41,9 @@ class BodySettings:
     velocity_memory_s: Annotated[float, Gt(0)] = 0.3
     noise_memory_s: Annotated[float, Ge(0)] = 0.1
     offset_sigma_m: Annotated[float, Ge(0)] = 0.005
+    hip_sigma_m: Annotated[float, Ge(0)] = 0.007
     most_sigma_m: Annotated[float, Gt(0)] = 0.1
+    contact_sigma_m: Annotated[float, Ge(0)] = 0.004
     length_steps: Annotated[int, Ge(1)] = 40
     robust_dof: Annotated[float, Gt(0)] = 2.0
     iterations: Annotated[int, Ge(1)] = 6

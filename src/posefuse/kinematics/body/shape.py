@@ -19,6 +19,7 @@ from .filter import Measurement
 from .guess import guessed_state
 from .model import Body, Length
 from .packed import Packed, packed_from_body
+from .response import length_derivatives
 from .settings import BodySettings
 
 # the last word of the name of a node's offset -> the segment it is as long as; half of those that lie across the body
@@ -84,8 +85,9 @@ def with_solved_lengths(
         body = replace(body, offset=body.offset + np.einsum("nsi,s->ni", slopes, step))
         if np.abs(step).max() < _CONVERGED_M:
             break
-    sigma = np.sqrt(np.diag(np.linalg.inv(information)) + settings.offset_sigma_m**2)
-    return replace(body, lengths=_lengths(body, prior.names, metres, sigma))
+    cov = np.linalg.inv(information) + settings.offset_sigma_m**2 * np.eye(len(metres))
+    solved = _lengths(body, prior.names, metres, np.sqrt(np.diag(cov)))
+    return replace(body, lengths=solved, length_slopes=slopes, length_cov=cov)
 
 
 def slopes_of(body: Body, names: tuple[str, ...]) -> Array:
@@ -145,16 +147,6 @@ def _add_time_step(
         points, jacobians, length_derivatives(p, slopes, frame), one.projections, one.xy, one.inverse_var, settings.robust_dof,
         hessian, information, slope,
     )  # fmt: skip
-
-
-def length_derivatives(p: Packed, slopes: Array, frame: Array) -> Array:
-    """(A, 3, S) metres that each keypoint moves per metre of each segment, the pose held: turns (nodes, 3, 3) of the nodes."""
-    above = np.where((p.parent >= 0)[:, None, None], frame[p.parent], np.eye(3))
-    moved = np.einsum("nij,nsj->nis", above, slopes)
-    for n, parent in enumerate(p.parent):
-        if parent >= 0:
-            moved[n] += moved[parent]
-    return np.ascontiguousarray(moved[p.node])
 
 
 def _lengths(body: Body, names: tuple[str, ...], metres: Array, sigma: Array) -> dict[str, Length]:

@@ -1,0 +1,79 @@
+"""Feet that stand: which points of them are at rest on the floor when, and where.
+
+A point of a foot stands while it is slow and as low as it ever stands. During one stance it neither moves nor sinks: its place is
+the mean over the stance, its height the mean of that and of all stances of the person, which share one floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import Skeleton
+from posefuse.core.arrays import Array
+from posefuse.kinematics.definitions import POINTS, landmark_pairs
+from posefuse.kinematics.sides import SIDES
+
+_SOLE, _FOOT = ("heel", "toe"), ("ankle", "heel", "toe")
+_SLOW_M_S = 0.25
+_LEAST_S = 0.15
+# of the height of a point: what counts as its lowest, and how much higher it may stand
+_LOWEST_PERCENT, _AS_LOW_M = 5.0, 0.03
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Contacts:
+    """Which keypoints of one person stand.
+
+    Attributes:
+        xyz: (T, A, 3) where, NaN where they do not.
+        cov: (T, A, 3, 3) of the error of these places, which all time steps of a stance share, for keypoints of feet that stand;
+            elsewhere 0.
+    """
+
+    xyz: Array
+    cov: Array
+
+
+def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoint: Array) -> Contacts:
+    """Contacts of one person's feet. World Z is up.
+
+    Args:
+        t_ns: (T,). xyz, cov: (T, A, 3), (T, A, 3, 3) keypoints, smoothed over time; NaN where unknown.
+        keypoint: (A,) which of the skeleton they are.
+    """
+    places, shared = np.full(xyz.shape, np.nan), np.zeros(cov.shape)
+    for side in SIDES:
+        foot = _rows(skeleton, keypoint, side, _FOOT)
+        for column in _rows(skeleton, keypoint, side, _SOLE):
+            track = xyz[:, column]
+            stances = list(_stances(t_ns * 1e-9, track))
+            if not stances:
+                continue
+            floor_m = float(np.median(np.concatenate([track[one, 2] for one in stances])))
+            for one in stances:
+                middle = np.mean(track[one], axis=0)
+                places[one, column] = [*middle[:2], (middle[2] + floor_m) / 2]
+                shared[one, foot] = np.mean(cov[one, foot], axis=0)
+    return Contacts(xyz=places, cov=shared)
+
+
+def _rows(skeleton: Skeleton, keypoint: Array, side: str, names: tuple[str, ...]) -> list[int]:
+    """Rows of the keypoints of the tree that are these landmarks of a foot."""
+    pairs = landmark_pairs(skeleton)
+    wanted = {int(k) for name in names for k in pairs[POINTS.index(f"{side}_{name}")] if k >= 0}
+    return [row for row, k in enumerate(keypoint.tolist()) if k in wanted]
+
+
+def _stances(t_s: Array, xyz: Array) -> Iterator[slice]:
+    known = np.isfinite(xyz).all(axis=-1)
+    if known.sum() < 3 or len(t_s) < 3:
+        return
+    speed = np.linalg.norm(np.gradient(xyz, t_s, axis=0), axis=-1)
+    low = xyz[:, 2] < np.nanpercentile(xyz[:, 2], _LOWEST_PERCENT) + _AS_LOW_M
+    stands = known & low & (np.nan_to_num(speed, nan=np.inf) < _SLOW_M_S)
+    for begin, end in np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]]))).reshape(-1, 2):
+        if t_s[end - 1] - t_s[begin] >= _LEAST_S:
+            yield slice(int(begin), int(end))

@@ -1,0 +1,43 @@
+"""What an error of the segment lengths does to the keypoints, with the pose fitted anew to the same rays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+
+from . import kernels
+from .filter import Measurement
+from .packed import Packed
+
+# a freedom that no ray tells of stays where it is
+_WEAK = 1.0
+
+
+def length_response(p: Packed, seen: Measurement, robust: float, points: Array, by_state: Array, by_length: Array) -> Array:
+    """(A, 3, S) metres that each keypoint moves per metre of each segment.
+
+    Where several views see a joint it hardly moves; where one does, it moves along the ray; unseen, it moves with its segment.
+
+    Args:
+        seen: the rays. points, by_state, by_length: (A, 3), (A, 3, D), (A, 3, S) keypoints and their derivatives.
+    """
+    information = np.zeros((len(points), 3, 3))
+    gradient = np.empty(3)
+    for a, x in enumerate(points):
+        kernels.ray_information(x, seen.projections, seen.xy[a], seen.inverse_var[a], robust, gradient, information[a])
+    pulled = np.einsum("aid,aij->adj", by_state, information)
+    slack = np.where(p.slack_var > 0, 1 / np.where(p.slack_var > 0, p.slack_var, 1.0), _WEAK)
+    hessian = np.einsum("adj,aje->de", pulled, by_state) + np.diag(slack)
+    follows = np.linalg.solve(hessian, np.einsum("adj,ajs->ds", pulled, by_length))
+    return np.asarray(by_length - by_state @ follows)
+
+
+def length_derivatives(p: Packed, slopes: Array, frame: Array) -> Array:
+    """(A, 3, S) metres that each keypoint moves per metre of each segment, the pose held: turns (nodes, 3, 3) of the nodes."""
+    above = np.where((p.parent >= 0)[:, None, None], frame[p.parent], np.eye(3))
+    moved = np.einsum("nij,nsj->nis", above, slopes)
+    for n, parent in enumerate(p.parent):
+        if parent >= 0:
+            moved[n] += moved[parent]
+    return np.ascontiguousarray(moved[p.node])

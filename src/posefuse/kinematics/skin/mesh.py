@@ -1,0 +1,151 @@
+"""The template mesh in a person's proportions, bound to the joints of their animated skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+from posefuse.formats.bvh import BvhData
+from posefuse.formats.gltf import Skin
+from posefuse.kinematics.animation import FILE_FROM_SEGMENT
+from posefuse.kinematics.sides import SIDES
+
+from .template import template
+
+_FORWARD, _RIGHT = np.array([1.0, 0, 0]), np.array([0, -1.0, 0])
+# segment -> (the joint it begins at, where it ends, the segment that carries it where the skeleton lacks it)
+_LIMBS = {
+    "upper_arm": ("shoulder", "elbow", "thorax"), "forearm": ("elbow", "wrist", "upper_arm"), "hand": ("wrist", "", "forearm"),
+    "thigh": ("hip", "knee", "pelvis"), "shank": ("knee", "ankle", "thigh"), "foot": ("ankle", "", "shank"),
+}  # fmt: skip
+_NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+_CARRIES = {"head": "thorax", "thorax": "pelvis"} | {
+    f"{side}_{name}": over if over in ("thorax", "pelvis") else f"{side}_{over}"
+    for side in SIDES
+    for name, (_, _, over) in _LIMBS.items()
+}
+_STRETCH = (0.7, 1.4)
+_MOST_JOINTS = 4
+
+
+def skin_of(skeleton: BvhData, metres_per_unit: float = 1.0) -> Skin:
+    """A mesh of the likeliest body with this skeleton's lengths (`kinematics.animation.animation_from_joints`).
+
+    Each segment is then stretched along itself to be exactly as long as the skeleton's.
+    """
+    body = template()
+    rest = dict(zip(skeleton.names, skeleton.rest_positions() * metres_per_unit, strict=True))
+    shape = body.shape_of(_lengths(rest))
+    points = body.points_of(shape)
+    bound = {name: _bound(name, points, rest) for name in body.segments if name in rest}
+    index = {name: j for j, name in enumerate(skeleton.names)}
+    weight = np.zeros((len(body.weights), len(skeleton.names)))
+    for s, name in enumerate(body.segments):
+        weight[:, index[_carrier(name, rest)]] += body.weights[:, s]
+    joint = np.argsort(-weight, axis=1, kind="stable")[:, :_MOST_JOINTS]
+    kept = np.take_along_axis(weight, joint, axis=1)
+    matrices = np.tile(np.eye(4), (len(skeleton.names), 1, 1))
+    for name, matrix in bound.items():
+        matrices[index[name]] = matrix
+    return Skin(
+        vertices=body.vertices + np.tensordot(shape, body.vertex_shapes, 1),
+        faces=body.faces,
+        joint=joint,
+        weight=kept / kept.sum(axis=1, keepdims=True),
+        joint_from_mesh=matrices,
+    )
+
+
+def skinned_vertices(skeleton: BvhData, skin: Skin, metres_per_unit: float = 1.0) -> Array:
+    """(T, V, 3) metres in the axes of the file: linear blend skinning."""
+    rotation, position = skeleton.world()
+    linear = rotation @ skin.joint_from_mesh[:, :3, :3]
+    shift = (rotation @ skin.joint_from_mesh[:, :3, 3:])[..., 0] + position * metres_per_unit
+    out = np.zeros((len(skeleton), *skin.vertices.shape))
+    for k in range(skin.joint.shape[1]):
+        turned = np.einsum("tvij,vj->tvi", linear[:, skin.joint[:, k]], skin.vertices) + shift[:, skin.joint[:, k]]
+        out += skin.weight[:, k, None] * turned
+    return out
+
+
+def _lengths(rest: Mapping[str, Array]) -> dict[str, float]:
+    spans = {f"{s}_{name}": (f"{s}_{name}", _end(f"{s}_{_NEXT[name]}", rest)) for s in SIDES for name in _NEXT}
+    spans |= {"shoulders": ("left_upper_arm", "right_upper_arm"), "hips": ("left_thigh", "right_thigh")}
+    known = {name: (a, b) for name, (a, b) in spans.items() if a in rest and b in rest}
+    return {name: float(np.linalg.norm(rest[a] - rest[b])) for name, (a, b) in known.items()}
+
+
+def _end(segment: str, rest: Mapping[str, Array]) -> str:
+    """The joint that begins a segment; of a skeleton without it, the end of the segment before."""
+    return segment if segment in rest else f"{_CARRIES[segment]}_end"
+
+
+def _carrier(segment: str, rest: Mapping[str, Array]) -> str:
+    while segment not in rest and segment != "pelvis":
+        segment = _CARRIES[segment]
+    return segment
+
+
+def _bound(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array]) -> Array:
+    """(4, 4) from the template to the axes of a joint whose segment lies along the axes of the file at rest."""
+    axes, origin, stretch = _frame(segment, points, rest)
+    matrix = np.eye(4)
+    matrix[:3, :3] = FILE_FROM_SEGMENT @ np.diag(np.clip(stretch, *_STRETCH)) @ axes.T
+    matrix[:3, 3] = -matrix[:3, :3] @ origin
+    return matrix
+
+
+def _frame(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array]) -> tuple[Array, Array, Array]:
+    """Axes (3, 3) X, Y, Z of a segment of the template as `kinematics.definitions` has them, its origin, how much longer (3,)."""
+
+    def middle(name: str) -> Array:
+        return (points[f"left_{name}"] + points[f"right_{name}"]) / 2
+
+    def width(joint: str, other: str) -> float:
+        if f"left_{other}" not in rest or f"right_{other}" not in rest:
+            return 1.0
+        have = np.linalg.norm(points[f"left_{joint}"] - points[f"right_{joint}"])
+        return float(np.linalg.norm(rest[f"left_{other}"] - rest[f"right_{other}"]) / have)
+
+    hips, neck = middle("hip"), middle("shoulder")
+    if segment in ("pelvis", "thorax"):
+        ends = [rest[f"{side}_upper_arm"] for side in SIDES if f"{side}_upper_arm" in rest]
+        tall = np.linalg.norm(np.mean(ends, axis=0) - rest["pelvis"]) / np.linalg.norm(neck - hips) if ends else 1.0
+        wide = width("hip", "thigh") if segment == "pelvis" else width("shoulder", "upper_arm")
+        return _axes(Y=neck - hips, Z=_RIGHT), hips, np.array([1.0, tall, wide])
+    if segment == "head":
+        ears = middle("ear")
+        z, x = points["right_ear"] - points["left_ear"], points["nose"] - ears
+        return _axes(Y=np.cross(z, x), Z=z), ears, np.ones(3)
+    side, part = segment.split("_", 1)
+    at = {name.removeprefix(f"{side}_"): point for name, point in points.items() if name.startswith(side)}
+    origin = at[_LIMBS[part][0]]
+    if part == "foot":
+        along, up = (at["big_toe"] + at["small_toe"]) / 2 - at["heel"], at["ankle"] - at["heel"]
+        z = np.cross(along, up)
+        return _axes(Y=np.cross(z, along), Z=z), origin, np.ones(3)
+    if part == "hand":
+        across = at["index"] - at["pinky"]
+        return _axes(Y=origin - (at["index"] + at["pinky"]) / 2, Z=across if side == "right" else -across), origin, np.ones(3)
+    end = at[_LIMBS[part][1]]
+    begin_at, end_at = rest[segment], rest.get(_end(f"{side}_{_NEXT[part]}", rest))
+    longer = 1.0 if end_at is None else np.linalg.norm(end_at - begin_at) / np.linalg.norm(end - origin)
+    ahead = _FORWARD if part in ("thigh", "shank") else _bend(at)
+    return _axes(Y=origin - end, Z=np.cross(ahead, origin - end)), origin, np.array([1.0, longer, 1.0])
+
+
+def _bend(at: Mapping[str, Array]) -> Array:
+    """Which way an arm bends: from the line shoulder-wrist away from the elbow."""
+    along = at["wrist"] - at["shoulder"]
+    inside = at["elbow"] - at["shoulder"]
+    return np.asarray((inside @ along) / (along @ along) * along - inside)
+
+
+def _axes(*, Y: Array, Z: Array) -> Array:
+    """(3, 3) columns X, Y, Z: Y exactly, Z as near as it can be."""
+    y = Y / np.linalg.norm(Y)
+    z = Z - (Z @ y) * y
+    z /= np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1)

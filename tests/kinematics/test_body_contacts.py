@@ -1,0 +1,124 @@
+"""Feet that stand neither move nor sink: which do, what that does to a fit, and what it says of its certainty."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import PoseSequence, ViewSequence
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_views
+from posefuse.kinematics.body.contacts import contacts_of
+from posefuse.simulation.exact import truth_of
+from posefuse.simulation.scene import Scene
+
+RATE_HZ, SIGMA_PX, SIGMA_M = 20.0, 1.5, 0.006
+SOLES = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("heel", "big_toe"))
+LOOSE = BodySettings(contact_sigma_m=0.0)
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """(T, 1, K, 3) exact keypoints of a simulated person who walks along a line."""
+    scene = {
+        "duration_s": 2.5,
+        "rate_hz": RATE_HZ,
+        "cameras": {
+            "kind": "ring",
+            "count": 2,
+            "radius_m": 4.0,
+            "height_m": 2.0,
+            "image": {"size_px": [64, 48], "horizontal_fov_deg": 60},
+        },
+        "people": [{"motion": {"kind": "walk", "path": {"shape": "line", "start_m": [-2, 0], "end_m": [2, 0.4]}}}],
+    }
+    return truth_of(settings_from_mapping(scene, Scene, where="walker")).xyz_world
+
+
+@pytest.fixture(scope="module")
+def poses(walker) -> PoseSequence:
+    ones, rng = np.ones(walker.shape[:-1]), np.random.default_rng(1)
+    return PoseSequence(
+        t_ns=np.arange(len(walker)) * round(1e9 / RATE_HZ),
+        skeleton=ANATOMICAL23,
+        person_id=[0],
+        xyz_world=walker + rng.normal(size=walker.shape) * SIGMA_M,
+        cov_world=np.broadcast_to(np.eye(3) * SIGMA_M**2, (*walker.shape, 3)),
+        reproj_px=ones,
+        n_views=4 * ones,
+        kind=ones,
+    )
+
+
+@pytest.fixture(scope="module")
+def fits(poses, walker, ring_rig):
+    rig, rng = ring_rig(4), np.random.default_rng(2)
+    xy = np.moveaxis(rig.project(walker), 0, 2)
+    views = ViewSequence(
+        t_ns=poses.t_ns,
+        skeleton=poses.skeleton,
+        camera_names=rig.names,
+        person_id=poses.person_id,
+        xy_img=xy + rng.normal(size=xy.shape) * SIGMA_PX,
+        score=np.ones(xy.shape[:-1]),
+        sigma_px=np.full(xy.shape[:-1], SIGMA_PX),
+    )
+    return {name: fit_views(poses, rig, views, chosen).poses for name, chosen in {"stand": None, "loose": LOOSE}.items()}
+
+
+def standing(walker) -> np.ndarray:
+    """(T, 4) whether a point of `SOLES` is in truth at rest on the floor."""
+    at = ANATOMICAL23.indices(SOLES)
+    speed = np.linalg.norm(np.gradient(walker[:, 0][:, at], 1 / RATE_HZ, axis=0), axis=-1)
+    return speed < 0.05
+
+
+def found(walker, soles_m: float) -> np.ndarray:
+    """(T, 4) where contacts are found in keypoints that are exact, of a walk at this height of the floor."""
+    keypoint = np.arange(len(ANATOMICAL23))
+    xyz = walker[:, 0] + [0, 0, soles_m]
+    t_ns = np.arange(len(xyz)) * round(1e9 / RATE_HZ)
+    contacts = contacts_of(t_ns, xyz, np.zeros((*xyz.shape, 3)), ANATOMICAL23, keypoint)
+    return np.isfinite(contacts.xyz[:, ANATOMICAL23.indices(SOLES), 0])
+
+
+@pytest.mark.parametrize("soles_m", [0.0, -1.3])
+def test_feet_at_rest_are_found_wherever_the_floor_is(walker, soles_m: float) -> None:
+    truth, got = standing(walker), found(walker, soles_m)
+    assert (got & truth).sum() > 0.9 * truth.sum()
+    assert (got & truth).sum() > 0.75 * got.sum()
+    assert got.any(axis=0).all() and not got.all()
+
+
+def test_feet_in_the_air_stand_nowhere(walker) -> None:
+    """Somebody who is carried: all of the body moves."""
+    carried = walker + np.linspace(0, 3, len(walker))[:, None, None, None] * [0, 0.5, 0]
+    assert found(carried, 0.0).mean() < 0.1 < standing(walker).mean()
+
+
+def test_standing_feet_do_not_slide(walker, fits) -> None:
+    slid = {}
+    for name, fit in fits.items():
+        at = ANATOMICAL23.indices(SOLES)
+        steps = np.linalg.norm(np.diff(fit.xyz_world[:, 0][:, at], axis=0), axis=-1)
+        both = standing(walker)[1:] & standing(walker)[:-1]
+        slid[name] = steps[both].mean()
+    assert slid["stand"] < 0.4 * slid["loose"] and slid["stand"] < 0.003
+
+
+def test_ankles_are_closer_and_what_they_say_holds(walker, fits) -> None:
+    at, truth = ANATOMICAL23.indices(("left_ankle", "right_ankle")), walker[:, 0]
+    error = {name: np.linalg.norm(fit.xyz_world[:, 0][:, at] - truth[:, at], axis=-1).mean() for name, fit in fits.items()}
+    assert error["stand"] < 0.95 * error["loose"]
+    away = (fits["stand"].xyz_world[:, 0] - truth)[:, at]
+    sigma = np.sqrt(np.diagonal(fits["stand"].cov_world[:, 0][:, at], axis1=-2, axis2=-1))
+    assert np.mean(np.abs(away) < 1.645 * sigma) > 0.85
+
+
+def test_a_skeleton_without_feet_stands_nowhere(poses) -> None:
+    body = bodies_from_poses(poses)[0]
+    legs = [k for k in range(len(ANATOMICAL23)) if ANATOMICAL23.keypoints[k] not in SOLES]
+    contacts = contacts_of(
+        poses.t_ns, poses.xyz_world[:, 0][:, legs], poses.cov_world[:, 0][:, legs], body.skeleton, np.array(legs)
+    )
+    toes = [row for row, k in enumerate(legs) if "toe" not in ANATOMICAL23.keypoints[k]]
+    assert np.isnan(contacts.xyz[:, toes]).all()
