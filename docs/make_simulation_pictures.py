@@ -36,7 +36,8 @@ def pictures(scene: Scene, after_s: float, cameras: int, with_truth: bool) -> li
     for c in range(cameras):
         frame = int(np.argmin(np.abs(live.shots[c].t_ns / 1e9 - scene.start_s - after_s)))
         shooter = CameraShooter(live.rig.cameras[c], live.placed[c].sensor, stage)
-        image, visible = shot_image(live, c, frame, shooter)
+        shot = shot_image(live, c, frame, shooter)
+        image, visible = shot.image, shot.visible
         if with_truth:
             _dot(image, seen_points(live, c, slice(frame, frame + 1)).xy_img[0], visible)
         drawn.append(image)

@@ -61,6 +61,26 @@ def test_gradient_of_the_robust_loss(ring_rig, sigma):
     np.testing.assert_allclose(system[6:], numeric, rtol=1e-5)
 
 
+@pytest.mark.parametrize("sigma_m", [1.0, 0.01], ids=["quadratic", "bounded"])
+def test_gradient_and_information_of_depth(ring_rig, sigma_m):
+    """Of the rows of depth alone: those of the rays have next to no weight."""
+    rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
+    truth, cams = np.array([0.3, -0.2, 1.2]), packed_rig(rig)
+    views = looked(rig, rig.project(truth), 1e9)
+    depth = np.array([(camera.cam_from_world @ truth)[2] for camera in rig]) + [0.1, -0.07, 0.0, 0.05]
+    planes = np.stack([depth, [1 / sigma_m, 2 / sigma_m, 0.0, 1 / sigma_m]], axis=1)
+    system, ahead, behind = np.empty(9), np.empty(9), np.empty(9)
+    point.normal_system(cams, views, 4, truth, system, planes)
+    gradient, information = np.empty(3), np.empty((3, 3))
+    for i, step in enumerate(np.eye(3) * 1e-6):
+        more = point.normal_system(cams, views, 4, truth + step, ahead, planes)
+        less = point.normal_system(cams, views, 4, truth - step, behind, planes)
+        gradient[i], information[i] = (more - less) / 4e-6, (ahead[6:] - behind[6:]) / 2e-6
+    np.testing.assert_allclose(system[6:], gradient, rtol=1e-5, atol=1e-7)
+    if sigma_m == 1.0:
+        np.testing.assert_allclose(system[:6], information[np.triu_indices(3)], rtol=1e-5, atol=1e-7)
+
+
 def test_information_is_the_second_derivative_where_residuals_vanish(ring_rig):
     rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
     truth = np.array([0.3, -0.2, 1.2])

@@ -1,5 +1,6 @@
 """The log of detections gives all whole records back, wherever it was cut or damaged."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,26 @@ def test_every_record_comes_back(log: Path) -> None:
             assert (found.camera, found.t_ns) == (wanted.camera, wanted.t_ns)
             for name in DETECTION_ARRAYS:
                 np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+
+
+def test_depth_of_some_cameras_comes_back_and_the_others_cost_nothing(tmp_path: Path, log: Path) -> None:
+    plain = batch(5)
+    depth = np.random.default_rng(3).uniform(1, 4, (*plain.detections[1].score.shape, 2))
+    depth[0, :4] = np.nan
+    deep = replace(plain.detections[1], depth_m=depth)
+    path = tmp_path / "deep.log"
+    writer = opened(path)
+    for step in range(5):
+        writer.append(batch(step))
+    writer.append(replace(plain, detections=(plain.detections[0], deep)))
+    writer.close()
+    got = read_log(path)
+    assert got.batches[5].detections[0].depth_m is None
+    assert got.batches[5].detections[1].depth_m is not None
+    np.testing.assert_array_equal(got.batches[5].detections[1].depth_m, deep.depth_m)
+    # up to the first record with depth, the file is what it is without
+    assert path.read_bytes()[: got.ends[4]] == log.read_bytes()[: got.ends[4]]
+    assert got.ends[5] - read_log(log).ends[5] == deep.depth_m.nbytes
 
 
 def test_a_cut_tail_is_left_out_wherever_it_was_cut(log: Path) -> None:

@@ -38,6 +38,24 @@ def recording(ring_rig: Callable[..., Rig]) -> Recording:
     )
 
 
+def test_depth_comes_back_in_a_format_of_its_own(tmp_path: Path, recording: Recording) -> None:
+    depth = np.random.default_rng(2).uniform(1, 5, (*recording.observations.score.shape, 2)).astype(np.float32)
+    depth[::3] = np.nan
+    deep = replace(recording, observations=replace(recording.observations, depth_m=depth))
+    folders = tmp_path / "deep", tmp_path / "plain"
+    for folder, one in zip(folders, (deep, recording), strict=True):
+        folder.mkdir()
+        write_recording(folder, one)
+    back, plain = (read_recording(folder).observations for folder in folders)
+    np.testing.assert_array_equal(back.depth_m, depth)
+    assert plain.depth_m is None
+    versions = [json.loads((folder / "recording.json").read_text())["format_version"] for folder in folders]
+    assert versions == [4, 3]
+    views = deep.views
+    assert views.depth_m is not None
+    np.testing.assert_array_equal(views.depth_m[2, 1, 3], depth[deep.observations.detection_frame == 2 * 4 + 3][1])
+
+
 def test_every_bit_comes_back(tmp_path: Path, recording: Recording) -> None:
     made = write_recording(tmp_path, recording)
     assert sorted(path.name for path in made) == sorted(path.name for path in tmp_path.iterdir())
@@ -72,7 +90,8 @@ def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_r
             read_recording(tmp_path)
         return str(caught.value)
 
-    assert "format version: expected 3, got 4" in problem(about | {"format_version": 4})
+    assert "format version: expected 3 or 4, got 5" in problem(about | {"format_version": 5})
+    assert "the result is incomplete: 'depth_m' is missing" in problem(about | {"format_version": 4})
     assert "got 2; an older posefuse wrote it: track the session again" in problem(about | {"format_version": 2})
     assert "not a posefuse result" in problem({"a": 1})
     assert "rig_id is missing" in problem({key: value for key, value in about.items() if key != "rig_id"})

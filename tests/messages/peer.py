@@ -117,6 +117,7 @@ class Detections2D(IdlStruct, typename="posefuse_msgs.msg.dds_.Detections2D_"):
     sigma_px: sequence[float32]
     box_px: sequence[float32]
     clothing_lab: sequence[float32]
+    depth_m: sequence[float32]
     stages: sequence[Stage]
 
 
@@ -186,9 +187,9 @@ def shout(participant):
     topic = Topic(participant, "rt/posefuse/detections", Detections2D)
     writer = DataWriter(participant, topic, qos=Qos(RELIABLE, Policy.History.KeepLast(100), XCDR1))
     good = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [1.0, 2.0, 3.0, 4.0], [0.5, 1.0],
-                        [1.0, 1.0], [0.0, 0.0, 9.0, 9.0], [], [Stage("captured", Time(5, 6))])  # fmt: skip
-    many = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 4_000_000_000, [], [], [], [], [], [])
-    big = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [0.5] * 600_000, [], [], [], [], [])
+                        [1.0, 1.0], [0.0, 0.0, 9.0, 9.0], [], [], [Stage("captured", Time(5, 6))])  # fmt: skip
+    many = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 4_000_000_000, [], [], [], [], [], [], [])
+    big = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [0.5] * 600_000, [], [], [], [], [], [])
     end = time.monotonic() + 60
     while time.monotonic() < end:
         writer.write(good)

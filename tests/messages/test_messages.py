@@ -35,6 +35,20 @@ def test_detections_come_back_exactly(some_detections, people):
     assert back.skeleton.bones  # the one we know, bones included
 
 
+def with_depth(sent):
+    rng = np.random.default_rng(8)
+    depth = rng.uniform(1, 4, sent.xy_img.shape)
+    depth[rng.random(sent.score.shape) < 0.3] = np.nan
+    return dataclasses.replace(sent, depth_m=depth)
+
+
+def test_depth_comes_back_exactly(some_detections):
+    sent = with_depth(some_detections(2))
+    back, _ = messages.detections_from_message(over_the_wire(messages.message_from_detections(sent, {})))
+    np.testing.assert_array_equal(back.depth_m, sent.depth_m)
+    assert back.depth_m.dtype == np.float32
+
+
 @pytest.mark.parametrize("people", [0, 1, 3])
 def test_poses_come_back_exactly(some_pose, people):
     sent = some_pose(people)
@@ -81,6 +95,9 @@ WRONG_DETECTIONS = {
     "repeated keypoints": lambda m: dataclasses.replace(m, skeleton="mine", keypoints=["a"] * 33),
     "short boxes": lambda m: dataclasses.replace(m, box_px=m.box_px[:-1]),
     "short colours": lambda m: dataclasses.replace(m, clothing_lab=m.clothing_lab[:-1]),
+    "short depth": lambda m: dataclasses.replace(m, depth_m=np.ones(3, np.float32)),
+    "negative depth": lambda m: dataclasses.replace(m, depth_m=np.full_like(m.xy_px, -1)),
+    "infinite depth": lambda m: dataclasses.replace(m, depth_m=np.full_like(m.xy_px, np.inf)),
     "infinite colours": lambda m: dataclasses.replace(m, clothing_lab=np.full_like(m.clothing_lab, np.inf)),
 }
 

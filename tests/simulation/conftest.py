@@ -39,7 +39,8 @@ def shoot(backend) -> Callable[..., tuple[LiveScene, np.ndarray, np.ndarray]]:
         stage = RenderStage(model_of(live, (view.width, view.height)), backend)
         try:
             shooter = CameraShooter(live.rig.cameras[0], live.placed[0].sensor, stage)
-            return live, *shot_image(live, 0, frame, shooter)
+            shot = shot_image(live, 0, frame, shooter)
+            return live, shot.image, shot.visible
         finally:
             stage.close()
 

@@ -43,7 +43,8 @@ def test_the_network_finds_the_person_from_every_side(sex, network, backend):
     stage = RenderStage(model_of(live, (640, 480)), backend)
     frames, truth = [], []
     for c, camera in enumerate(live.rig):
-        image, visible = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))
+        shot = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))
+        image, visible = shot.image, shot.visible
         frames.append(Frame(camera=camera.name, seq=0, t_ns=0, received_ns=0, image=image))
         truth.append(np.where(visible[:, None], seen_points(live, c, slice(0, 1)).xy_img[0], np.nan))
     stage.close()

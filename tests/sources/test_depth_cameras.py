@@ -52,15 +52,36 @@ def realsense(made: Exposures, domain: str = "global_time", metadata: bool = Tru
             get_data=lambda: image,
         )
 
+    def raw_depth(value: int, shape: tuple[int, int] = (20, 30)) -> SimpleNamespace:
+        return SimpleNamespace(get_data=lambda: np.full(shape, value, np.uint16))
+
+    def aligned(together: SimpleNamespace) -> SimpleNamespace:
+        color = together.get_color_frame()
+        return SimpleNamespace(get_color_frame=lambda: color, get_depth_frame=lambda: raw_depth(4000, SHAPE[:2]))
+
+    def enabled(stream: str, *rest: object) -> None:
+        asked[stream] = rest
+        if stream == "color":
+            width, height, _, rate = rest
+            asked["size"] = (width, height, rate)
+
     class Pipeline:
-        def start(self, config: SimpleNamespace) -> None:
+        def start(self, config: SimpleNamespace) -> SimpleNamespace:
             if asked["size"][0] > 1920:
                 raise RuntimeError("Couldn't resolve requests")
+            lens = SimpleNamespace(get_intrinsics=lambda: SimpleNamespace(fx=500.0))
+            stream = SimpleNamespace(as_video_stream_profile=lambda: lens)
+            sensor = SimpleNamespace(
+                get_depth_scale=lambda: 0.0005, supports=lambda option: option == "baseline", get_option=lambda option: 95.0
+            )
+            device = SimpleNamespace(first_depth_sensor=lambda: sensor)
+            return SimpleNamespace(get_device=lambda: device, get_stream=lambda kind: stream)
 
         def wait_for_frames(self, timeout_ms: int) -> SimpleNamespace:
             assert timeout_ms == 5000
             middle_ns, image = made.next()
-            return SimpleNamespace(get_color_frame=lambda: color_frame(middle_ns, image))
+            # not aligned yet: the depth of another lens, of its own size
+            return SimpleNamespace(get_color_frame=lambda: color_frame(middle_ns, image), get_depth_frame=lambda: raw_depth(1))
 
         def stop(self) -> None:
             asked["stopped"] = asked.get("stopped", 0) + 1
@@ -70,22 +91,41 @@ def realsense(made: Exposures, domain: str = "global_time", metadata: bool = Tru
         context=lambda: SimpleNamespace(query_devices=lambda: device),
         config=lambda: SimpleNamespace(
             enable_device=lambda serial: asked.update(serial=serial),
-            enable_stream=lambda stream, w, h, form, rate: asked.update(size=(w, h, rate), form=form, stream=stream),
+            enable_stream=lambda stream, *rest: asked.update(
+                {stream: rest} | ({"size": (*rest[:2], rest[3])} if rest[3:] else {})
+            ),
         ),
+        align=lambda stream: SimpleNamespace(process=aligned) if stream == "color" else None,
+        option=SimpleNamespace(stereo_baseline="baseline"),
         pipeline=Pipeline,
         camera_info=SimpleNamespace(serial_number="serial"),
-        stream=SimpleNamespace(color="color"),
-        format=SimpleNamespace(rgb8="rgb8"),
+        stream=SimpleNamespace(color="color", depth="depth"),
+        format=SimpleNamespace(rgb8="rgb8", z16="z16"),
         timestamp_domain=SimpleNamespace(hardware_clock="hardware_clock", global_time="global_time", system_time="system_time"),
         frame_metadata_value=SimpleNamespace(frame_timestamp="frame", sensor_timestamp="sensor"),
         asked=asked,
     )
 
 
-def oak(made: Exposures, serials: tuple[str, ...] = ("A1", "B2")):
+def oak(made: Exposures, serials: tuple[str, ...] = ("A1", "B2"), chip: str = "RVC2"):
     """A module like depthai."""
     asked: dict = {}
+    links: set[tuple[str, str]] = set()
     offsets = SimpleNamespace(MIDDLE="middle")
+
+    class Output:
+        def __init__(self, name: str, queue: SimpleNamespace | None = None) -> None:
+            self.name, self.queue = name, queue
+
+        def link(self, to: str) -> None:
+            links.add((self.name, to))
+
+        def createOutputQueue(self, most: int, blocking: bool) -> SimpleNamespace:
+            assert self.queue is not None
+            return self.queue
+
+    def lens_of(socket: str) -> SimpleNamespace:
+        return SimpleNamespace(requestOutput=output if socket == "a" else lambda size, fps: stereo_output(socket, size, fps))
 
     def taken(timeout: timedelta) -> SimpleNamespace:
         middle_ns, image = made.next()
@@ -95,13 +135,32 @@ def oak(made: Exposures, serials: tuple[str, ...] = ("A1", "B2")):
 
     def output(size: tuple[int, int], form: str, fps: float) -> SimpleNamespace:
         asked.update(size=(*size, fps), form=form)
-        return SimpleNamespace(createOutputQueue=lambda most, blocking: SimpleNamespace(get=taken))
+        return Output("color", SimpleNamespace(get=taken))
+
+    def stereo_output(socket: str, size: tuple[int, int], fps: float) -> Output:
+        return Output(socket)
+
+    def taken_together(timeout: timedelta) -> dict[str, SimpleNamespace]:
+        assert {("color", "sync color"), ("b", "left"), ("c", "right")} <= links
+        # by either chip's way, what reaches the host was aligned with color
+        assert links >= ({("color", "align to"), ("depth", "sync depth")} if chip == "RVC2" else {("aligned", "sync depth")})
+        depth = SimpleNamespace(getFrame=lambda: np.full(SHAPE[:2], 2000, np.uint16))
+        return {"color": taken(timeout), "depth": depth}
+
+    nodes = {
+        "camera": lambda: SimpleNamespace(build=lens_of),
+        "stereo": lambda: SimpleNamespace(left="left", right="right", inputAlignTo="align to", depth=Output("depth")),
+        "sync": lambda: SimpleNamespace(
+            inputs={"color": "sync color", "depth": "sync depth"}, out=Output("both", SimpleNamespace(get=taken_together))
+        ),
+        "align": lambda: SimpleNamespace(input="unaligned", inputAlignTo="align to", outputAligned=Output("aligned")),
+    }
 
     def pipeline(device: str) -> SimpleNamespace:
         asked["serial"] = device
-        lens = SimpleNamespace(requestOutput=output)
         return SimpleNamespace(
-            create=lambda kind: SimpleNamespace(build=lambda socket: lens),
+            create=lambda kind: nodes[kind](),
+            getDefaultDevice=lambda: SimpleNamespace(getPlatform=lambda: chip),
             start=lambda: None,
             stop=lambda: asked.update(stopped=asked.get("stopped", 0) + 1),
         )
@@ -117,8 +176,9 @@ def oak(made: Exposures, serials: tuple[str, ...] = ("A1", "B2")):
     return SimpleNamespace(
         Device=Device,
         Pipeline=pipeline,
-        node=SimpleNamespace(Camera="camera"),
-        CameraBoardSocket=SimpleNamespace(CAM_A="a"),
+        node=SimpleNamespace(Camera="camera", StereoDepth="stereo", Sync="sync", ImageAlign="align"),
+        CameraBoardSocket=SimpleNamespace(CAM_A="a", CAM_B="b", CAM_C="c"),
+        Platform=SimpleNamespace(RVC2="RVC2", RVC4="RVC4"),
         CameraExposureOffset=offsets,
         ImgFrame=SimpleNamespace(Type=SimpleNamespace(RGB888i="rgb")),
         asked=asked,
@@ -160,6 +220,28 @@ def test_stamps_images_and_numbers_are_right(monkeypatch, module: str, fake: Cal
     # a stamp in ms as a float, and the fake's own reading of two clocks
     assert np.abs(late_ns).max() < 1_000_000
     assert all(frame.received_ns - frame.t_ns > EXPOSED_NS for frame in frames)
+
+
+def test_depth_comes_aligned_with_the_camera_s_own_unit_and_noise(monkeypatch) -> None:
+    library = realsense(Exposures())
+    monkeypatch.setitem(sys.modules, "pyrealsense2", library)
+    frame = next(RealSenseConfig("cam", "any", "64x48@30", depth=True).build().frames())
+    assert frame.depth is not None
+    assert (frame.depth.values == 4000).all()
+    assert (frame.depth.unit_m, frame.depth.noise.focal_px, frame.depth.noise.baseline_m) == (0.0005, 500.0, 0.095)
+    assert library.asked["depth"] == ("z16", 30)
+    assert next(RealSenseConfig("cam", "any", "64x48").build().frames()).depth is None
+
+
+@pytest.mark.parametrize("chip", ["RVC2", "RVC4"])
+def test_an_oak_gives_color_and_depth_of_one_moment(monkeypatch, chip: str) -> None:
+    library = oak(Exposures(), chip=chip)
+    monkeypatch.setitem(sys.modules, "depthai", library)
+    frame = next(OakConfig("cam", "any", "64x48", depth=True).build().frames())
+    assert frame.depth is not None
+    assert (frame.depth.values == 2000).all()
+    assert frame.depth.unit_m == 0.001
+    assert frame.image.shape == SHAPE
 
 
 def test_a_camera_clock_of_its_own_is_placed_by_arrival(monkeypatch) -> None:

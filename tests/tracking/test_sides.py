@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, Kind, PoseSequence
+from posefuse.core import SE3, Kind, PoseSequence, Rig, ViewSequence
 from posefuse.core.skeleton import COCO17
 from posefuse.tracking import sides_like, steady_sides
 
@@ -38,6 +38,14 @@ def walkers(noise_m: float = 0.004) -> PoseSequence:
         n_views=np.full(shape, 4),
         kind=np.full(shape, Kind.FUSED),
     )
+
+
+def views(rig: Rig, sequence: PoseSequence, *planes: np.ndarray, depth_m: np.ndarray | None = None) -> ViewSequence:
+    xy, score, sigma = planes
+    return ViewSequence(
+        t_ns=sequence.t_ns, skeleton=COCO17, camera_names=rig.names, person_id=sequence.person_id, xy_img=xy, score=score,
+        sigma_px=sigma, depth_m=depth_m,
+    )  # fmt: skip
 
 
 def exchanged(sequence: PoseSequence, instants: slice, person: int, limb: np.ndarray) -> PoseSequence:
@@ -93,26 +101,29 @@ def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
     true_xy = np.stack([camera.project(reference.xyz_world) for camera in rig], axis=2) + rng.normal(size=(T, N, 3, K, 2))
     score = rng.uniform(0.5, 1, (T, N, 3, K))
     sigma = rng.uniform(1, 3, (T, N, 3, K))
-    seen = [np.array(true_xy), np.array(score), np.array(sigma)]
+    depth = rng.uniform(2, 5, (T, N, 3, K, 2))
+    seen = [np.array(true_xy), np.array(score), np.array(sigma), np.array(depth)]
     wrong = slice(8, 17)  # the legs are well apart
     for plane in seen:
         plane[wrong, 0, 1][:, [*LEFT_LEG, *RIGHT_LEG]] = plane[wrong, 0, 1][:, [*RIGHT_LEG, *LEFT_LEG]]
     assert not np.array_equal(seen[0], true_xy)
-    xy, got_score, got_sigma = sides_like(reference, rig, *seen)
+    got = sides_like(reference, rig, views(rig, reference, *seen[:3], depth_m=seen[3]))
     far = np.linalg.norm(true_xy[..., LEFT_LEG[2], :] - true_xy[..., RIGHT_LEG[2], :], axis=-1) > 25
     assert far[wrong, 0, 1].any()
     legs = [*LEFT_LEG, *RIGHT_LEG]
-    for got, true in ((xy, true_xy), (got_score, score), (got_sigma, sigma)):
-        assert np.array_equal(got[far][:, legs], true[far][:, legs])
+    for named, true in ((got.xy_img, true_xy), (got.score, score), (got.sigma_px, sigma), (got.depth_m, depth)):
+        assert np.array_equal(named[far][:, legs], true[far][:, legs])
 
 
 def test_missing_views_stay_missing(ring_rig) -> None:
     rig, reference = ring_rig(3), walkers()
     nothing = np.full((T, N, 3, K, 2), np.nan)
-    xy, score, sigma = sides_like(reference, rig, nothing, np.zeros((T, N, 3, K)), np.full((T, N, 3, K), np.nan))
-    assert np.isnan(xy).all()
-    assert (score == 0).all()
-    assert np.isnan(sigma).all()
+    empty = views(rig, reference, nothing, np.zeros((T, N, 3, K)), np.full((T, N, 3, K), np.nan))
+    named = sides_like(reference, rig, empty)
+    assert np.isnan(named.xy_img).all()
+    assert (named.score == 0).all()
+    assert np.isnan(named.sigma_px).all()
+    assert named.depth_m is None
 
 
 def test_legs_are_on_the_side_of_the_body_that_the_shoulders_tell_even_against_the_majority() -> None:

@@ -28,11 +28,13 @@ class Rig(core.Rig):
         names = ", ".join(self.names)
         return f"Rig({len(self)} cameras: {names}; id {self.id}; world set by {self.world_set_by})"
 
-    def triangulate(self, xy_img: Any, score: Any = None, sigma_px: Any = None, *, weights: Weights = "robust") -> Triangulated:
+    def triangulate(
+        self, xy_img: Any, score: Any = None, sigma_px: Any = None, *, weights: Weights = "robust", depth_m: Any = None
+    ) -> Triangulated:
         """Triangulate raw pixels (..., C, K, 2) to points (..., K, 3) in metres, with covariance; see `posefuse.triangulate`."""
         from posefuse.fusion import triangulate
 
-        return triangulate(self, xy_img, score, sigma_px, weights)
+        return triangulate(self, xy_img, score, sigma_px, weights, depth_m=depth_m)
 
     def save(self, path: str | Path) -> Path:
         """Write the cameras as a rig file (TOML); returns its path. An existing file is not replaced.

@@ -35,9 +35,12 @@ class Assignment:
         people, cameras, skeleton = len(self.person_id), len(detections), detections[0].skeleton
         xy = np.full((people, cameras, len(skeleton), 2), np.nan)
         score, sigma = np.zeros(xy.shape[:-1]), np.full(xy.shape[:-1], np.nan)
+        depth = None if all(seen.depth_m is None for seen in detections) else np.full(xy.shape, np.nan)
         for row, c in np.argwhere(self.place != UNSEEN):
             seen, place = detections[c], self.place[row, c]
             xy[row, c], score[row, c], sigma[row, c] = seen.xy_img[place], seen.score[place], seen.sigma_px[place]
+            if depth is not None and seen.depth_m is not None:
+                depth[row, c] = seen.depth_m[place]
         return Views(
             t_ns=t_ns,
             skeleton=skeleton,
@@ -46,6 +49,7 @@ class Assignment:
             xy_img=xy,
             score=score,
             sigma_px=sigma,
+            depth_m=depth,
         )
 
     def people_of(self, c: int, count: int) -> Array:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Rig
+from posefuse.core import Camera, Detections2D, Rig
 from posefuse.core.arrays import Array
+from posefuse.core.depth import keypoint_depth
 
 # what a detection read with left and right exchanged supports a person, of what it would as named
 _TURNED_SHARE = 0.7
@@ -24,6 +25,7 @@ class Candidates:
         direction: (D, K, 3) unit rays in world axes. centre: (D, 3) where they start.
         rotation, translation: (D, 3, 3), (D, 3) cam_from_world of its camera.
         mirror: (K,) left/right counterparts.
+        deep_world: (D, K, 3) the keypoints at their measured depth; NaN where it is unknown, None where no camera has depth.
     """
 
     camera: Array
@@ -35,6 +37,7 @@ class Candidates:
     rotation: Array
     translation: Array
     mirror: Array
+    deep_world: Array | None = None
 
     def __len__(self) -> int:
         return len(self.camera)
@@ -53,6 +56,7 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
     direction = ahead @ rotation
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     mirror = np.asarray(detections[0].skeleton.mirror, np.int64)
+    deep = [_deep_world(cam, d, norm) for cam, d, norm in zip(rig, detections, _by_camera(xy_norm, detections), strict=True)]
     return Candidates(
         camera=camera,
         place=place,
@@ -63,7 +67,20 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
         rotation=np.ascontiguousarray(rotation),
         translation=np.ascontiguousarray(translation),
         mirror=mirror,
+        deep_world=np.concatenate(deep) if any(d.depth_m is not None for d in detections) else None,
     )
+
+
+def _by_camera(xy_norm: Array, detections: Sequence[Detections2D]) -> list[Array]:
+    return np.split(xy_norm, np.cumsum([len(d) for d in detections])[:-1])
+
+
+def _deep_world(camera: Camera, detections: Detections2D, norm: Array) -> Array:
+    """(P, K, 3) the keypoints of one camera at their measured depth."""
+    if detections.depth_m is None:
+        return np.full((*detections.score.shape, 3), np.nan)
+    z = keypoint_depth(detections.depth_m, norm, detections.skeleton)[..., :1]
+    return camera.cam_from_world.inverse() @ np.concatenate([norm * z, z], axis=-1)
 
 
 def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Array) -> tuple[Array, Array]:
@@ -96,6 +113,13 @@ def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
     middle, gap = np.empty((*size, 3)), np.empty(size)
     kernel(candidates.direction, candidates.centre, candidates.score, pairs, middle, gap)
     return middle, gap
+
+
+def member_points(candidates: Candidates, members: Array, tolerance_m: float) -> Array:
+    """`joint_points`; of a single detection with depth its own points, at their depth."""
+    if len(members) == 1 and candidates.deep_world is not None:
+        return candidates.deep_world[members[0]]
+    return joint_points(candidates, members, tolerance_m)
 
 
 def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> Array:

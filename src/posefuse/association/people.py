@@ -16,7 +16,7 @@ from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 
 from .assignment import UNSEEN, Assignment
-from .candidates import Candidates, agreement, candidates_from_detections, joint_points
+from .candidates import Candidates, agreement, candidates_from_detections, member_points
 from .hints import Hints, hint_weights
 from .members import best_per_camera, settled
 from .newcomers import newcomers
@@ -49,9 +49,9 @@ def assign(
     """Pick, for each person, at most one detection per camera.
 
     A body that a view reports several times counts once. The people followed come first: their previous pose is held against
-    every detection. Then newcomers: every pair of detections of two cameras proposes a pose, the one most views agree on
-    wins, its detections are taken, and so on (pairs are O(detections^2); nothing is exponential). Each choice is settled by
-    fusing its members and asking again who agrees.
+    every detection. Then newcomers: every pair of detections of two cameras, and every detection with depth, proposes a pose;
+    the one most views agree on wins, its detections are taken, and so on (pairs are O(detections^2); nothing is exponential).
+    Each choice is settled by fusing its members and asking again who agrees.
 
     Args:
         detections: one per camera of the rig, in its order, of one skeleton.
@@ -67,7 +67,7 @@ def assign(
 
     Returns:
         Assignment: a row per person found, ordered by id. A followed person seen by a single camera has a row; a newcomer
-        needs two cameras.
+        needs two cameras, or one with depth.
 
     Raises:
         ShapeError: detections that do not match the rig's cameras, or each other's skeleton.
@@ -118,7 +118,7 @@ def _found_again(candidates: Candidates, members: Array, lost: list[_Known], set
     """Which of the people out of sight can be here, the nearest of them; None when no one can have come this far."""
     if not lost:
         return None
-    pose = joint_points(candidates, members, settings.tolerance_m)
+    pose = member_points(candidates, members, settings.tolerance_m)
     distances = [_middle_distance_m(pose, one.xyz_world) for one in lost]
     nearest = int(np.argmin(distances))
     reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
@@ -183,11 +183,12 @@ def _one_each(camera: Array, support: Array) -> Array:
 
 def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: float, settings: AssociateSettings) -> bool:
     """Whether the members' pose is where the person can be: a bystander in front of them in one view is not."""
-    if len(members) < 2:
-        # one view does not tell how far away: it must fit the previous pose closely, size included
+    alone = member_points(candidates, members, settings.tolerance_m) if len(members) == 1 else None
+    if alone is not None and not np.isfinite(alone[:, 0]).any():
+        # one view without depth does not tell how far away: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
-    return _middle_distance_m(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
+    return _middle_distance_m(member_points(candidates, members, settings.tolerance_m), before) <= reach_m
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:

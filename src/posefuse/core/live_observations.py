@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .arrays import Array
+from .depth import joined_depth
 from .errors import ShapeError, choices
 from .observations import LIVE_STEP, NOT_KEPT, LookKind, Observations
 from .skeleton import Skeleton
@@ -42,6 +43,7 @@ def observations_from_frames(skeleton: Skeleton, camera_names: Sequence[str], fr
         frame_look=np.full(len(frames), LookKind.EXPECTED),
         n_detections=np.array([len(one) for one in frames], np.int32),
         person_id=np.full(len(joined["score"]), NOT_KEPT),
+        depth_m=joined_depth(found),
         **joined,
     )
 

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from .arrays import Array, check_fields, freeze_fields
+from .depth import joined_depth
 from .errors import ShapeError, choices
 from .skeleton import Skeleton
 from .values import DETECTION_ARRAYS, Detections2D
@@ -97,6 +98,7 @@ class Observations:
         sigma_px: (R, K) float32; NaN where missing.
         box_img: (R, 4) float32 left, top, right, bottom.
         clothing_lab: (R, 3, 3) float32, track_id: (R,) as in `Detections2D`.
+        depth_m: (R, K, 2) float32 as in `Detections2D`; None where no camera has depth.
 
     Raises:
         ShapeError: arrays that do not fit together, or a person who is twice in one camera at one time step.
@@ -117,11 +119,15 @@ class Observations:
     box_img: Array
     clothing_lab: Array
     track_id: Array
+    depth_m: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera_names", tuple(self.camera_names))
         freeze_fields(self, _DTYPES)
         sizes = check_fields(self, _AXES)
+        if self.depth_m is not None:
+            freeze_fields(self, {"depth_m": np.float32})
+            check_fields(self, {"score": "R K", "depth_m": "R K 2"})
         if sizes["K"] != len(self.skeleton):
             raise ShapeError(
                 f"Observations: skeleton {self.skeleton.name} has {len(self.skeleton)} keypoints, arrays have {sizes['K']}"
@@ -176,7 +182,8 @@ class Observations:
 
     def rows(self, rows: Array | slice) -> dict[str, Array]:
         """These rows of the detection table, by the names of `Detections2D`."""
-        return {name: getattr(self, name)[rows] for name in DETECTION_ARRAYS}
+        found: dict[str, Array] = {name: getattr(self, name)[rows] for name in DETECTION_ARRAYS}
+        return found if self.depth_m is None else found | {"depth_m": self.depth_m[rows]}
 
     def of(self, camera: str) -> Observations:
         """What one camera observed; raises ShapeError for a name that is not there."""
@@ -189,6 +196,8 @@ class Observations:
         """The log of these frames (F,) bool alone; the time steps stay."""
         rows = frames[self.detection_frame]
         parts = {name: getattr(self, name)[frames if axes == "F" else rows] for name, axes in _AXES.items() if axes != "T"}
+        if self.depth_m is not None:
+            parts["depth_m"] = self.depth_m[rows]
         return replace(self, **parts)
 
     def with_person_ids(self, person_id: Array) -> Observations:
@@ -217,7 +226,7 @@ class Observations:
             np.where(p.frame_step == LIVE_STEP, LIVE_STEP, p.frame_step + s) for p, s in zip(parts, shifts[:-1], strict=True)
         ]
         joined["frame_step"] = np.concatenate(steps)
-        return Observations(skeleton=first.skeleton, camera_names=first.camera_names, **joined)
+        return Observations(skeleton=first.skeleton, camera_names=first.camera_names, depth_m=joined_depth(parts), **joined)
 
     @staticmethod
     def from_batches(
@@ -259,6 +268,7 @@ class Observations:
             frame_look=np.array([batch.kind for batch, _ in frames], np.uint8),
             n_detections=np.array([len(one) for _, one in frames], np.int32),
             person_id=np.concatenate([np.zeros(0), *ids]) if person_ids is not None else np.full(len(joined["score"]), NOT_KEPT),
+            depth_m=joined_depth(found),
             **joined,
         )
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import Array, check_fields, freeze_fields
+from .depth import DepthImage
 from .encoded import EncodedImage
 from .errors import ShapeError
 from .skeleton import Skeleton
@@ -49,6 +50,7 @@ class Frame:
         received_ns: when it reached this process, same clock.
         image: (H, W, 3) uint8 RGB; not copied, so do not write to it.
         encoded: as the camera delivered it, where that is asked for and it encodes itself.
+        depth: of every pixel of the image; None from a camera without depth.
     """
 
     camera: str
@@ -57,12 +59,17 @@ class Frame:
     received_ns: int
     image: Array
     encoded: EncodedImage | None = None
+    depth: DepthImage | None = None
 
     def __post_init__(self) -> None:
         image = self.image
         if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
             got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
             raise ShapeError(f"Frame of {self.camera}: expected an RGB uint8 image (H, W, 3), got {got}")
+        if self.depth is not None and self.depth.values.shape != image.shape[:2]:
+            raise ShapeError(
+                f"Frame of {self.camera}: expected depth of the image's size {image.shape[:2]}, got {self.depth.values.shape}"
+            )
 
     @property
     def size_wh(self) -> tuple[int, int]:
@@ -107,6 +114,8 @@ class Detections2D:
         box_img: (P, 4) float32 left, top, right, bottom.
         clothing_lab: (P, 3, 3) float32 colours (CIE L*, a*, b*) of trunk, thighs and shanks; NaN where unknown.
         track_id: (P,) int64 numbers that another tool's tracker gave to the people of this camera; -1: none.
+        depth_m: (P, K, 2) float32 depth of the surface at each keypoint along the optical axis, and its standard deviation; NaN
+            where unknown. None from a camera without depth.
     """
 
     camera: str
@@ -118,6 +127,7 @@ class Detections2D:
     box_img: Array
     clothing_lab: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     track_id: Array = field(default_factory=lambda: np.zeros(0))
+    depth_m: Array | None = None
 
     def __post_init__(self) -> None:
         people = len(self.xy_img)
@@ -127,13 +137,17 @@ class Detections2D:
             object.__setattr__(self, "track_id", np.full(people, NO_TRACK))
         freeze_fields(self, dict.fromkeys(DETECTION_ARRAYS, np.float32) | {"track_id": np.int64})
         check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
+        if self.depth_m is not None:
+            freeze_fields(self, {"depth_m": np.float32})
+            check_fields(self, {"score": "P K", "depth_m": "P K 2"})
 
     def __len__(self) -> int:
         return len(self.xy_img)
 
     def people(self, rows: Array) -> Detections2D:
         """Some of the people: indices, or (P,) bool."""
-        return replace(self, **{name: getattr(self, name)[rows] for name in DETECTION_ARRAYS})
+        depth_m = None if self.depth_m is None else self.depth_m[rows]
+        return replace(self, depth_m=depth_m, **{name: getattr(self, name)[rows] for name in DETECTION_ARRAYS})
 
     @staticmethod
     def empty(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:
@@ -160,6 +174,7 @@ class Views:
         xy_img: (N, C, K, 2) raw distorted px; NaN where unseen.
         score: (N, C, K) in [0, 1]; 0 where unseen.
         sigma_px: (N, C, K); NaN where unseen.
+        depth_m: (N, C, K, 2) as in `Detections2D`; None where no camera has depth.
     """
 
     t_ns: int
@@ -169,10 +184,14 @@ class Views:
     xy_img: Array
     score: Array
     sigma_px: Array
+    depth_m: Array | None = None
 
     def __post_init__(self) -> None:
         freeze_fields(self, {"person_id": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
         sizes = check_fields(self, {"person_id": "N", "xy_img": "N C K 2", "score": "N C K", "sigma_px": "N C K"})
         check_keypoints(self, sizes)
+        if self.depth_m is not None:
+            freeze_fields(self, {"depth_m": np.float64})
+            check_fields(self, {"score": "N C K", "depth_m": "N C K 2"})
         if sizes["C"] != len(self.camera_names):
             raise ShapeError(f"Views: {len(self.camera_names)} camera names, arrays have {sizes['C']} cameras")

@@ -27,6 +27,7 @@ class ViewSequence:
     Attributes:
         t_ns: (T,). camera_names: axis C. person_id: (N,).
         xy_img: (T, N, C, K, 2) raw distorted px; NaN where unseen. score, sigma_px: (T, N, C, K); 0 and NaN where unseen.
+        depth_m: (T, N, C, K, 2) as in `Detections2D`; None where no camera has depth.
     """
 
     t_ns: Array
@@ -36,6 +37,7 @@ class ViewSequence:
     xy_img: Array
     score: Array
     sigma_px: Array
+    depth_m: Array | None = None
 
     def __post_init__(self) -> None:
         freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64} | dict.fromkeys(_PLANES, np.float64))
@@ -45,6 +47,9 @@ class ViewSequence:
             raise ShapeError(
                 f"ViewSequence: {len(self.camera_names)} camera names and {len(self.skeleton)} keypoints, arrays have {sizes}"
             )
+        if self.depth_m is not None:
+            freeze_fields(self, {"depth_m": np.float64})
+            check_fields(self, {"score": "T N C K", "depth_m": "T N C K 2"})
 
     def at(self, i: int) -> Views:
         """The time step at place i of axis T."""
@@ -56,6 +61,7 @@ class ViewSequence:
             xy_img=self.xy_img[i],
             score=self.score[i],
             sigma_px=self.sigma_px[i],
+            depth_m=None if self.depth_m is None else self.depth_m[i],
         )
 
 
@@ -77,6 +83,7 @@ def views_over_time(
     rows = _rows_of_people(observations, ids, steps_only=t_ns is None)
     shape = (len(steps), len(ids), len(observations.camera_names), len(observations.skeleton))
     xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+    depth = None if observations.depth_m is None else np.full((*shape, 2), np.nan)
     for c in range(shape[2]):
         frames = _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c)
         if len(frames.t_ns):
@@ -84,11 +91,14 @@ def views_over_time(
             reach_ns = _REACH_PERIODS * _period_ns(steps if t_ns is None else frames.t_ns)
             alone_ns = np.inf if t_ns is None else max(_period_ns(frames.t_ns) / 2, _SAME_TIME_NS)
             planes = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns)
-            xy[:, :, c], score[:, :, c], sigma[:, :, c] = planes
+            xy[:, :, c], score[:, :, c], sigma[:, :, c] = planes[:3]
+            if depth is not None:
+                depth[:, :, c] = planes[3]
     names = observations.camera_names
     return ViewSequence(
-        t_ns=steps, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma
-    )
+        t_ns=steps, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma,
+        depth_m=depth,
+    )  # fmt: skip
 
 
 def observations_from_views(views: ViewSequence) -> Observations:
@@ -111,6 +121,7 @@ def observations_from_views(views: ViewSequence) -> Observations:
                     score=score,
                     sigma_px=sigma,
                     box_img=keypoint_boxes(xy, score),
+                    depth_m=None if views.depth_m is None else views.depth_m[i, here, c],
                 )
             )
             ids.append(views.person_id[here])
@@ -138,12 +149,13 @@ def people_in(observations: Observations) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _CameraFrames:
-    """One camera's frames in the order of their times: (F,), (F, N, K, 2), (F, N, K), (F, N, K)."""
+    """One camera's frames in the order of their times: (F,), (F, N, K, 2), (F, N, K), (F, N, K), (F, N, K, 2) or None."""
 
     t_ns: Array
     xy: Array
     score: Array
     sigma: Array
+    depth: Array | None
 
 
 def _rows_of_people(observations: Observations, ids: Array, steps_only: bool) -> Array:
@@ -192,17 +204,26 @@ def _filled(observations: Observations, t_ns: Array, rows: Array, places: Array,
     xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
     at = (places, by_id[np.searchsorted(ids[by_id], observations.person_id[rows])]) if len(ids) else (places, places)
     xy[at], score[at], sigma[at] = observations.xy_img[rows], observations.score[rows], observations.sigma_px[rows]
-    return _CameraFrames(t_ns, xy, score, sigma)
+    depth = None
+    if observations.depth_m is not None:
+        depth = np.full((*shape, 2), np.nan)
+        depth[at] = observations.depth_m[rows]
+    return _CameraFrames(t_ns, xy, score, sigma, depth)
 
 
-def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float, alone_ns: float) -> tuple[Array, Array, Array]:
+def _at_times(
+    t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float, alone_ns: float
+) -> tuple[Array, Array, Array, Array | None]:
     """Keypoints (T, N, K, 2), scores and sigmas (T, N, K) at times (T,), each from its own frame and the one on its other side.
+
+    And depths (T, N, K, 2), where there are any: unknown as soon as one of the two frames does not know it.
 
     Args:
         own: (T,) the frame of each time. reach_ns: frames farther apart than this are not interpolated between.
         alone_ns: a frame farther from its time than this counts only where it is interpolated.
     """
     xy, score, sigma = frames.xy[own], frames.score[own], frames.sigma[own]
+    depth = None if frames.depth is None else frames.depth[own]
     late_ns = frames.t_ns[own] - t_ns
     other = own + np.where(late_ns > 0, -1, 1)
     i = np.flatnonzero((np.abs(late_ns) > _SAME_TIME_NS) & (other >= 0) & (other < len(frames.t_ns)))
@@ -219,6 +240,11 @@ def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float, a
     xy[i] = np.where(both[i, ..., None], blended, xy[i])
     sigma[i] = np.where(both[i], blended_sigma, sigma[i])
     score[i] = np.where(both[i], np.minimum(score[i], frames.score[j]), score[i])
+    if depth is not None and frames.depth is not None:
+        blended_depth = depth[i] * (1 - share[..., None]) + frames.depth[j] * share[..., None]
+        depth[i] = np.where(both[i, ..., None], blended_depth, depth[i])
     unseen = ~both & (np.abs(late_ns) > alone_ns)[:, None, None]
     xy[unseen], score[unseen], sigma[unseen] = np.nan, 0.0, np.nan
-    return xy, score, sigma
+    if depth is not None:
+        depth[unseen] = np.nan
+    return xy, score, sigma, depth

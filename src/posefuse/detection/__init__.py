@@ -3,6 +3,7 @@
 from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
 from .build import DetectorChoice, network_settings
 from .clothing import with_clothing
+from .depth import with_depth
 from .downloading import fetch_networks
 from .models import fetch, fetch_all, list_cards, read_card, status
 from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
@@ -29,4 +30,5 @@ __all__ = [
     "status",
     "up_angle_rad",
     "with_clothing",
+    "with_depth",
 ]

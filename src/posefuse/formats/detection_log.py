@@ -1,7 +1,8 @@
 """Detections stored while they are made: an append-only file that loses nothing but its last moment, whatever happens.
 
 A header, then one record per answer of the detector. Each begins with its length and CRC-32, so that a tail that was cut off or
-never reached the disk is noticed. Numbers are little endian.
+never reached the disk is noticed. Numbers are little endian. Depth stands behind the other arrays of a camera that has any, whose
+number then carries a mark.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
     "clothing_lab": ("<f4", (3, 3)),
     "track_id": ("<i8", ()),
 }
+_DEPTH: tuple[str, tuple[int, ...]] = ("<f4", (0, 2))
+_WITH_DEPTH = 1 << 15  # the mark
 _LARGEST = 1 << 28  # bytes of one record; more is a damaged length
 _SYNC_S = 2.0  # seconds of work that a power failure may cost
 
@@ -187,8 +190,11 @@ def _record(content: bytes) -> bytes:
 def _bytes_of(batch: DetectionBatch, names: tuple[str, ...]) -> bytes:
     parts = [_BATCH.pack(batch.step, batch.t_ns, batch.kind, len(batch.detections))]
     for one in batch.detections:
-        parts.append(_CAMERA.pack(names.index(one.camera), one.t_ns, len(one)))
+        mark = 0 if one.depth_m is None else _WITH_DEPTH
+        parts.append(_CAMERA.pack(names.index(one.camera) | mark, one.t_ns, len(one)))
         parts += [np.ascontiguousarray(getattr(one, name), dtype).tobytes() for name, (dtype, _) in _ARRAYS.items()]
+        if one.depth_m is not None:
+            parts.append(np.ascontiguousarray(one.depth_m, _DEPTH[0]).tobytes())
     return b"".join(parts)
 
 
@@ -198,8 +204,9 @@ def _batch_of(record: bytes, skeleton: Skeleton, names: tuple[str, ...]) -> Dete
     detections = []
     for _ in range(frames):
         camera, exposed_ns, people = _CAMERA.unpack(stream.read(_CAMERA.size))
-        arrays = {name: _read(stream, dtype, (people, *(s or k for s in shape))) for name, (dtype, shape) in _ARRAYS.items()}
-        detections.append(Detections2D(camera=names[camera], t_ns=exposed_ns, skeleton=skeleton, **arrays))
+        layout = _ARRAYS | ({"depth_m": _DEPTH} if camera & _WITH_DEPTH else {})
+        arrays = {name: _read(stream, dtype, (people, *(s or k for s in shape))) for name, (dtype, shape) in layout.items()}
+        detections.append(Detections2D(camera=names[camera & ~_WITH_DEPTH], t_ns=exposed_ns, skeleton=skeleton, **arrays))
     return DetectionBatch(step=step, t_ns=t_ns, kind=LookKind(kind), detections=tuple(detections))
 
 

@@ -3,6 +3,8 @@
 ``recording.npz`` holds the 3D result, ``observations.npz`` every detection that it was made from, ``recording.json`` the format
 version, skeleton and cameras and how the result was made, ``rig.toml`` the cameras for other programs. Written inside a folder
 that exists: put `output_folder.output_folder` around a whole result.
+
+A result with depth has a format version of its own, so that an older posefuse refuses it; one without is as it always was.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ ABOUT_FILE = "recording.json"
 RIG_FILE = "rig.toml"
 RECORDING_FILES = (ARRAYS_FILE, OBSERVATIONS_FILE, RIG_FILE, ABOUT_FILE)
 FORMAT_VERSION = 3
+DEPTH_VERSION = 4
 _POSES = tuple(field.name for field in dataclasses.fields(PoseSequence) if field.name != "skeleton")
 
 
@@ -43,9 +46,12 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     """
     arrays = {name: getattr(recording.poses, name) for name in _POSES}
     observed = {name: getattr(recording.observations, name) for name in OBSERVATION_ARRAYS}
+    with_depth = recording.observations.depth_m is not None
+    if with_depth:
+        observed["depth_m"] = recording.observations.depth_m
     about = {
         "format": "posefuse recording",
-        "format_version": FORMAT_VERSION,
+        "format_version": DEPTH_VERSION if with_depth else FORMAT_VERSION,
         "rig_id": recording.rig.id,
         "rig": rig_values(recording.rig),
         "skeleton": dataclasses.asdict(recording.poses.skeleton),
@@ -98,6 +104,8 @@ def read_recording(folder: Path | str) -> Recording:
         skeleton = _skeleton(about["skeleton"])
         poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
         parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
+        if about["format_version"] == DEPTH_VERSION:
+            parts["depth_m"] = observed["depth_m"]
         observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
         return Recording(rig=rig, poses=poses, observations=observations, provenance=about["provenance"])
     except KeyError as error:
@@ -114,10 +122,10 @@ def _about(folder: Path) -> dict[str, Any]:
     if not isinstance(about, dict) or about.get("format") != "posefuse recording":
         raise InputError(f"{path}: not a posefuse result")
     version = about.get("format_version")
-    if version != FORMAT_VERSION:
+    if version not in (FORMAT_VERSION, DEPTH_VERSION):
         older = isinstance(version, int) and version < FORMAT_VERSION
         whose = "an older posefuse wrote it: track the session again" if older else "a newer posefuse wrote it"
-        raise InputError(f"{path}: format version: expected {FORMAT_VERSION}, got {version}; {whose}")
+        raise InputError(f"{path}: format version: expected {FORMAT_VERSION} or {DEPTH_VERSION}, got {version}; {whose}")
     missing = [key for key in ("rig_id", "rig", "skeleton", "provenance") if key not in about]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing")

@@ -6,11 +6,12 @@ import numpy as np
 
 from posefuse.core import Kind, Pose3D, Rig, ShapeError, Views
 from posefuse.core.arrays import Array
+from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
 
 from .settings import FuseSettings
 from .sides import solve_with_swaps_corrected
-from .triangulate import Triangulated, plain_weight, settled, solve_all, solve_robust, solve_weighted, stated_sigma
+from .triangulate import Triangulated, plain_weight, solve_all, solve_settled, solve_weighted, stated_sigma
 
 
 def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
@@ -24,7 +25,8 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
             is left when as many views say one thing as the other. Matched by person_id.
 
     Returns:
-        Pose3D: kind FUSED, or MISSING (NaN) where fewer than two usable views agree.
+        Pose3D: kind FUSED, or MISSING (NaN) where fewer than two usable views agree. Views with depth (``robust`` only) count
+            more, and one of them is enough where no other view sees the keypoint.
 
     Raises:
         ShapeError: cameras that are not the rig's.
@@ -56,9 +58,20 @@ def _solve(
         return solve_all(rig, xy, score, sigma=sigma, skeleton=views.skeleton, previous_world=before, settings=settings)
     if settings.weights != "robust":
         return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
+    depth = _depth(views, rig)
     if settings.swap_correction:
-        return solve_with_swaps_corrected(rig, xy, score, sigma=sigma, skeleton=views.skeleton, before=before, settings=settings)
-    return settled(solve_robust(rig, xy, score, sigma, settings), rig, xy, score, sigma, settings)
+        return solve_with_swaps_corrected(
+            rig, xy, score, sigma=sigma, skeleton=views.skeleton, before=before, settings=settings, depth=depth
+        )  # fmt: skip
+    return solve_settled(rig, xy, score, sigma, settings, depth=depth)
+
+
+def _depth(views: Views, rig: Rig) -> Array | None:
+    """(N, C, K, 2) depth of the keypoints and its standard deviation; None where nothing is known of any."""
+    if views.depth_m is None or not np.isfinite(views.depth_m).all(axis=-1).any():
+        return None
+    norm = np.stack([camera.norm_from_px(views.xy_img[:, c]) for c, camera in enumerate(rig)], axis=1)
+    return np.ascontiguousarray(keypoint_depth(views.depth_m, norm, views.skeleton))
 
 
 def _matched(views: Views, previous: Pose3D | None) -> Array | None:

@@ -45,7 +45,7 @@ def limb_groups(skeleton: Skeleton) -> tuple[Array, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Person:
-    """What all cameras saw of one person at one time step: xy (C, K, 2), score and sigma (C, K)."""
+    """What all cameras saw of one person at one time step: xy (C, K, 2), score and sigma (C, K), depth (C, K, 2) or None."""
 
     rig: Rig
     skeleton: Skeleton
@@ -53,48 +53,69 @@ class _Person:
     xy: Array
     score: Array
     sigma: Array
+    depth: Array | None
 
-    def exchanged(self, flips: Array, group: Array) -> tuple[Array, Array, Array]:
-        """The keypoints of `group` under each of F ways (F, C) to exchange views: (F, C, len(group), ...) each."""
+    @property
+    def planes(self) -> list[Array]:
+        """All that belongs to a side, and changes it."""
+        return [self.xy, self.score, self.sigma, *([] if self.depth is None else [self.depth])]
+
+    def exchanged(self, flips: Array, group: Array) -> list[Array]:
+        """The keypoints of `group` under each of F ways (F, C) to exchange views: (F, C, len(group), ...) of each plane."""
         mirror = self.skeleton.mirror[group]
         planes = []
-        for plane in (self.xy, self.score, self.sigma):
+        for plane in self.planes:
             mixed = np.stack([plane[:, group]] * len(flips))
             mixed[flips] = np.broadcast_to(plane[:, mirror], mixed.shape)[flips]
             # picking columns turns the memory order, which the kernels would be compiled anew for
             planes.append(np.ascontiguousarray(mixed))
-        return planes[0], planes[1], planes[2]
+        return planes
 
     def fit(self, flips: Array, group: Array) -> RobustSolution:
         """Robust fusion (F, len(group)) under each way to exchange views (F, C)."""
-        return solve_robust(self.rig, *self.exchanged(flips, group), self.settings)
+        xy, score, sigma, *depth = self.exchanged(flips, group)
+        return solve_robust(self.rig, xy, score, sigma, self.settings, depth=depth[0] if depth else None)
+
+    def fit_now(self) -> RobustSolution:
+        """Robust fusion (1, K) as the views are."""
+        depth = None if self.depth is None else self.depth[None]
+        return solve_robust(self.rig, self.xy[None], self.score[None], self.sigma[None], self.settings, depth=depth)
 
     def exchange(self, flips: Array, group: Array) -> None:
         """Swap the sides of `group` in the flagged views, in place."""
         rows = np.flatnonzero(flips)[:, None]
-        for plane in (self.xy, self.score, self.sigma):
+        for plane in self.planes:
             plane[rows, group] = plane[rows, self.skeleton.mirror[group]]
 
 
 def solve_with_swaps_corrected(
-    rig: Rig, xy: Array, score: Array, sigma: Array, skeleton: Skeleton, before: Array | None, settings: FuseSettings
+    rig: Rig,
+    xy: Array,
+    score: Array,
+    sigma: Array,
+    skeleton: Skeleton,
+    before: Array | None,
+    settings: FuseSettings,
+    depth: Array | None = None,
 ) -> Triangulated:
-    """Robust fusion of groups (G, C, K, ...) with views put right side out; `xy`, `score` and `sigma` are exchanged in place.
+    """Robust fusion of groups (G, C, K, ...) with views put right side out, which are exchanged in place.
 
     `before` (G, K, 3) decides when as many views say one thing as the other; otherwise the fewest exchanges win.
     """
     from .kernels import robust
 
-    solved = solve_robust(rig, xy, score, sigma, settings)
-    if not (solved.square > robust.USED).any():
-        return settled(solved, rig, xy, score, sigma, settings)
-    touched = [
-        _correct_swaps(_Person(rig, skeleton, settings, xy[g], score[g], sigma[g]), solved.points.xyz[g], solved.square[g], past)
-        for g, past in enumerate([None] * len(xy) if before is None else before)
-    ]
-    if any(touched):
-        solved = solve_robust(rig, xy, score, sigma, settings)
-    return settled(solved, rig, xy, score, sigma, settings)
+    solved = solve_robust(rig, xy, score, sigma, settings, depth=depth)
+    if (solved.square > robust.USED).any():
+        touched = False
+        for g in range(len(xy)):
+            person = _Person(
+                rig, skeleton, settings, xy=xy[g], score=score[g], sigma=sigma[g], depth=None if depth is None else depth[g]
+            )
+            past = None if before is None else before[g]
+            touched |= _correct_swaps(person, solved.points.xyz[g], solved.square[g], past)
+        if touched:
+            solved = solve_robust(rig, xy, score, sigma, settings, depth=depth)
+    return settled(solved, rig, xy, score=score, sigma=sigma, settings=settings, depth=depth)
 
 
 def _correct_swaps(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:
@@ -108,7 +129,7 @@ def _correct_swaps(person: _Person, xyz: Array, square: Array, before: Array | N
         if flips.any():
             touched = True
             person.exchange(flips, group)
-            again = solve_robust(person.rig, person.xy[None], person.score[None], person.sigma[None], person.settings)
+            again = person.fit_now()
             square = again.square[0]
             exchanged = _exchanged_squares(person, again.points.xyz[0])
     return touched

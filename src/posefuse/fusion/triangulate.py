@@ -25,7 +25,8 @@ class Triangulated:
     """Points in 3D; unpacks as ``xyz, cov, reproj = triangulate(...)``.
 
     Attributes:
-        xyz: (..., K, 3) world metres; NaN where fewer than two usable views agree, or (``robust``) as many on another point.
+        xyz: (..., K, 3) world metres; NaN where fewer than two usable views agree, or (``robust``) as many on another point. A
+            single view is enough where it has depth and no other view sees the keypoint.
         cov: (..., K, 3, 3) square metres; NaN where missing.
         reproj: (..., K) rms distance in raw px of the used views to the reprojection.
         n_views: (..., K) uint8 views used; 0 where missing.
@@ -47,6 +48,7 @@ def triangulate(
     sigma_px: Any = None,
     weights: Weights = "robust",
     *,
+    depth_m: Any = None,
     skeleton: Skeleton | None = None,
     settings: FuseSettings = _DEFAULTS,
 ) -> Triangulated:
@@ -59,6 +61,9 @@ def triangulate(
         sigma_px: (..., C, K) standard deviation of each image coordinate; where None or NaN it is taken from the extent of the
             K keypoints in that view and the score, see `FuseSettings.sigma_share`.
         weights: ``robust``, ``score``, ``none`` or ``all``; see `FuseSettings`. ``all`` needs `skeleton`.
+        depth_m: (..., C, K, 2) depth of each keypoint along the optical axis and its standard deviation, NaN where unknown; for
+            ``robust`` only. A keypoint that a single view sees then has a place. `core.depth.keypoint_depth` makes it from the
+            depth of the surface.
         skeleton: names axis K.
         settings: thresholds; its own `weights` is not looked at.
 
@@ -74,9 +79,11 @@ def triangulate(
     xy, score, sigma = _checked(rig, xy_img, score, sigma_px, settings)
     lead = xy.shape[:-3]
     groups = math.prod(lead)
+    depth = _checked_depth(depth_m, xy.shape)
+    depth = None if depth is None else depth.reshape(groups, *depth.shape[len(lead) :])
     xy, score, sigma = (part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
     if weights == "robust":
-        solved = settled(solve_robust(rig, xy, score, sigma, settings), rig, xy, score, sigma, settings)
+        solved = solve_settled(rig, xy, score, sigma, settings, depth=depth)
     elif weights == "all":
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
@@ -99,6 +106,14 @@ def _checked(rig: Rig, xy_img: Any, score: Any, sigma_px: Any, settings: FuseSet
         planes.append(plane)
     filled = np.isfinite(xy[..., 0]).astype(np.float64) if score is None else planes[0]
     return xy, filled, stated_sigma(xy, filled, planes[1], settings)
+
+
+def _checked_depth(depth_m: Any, shape: tuple[int, ...]) -> Array | None:
+    """Float64 (..., C, K, 2); None where nothing is known, so that it costs nothing."""
+    depth = None if depth_m is None else _plane(depth_m)
+    if depth is not None and depth.shape != shape:
+        raise ShapeError(f"triangulate: depth_m: expected (..., C, K, 2) = {shape}, got shape {depth.shape}")
+    return depth if depth is not None and np.isfinite(depth).all(axis=-1).any() else None
 
 
 def _plane(value: Any) -> Array:
@@ -150,14 +165,33 @@ class RobustSolution:
         return points
 
 
-def solve_robust(rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings) -> RobustSolution:
+def solve_robust(
+    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None = None
+) -> RobustSolution:
     """Robust fusion of groups (G, C, K, ...)."""
     from .kernels import robust
 
-    return _solve_robust(rig, xy_img, score, sigma, robust.MAX_SCALE, settings)
+    return _solve_robust(rig, xy_img, score, sigma, settings, most_scale=robust.MAX_SCALE, depth=depth)
 
 
-def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings) -> Triangulated:
+def solve_settled(
+    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
+) -> Triangulated:
+    """`solve_robust`, `settled`."""
+    solved = solve_robust(rig, xy_img, score, sigma, settings, depth=depth)
+    return settled(solved, rig, xy_img, score=score, sigma=sigma, settings=settings, depth=depth)
+
+
+def settled(
+    solved: RobustSolution,
+    rig: Rig,
+    xy_img: Array,
+    *,
+    score: Array,
+    sigma: Array,
+    settings: FuseSettings,
+    depth: Array | None,
+) -> Triangulated:
     """The unambiguous points of `solved`; where the views contradict each other everywhere, the rig is taken to be wrong.
 
     No view is then blamed: sigma grows until they agree. Call it last, after left/right swaps are corrected: these make
@@ -168,7 +202,10 @@ def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma
     points = solved.unambiguous()
     if solved.contradicted.any():
         at = np.flatnonzero(solved.contradicted)
-        again = _solve_robust(rig, xy_img[at], score[at], sigma[at], robust.LAST_SCALE, settings)
+        deep = None if depth is None else depth[at]
+        again = _solve_robust(
+            rig, xy_img[at], score[at], sigma[at], settings, most_scale=robust.LAST_SCALE, depth=deep
+        )  # fmt: skip
         at, kept = at[~again.contradicted], np.flatnonzero(~again.contradicted)
         for plane, anew in zip(vars(points).values(), vars(again.unambiguous()).values(), strict=True):
             plane[at] = anew[kept]
@@ -176,7 +213,7 @@ def settled(solved: RobustSolution, rig: Rig, xy_img: Array, score: Array, sigma
 
 
 def _solve_robust(
-    rig: Rig, xy_img: Array, score: Array, sigma: Array, most_scale: float, settings: FuseSettings
+    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, most_scale: float, depth: Array | None
 ) -> RobustSolution:
     from .kernels import robust
 
@@ -187,7 +224,7 @@ def _solve_robust(
     usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
     robust.solve_robust(
         packed_rig(rig), xy_img, usable, most_scale, points.xyz, points.cov, points.reproj, points.n_views, square, cost, rival,
-        wanted,
+        wanted, depth,
     )  # fmt: skip
     return RobustSolution(points, square, cost, rival, wanted >= most_scale)
 

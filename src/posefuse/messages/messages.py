@@ -85,6 +85,7 @@ def message_from_detections(detections: Detections2D, stages: Stages, source: So
         sigma_px=detections.sigma_px.ravel(),
         box_px=detections.box_img.ravel(),
         clothing_lab=_known_or_empty(detections.clothing_lab),
+        depth_m=np.zeros(0, np.float32) if detections.depth_m is None else detections.depth_m.ravel(),
         stages=_stage_list(stages),
         captured=source.captured,
         used=source.used,
@@ -117,6 +118,11 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
     # a recording of an older version has none
     worn = getattr(msg, "clothing_lab", ())
     clothing = _shaped(worn, (people, 3, 3), where, "clothing_lab") if len(worn) else np.zeros((0, 3, 3))
+    # no camera of an older version has depth
+    told = getattr(msg, "depth_m", ())
+    depth = _shaped(told, (people, k, 2), where, "depth_m") if len(told) else None
+    if depth is not None and (np.isinf(depth).any() or (depth < 0).any()):
+        raise MessageError(f"{where} of {msg.camera}: expected depths and their sigmas >= 0, finite or NaN")
     if np.isinf(clothing).any():
         raise MessageError(f"{where} of {msg.camera}: expected finite colours or NaN")
     if not ((score >= 0) & (score <= 1)).all() or np.isinf(xy).any() or (sigma < 0).any() or np.isinf(sigma).any():
@@ -132,6 +138,7 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
         sigma_px=sigma,
         box_img=box,
         clothing_lab=clothing,
+        depth_m=depth,
     ), _stages(msg)
 
 

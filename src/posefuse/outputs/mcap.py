@@ -85,5 +85,6 @@ def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detec
         box = np.concatenate([np.nanmin(seen, axis=1), np.nanmax(seen, axis=1)], axis=-1) if len(xy) else np.zeros((0, 4))
         t_ns = int(recording.poses.t_ns[i]) + epoch_offset_ns
         yield Detections2D(
-            camera=camera.name, t_ns=t_ns, skeleton=recording.poses.skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
-        )
+            camera=camera.name, t_ns=t_ns, skeleton=recording.poses.skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box,
+            depth_m=None if recording.views.depth_m is None else recording.views.depth_m[i, here, c],
+        )  # fmt: skip

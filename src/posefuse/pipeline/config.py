@@ -45,6 +45,7 @@ class CameraInput:
         crop: (left, top) px: the video is a crop of the calibrated image that starts there.
         scale: the video is the calibrated image, resampled to another size.
         skip: do not use this camera.
+        depth: folder of its depth images (see docs/depth.md); ``depth/<camera>`` where that exists.
     """
 
     video: str | None = None
@@ -55,6 +56,7 @@ class CameraInput:
     crop: tuple[float, float] | None = None
     scale: bool = False
     skip: bool = False
+    depth: str | None = None
 
 
 @settings

@@ -219,6 +219,7 @@ def _without(seen: _Seen, people: set[int]) -> _Seen:
         xy_img=seen.views.xy_img[keep],
         score=seen.views.score[keep],
         sigma_px=seen.views.sigma_px[keep],
+        depth_m=None if seen.views.depth_m is None else seen.views.depth_m[keep],
     )
     ids = tuple(np.where(np.isin(one, list(people)), NOT_KEPT, one) for one in seen.person_ids)
     pose = with_persons(seen.pose, [NOT_KEPT if person in people else person for person in seen.pose.person_id.tolist()])

@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, Detector, Frame, LookKind, Pose3D, Region, Rig, Skeleton, SourceError
 from posefuse.core.arrays import Array
-from posefuse.detection import region_from_pose, with_clothing
+from posefuse.detection import region_from_pose, with_clothing, with_depth
 from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
 from posefuse.tracking import JointCentres, joint_centres_of
 
@@ -90,7 +90,8 @@ class ImageStep:
         present = [(c, frame) for c, frame in enumerate(self.frames) if frame is not None]
         regions = [None if expected is None else self._regions(c, expected) for c, _ in present]
         found = self.detector.detect([frame for _, frame in present], regions)
-        return tuple(with_clothing(one, frame.image) for one, (_, frame) in zip(found, present, strict=True))
+        frames = [frame for _, frame in present]
+        return tuple(with_depth(with_clothing(one, frame.image), frame.depth) for one, frame in zip(found, frames, strict=True))
 
     def _regions(self, c: int, pose: Pose3D) -> list[Region]:
         made = [region_from_pose(self.rig.cameras[c], xyz, pose.skeleton) for xyz in pose.xyz_world]

@@ -16,7 +16,7 @@ from posefuse.tracking import JointCentres
 
 from .config import CONFIG_FILE, TrackConfig
 from .images import ImageInstants, Timeline, common_timeline
-from .session import LEAST_CAMERAS, Input, Session, fitted_camera
+from .session import LEAST_CAMERAS, Input, Session, fitted_camera, least_cameras
 from .time_steps import TimeStep
 
 Say = Callable[[str], None]
@@ -96,7 +96,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
             continue
         sources.append(source)
         cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
-    if len(sources) < LEAST_CAMERAS:
+    if len(sources) < least_cameras(session.inputs):
         raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
     timeline = common_timeline(
@@ -121,12 +121,15 @@ def _check_rate(session: Session, config: TrackConfig) -> None:
 
 def build_source(entry: Input, config: TrackConfig) -> RecordedSource:
     """Open one camera's videos or images."""
-    from posefuse.sources import ImagesConfig, VideoConfig
+    from posefuse.sources import DepthSource, ImagesConfig, VideoConfig
 
     offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
+    source: RecordedSource
     if entry.kind == "videos":
-        return VideoConfig(entry.path, entry.camera, offset_s, drift_ppm).build()
-    return ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build()
+        source = VideoConfig(entry.path, entry.camera, offset_s, drift_ppm).build()
+    else:
+        source = ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build()
+    return DepthSource(source, entry.depth, offset_s, drift_ppm) if entry.depth else source
 
 
 def _times(source: Any) -> Array:

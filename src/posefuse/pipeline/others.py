@@ -10,6 +10,7 @@ import numpy as np
 
 from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, LookKind, Observations
+from posefuse.core.depth import joined_depth
 from posefuse.core.duplicates import duplicates
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.values import DETECTION_ARRAYS
@@ -54,4 +55,4 @@ def _kept(observations: Observations, frames: Sequence[int]) -> Detections2D:
 
 def _joined(one: Detections2D, other: Detections2D) -> Detections2D:
     arrays: dict[str, Any] = {name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in DETECTION_ARRAYS}
-    return replace(other, **arrays)
+    return replace(other, depth_m=joined_depth([one, other]), **arrays)

@@ -164,8 +164,8 @@ def poses_together(
     views = views_over_time(observations, long_enough(observations))
     # a view that takes left for right for a while is wrong in all its limbs at once
     steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())
-    named = sides_like(steadied, rig, views.xy_img, views.score, views.sigma_px)
-    by_camera = [np.moveaxis(values[:, 0], 1, 0) for values in named]
+    named = sides_like(steadied, rig, views)
+    by_camera = [np.moveaxis(values[:, 0], 1, 0) for values in (named.xy_img, named.score, named.sigma_px)]
     return PersonViews(rig.names, views.skeleton, views.t_ns, *by_camera)
 
 

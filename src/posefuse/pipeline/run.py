@@ -200,7 +200,8 @@ def _check_people(observations: Observations, warn: Say) -> None:
     empty = [name for c, name in enumerate(names) if c not in found]
     for name in empty:
         warn(f"camera {name}: no person found in {steps} of {steps} frames")
-    if len(names) - len(empty) < LEAST_CAMERAS:
+    least = 1 if observations.depth_m is not None else LEAST_CAMERAS
+    if len(names) - len(empty) < least:
         raise InputError(
             f"a person was found in {len(names) - len(empty)} of {len(names)} cameras; two are needed "
             f"(no person in: {choices(empty)}); is the calibration the one of these videos?"

@@ -45,8 +45,7 @@ def poses_over_time(
     if fusing.weights == "robust" and fusing.swap_correction:
         named = replace(fusing, swap_correction=False)
         reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
-        xy, score, sigma = sides_like(reference, rig, views.xy_img, views.score, views.sigma_px)
-        fused = _fused(replace(views, xy_img=xy, score=score, sigma_px=sigma), rig, named)
+        fused = _fused(sides_like(reference, rig, views), rig, named)
     fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +39,7 @@ _FOLDERS = {
     "pose2d": ("pose2d", "openpose_json", "pose-sync", "pose", "pose-2d"),
 }
 LEAST_CAMERAS = 2
+DEPTH_FOLDER = "depth"
 UNFINISHED_FILE = "INCOMPLETE"
 _FRAMES_TO_TELL_BARS = 15
 
@@ -49,12 +50,19 @@ class Input:
 
     Attributes:
         camera: name in the rig. kind: one of `KINDS`. path: file or folder. settings: what the config says of it.
+        depth: folder of its depth images; None where there are none.
     """
 
     camera: str
     kind: str
     path: Path
     settings: CameraInput
+    depth: Path | None = None
+
+
+def least_cameras(inputs: Sequence[Input]) -> int:
+    """Cameras that a session needs: one with depth is enough."""
+    return 1 if any(entry.depth is not None for entry in inputs) else LEAST_CAMERAS
 
 
 @dataclass(frozen=True)
@@ -93,11 +101,16 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     named = _named_inputs(folder, config)
     matched = _match(found, rig, named, folder)
     inputs = tuple(
-        Input(name, *(named.get(name) or (kind, matched[name])), config.cameras.get(name, CameraInput()))
+        Input(
+            name,
+            *(named.get(name) or (kind, matched[name])),
+            config.cameras.get(name, CameraInput()),
+            _depth_folder(folder, name, config.cameras.get(name, CameraInput())),
+        )
         for name in rig.names
         if (name in named or name in matched) and not config.cameras.get(name, CameraInput()).skip
     )
-    if len(inputs) < LEAST_CAMERAS:
+    if len(inputs) < least_cameras(inputs):
         raise CalibrationError(
             f"{folder}: expected data of at least {LEAST_CAMERAS} calibrated cameras, got {len(inputs)}; "
             f"the rig has: {choices(rig.names)}; found {kind}: {choices(path.name for path in found)}"
@@ -106,6 +119,14 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     notes = tuple(f"camera {name}: calibrated, but no {kind} found; left aside" for name in rig.names if name not in used)
     refused = refusal_note(rig_path, rig)
     return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, (*notes, refused) if refused else notes)
+
+
+def _depth_folder(folder: Path, camera: str, settings: CameraInput) -> Path | None:
+    """Where a camera's depth images are; raises InputError for a folder that is named and does not exist."""
+    path = folder / (settings.depth or f"{DEPTH_FOLDER}/{camera}")
+    if settings.depth and not path.is_dir():
+        raise InputError(f"{path}: camera {camera}: no such folder of depth images")
+    return path if path.is_dir() else None
 
 
 def fitted_camera(camera: Camera, entry: Input, source: Source) -> Camera:

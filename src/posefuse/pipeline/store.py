@@ -19,7 +19,6 @@ from posefuse.foundation.output_folder import find_unfinished
 from posefuse.foundation.plain_values import plain
 
 from .opening import Opened
-from .session import Input
 
 # settings that detections depend on: what the detector is, what it sees, and how people are followed from frame to frame
 _SETTINGS = ("detector", "associate", "fuse", "start_s", "end_s", "rate_hz")
@@ -102,7 +101,8 @@ def made_with(opened: Opened) -> dict[str, Any]:
     config, session = dataclasses.asdict(opened.config), opened.session
     used = [entry for entry in session.inputs if entry.camera in opened.rig.names]
     values: dict[str, Any] = {"version of posefuse": __version__, "rig": _rig_digest(opened.rig)}
-    values |= {f"data of camera {entry.camera}": _content_of(entry) for entry in used}
+    values |= {f"data of camera {entry.camera}": _content_of(entry.path) for entry in used}
+    values |= {f"depth of camera {entry.camera}": _content_of(entry.depth) for entry in used if entry.depth is not None}
     for entry in used:
         values |= {f"setting cameras.{entry.camera}.{name}": getattr(entry.settings, name) for name in _OF_CAMERA}
     for name in _SETTINGS:
@@ -113,12 +113,12 @@ def made_with(opened: Opened) -> dict[str, Any]:
     return settled
 
 
-def _content_of(entry: Input) -> str:
+def _content_of(path: Path) -> str:
     """Name, size and date: enough to notice another file without reading hours of video."""
-    files = sorted(entry.path.iterdir()) if entry.path.is_dir() else [entry.path]
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
     about = [file.stat() for file in files]
     newest_ns = max((one.st_mtime_ns for one in about), default=0)
-    return f"{entry.path.name}, {len(files)} files, {sum(one.st_size for one in about)} bytes, changed {newest_ns}"
+    return f"{path.name}, {len(files)} files, {sum(one.st_size for one in about)} bytes, changed {newest_ns}"
 
 
 def _rig_digest(rig: Rig) -> str:

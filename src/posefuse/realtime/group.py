@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import Camera, Detections2D, Frame, InputError, PosefuseError, Region, Rig
-from posefuse.detection import with_clothing
+from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
@@ -187,6 +187,7 @@ class Group:
     def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
         if not caught.wrong.bumped:
             [found] = self.detector.now.detect([caught.frame], [regions])
+            found = with_depth(found, caught.frame.depth)
             return with_clothing(found, caught.frame.image) if self._plan.most_people > 1 else found
         [found] = self.detector.now.detect([caught.frame], [regions and [before_bump(region, camera) for region in regions]])
         return seen_by_bumped(found, camera)

@@ -15,10 +15,11 @@ from .capture import LiveInput
 KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
 # what all topics of a session share, see `sources.ros.RosConfig`
 ROS_FIELDS = ("domain_id", "interface", "local_only", "peers", "sim_time")
+_WITH_DEPTH = "+depth"
 EXAMPLES = (
     "cam00=video:cam00.mp4, cam00=usb:/dev/video0 (macOS: usb:0, Windows: usb:NAME), cam00=rtsp://host/stream, "
     "cam00=http://host/stream.mjpg, "
-    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL, cam00=oak:any, sim:SCENE.yaml or sim:SESSION"
+    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL+depth, cam00=oak:any, sim:SCENE.yaml or sim:SESSION"
 )
 
 
@@ -82,15 +83,15 @@ def _simulated_names(path: Path, rig: Rig | None) -> tuple[str, ...]:
 
 
 def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: str) -> LiveInput:
-    """``SERIAL[@WIDTHxHEIGHT[@RATE]]``; the calibrated size where none is given."""
+    """``SERIAL[@WIDTHxHEIGHT[@RATE]][+depth]``; the calibrated size where none is given."""
     from posefuse.sources.live import OakConfig, RealSenseConfig
 
-    serial, _, size = rest.partition("@")
+    serial, _, size = rest.removesuffix(_WITH_DEPTH).partition("@")
     if not size and rig is None:
         raise SourceError(f"--source {argument}: expected a size, e.g. {camera}={kind}:{serial}@1280x720@30")
     size = size or "{}x{}".format(*rig[camera].size_wh)  # type: ignore[index]
     make = RealSenseConfig if kind == "realsense" else OakConfig
-    return LiveInput(camera, kind, make(camera, serial, size), reopen=True)
+    return LiveInput(camera, kind, make(camera, serial, size, depth=rest.endswith(_WITH_DEPTH)), reopen=True)
 
 
 def _ros_topic(camera: str, topic: str, rig: Rig | None, ros: Mapping[str, Any]) -> LiveInput:

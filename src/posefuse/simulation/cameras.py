@@ -14,6 +14,8 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
+from .depth import DepthSettings
+
 Point = tuple[float, float, float]
 Row = tuple[float, float, float]
 _UP = np.array([0.0, 0.0, 1.0])
@@ -62,6 +64,7 @@ class SensorSettings:
         exposure_s: how long each row is exposed; 0 freezes motion.
         blur_samples: moments that are averaged over the exposure.
         noise_dn: standard deviation of sensor noise at mid grey, in grey levels of 255.
+        depth: the camera measures depth too; None: it does not.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(MOST_HZ)] | None = None
@@ -76,6 +79,7 @@ class SensorSettings:
     exposure_s: Annotated[float, Ge(0)] = 0.0
     blur_samples: Annotated[int, Ge(2), Le(1000)] = 5
     noise_dn: Annotated[float, Ge(0)] = 0.0
+    depth: DepthSettings | None = None
 
 
 @settings

@@ -2,6 +2,7 @@
 
 SESSION/rig.toml              the exact cameras
 SESSION/videos/<camera>.mp4   H.264 with the camera's own time stamps; or <camera>/ with images and timestamps.csv
+SESSION/depth/<camera>/       `formats.depth_images`, of cameras with depth
 SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
@@ -33,13 +34,14 @@ from .render.shot import moments_of
 from .render.workers import RenderJob, RenderTask, render_all
 from .scene import H264Settings, Scene
 from .scene_files import write_scene
-from .session_files import FrameRun, finish, runs_of
+from .session_files import FrameRun, cameras_with_depth, finish, runs_of
 from .session_folder import MARKER_TEXT, Earlier, SessionPaths, earlier_session
 
 Progress = Callable[[int, int], None]
 # measured on the bundled scene: bytes per pixel of every frame
 _H264_BYTES, _H264_AT_CRF, _CRF_THAT_HALVES = 0.0045, 23, 6
 _JPEG_BYTES = 0.18
+_DEPTH_BYTES = 1.0
 
 
 def simulate(
@@ -98,10 +100,12 @@ def simulate(
 def estimated_bytes(live: LiveScene) -> int:
     """About how much the session will take on disk; videos twice, because they are joined from parts."""
     record = live.scene.record
-    pixels = sum(len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True))
+    sizes = {shots.camera: len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True)}
+    pixels = sum(sizes.values())
+    depth = _DEPTH_BYTES * sum(sizes[camera] for camera in cameras_with_depth(live))
     if isinstance(record, H264Settings):
-        return round(2 * pixels * _H264_BYTES * 2 ** ((_H264_AT_CRF - record.crf) / _CRF_THAT_HALVES))
-    return round(pixels * _JPEG_BYTES)
+        return round(2 * pixels * _H264_BYTES * 2 ** ((_H264_AT_CRF - record.crf) / _CRF_THAT_HALVES) + depth)
+    return round(pixels * _JPEG_BYTES + depth)
 
 
 def _existing(folder: Path) -> Path:
@@ -158,18 +162,21 @@ def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Prog
     if not isinstance(live.scene.record, H264Settings):
         for camera in live.rig:
             (paths.videos / camera.name).mkdir(exist_ok=True)
+    for camera in cameras_with_depth(live):
+        paths.depth(camera).mkdir(parents=True, exist_ok=True)
     total = sum(len(shots) for shots in live.shots)
     missing = [run for run in runs if not run.done.is_file()]
     done = total - sum(run.frames.stop - run.frames.start for run in missing)
     if progress:
         progress(done, total)
-    for frames in render_all(job, _tasks(live, missing), min(processes, max(1, len(missing)))):
+    for frames in render_all(job, _tasks(live, paths, missing), min(processes, max(1, len(missing)))):
         done += frames
         if progress:
             progress(done, total)
 
 
-def _tasks(live: LiveScene, runs: list[FrameRun]) -> Iterator[RenderTask]:
+def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterator[RenderTask]:
+    deep = cameras_with_depth(live)
     for run in runs:
         shots, camera = live.shots[run.camera], live.rig.cameras[run.camera]
         t_s = shots.t_ns[run.frames] / 1e9
@@ -185,4 +192,5 @@ def _tasks(live: LiveScene, runs: list[FrameRun]) -> Iterator[RenderTask]:
             possible=seen.possible,
             film=run.video,
             done=run.done,
+            depth=paths.depth(camera.name) if camera.name in deep else None,
         )

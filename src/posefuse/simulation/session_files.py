@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.formats.depth_images import ABOUT_FILE, depth_name
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_truth
@@ -90,12 +91,20 @@ def _written(live: LiveScene, paths: SessionPaths) -> set[Path]:
     files = {paths.rig, paths.truth, paths.shots} | ({paths.props} if live.props else set())
     files |= scene_copies(live.scene, paths.folder)
     for shots in live.shots:
+        if shots.camera in cameras_with_depth(live):
+            names = (ABOUT_FILE, *(depth_name(int(t)) for t in shots.stamp_ns))
+            files |= {paths.depth(shots.camera) / name for name in names}
         if isinstance(live.scene.record, H264Settings):
             files.add(paths.video(shots.camera))
         else:
             names = (TIMES_FILE, *(image_name(int(t)) for t in shots.stamp_ns))
             files |= {paths.videos / shots.camera / name for name in names}
     return files
+
+
+def cameras_with_depth(live: LiveScene) -> list[str]:
+    """Names of the cameras that measure depth."""
+    return [camera.name for camera in live.placed if camera.sensor.depth is not None]
 
 
 def shot_arrays(live: LiveScene) -> dict[str, Array]:

@@ -62,6 +62,10 @@ class SessionPaths:
         """Finished runs of frames of an unfinished session."""
         return self.folder / "parts"
 
+    def depth(self, camera: str) -> Path:
+        """The depth images of a camera."""
+        return self.folder / "depth" / camera
+
     def video(self, camera: str) -> Path:
         """The H.264 video of a camera."""
         return self.videos / f"{camera}.mp4"

@@ -16,8 +16,10 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
+from posefuse.core.depth import DepthImage
 from posefuse.core.errors import choices
 from posefuse.core.ideal_image import optics_of
+from posefuse.formats.depth_images import DepthFolder
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
@@ -25,14 +27,14 @@ from posefuse.formats.video import read_video
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, seen_points
 from .render.backend import working_backend
-from .render.shot import CameraShooter
+from .render.shot import CameraShooter, Shot
 from .render.stage import RenderStage
 from .scene import read_scene
 from .session import body_poses, model_of
 from .session_folder import SessionPaths
 
-# numbers (F,), stamps (F,) in ns, and the image of the frame at a place, asked for in order
-_Film = tuple[Array, Array, Callable[[int], Array]]
+# numbers (F,), stamps (F,) in ns, and the image and depth of the frame at a place, asked for in order
+_Film = tuple[Array, Array, Callable[[int], tuple[Array, DepthImage | None]]]
 
 
 @dataclass(frozen=True)
@@ -92,10 +94,11 @@ class SimulatedSource:
                     if k + 1 < len(seq) and time.monotonic_ns() - zero_ns > stamp_ns[k + 1]:
                         continue
                     time.sleep(max(0, zero_ns + int(t_ns) - time.monotonic_ns()) / 1e9)
-                image = image_at(k)
+                image, depth = image_at(k)
                 yield Frame(
-                    camera=self.camera, seq=int(seq[k]), t_ns=int(t_ns), received_ns=time.monotonic_ns() - zero_ns, image=image
-                )
+                    camera=self.camera, seq=int(seq[k]), t_ns=int(t_ns), received_ns=time.monotonic_ns() - zero_ns, image=image,
+                    depth=depth,
+                )  # fmt: skip
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""
@@ -120,7 +123,12 @@ class SimulatedSource:
         stage = RenderStage(model_of(live, (view.width, view.height)), working_backend())
         try:
             shooter = CameraShooter(camera, live.placed[i].sensor, stage)
-            yield shots.seq, shots.stamp_ns, lambda k: shot_image(live, i, k, shooter)[0]
+
+            def drawn(k: int) -> tuple[Array, DepthImage | None]:
+                shot = shot_image(live, i, k, shooter)
+                return shot.image, shot.depth
+
+            yield shots.seq, shots.stamp_ns, drawn
         finally:
             stage.close()
 
@@ -129,15 +137,19 @@ class SimulatedSource:
         """Frames of a video, decoded in order."""
         shots = read_arrays(self._paths.shots)
         decoded = enumerate(read_video(self._paths.video(self.camera)))
-        yield (
-            shots[f"seq{self._index}"],
-            shots[f"stamp{self._index}_ns"],
-            lambda k: next(image for number, (_, image) in decoded if number == k),
-        )
+        stamp_ns = shots[f"stamp{self._index}_ns"]
+        folder = self._paths.depth(self.camera)
+        depths = DepthFolder(folder) if folder.is_dir() else None
+
+        def played(k: int) -> tuple[Array, DepthImage | None]:
+            image = next(image for number, (_, image) in decoded if number == k)
+            return image, depths.at(int(stamp_ns[k]), self.size_wh) if depths else None
+
+        yield shots[f"seq{self._index}"], stamp_ns, played
 
 
-def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> tuple[Array, Array]:
-    """One frame of a scene as (H, W, 3) RGB, and which of its points (Q,) are visible; see `exact.SeenPoints`."""
+def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> Shot:
+    """One frame of a scene; its points are those of `exact.SeenPoints`."""
     t_s = live.shots[camera_index].t_ns[frame] / 1e9
     poses = body_poses(live, t_s + np.array([moment.after_s for moment in shooter.moments]))
     seen = seen_points(live, camera_index, slice(frame, frame + 1))

@@ -6,9 +6,10 @@ from .grouping import FrameSet, frame_sets
 from .images import IMAGE_SUFFIXES, ImagesConfig, ImagesSource
 from .seeking import ImagesSeeker, Seeker, VideoSeeker, nearest
 from .video import VIDEO_SUFFIXES, VideoConfig, VideoSource
+from .with_depth import DepthSource
 
 __all__ = [
-    "IMAGE_SUFFIXES", "VIDEO_SUFFIXES", "CountedSource", "Coverage", "FrameSet", "FramesAhead", "ImagesConfig", "ImagesSeeker",
-    "ImagesSource", "RecordedSource", "Seeker", "VideoConfig", "VideoSeeker", "VideoSource", "frame_sets", "incomplete_cameras",
-    "nearest",
+    "IMAGE_SUFFIXES", "VIDEO_SUFFIXES", "CountedSource", "Coverage", "DepthSource", "FrameSet", "FramesAhead", "ImagesConfig",
+    "ImagesSeeker", "ImagesSource", "RecordedSource", "Seeker", "VideoConfig", "VideoSeeker", "VideoSource", "frame_sets",
+    "incomplete_cameras", "nearest",
 ]  # fmt: skip

@@ -24,9 +24,9 @@ def views_at_joint_centres(poses: PoseSequence, rig: Rig, views: ViewSequence, t
         poses: the 3D, at joint centres. rig, views: of the same people, cameras and time steps. table: what moved them there.
     """
     landmarks = from_joint_centres(poses, table) if table else poses
-    xy, score, sigma = sides_like(landmarks, rig, views.xy_img, views.score, views.sigma_px)
+    named = sides_like(landmarks, rig, views)
     moves = np.stack([c.project(poses.xyz_world) - c.project(landmarks.xyz_world) for c in rig], axis=2)
-    return replace(views, xy_img=xy + _bridged(moves), score=score, sigma_px=sigma)
+    return replace(named, xy_img=named.xy_img + _bridged(moves))
 
 
 def _bridged(moves: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import PoseSequence, Rig, Skeleton
+from posefuse.core import PoseSequence, Rig, Skeleton, ViewSequence
 from posefuse.core.arrays import Array
 
 # arms first: their shoulders then tell which side of the body the hips are on
@@ -52,16 +52,14 @@ def steady_sides(sequence: PoseSequence) -> PoseSequence:
     return replace(sequence, **changed)
 
 
-def sides_like(reference: PoseSequence, rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array, Array]:
-    """Views (T, N, C, K, ...) with left and right of a limb exchanged wherever that view then fits the reference better.
+def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSequence:
+    """The views with left and right of a limb exchanged wherever that view then fits the reference better.
 
     The reference is the same recording steadied over time, so a view is judged by what came before and after as well as by
     the other views.
-
-    Returns:
-        xy_img (T, N, C, K, 2), score and sigma_px (T, N, C, K), new arrays.
     """
-    planes = [np.array(xy_img), np.array(score), np.array(sigma_px)]
+    planes = [np.array(views.xy_img), np.array(views.score), np.array(views.sigma_px)]
+    planes += [] if views.depth_m is None else [np.array(views.depth_m)]
     expected = np.stack([camera.project(reference.xyz_world) for camera in rig], axis=2)
     sigma = np.fmax(planes[2], _LEAST_SIGMA_PX)
     for left, right in _sides(reference.skeleton):
@@ -74,7 +72,8 @@ def sides_like(reference: PoseSequence, rig: Rig, xy_img: Array, score: Array, s
         wrong = gain > _LEAST_GAIN
         for plane in planes:
             _exchange(plane, wrong, left, right)
-    return planes[0], planes[1], planes[2]
+    depth = None if views.depth_m is None else planes[3]
+    return replace(views, xy_img=planes[0], score=planes[1], sigma_px=planes[2], depth_m=depth)
 
 
 def _loss(away_px: Array, sigma_px: Array) -> Array:

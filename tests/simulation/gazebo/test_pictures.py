@@ -25,7 +25,7 @@ def draw(written, backend):
     def draw_(camera, t_s=0.4):
         poses = body_poses(live, np.array([t_s]))
         shooter = CameraShooter(camera, SensorSettings(), stage)
-        return shooter.shoot(poses, np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), [0])[0]
+        return shooter.shoot(poses, np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), [0]).image
 
     yield draw_
     stage.close()

@@ -5,6 +5,10 @@ so |e|^2 is the squared pixel error in units of its variance and cameras of any 
 
 Robust loss of s = |e|^2: s up to `KNEE`, then 2 KNEE - KNEE^2 / s: quadratic where noise lives (efficient, so the
 inverse information is the covariance) and bounded like Geman-McClure where outliers live (a wrong view cannot pull).
+
+Depth is one more row per view, (z - depth) / sigma along the optical axis, under the same loss: `planes` (n, 2) holds depth and
+1 / sigma of each row of `views`, 0 where there is none. Without depth it is None: numba then compiles kernels in which none of
+it is left.
 """
 
 from __future__ import annotations
@@ -48,13 +52,21 @@ def squared_residual(cams, views, i, p):
 
 
 @fast_kernel()
+def squared_depth(cams, views, i, p, planes):
+    """Squared whitened residual of a world point in the depth of view i; 0 where it has none."""
+    c = int(views[i, 6])
+    z = cams[c, 6] * p[0] + cams[c, 7] * p[1] + cams[c, 8] * p[2] + cams[c, 11]
+    return ((z - planes[i, 0]) * planes[i, 1]) ** 2
+
+
+@fast_kernel()
 def loss(s):
     """The robust loss of a squared whitened residual."""
     return s if s < KNEE else 2.0 * KNEE - KNEE * KNEE / s
 
 
 @fast_kernel()
-def normal_system(cams, views, n, p, system):
+def normal_system(cams, views, n, p, system, planes=None):
     """Robust normal equations at p: system[:6] upper information, [6:9] half the loss's gradient; returns the loss."""
     h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = total = 0.0
     for i in range(n):
@@ -86,6 +98,24 @@ def normal_system(cams, views, n, p, system):
         g0 += weight * (a0 * e0 + b0 * e1)
         g1 += weight * (a1 * e0 + b1 * e1)
         g2 += weight * (a2 * e0 + b2 * e1)
+    if planes is not None:
+        for i in range(n):
+            c, w = int(views[i, 6]), planes[i, 1]
+            r6, r7, r8 = cams[c, 6], cams[c, 7], cams[c, 8]
+            e = (r6 * p[0] + r7 * p[1] + r8 * p[2] + cams[c, 11] - planes[i, 0]) * w
+            s = e * e
+            total += loss(s)
+            pull = (w if s < KNEE else w * (KNEE / s) ** 2) * e
+            weight = w * w if s < KNEE else w * w * (KNEE / s) ** 2
+            h00 += weight * r6 * r6
+            h01 += weight * r6 * r7
+            h02 += weight * r6 * r8
+            h11 += weight * r7 * r7
+            h12 += weight * r7 * r8
+            h22 += weight * r8 * r8
+            g0 += pull * r6
+            g1 += pull * r7
+            g2 += pull * r8
     system[0], system[1], system[2], system[3], system[4], system[5] = h00, h01, h02, h11, h12, h22
     system[6], system[7], system[8] = g0, g1, g2
     return total
@@ -119,10 +149,10 @@ def solve3(system, damping, out):
 
 
 @fast_kernel()
-def refine(cams, views, n, p, work):
+def refine(cams, views, n, p, work, planes=None):
     """Levenberg-Marquardt on the robust loss from p, in place; returns the loss. work: (3, 9)."""
     here, there, step, ahead = work[0], work[1], work[2, :3], work[2, 3:]
-    best = normal_system(cams, views, n, p, here)
+    best = normal_system(cams, views, n, p, here, planes)
     damping = 0.0
     for _ in range(20):
         if not solve3(here, damping, step):
@@ -132,7 +162,7 @@ def refine(cams, views, n, p, work):
             continue
         for i in range(3):
             ahead[i] = p[i] + step[i]
-        loss_there = normal_system(cams, views, n, ahead, there)
+        loss_there = normal_system(cams, views, n, ahead, there, planes)
         gain = -(step[0] * here[6] + step[1] * here[7] + step[2] * here[8])
         if loss_there <= best:
             for i in range(3):

@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from .lens import straighten_group
-from .point import KNEE, invert, look, loss, normal_system, refine, squared_px, squared_residual
+from .point import KNEE, invert, look, loss, normal_system, refine, squared_depth, squared_px, squared_residual
 from .precision import fast_kernel
-from .start import GATE, consensus, linear_start
+from .start import GATE, consensus, depth_point, linear_start
 
 USED = 28.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
 FAR = 20.0 * USED  # squared residual of a linear start beyond which not all views show one point
@@ -26,26 +26,45 @@ LAST_SCALE = 20.0  # of 1.5 % of a body: a third of it, beyond which views do no
 
 
 @fast_kernel()
-def robust_point(cams, views, n, p, other, work):
-    """Minimum of the robust loss over n >= 2 views into p; returns the loss, infinity when the rays define no point."""
+def robust_point(cams, views, n, p, other, work, planes=None):
+    """Minimum of the robust loss over n views into p; returns the loss, infinity when they define no point."""
     best = math.inf
+    if planes is not None and n == 1:
+        return refine(cams, views, n, p, work, planes) if depth_point(cams, views, 0, planes, p) else math.inf
     linear = linear_start(cams, views, n, p, work[0])
     # far from some views, the start is rarely near the minimum, and to refine it takes longest
     near = linear and (n == 2 or worst_residual(cams, views, n, p) < FAR)
     if near:
-        best = refine(cams, views, n, p, work)
-        if worst_residual(cams, views, n, p) < GATE:
+        best = refine(cams, views, n, p, work, planes)
+        if worst_residual(cams, views, n, p) < GATE and (planes is None or worst_depth(cams, views, n, p, planes) < GATE):
             return best
     if n > 2 and consensus(cams, views, n, other, work[2]) < math.inf:
-        found = refine(cams, views, n, other, work)
+        found = refine(cams, views, n, other, work, planes)
         if linear and not near and 2 * agreeing(cams, views, n, other) < n:
-            best = refine(cams, views, n, p, work)
+            best = refine(cams, views, n, p, work, planes)
         if found < best:
             p[:] = other
             best = found
     elif linear and not near:
-        best = refine(cams, views, n, p, work)
+        best = refine(cams, views, n, p, work, planes)
+    if planes is not None:
+        for i in range(n):
+            if not depth_point(cams, views, i, planes, other):
+                continue
+            found = refine(cams, views, n, other, work, planes)
+            if found < best:
+                p[:] = other
+                best = found
     return best
+
+
+@fast_kernel()
+def worst_depth(cams, views, n, p, planes):
+    """Largest squared residual of a point in the depths of n views."""
+    worst = 0.0
+    for i in range(n):
+        worst = max(worst, squared_depth(cams, views, i, p, planes))
+    return worst
 
 
 @fast_kernel()
@@ -67,11 +86,15 @@ def agreeing(cams, views, n, p):
 
 
 @fast_kernel()
-def gather(cams, ideal, sigma, scale, k, views):
-    """Usable views of keypoint k into the first rows of `views`; returns how many."""
+def gather(cams, ideal, sigma, scale, k, views, depth=None, planes=None):
+    """Usable views of keypoint k, and their depths (C, K, 2), into the first rows of `views`, `planes`; returns how many."""
     n = 0
     for c in range(len(cams)):
         if look(cams, c, ideal, k, sigma[c, k] * scale, views, n):
+            if depth is not None:
+                known = depth[c, k, 0] > 0.0 and 0.0 < depth[c, k, 1] < math.inf
+                planes[n, 0] = depth[c, k, 0] if known else 0.0
+                planes[n, 1] = 1.0 / depth[c, k, 1] if known else 0.0
             n += 1
     return n
 
@@ -109,24 +132,33 @@ def inflate(cov, chi2, dof, floor):
 
 
 @fast_kernel()
-def finish_robust(cams, views, n, p, xy_img, k, work, cov):
-    """Covariance and figures of a robust point: (n_used, rms px, chi2); n_used 0 when it is none."""
-    used, chi2, px2 = 0, 0.0, 0.0
+def finish_robust(cams, views, n, p, xy_img, k, work, cov, planes=None):
+    """Covariance and figures of a robust point: (n_used, rms px, chi2, its degrees of freedom); n_used 0 when it is none.
+
+    A single view defines a point only with depth, and only where no other view contradicts it.
+    """
+    used, chi2, px2, depths = 0, 0.0, 0.0, 0
     for i in range(n):
         s = squared_residual(cams, views, i, p)
         if s < USED:
             chi2 += s
             c = int(views[i, 6])
             px2 += squared_px(cams, c, xy_img[c, k, 0], xy_img[c, k, 1], p)
+            if planes is not None:
+                far = squared_depth(cams, views, i, p, planes)
+                if planes[i, 1] > 0.0 and far < USED:
+                    chi2 += far
+                    depths += 1
+                planes[used, 0], planes[used, 1] = planes[i, 0], planes[i, 1]
             for j in range(7):
                 views[used, j] = views[i, j]
             used += 1
-    if used < 2:
-        return 0, math.nan, 0.0
-    normal_system(cams, views, used, p, work[0])
+    if used < 2 and not (n == 1 and depths == 1):
+        return 0, math.nan, 0.0, 0.0
+    normal_system(cams, views, used, p, work[0], planes)
     if not invert(work[0], cov):
-        return 0, math.nan, 0.0
-    return used, math.sqrt(px2 / used), chi2
+        return 0, math.nan, 0.0, 0.0
+    return used, math.sqrt(px2 / used), chi2, 2.0 * used + depths - 3.0
 
 
 @fast_kernel()
@@ -154,20 +186,23 @@ def has_rival(cams, views, n, p, rest, q, other, work):
 
 
 @fast_kernel()
-def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, cost, rival, wanted):
+def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, cost, rival, wanted, depth=None):
     """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable), scaled by `most` at most.
 
     Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K), square (G, C, K) = |e|^2 of every
     usable view, cost (G, K) = robust loss, rival (G, K) where as many views agree on another point, wanted (G,) the scale of
-    sigma that the residuals ask for. Missing points are NaN with n_views 0.
+    sigma that the residuals ask for. Missing points are NaN with n_views 0. depth (G, C, K, 2): that of the keypoints and its
+    standard deviation in m, NaN where unknown.
     """
     groups, count, keypoints = sigma.shape
     views, rest, work, q = np.empty((count, 7)), np.empty((count, 7)), np.empty((3, 9)), np.empty(3)
     pool, squares, p, other = np.empty(keypoints), np.empty(count), np.empty(3), np.empty(3)
     chi2, dof = np.empty(keypoints), np.empty(keypoints)
     ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
+    planes = None if depth is None else np.empty((count, 2))
     for g in range(groups):
         scale = 1.0
+        deep = None if depth is None else depth[g]
         straighten_group(cams, xy_img[g], ideal, last)
         for attempt in range(ATTEMPTS):
             many = 0
@@ -175,11 +210,19 @@ def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, c
             square[g], xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan, math.nan
             n_views[g], cost[g], rival[g] = 0, 0.0, False
             for k in range(keypoints):
-                n = gather(cams, ideal, sigma[g], scale, k, views)
+                n = gather(cams, ideal, sigma[g], scale, k, views, deep, planes)
                 cost[g, k] = 2.0 * KNEE * n
-                if n < 2 or robust_point(cams, views, n, p, other, work) == math.inf:
+                least = 2
+                if planes is not None:
+                    least = 1
+                    for i in range(n):
+                        cost[g, k] += 2.0 * KNEE * (planes[i, 1] > 0.0)
+                if n < least or robust_point(cams, views, n, p, other, work, planes) == math.inf:
                     continue
                 cost[g, k] = 0.0
+                if planes is not None:
+                    for i in range(n):
+                        cost[g, k] += loss(squared_depth(cams, views, i, p, planes))
                 for i in range(n):
                     s = squared_residual(cams, views, i, p)
                     square[g, int(views[i, 6]), k] = s
@@ -189,12 +232,12 @@ def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, c
                     pool[many] = middle_residual(squares, n)
                     many += 1
                 rival[g, k] = has_rival(cams, views, n, p, rest, q, other, work)
-                used, px, total = finish_robust(cams, views, n, p, xy_img[g], k, work, cov[g, k])
+                used, px, total, free = finish_robust(cams, views, n, p, xy_img[g], k, work, cov[g, k], planes)
                 if used == 0:
                     cov[g, k] = math.nan
                     continue
                 xyz[g, k], reproj[g, k], n_views[g, k] = p, px, used
-                chi2[k], dof[k] = total, 2.0 * used - 3.0
+                chi2[k], dof[k] = total, free
             ratio = np.median(pool[:many]) if many >= MIN_POINTS else 1.0
             better = max(MIN_SCALE, scale * math.sqrt(ratio))
             right = 1.0 / RESCALE < ratio < RESCALE or better == scale

@@ -80,6 +80,19 @@ def pair_point(cams, views, i, j, p):
 
 
 @fast_kernel()
+def depth_point(cams, views, i, planes, p):
+    """Point of view i at its depth into p; False where it has none."""
+    if not planes[i, 1] > 0.0:
+        return False
+    cam, z = cams[int(views[i, 6])], planes[i, 0]
+    x, y = views[i, 0] * z - cam[9], views[i, 1] * z - cam[10]
+    z -= cam[11]
+    for a in range(3):
+        p[a] = cam[a] * x + cam[3 + a] * y + cam[6 + a] * z
+    return True
+
+
+@fast_kernel()
 def consensus(cams, views, n, p, trial):
     """Best two-ray point under the robust loss into p; at most MAX_TRIALS pairs, fewer once a better one is unlikely.
 

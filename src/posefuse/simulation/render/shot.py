@@ -10,13 +10,16 @@ import numpy as np
 
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
+from posefuse.core.depth import DepthImage
 from posefuse.core.ideal_image import IdealOptics, SourceView, optics_of
 from posefuse.simulation.cameras import SensorSettings
 
+from .depth import measured_depth
 from .stage import RenderStage
 
 _MID_GREY = 118.0
 _PAD_PX = 2
+_DEPTH_SEED = 7
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,20 @@ class ExposureMoment:
     last_row: int
     after_s: float
     middle: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shot:
+    """One frame.
+
+    Attributes:
+        image: (H, W, 3) uint8 RGB. visible: (Q,) which points it shows.
+        depth: as the camera measures it at mid-exposure; None from a camera without depth.
+    """
+
+    image: Array
+    visible: Array
+    depth: DepthImage | None
 
 
 def moments_of(sensor: SensorSettings, height: int) -> tuple[ExposureMoment, ...]:
@@ -56,45 +73,47 @@ class CameraShooter:
         self._optics = optics_of(camera)
         self.moments = moments_of(sensor, camera.size_wh[1])
 
-    def shoot(
-        self, poses: Array, xyz_world: Array, possible: Array, flesh_m: Array, noise_seed: list[int]
-    ) -> tuple[Array, Array]:
+    def shoot(self, poses: Array, xyz_world: Array, possible: Array, flesh_m: Array, noise_seed: list[int]) -> Shot:
         """One frame.
 
         Args:
             poses: (moments, M, 7) world poses of all moving bodies.
             xyz_world: (Q, 3) points to look for. possible: (Q,) which may be seen at all. flesh_m: (Q,), see `visibility`.
             noise_seed: numbers the sensor noise is drawn from.
-
-        Returns:
-            image (H, W, 3) uint8 RGB and visible (Q,).
         """
         width, height = self._camera.size_wh
         total = np.zeros((height, width, 3), np.float32)
         count = np.zeros(height)
         visible = np.zeros(len(xyz_world), bool)
+        depth_m = np.full((height, width), np.nan, np.float32)
         row = np.nan_to_num(self._camera.project(xyz_world)[:, 1], nan=-1.0)
         for moment, bodies in zip(self.moments, poses, strict=True):
             self._stage.place(bodies)
-            band, view, depth = self._draw(moment)
+            band, band_depth_m, view, depth = self._draw(moment)
             total[moment.first_row : moment.last_row] += band
             count[moment.first_row : moment.last_row] += 1
             if moment.middle:
                 here = possible & (row >= moment.first_row - 0.5) & (row < moment.last_row - 0.5)
                 visible |= here & self._not_hidden(xyz_world, flesh_m, view, depth)
+                depth_m[moment.first_row : moment.last_row] = band_depth_m
         image = total / count[:, None, None]
-        return self._with_noise(image, noise_seed), visible
+        measures = self._sensor.depth
+        measured = None if measures is None else measured_depth(depth_m, measures, [*noise_seed, _DEPTH_SEED])
+        return Shot(image=self._with_noise(image, noise_seed), visible=visible, depth=measured)
 
-    def _draw(self, moment: ExposureMoment) -> tuple[Array, SourceView, Array]:
-        """The rows of one moment (h, W, 3), and the ideal picture they come from with its depth."""
+    def _draw(self, moment: ExposureMoment) -> tuple[Array, Array, SourceView, Array]:
+        """The rows of one moment (h, W, 3) and their depth (h, W), and the ideal picture they come from with its depth."""
         rows = slice(moment.first_row, moment.last_row)
         view, map_px = _view_of_rows(self._optics, rows)
         rgb, depth = self._stage.draw(view, self._camera.cam_from_world)
         if map_px is None:
-            return rgb, view, depth
+            return rgb, depth, view, depth
         # outside what the lens shows the map is NaN, which is drawn black
         outside = np.nan_to_num(map_px, nan=-10.0)
-        return cv2.remap(np.ascontiguousarray(rgb), outside[..., 0], outside[..., 1], cv2.INTER_LINEAR), view, depth
+        bent = cv2.remap(np.ascontiguousarray(rgb), outside[..., 0], outside[..., 1], cv2.INTER_LINEAR)
+        # depths of two surfaces are not mixed
+        deep = cv2.remap(np.ascontiguousarray(depth), outside[..., 0], outside[..., 1], cv2.INTER_NEAREST, borderValue=np.nan)
+        return bent, deep, view, depth
 
     def _not_hidden(self, xyz_world: Array, flesh_m: Array, view: SourceView, depth: Array) -> Array:
         xyz_cam = self._camera.cam_from_world @ xyz_world

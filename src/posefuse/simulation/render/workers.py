@@ -16,6 +16,7 @@ import numpy as np
 
 from posefuse.core import Camera, InputError, PosefuseError
 from posefuse.core.arrays import Array
+from posefuse.formats.depth_images import write_depth
 from posefuse.formats.truth import write_arrays
 from posefuse.formats.video import VideoWriter
 from posefuse.simulation.cameras import SensorSettings
@@ -55,7 +56,8 @@ class RenderTask:
     Attributes:
         camera: its place. seq: (F,) numbers of the frames. stamp_ns: (F,) times to write.
         poses: (F, moments, M, 7). xyz_world: (F, Q, 3). possible: (F, Q).
-        video: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
+        film: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
+        depth: the folder for depth images; None from a camera without depth.
     """
 
     camera: int
@@ -66,6 +68,7 @@ class RenderTask:
     possible: Array
     film: Path
     done: Path
+    depth: Path | None
 
 
 def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> Iterator[int]:
@@ -131,8 +134,11 @@ def _render(task: RenderTask) -> int:
             if _worker.stop.is_set():
                 return 0
             seed = [job.seed, 41, task.camera, int(seq)]
-            image, visible[i] = shooter.shoot(task.poses[i], task.xyz_world[i], task.possible[i], job.flesh_m, seed)
-            store.write(image, int(task.stamp_ns[i]))
+            shot = shooter.shoot(task.poses[i], task.xyz_world[i], task.possible[i], job.flesh_m, seed)
+            visible[i] = shot.visible
+            store.write(shot.image, int(task.stamp_ns[i]))
+            if task.depth is not None and shot.depth is not None:
+                write_depth(task.depth, int(task.stamp_ns[i]), shot.depth)
     # written last, and whole or not at all: where it is, the video part is complete
     write_arrays(task.done, {"visible": visible})
     return len(task.seq)

@@ -17,18 +17,20 @@ _ANY = "any"
 
 @dataclass(frozen=True)
 class DepthCameraConfig:
-    """The colour stream of one camera.
+    """The colour stream of one camera, and its depth.
 
     Attributes:
         camera: name of the camera in the rig. serial: its serial number; ``any`` takes the first that is found.
         size: ``WIDTHxHEIGHT@RATE``.
         read_s: a camera that says nothing for so long is lost.
+        depth: give every frame its depth, aligned with the colours by the maker's library.
     """
 
     camera: str
     serial: str = _ANY
     size: str = "640x480@30"
     read_s: float = 5.0
+    depth: bool = False
 
 
 class DepthCamera(ABC):

@@ -1,4 +1,4 @@
-"""Colour stream of a RealSense camera, timed by the camera at mid-exposure.
+"""Colour stream of a RealSense camera, timed by the camera at mid-exposure, and its depth aligned with it.
 
 The camera's clock is turned into the machine's by the maker's library ("global time"). Its stamp is when the image began to be
 read out; how long before that the middle of the exposure was, the camera says in two numbers of its own clock.
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import Frame, SourceError
+from posefuse.core.depth import MM_PER_M, DepthImage, DepthNoise
 
 from .depth_camera import DepthCamera, DepthCameraConfig
 from .stream import StampClock
@@ -41,15 +42,31 @@ class RealSenseSource(DepthCamera):
         asked = self._vendor.config()
         asked.enable_device(serial)
         asked.enable_stream(self._vendor.stream.color, *self.size_wh, self._vendor.format.rgb8, self._rate_hz)
+        if self._config.depth:
+            asked.enable_stream(self._vendor.stream.depth, self._vendor.format.z16, self._rate_hz)
         self._clock = StampClock(0)
         self._pipeline: Any = self._vendor.pipeline()
-        self._pipeline.start(asked)
+        started = self._pipeline.start(asked)
+        if self._config.depth:
+            self._align: Any = self._vendor.align(self._vendor.stream.color)
+            sensor = started.get_device().first_depth_sensor()
+            self._unit_m, self._noise = float(sensor.get_depth_scale()), self._noise_of(started, sensor)
+
+    def _noise_of(self, started: Any, sensor: Any) -> DepthNoise:
+        """By the camera's own focal length and baseline, where it is a stereo camera."""
+        baseline = self._vendor.option.stereo_baseline
+        if not sensor.supports(baseline):
+            return DepthNoise()
+        stream = started.get_stream(self._vendor.stream.depth).as_video_stream_profile()
+        return DepthNoise(focal_px=float(stream.get_intrinsics().fx), baseline_m=float(sensor.get_option(baseline)) / MM_PER_M)
 
     def frames(self) -> Iterator[Frame]:
         """Frames as they come; raises SourceError when they stop coming."""
         while self._running:
             try:
-                color = self._pipeline.wait_for_frames(round(1000 * self._config.read_s)).get_color_frame()
+                together = self._pipeline.wait_for_frames(round(1000 * self._config.read_s))
+                together = self._align.process(together) if self._config.depth else together
+                color = together.get_color_frame()
             except RuntimeError as error:
                 raise SourceError(f"{self._where}: no image any more ({error})") from None
             if not color:
@@ -59,8 +76,13 @@ class RealSenseSource(DepthCamera):
             # the library uses its memory again
             image = np.array(color.get_data())
             yield Frame(
-                camera=self.camera, seq=int(color.get_frame_number()), t_ns=self._newest_ns, received_ns=arrived_ns, image=image
-            )
+                camera=self.camera, seq=int(color.get_frame_number()), t_ns=self._newest_ns, received_ns=arrived_ns, image=image,
+                depth=self._depth_of(together),
+            )  # fmt: skip
+
+    def _depth_of(self, together: Any) -> DepthImage | None:
+        depth = together.get_depth_frame() if self._config.depth else None
+        return DepthImage(values=np.array(depth.get_data()), unit_m=self._unit_m, noise=self._noise) if depth else None
 
     def _exposed_ns(self, color: Any, arrived_ns: int) -> int:
         stamp_ns = round(color.get_timestamp() * 1e6)

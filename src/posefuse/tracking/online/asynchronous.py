@@ -94,8 +94,9 @@ class AsynchronousTracker:
         claims = self._claims(rays, c, detections.t_ns)
         for person, p in claims:
             view = View(
-                t_ns=detections.t_ns, camera=c, z=rays.z[p], white=rays.white[p], late_s=rays.late_s[p], sigma_px=rays.sigma_px[p]
-            )
+                t_ns=detections.t_ns, camera=c, z=rays.z[p], white=rays.white[p], late_s=rays.late_s[p],
+                sigma_px=rays.sigma_px[p], depth_m=None if rays.depth_m is None else rays.depth_m[p],
+            )  # fmt: skip
             told = person.add(view)
             if told is not None:
                 figures.count(told)
@@ -188,7 +189,8 @@ class AsynchronousTracker:
         assert newest_ns is not None
         fresh = [person for person in self._people if newest_ns - person.measured_ns <= _STALE_NS]
         views = {name: one for name, one in self._unclaimed.items() if newest_ns - one.t_ns <= _BIRTH_WINDOW_NS}
-        if len(fresh) >= self._model.settings.max_people or len(views) < 2:
+        enough = len(views) > 1 or any(one.depth_m is not None for one in views.values())
+        if len(fresh) >= self._model.settings.max_people or not enough:
             return
         if self._tried_ns is not None and abs(newest_ns - self._tried_ns) < _BIRTH_EVERY_NS:
             return

@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.core import Camera, Detections2D
 from posefuse.core.arrays import Array
+from posefuse.core.depth import keypoint_depth
 
 from .settings import LiveSettings
 
@@ -26,12 +27,14 @@ class Rays:
         z: (P, K, 2) ideal image points; NaN where there is none. white: (P, K, 2, 2) turns their errors into sigmas.
         late_s: (P, K) how long after mid-exposure the row was exposed (rolling shutter).
         sigma_px: (P, K).
+        depth_m: (P, K, 2) depth of the keypoints and its standard deviation, NaN where unknown; None where nothing is known.
     """
 
     z: Array
     white: Array
     late_s: Array
     sigma_px: Array
+    depth_m: Array | None = None
 
     def __len__(self) -> int:
         return len(self.z)
@@ -58,7 +61,7 @@ class Optics:
         z, white = np.empty(xy.shape), np.empty((*xy.shape, 2))
         kernels.measure(self._table, self._corner, _SPACING_PX, xy, sigma, z, white)
         late = self._readout_s * (np.clip(xy[..., 1] / self._rows, 0, 1) - 0.5) if self._readout_s else np.zeros(sigma.shape)
-        return Rays(z, white, late, sigma)
+        return Rays(z, white, late, sigma, _depth(detections, z))
 
     def _sigma_px(self, xy: Array, score: Array, sigma: Array) -> Array:
         """NaN where unusable; where the network states none, from the body's extent and the score."""
@@ -70,3 +73,12 @@ class Optics:
             full = np.maximum(self._settings.sigma_share * extent.max(axis=-1), 1.0)
             sigma = np.where(missing, full[:, None] / np.maximum(score, 1e-3), sigma)
         return np.where(usable, np.maximum(sigma, _LEAST_SIGMA_PX), np.nan)
+
+
+def _depth(detections: Detections2D, z: Array) -> Array | None:
+    if detections.depth_m is None or not np.isfinite(detections.depth_m).any():
+        return None
+    depth = keypoint_depth(detections.depth_m, z, detections.skeleton)
+    # the kernels ask for a sigma > 0 only
+    depth[..., 1] = np.where(np.isfinite(depth).all(axis=-1), depth[..., 1], np.nan)
+    return np.ascontiguousarray(depth)

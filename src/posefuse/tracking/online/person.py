@@ -17,6 +17,8 @@ _ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
+# in a count of cameras, the depth of one
+_DEPTH_OF = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ class Model:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """One camera's keypoints of this person: z, sigma_px (K, ...) and so on as in `optics.Rays`."""
+    """One camera's keypoints of this person: z, sigma_px, depth_m (K, ...) and so on as in `optics.Rays`."""
 
     t_ns: int
     camera: int
@@ -104,6 +106,7 @@ class View:
     white: Array
     late_s: Array
     sigma_px: Array
+    depth_m: Array | None = None
 
 
 @dataclass(eq=False)
@@ -144,6 +147,9 @@ class Person:
         self.speed_m_s = float(newest[4])
         if figures[0] > figures[1]:
             self._measured_by_ns[view.camera] = max(view.t_ns, self._measured_by_ns.get(view.camera, view.t_ns))
+        if figures[5] > 0:
+            # depth tells how far away the person is, as a second camera does
+            self._measured_by_ns[_DEPTH_OF + view.camera] = self._measured_by_ns.get(view.camera, view.t_ns)
         return figures
 
     def forget(self, before_ns: int) -> None:
@@ -160,7 +166,7 @@ class Person:
 
     @property
     def crossed_ns(self) -> int:
-        """Until when two cameras measured the person; since then one alone, whose rays fit any depth."""
+        """Until when two cameras, or one with depth, measured the person; since then one alone, whose rays fit any depth."""
         return sorted(self._measured_by_ns.values())[-2]
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
@@ -195,7 +201,7 @@ class Person:
         kernels.step(
             self._moments[place - 1].state, now.state, self._seconds(now.t_ns), view.camera, view.z, view.white, view.late_s,
             view.sigma_px, model.cameras, model.mirror, model.group, model.neighbours, model.ends, model.sizes, model.models,
-            model.step_rules, self._figures,
+            model.step_rules, self._figures, view.depth_m,
         )  # fmt: skip
         return self._figures.copy()
 

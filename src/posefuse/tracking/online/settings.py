@@ -34,8 +34,10 @@ class LiveSettings:
             keypoints.
         shown_s: of several people, one whom no view measured for this long is not in the output, but is still expected until
             `lost_after_s`: hidden or gone.
-        alone_s: a person who was measured by a single camera for this long is dropped, because one ray fits any depth.
-        alone_hold_s: a person who was measured by a single camera for this long is moved across its line of sight only.
+        alone_s: a person who was measured by a single camera without depth for this long is dropped, because one ray fits any
+            depth.
+        alone_hold_s: a person who was measured by a single camera without depth for this long is moved across its line of sight
+            only.
         measured_s: a keypoint counts as measured (FUSED) when a view at most this old saw it, otherwise as PREDICTED. It covers
             the time from exposure to the tracker and one frame period.
         lag_s: out-of-order views up to this much older than the newest are still applied at their own time.

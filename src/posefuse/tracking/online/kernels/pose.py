@@ -21,7 +21,7 @@ def where(state, t, sizes, models, means, sigmas):
     """Positions (K, 3) expected at time t and how sure (K,), standard deviation; NaN where not tracked."""
     k, m, c, b = sizes
     spread = np.empty((3, 3))
-    x, cov, share, _, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
+    x, cov, share, _, _, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     f, q = all_models(t - time[0], models)
     body, common = np.empty(3), np.empty((3, 3))
     position(x[k], cov[k], share[k], f[1], q[1], body, common)
@@ -41,7 +41,7 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
     rules: measured_s, lost_after_s, lasting_share, averaging, bone_sigma_m, kinds FUSED and PREDICTED.
     """
     k, m, count, b = sizes
-    x, p, share, lively, seen, square, precision, _, _, _, bones, time = parts(state, k, m, count, b)
+    x, p, share, lively, seen, square, precision, _, deepness, _, _, bones, time = parts(state, k, m, count, b)
     dt = t - time[0]
     f, q = all_models(dt, models)
     body, common = np.empty(3), np.empty((3, 3))
@@ -58,7 +58,7 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
         cov[i] += common
         combined(x[i], p[i], share[i], place, known)
         _add_lasting(
-            rules[2], rules[3], known + body_known, xyz[i], seen[i], precision[i], newest - rules[0], cameras, cov[i]
+            rules[2], rules[3], known + body_known, xyz[i], seen[i], precision[i], deepness[i], newest - rules[0], cameras, cov[i]
         )  # fmt: skip
         total = 0.0
         for c in range(count):
@@ -77,7 +77,7 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
 
 
 @kernel()
-def _add_lasting(share, averaging, known, mean, seen, precision, oldest, cameras, spread):
+def _add_lasting(share, averaging, known, mean, seen, precision, deepness, oldest, cameras, spread):
     """spread += what errors that last from frame to frame make of the views not older than `oldest`.
 
     It is what these views of one moment would give, less what the filter averages: the longer it looks back, the smaller its
@@ -99,7 +99,7 @@ def _add_lasting(share, averaging, known, mean, seen, precision, oldest, cameras
         for a in range(3):
             for d in range(3):
                 across = (1.0 if a == d else 0.0) - (mean[a] - cameras[c, 12 + a]) * (mean[d] - cameras[c, 12 + d]) / d2
-                information[a, d] += w * across
+                information[a, d] += w * across + deepness[c] * cameras[c, 6 + a] * cameras[c, 6 + d]
     inverse3(information, inverse)
     for a in range(3):
         for d in range(3):

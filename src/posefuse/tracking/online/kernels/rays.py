@@ -50,6 +50,26 @@ def expected(rows, spread, noise):
 
 
 @kernel()
+def depth_row(camera, point, measured, row):
+    """One measured depth (2,), m and its sigma, as a row (3,) in units of its noise; returns its error from a world point."""
+    z, certain = camera[11], 1.0 / measured[1]
+    for a in range(3):
+        z += camera[6 + a] * point[a]
+        row[a] = camera[6 + a] * certain
+    return (measured[0] - z) * certain
+
+
+@kernel()
+def expected_depth(row, spread):
+    """Innovation variance row spread row^T + 1 of a depth."""
+    s = 1.0
+    for a in range(3):
+        for d in range(3):
+            s += row[a] * spread[a, d] * row[d]
+    return s
+
+
+@kernel()
 def squared(s00, s01, s11, e0, e1):
     """e^T S^-1 e of two rows."""
     return (s11 * e0 * e0 - 2.0 * s01 * e0 * e1 + s00 * e1 * e1) / (s00 * s11 - s01 * s01)

@@ -10,12 +10,12 @@ from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
 from .motion import all_models, combined, forward, learn_liveliness, mix
-from .rays import expected, ray, squared, whitened
+from .rays import depth_row, expected, ray, squared, whitened
 from .sides import exchange_person, flipped_groups
 from .state import GROUPS, parts
-from .updates import doubt, learn_lasting, move_body, update
+from .updates import doubt, learn_lasting, move_body, update, update_depth
 
-FIGURES = 5  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs; then the body's speed
+FIGURES = 6  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs; the body's speed; depths used
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
 _FLIP_STATE = 0.6  # when so many views are exchanged it is the person who is
 _REFUSED_MOST = 4.0  # a keypoint that so many views in a row put elsewhere is elsewhere
@@ -23,7 +23,8 @@ _REFUSED_MOST = 4.0  # a keypoint that so many views in a row put elsewhere is e
 
 @kernel()
 def step(
-    before, after, t, c, z, white, late, px_scale, cameras, mirror, group, neighbours, ends, sizes, models, rules, figures
+    before, after, t, c, z, white, late, px_scale, cameras, mirror, group, neighbours, ends, sizes, models, rules, figures,
+    deep=None,
 ):  # fmt: skip
     """One view into a person: state `before` -> `after`, at time t not before it.
 
@@ -32,10 +33,11 @@ def step(
         px_scale: (K,) pixels per sigma. cameras: (C, 15). mirror, group: (K,). neighbours: (K, n), -1 for none.
         ends: (B, 2). sizes: (K, M, C, B). models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
         rules: outlier, gate, switch_s, lost_after_s, learnt_share, learnt_s, alone_hold_s. figures: (FIGURES,) filled.
+        deep: (K, 2) depth of each keypoint and its sigma, m, NaN where unknown; None compiles a kernel without any of it.
     """
     k, m, count, b = sizes
     after[:] = before
-    x, cov, share, lively, seen, square, precision, lasting, refused, flips, bones, time = parts(after, k, m, count, b)
+    x, cov, share, lively, seen, square, precision, lasting, deepness, refused, flips, bones, time = parts(after, k, m, count, b)
     dt = t - time[0]
     time[0] = t
     figures[:] = 0.0
@@ -45,27 +47,27 @@ def step(
     exchanged = np.zeros(GROUPS)
     wheres, wide = means[:k] + means[k], spreads[:k] + spreads[k]
     flipped_groups(cameras[c], z, white, wheres, wide, mirror, group, exchanged)
-    move_body(
-        cameras[c], c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
+    depths = move_body(
+        cameras[c], c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules, deep
     )  # fmt: skip
     _work_in(
         cameras[c], c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, lasting, refused,
-        mirror, group, exchanged, rules, figures,
+        mirror, group, exchanged, rules, figures, deepness, deep,
     )  # fmt: skip
     for g in range(GROUPS):
         figures[3] += exchanged[g]
         flips[g] += _FLIP_MEMORY * (exchanged[g] - flips[g])
         if flips[g] > _FLIP_STATE:
-            exchange_person(x, cov, share, seen, square, precision, lasting, mirror, group, g)
+            exchange_person(x, cov, share, seen, square, precision, lasting, deepness, mirror, group, g)
             flips[g] = 0.0
     let_go_of_strays(x[:k], share, means[:k])
     learn_bones(bones, ends, means, spreads)
     learn_liveliness(lively, share, models, dt)
     centre_body(x, share)
-    if alone(seen, c, t) > rules[6]:
+    if depths == 0 and alone(seen, c, t) > rules[6]:
         old = parts(before, k, m, count, b)
         hold_depth(cameras[c], dt, old[0][k], old[2][k], x[k], cov[k], share[k])
-    figures[4] = _body_speed(x[k], share[k])
+    figures[4], figures[5] = _body_speed(x[k], share[k]), depths
 
 
 @kernel()
@@ -102,7 +104,7 @@ def _carried_on(x, cov, share, dt, switch_s, models, means, spreads):
 @kernel()
 def _work_in(
     camera, c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, lasting, refused, mirror,
-    group, exchanged, rules, figures,
+    group, exchanged, rules, figures, deepness, deep=None,
 ):  # fmt: skip
     """Every keypoint's ray into the keypoint itself, once the body has moved; fills figures but for the exchanged limbs."""
     k, m = len(z), x.shape[1]
@@ -110,7 +112,7 @@ def _work_in(
     for a in range(3):
         for j in range(m):
             body[a] += share[k, j] * x[k, j, 3 + a]
-    h, slope, rows, error = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2)
+    h, slope, rows, error, row, far = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3), np.empty(m)
     point, before_m, away = np.empty(3), np.empty(3), np.empty((m, 2))
     for i in range(k):
         o = mirror[i] if group[i] >= 0 and exchanged[group[i]] > 0.0 else i
@@ -155,6 +157,21 @@ def _work_in(
         combined(x[i], cov[i], share[i], means[i], spreads[i])
         for a in range(3):
             point[a] += means[i, a] - before_m[a]
+        if deep is not None:
+            deepness[i, c] = 0.0
+            if deep[o, 1] > 0.0:
+                miss = depth_row(camera, point, deep[o], row)
+                for j in range(m):
+                    far[j] = miss
+                    for a in range(3):
+                        far[j] -= row[a] * (x[i, j, a] - means[i, a])
+                if update_depth(x[i], cov[i], share[i], row, far, spreads[k], rules[0], rules[1]):
+                    deepness[i, c] = 1.0 / deep[o, 1] ** 2
+                    for a in range(3):
+                        before_m[a] = means[i, a]
+                    combined(x[i], cov[i], share[i], means[i], spreads[i])
+                    for a in range(3):
+                        point[a] += means[i, a] - before_m[a]
         if ray(camera, point, h, slope):
             whitened(white[o], slope, z[o], h, rows, error)
             square[i, c] = (error[0] ** 2 + error[1] ** 2) * px_scale[o] ** 2

@@ -10,7 +10,7 @@ from posefuse.foundation.compiled import kernel
 from posefuse.tracking.matrix_kernels import inverse3
 
 from .motion import combined, normalise
-from .rays import expected, ray, squared, whitened
+from .rays import depth_row, expected, expected_depth, ray, squared, whitened
 
 _DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
 
@@ -61,6 +61,36 @@ def update(x, cov, share, rows, away, noise, common, outlier, gate):
 
 
 @kernel()
+def update_depth(x, cov, share, row, away, common, outlier, gate):
+    """One depth into all models of a keypoint, as `update` does a ray; `away` (M,) its error from each. Whether it was used."""
+    m = len(share)
+    nearest = np.inf
+    for j in range(m):
+        nearest = min(nearest, away[j] ** 2 / expected_depth(row, cov[j, :3, :3] + common))
+    if not nearest <= gate:
+        return False
+    extra = max(nearest / outlier, 1.0) - 1.0
+    best = np.inf
+    for j in range(m):
+        best = min(best, away[j] ** 2 / (expected_depth(row, cov[j, :3, :3] + common) + extra))
+    gain = np.empty(9)
+    for j in range(m):
+        s = expected_depth(row, cov[j, :3, :3] + common) + extra
+        share[j] *= math.exp(0.5 * (best - away[j] ** 2 / s)) / math.sqrt(s)
+        for i in range(9):
+            gain[i] = 0.0
+            for a in range(3):
+                gain[i] += cov[j, i, a] * row[a] / s
+            x[j, i] += gain[i] * away[j]
+        for i in range(9):
+            for a in range(i, 9):
+                cov[j, i, a] -= gain[i] * s * gain[a]
+                cov[j, a, i] = cov[j, i, a]
+    normalise(share)
+    return True
+
+
+@kernel()
 def doubt(cov):
     """Make a keypoint's models (M, 9, 9) unsure where it is and how fast."""
     for j in range(len(cov)):
@@ -71,15 +101,18 @@ def doubt(cov):
 
 @kernel()
 def move_body(
-    camera, c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules
+    camera, c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules, deep=None
 ):  # fmt: skip
     """What all keypoints of one view say together about where the body is: one measurement of its three coordinates.
 
     Its information and pull are sums over the keypoints, each with what is uncertain about its own place against the body.
+    Returns how many depths (K, 2) are among them.
     """
+    depths = 0
     k, m = len(z), x.shape[1]
     info, pull = np.zeros((3, 3)), np.zeros(3)
     h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
+    row = np.empty(3)
     for i in range(k):
         o = mirror[i] if group[i] >= 0 and exchanged[group[i]] > 0.0 else i
         if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
@@ -110,8 +143,19 @@ def move_body(
             pull[a] += g0 * error[0] + g1 * error[1]
             for d in range(3):
                 info[a, d] += g0 * rows[0, d] + g1 * rows[1, d]
+        if deep is not None and deep[o, 1] > 0.0:
+            away = depth_row(camera, point, deep[o], row)
+            far = away * away / expected_depth(row, spreads[i] + spreads[k])
+            if far <= rules[1]:
+                s = expected_depth(row, spreads[i]) + max(far / rules[0], 1.0) - 1.0
+                for a in range(3):
+                    pull[a] += row[a] * away / s
+                    for d in range(3):
+                        info[a, d] += row[a] * row[d] / s
+                depths += 1
     _pull(x[k], cov[k], share[k], means[k], info, pull)
     combined(x[k], cov[k], share[k], means[k], spreads[k])
+    return depths
 
 
 @kernel()

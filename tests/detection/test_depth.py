@@ -1,0 +1,100 @@
+"""Depth sampled at keypoints: the surface of the body, not what lies behind a thin limb, with an honest sigma."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.core import Detections2D, Frame, ShapeError
+from posefuse.core.depth import DepthImage, DepthNoise
+from posefuse.core.skeleton import COCO17
+from posefuse.detection import with_depth
+
+WRIST, HIP = COCO17.index("left_wrist"), COCO17.index("left_hip")
+
+
+def person(xy: np.ndarray, score: float = 0.9) -> Detections2D:
+    xy = np.asarray(xy, float)[None]
+    return Detections2D(
+        camera="c", t_ns=0, skeleton=COCO17, xy_img=xy, score=np.full(xy.shape[:2], score), sigma_px=np.full(xy.shape[:2], 2.0),
+        box_img=np.zeros((1, 4)),
+    )  # fmt: skip
+
+
+def keypoints() -> np.ndarray:
+    """17 places over a body of 200 px."""
+    return np.stack([np.linspace(90, 150, 17), np.linspace(20, 220, 17)], axis=1)
+
+
+def test_a_flat_body_has_its_depth_and_the_noise_of_the_camera() -> None:
+    noise = DepthNoise(focal_px=400, baseline_m=0.1, disparity_sigma_px=0.1)
+    depth = DepthImage(values=np.full((240, 240), 2500, np.uint16), noise=noise)
+    found = with_depth(person(keypoints()), depth).depth_m
+    assert found is not None
+    np.testing.assert_allclose(found[0, :, 0], 2.5)
+    np.testing.assert_allclose(found[0, :, 1], float(noise.sigma_m(np.array(2.5))), rtol=1e-5)
+    # the same depth in other units
+    metric = DepthImage(values=np.full((240, 240), 25000, np.uint16), unit_m=1e-4, noise=noise)
+    other = with_depth(person(keypoints()), metric).depth_m
+    assert other is not None
+    np.testing.assert_allclose(other, found, rtol=1e-6)
+
+
+def test_beside_a_thin_limb_the_wall_behind_it_does_not_count() -> None:
+    xy = keypoints()
+    values = np.full((240, 240), 4000, np.uint16)
+    values[:, 60:200] = 2500
+    x, y = np.rint(xy[WRIST]).astype(int)
+    # the wrist is a strip of 2 px before the far wall
+    values[y - 10 : y + 11, x - 10 : x + 11] = 4000
+    values[y - 10 : y + 11, x - 1 : x + 1] = 2300
+    found = with_depth(person(xy), DepthImage(values=values)).depth_m
+    assert found is not None
+    assert found[0, WRIST, 0] == pytest.approx(2.3)
+    assert found[0, HIP, 0] == pytest.approx(2.5)
+
+
+def test_holes_walls_and_edges_of_the_image_have_no_depth() -> None:
+    xy = keypoints()
+    values = np.full((240, 240), 2500, np.uint16)
+    x, y = np.rint(xy[HIP]).astype(int)
+    values[y - 10 : y + 11, x - 10 : x + 11] = 0
+    x, y = np.rint(xy[WRIST]).astype(int)
+    values[y - 10 : y + 11, x - 10 : x + 11] = 5000
+    xy[0] = [-50, 30]
+    xy[1] = np.nan
+    found = with_depth(person(xy), DepthImage(values=values)).depth_m
+    assert found is not None
+    assert np.isnan(found[0, [HIP, WRIST, 0, 1]]).all()
+    assert np.isfinite(np.delete(found[0], [HIP, WRIST, 0, 1], axis=0)).all()
+
+
+def test_no_depth_image_no_depth_and_no_person_no_row() -> None:
+    assert with_depth(person(keypoints()), None).depth_m is None
+    depth = DepthImage(values=np.zeros((240, 240), np.uint16))
+    nothing = with_depth(person(keypoints()), depth).depth_m
+    assert nothing is not None
+    assert np.isnan(nothing).all()
+    empty = with_depth(Detections2D.nobody("c", 0, COCO17), depth).depth_m
+    assert empty is not None
+    assert empty.shape == (0, 17, 2)
+
+
+def test_a_keypoint_that_may_be_hidden_has_no_depth() -> None:
+    seen = person(keypoints())
+    score = seen.score.copy()
+    score[0, WRIST] = 0.3
+    found = with_depth(replace(seen, score=score), DepthImage(values=np.full((240, 240), 2500, np.uint16))).depth_m
+    assert found is not None
+    assert np.isnan(found[0, WRIST]).all()
+    assert np.isfinite(np.delete(found[0], WRIST, axis=0)).all()
+
+
+def test_a_depth_image_of_another_size_or_type_is_refused() -> None:
+    with pytest.raises(ShapeError, match="uint16"):
+        DepthImage(values=np.zeros((4, 4), np.float32))
+    with pytest.raises(ShapeError, match="depth of the image's size"):
+        Frame(
+            camera="c", seq=0, t_ns=0, received_ns=0, image=np.zeros((4, 6, 3), np.uint8),
+            depth=DepthImage(values=np.zeros((4, 4), np.uint16)),
+        )  # fmt: skip
