@@ -54,22 +54,22 @@ RATE_HZ = 30.0
 CAMERAS = {1: (0,), 2: (0, 1), 4: (0, 1, 2, 3)}
 JOINTS = tuple(f"{s}_{j}" for s in ("left", "right") for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
 LATE_S = 0.06
-FIT_BODIES, FIT_SEED, FIT_FRAMES = 6, 8100, 12
+FIT_BODIES, FIT_SEED, FIT_FRAMES, FIT_HZ = 6, 8100, 6, 3.0
 SURE_SCORE, HIDDEN_SCORE, HIDDEN_FACTOR = 0.9, 0.4, 3.0
 WARM_UP_S = 0.5
 NO_NOISE = {"disparity_sigma_px": 0.0, "step_px": 0.0, "floor_m": 0.0, "lateral_px": 0.0, "edge_loss": 0.0}
 
 
-def scene(seed: int, frames: int, depth: dict[str, float]) -> Scene:
-    """A person on a circle of 1.1 m before four cameras 3.2 m from its centre."""
-    image = {"size_px": (848, 480), "horizontal_fov_deg": 69.0}
+def scene(seed: int, frames: int, depth: dict[str, float], rate_hz: float = RATE_HZ) -> Scene:
+    """A person on a circle of 0.9 m between four cameras that stand 3.4 m from its centre."""
+    image = {"size_px": (640, 360), "horizontal_fov_deg": 69.0}
     cameras = {
         "kind": "ring", "count": 4, "radius_m": 3.4, "height_m": 1.5, "image": image,
         "sensor": {"noise_dn": 2.0, "depth": depth},
     }  # fmt: skip
     walk = {"kind": "walk", "speed_mps": 1.2, "path": {"shape": "circle", "radius_m": 0.9}}
     person = {"body": {"random_seed": seed}, "motion": walk}
-    content = {"duration_s": frames / RATE_HZ, "rate_hz": RATE_HZ, "seed": seed, "cameras": cameras, "people": [person]}
+    content = {"duration_s": frames / rate_hz, "rate_hz": rate_hz, "seed": seed, "cameras": cameras, "people": [person]}
     return settings_from_mapping(content, Scene, "bench")
 
 
@@ -213,7 +213,7 @@ def below_the_skin(out: Path) -> list[dict[str, object]]:
     """By keypoint: median and spread of how much deeper than the skin it lies along its ray, where it is in sight."""
     found: dict[str, list[float]] = {}
     for body in range(FIT_BODIES):
-        paths = rendered(out / f"fit{body}", scene(FIT_SEED + body, FIT_FRAMES, NO_NOISE))
+        paths = rendered(out / f"fit{body}", scene(FIT_SEED + body, FIT_FRAMES, NO_NOISE, FIT_HZ))
         truth = read_truth(paths.truth)
         for camera, view in zip(truth.rig, truth.views, strict=True):
             depths = DepthFolder(paths.depth(camera.name))

@@ -177,7 +177,7 @@ def solve_robust(
 def solve_settled(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
 ) -> Triangulated:
-    """`solve_robust`, `settled`."""
+    """`solve_robust`, then `settled`."""
     solved = solve_robust(rig, xy_img, score, sigma, settings, depth=depth)
     return settled(solved, rig, xy_img, score=score, sigma=sigma, settings=settings, depth=depth)
 
