@@ -75,7 +75,7 @@ def test_no_depth_image_no_depth_and_no_person_no_row() -> None:
     nothing = with_depth(person(keypoints()), depth).depth_m
     assert nothing is not None
     assert np.isnan(nothing).all()
-    empty = with_depth(Detections2D.nobody("c", 0, COCO17), depth).depth_m
+    empty = with_depth(Detections2D.empty("c", 0, COCO17), depth).depth_m
     assert empty is not None
     assert empty.shape == (0, 17, 2)
 
