@@ -51,11 +51,17 @@ def build() -> Path:
 def present_pythons() -> list[str]:
     """Those of `PYTHONS` on the path, and the one that runs this."""
     here = f"{sys.version_info.major}.{sys.version_info.minor}"
-    found = {version: sys.executable if version == here else shutil.which(f"python{version}") for version in PYTHONS}
+    found = {version: sys.executable if version == here else _working(f"python{version}") for version in PYTHONS}
     missing = [version for version, path in found.items() if path is None]
     if missing:
         print(f"not tried, because not on this machine: Python {', '.join(missing)}")
     return [path for path in found.values() if path is not None]
+
+
+def _working(name: str) -> str | None:
+    """Its path; None also for a stand-in of a version manager that has no such Python."""
+    path = shutil.which(name)
+    return path if path and subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0 else None
 
 
 def try_installed(wheel: Path, python: str) -> None:
