@@ -106,7 +106,7 @@ class Copy:
     """A copy of the repository in which one file at a time is changed; it is kept, so that kernels stay compiled."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
+        self.folder = folder = folder.resolve()
         # a test that was deleted must not go on killing
         shutil.rmtree(folder / "tests", ignore_errors=True)
         for name in _COPIED:
@@ -118,7 +118,13 @@ class Copy:
                 shutil.copy2(source, target)
 
     def baseline_s(self, tests: Sequence[str]) -> float:
-        """Seconds that the tests take without any mutant; ends the program when they fail."""
+        """Seconds that the tests take without any mutant; ends the program when they fail, or would test another posefuse."""
+        script = "import posefuse; print(posefuse.__file__)"
+        found = subprocess.run(
+            [sys.executable, "-c", script], cwd=self.folder, env=self._environment(), capture_output=True, text=True
+        )
+        if not Path(found.stdout.strip()).is_relative_to(self.folder):
+            raise SystemExit(f"expected tests of {self.folder}, they would be of {found.stdout.strip()}")
         began = time.monotonic()
         if self._run(list(tests), None, write_bytecode=True) != "passed":
             raise SystemExit(f"{' '.join(tests)}: they fail without any mutant")
@@ -150,7 +156,7 @@ class Copy:
     def _run(self, tests: list[str], limit_s: float | None, write_bytecode: bool = False) -> str:
         marks = "not slow and not realtime and not fuzz"
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", marks, *tests]
-        environment = os.environ | {"PYTHONPATH": str(self.folder / "src")}
+        environment = self._environment()
         if not write_bytecode:
             environment["PYTHONDONTWRITEBYTECODE"] = "1"
         try:
@@ -158,3 +164,6 @@ class Copy:
         except subprocess.TimeoutExpired:
             return "timeout"
         return "failed" if done.returncode else "passed"
+
+    def _environment(self) -> dict[str, str]:
+        return os.environ | {"PYTHONPATH": str(self.folder / "src")}
