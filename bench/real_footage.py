@@ -125,7 +125,7 @@ def main() -> None:
 
 def show(console: Console, figures: dict) -> None:
     table = Table(title="100 frames, 4 cameras, next to Pose2Sim on OpenPose", title_justify="left")
-    for column in ("from", "mm", "what", "him found in each view", "jumps"):
+    for column in ("from", "mm", "what", "found in each view, %", "jumps"):
         table.add_column(column)
     for name, row in figures.items():
         if "joints_mm" in row:
