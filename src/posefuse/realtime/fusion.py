@@ -35,7 +35,7 @@ _SIGMA_PX = 4.0
 _SIGMA_FORGET = 0.02
 
 
-class ViewIntake(Protocol):
+class LiveIntake(Protocol):
     """Where views come from: camera groups of this machine, or a network."""
 
     def channels(self) -> list[Channel]:
@@ -88,7 +88,7 @@ class Fusion:
         self.cuts, self.cut_ns = 0, 0
         self._judged_ns = self._showing_ns = 0
 
-    def run(self, intake: ViewIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
+    def run(self, intake: LiveIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
         """Work until `until(now)` says so."""
         period_ns = round(_S / rate_hz)
         due_ns = self.clock.now_ns() + period_ns
@@ -180,7 +180,7 @@ class Fusion:
             c = self._places[camera]
             self.sigma_px[c] += _SIGMA_FORGET * (median(stated) - self.sigma_px[c])
 
-    def _listen(self, intake: ViewIntake, due_ns: int) -> None:
+    def _listen(self, intake: LiveIntake, due_ns: int) -> None:
         channels = intake.channels()
         wait_s = max(0, due_ns - self.clock.now_ns()) / _S
         if not wait_any(channels, wait_s) and channels:
@@ -199,7 +199,7 @@ class Fusion:
         self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
         self._last_published = shown
 
-    def _judge(self, intake: ViewIntake, now_ns: int) -> None:
+    def _judge(self, intake: LiveIntake, now_ns: int) -> None:
         if now_ns - self._judged_ns < _JUDGE_NS:
             return
         self._judged_ns = now_ns

@@ -10,7 +10,7 @@ from posefuse.core import Skeleton
 
 from .clock import SessionClock
 from .config import LiveConfig
-from .fusion import Fusion, ViewIntake
+from .fusion import Fusion, LiveIntake
 from .messages import Centres
 from .output_plan import OutputEvent, OutputPlan
 
@@ -62,7 +62,7 @@ class SessionPlan:
     remote: bool
 
 
-class SessionViews(ViewIntake, Protocol):
+class SessionViews(LiveIntake, Protocol):
     """Where the views of a session come from: camera groups of this machine, or a network."""
 
     @property
