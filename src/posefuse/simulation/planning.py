@@ -7,7 +7,6 @@ from dataclasses import replace
 from posefuse.core import ConfigError, Rig
 from posefuse.core.errors import choices
 
-from .body import BodyShapeSettings
 from .cameras import ListedCameras, PlacedCamera, RingCameras, placed_cameras, rig_from_cameras
 from .motion.settings import RandomPath, WalkSettings
 from .scene import PersonSettings, Scene
@@ -75,5 +74,5 @@ def with_test_walk(scene: Scene, duration_s: float) -> Scene:
     size_m = scene.room.size_m or _ROOM_M
     half_x, half_y = (max(_LEAST_HALF_M, _WALKED * size / 2) for size in size_m)
     path = RandomPath(shape="random", low_m=(-half_x, -half_y), high_m=(half_x, half_y))
-    person = PersonSettings(body=BodyShapeSettings(), motion=WalkSettings(kind="walk", path=path))
+    person = PersonSettings(motion=WalkSettings(kind="walk", path=path))
     return replace(scene, duration_s=duration_s, people=(person,))

@@ -145,12 +145,15 @@ class Player:
         try:
             while (t_s := self._wanted) is not None:
                 self._wanted = None
-                for c, camera in enumerate(self.opened.playback.cameras):
-                    moment = await asyncio.to_thread(self.opened.playback.moment, camera, round(t_s * 1e9), TILE_PX)
-                    if moment is not None:
-                        self._stream.publish(("image", c), self._image(c, moment), keep=True)
+                await asyncio.gather(*(self._show_camera(c, t_s) for c in range(len(self.opened.playback.cameras))))
         finally:
             self._busy = False
+
+    async def _show_camera(self, c: int, t_s: float) -> None:
+        playback = self.opened.playback
+        moment = await asyncio.to_thread(playback.moment, playback.cameras[c], round(t_s * 1e9), TILE_PX)
+        if moment is not None:
+            self._stream.publish(("image", c), self._image(c, moment), keep=True)
 
     def _image(self, c: int, moment: Moment) -> bytes:
         people = self.opened.recording.poses.person_id.tolist()

@@ -131,9 +131,10 @@ class _Recording:
                 self._chosen = ui.select([], multiple=True, value=[], on_change=self._redraw).props(
                     'dense outlined aria-label="Angles"'
                 )
-            self._plot = ui.interactive_image(
-                size=SIZE_PX, sanitize=False, events=["mousedown", "mousemove"], on_mouse=self._pointed
-            ).classes("pf-timeline")
+            with ui.element("div").classes("pf-timeline-frame"):
+                self._plot = ui.interactive_image(
+                    size=SIZE_PX, sanitize=False, events=["mousedown", "mousemove"], on_mouse=self._pointed
+                ).classes("pf-timeline")
             self._redraw()
 
     def show_angles(self, joints: JointAngles | None) -> None:

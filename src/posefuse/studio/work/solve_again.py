@@ -21,4 +21,5 @@ def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progres
     solved = recording.solve(edits=edits)
     progress("write", 0, None, "writing the result")
     solved.save(out)
+    progress("write", 1, 1)
     return {"result": arguments["out"]}

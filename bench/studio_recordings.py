@@ -1,0 +1,186 @@
+"""Seek in a recording of ten minutes: how long until every camera shows the moment, in Python and in a real browser.
+
+    python bench/studio_recordings.py [--minutes 10] [--seeks 40] [--browser /usr/bin/chromium]
+
+The videos are those of `examples/demo`, repeated without encoding them again; the poses are its truth, repeated. Needs the extra
+``studio``; with --browser also playwright and that browser.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import av
+import numpy as np
+
+from posefuse.api.recording import recording_of
+from posefuse.core import Kind, PoseSequence, Recording
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.plain_values import plain
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.playback import Playback
+from posefuse.pipeline.session_images import session_of
+
+DEMO = Path(__file__).resolve().parents[1] / "examples" / "demo"
+TILE_PX = 480
+
+
+def main() -> None:
+    """Make the recording, seek, print one JSON object."""
+    asked = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    asked.add_argument("--minutes", type=float, default=10.0)
+    asked.add_argument("--seeks", type=int, default=40)
+    asked.add_argument("--browser", type=Path)
+    options = asked.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        session, result = long_recording(place, options.minutes)
+        figures = {"minutes": options.minutes, "cameras": 4, **in_python(session, result, options.seeks)}
+        if options.browser is not None:
+            figures |= in_browser(place, options.browser, options.seeks)
+    print(json.dumps(plain(figures), indent=2))
+
+
+def long_recording(place: Path, minutes: float) -> tuple[Path, Path]:
+    """(session, result) of so many minutes."""
+    truth = read_truth(DEMO / "truth" / "truth.npz")
+    period_ns = int(np.median(np.diff(truth.t_ns)))
+    times = round(minutes * 60e9 / (len(truth.t_ns) * period_ns))
+    session, result = place / "long", place / "result"
+    (session / "videos").mkdir(parents=True)
+    (session / "rig.toml").write_bytes((DEMO / "rig.toml").read_bytes())
+    for video in sorted((DEMO / "videos").glob("*.mp4")):
+        repeat(video, session / "videos" / video.name, times, len(truth.t_ns) * period_ns)
+    recording_of(repeated(truth, times, period_ns)).save(result)
+    return session, result
+
+
+def repeat(video: Path, out: Path, times: int, length_ns: int) -> None:
+    """The packets of a video again and again, each time so much later."""
+    with av.open(str(out), "w", format="mp4", options={"movie_timescale": "1000000"}) as container:
+        stream = None
+        for i in range(times):
+            with av.open(str(video)) as source:
+                if stream is None:
+                    stream = container.add_stream_from_template(source.streams.video[0])
+                    stream.time_base = source.streams.video[0].time_base
+                shift = round(i * length_ns * 1e-9 / source.streams.video[0].time_base)
+                for packet in source.demux(source.streams.video[0]):
+                    if packet.dts is not None:
+                        packet.pts, packet.dts, packet.stream = packet.pts + shift, packet.dts + shift, stream
+                        container.mux(packet)
+
+
+def repeated(truth, times: int, period_ns: int) -> Recording:  # type: ignore[no-untyped-def]
+    """The truth as a result."""
+    xyz = np.tile(truth.xyz_world, (times, 1, 1, 1))
+    known = np.isfinite(xyz[..., 0])
+    poses = PoseSequence(
+        t_ns=np.arange(len(xyz)) * period_ns,
+        skeleton=truth.skeleton,
+        person_id=truth.person_id,
+        xyz_world=xyz,
+        cov_world=np.where(known[..., None, None], 1e-4 * np.eye(3), np.nan),
+        reproj_px=np.where(known, 1.0, np.nan),
+        n_views=np.where(known, len(truth.rig), 0),
+        kind=np.where(known, Kind.FUSED, Kind.MISSING),
+    )
+    xy = np.stack([camera.project(xyz) for camera in truth.rig], axis=2)
+    score = np.where(np.isfinite(xy).all(axis=-1), 1.0, 0.0)
+    made = {
+        "session": "long",
+        "inputs": {name: f"{name}.mp4" for name in truth.rig.names},
+        "config": plain(dataclasses.asdict(TrackConfig())),
+    }
+    return Recording.from_views(truth.rig, poses, xy, score, np.where(score > 0, 1.0, np.nan), made)
+
+
+def in_python(session: Path, result: Path, seeks: int) -> dict[str, float]:
+    """Milliseconds from a request to the images of all cameras, one after the other."""
+    from posefuse.api.recording import read
+
+    recording = read(result)
+    _ = recording.views
+    began = time.perf_counter()
+    with Playback(recording, session_of(recording, session)) as playback:
+        opened_s, taken = time.perf_counter() - began, []
+        for share in np.random.default_rng(1).random(seeks):
+            t_ns = int(share * recording.poses.t_ns[-1])
+            began = time.perf_counter()
+            for camera in playback.cameras:
+                playback.moment(camera, t_ns, TILE_PX)
+            taken.append(1000 * (time.perf_counter() - began))
+    return {"open_s": opened_s, **spread("python_ms", taken)}
+
+
+def in_browser(workspace: Path, browser: Path, seeks: int) -> dict[str, float]:
+    """Milliseconds from a click on the timeline to the arrival of the last camera's image in the page."""
+    from playwright.sync_api import sync_playwright
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open"]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=os.environ)
+    taken: list[float] = []
+    try:
+        wait_for(port)
+        with sync_playwright() as play:
+            page = play.chromium.launch(executable_path=str(browser), args=["--no-sandbox"]).new_page()
+            arrived: list[tuple[float, int]] = []
+            page.on("websocket", lambda ws: ws.on("framereceived", lambda data: note(data, arrived)))
+            page.goto(f"http://127.0.0.1:{port}/recordings?open=result")
+            plot = page.locator(".pf-timeline")
+            plot.wait_for(timeout=120_000)
+            page.wait_for_timeout(15_000)
+            box = plot.bounding_box()
+            assert box is not None
+            for share in np.random.default_rng(2).uniform(0.06, 0.98, seeks):
+                arrived.clear()
+                began = time.perf_counter()
+                plot.click(position={"x": float(share) * box["width"], "y": 60})
+                while {camera for _, camera in arrived} != set(range(4)) and time.perf_counter() - began < 5:
+                    page.wait_for_timeout(2)
+                taken.append(1000 * (arrived[-1][0] - began))
+    finally:
+        server.terminate()
+        server.wait(20)
+    return spread("browser_ms", taken)
+
+
+def note(data: bytes | str, arrived: list[tuple[float, int]]) -> None:
+    """Remember an image message (kind 3): when it came, of which camera."""
+    if isinstance(data, bytes) and data[:2] == b"PF" and data[3] == 3:
+        arrived.append((time.perf_counter(), int.from_bytes(data[16:18], "little")))
+
+
+def wait_for(port: int) -> None:
+    """Until the server answers."""
+    for _ in range(600):
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+    raise SystemExit("posefuse studio did not start")
+
+
+def spread(name: str, values: list[float]) -> dict[str, float]:
+    """Median, 95th percentile, most."""
+    return {
+        f"{name}_{word}": float(np.quantile(values, share)) for word, share in (("median", 0.5), ("p95", 0.95), ("most", 1.0))
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+"""Take the pictures of the studio: python docs/make_studio_pictures.py [RESULT]. Needs Chromium, playwright, extra `studio`.
+
+RESULT is a result of `posefuse track examples/demo`; left out, the first seconds of the bundled clip are tracked. Every page is
+opened at 1280 x 800 and at 390 x 844; a request to another host, or an error on a page, ends the command with exit code 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+from playwright.sync_api import Browser, sync_playwright
+
+import posefuse
+from posefuse.studio.pages import PAGES
+
+_ROOT = Path(__file__).resolve().parents[1]
+_IMAGES = _ROOT / "docs" / "images"
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+_SIZES = {"": (1280, 800), "_phone": (390, 844)}
+_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_RECORDING = "results/demo"
+# a page has drawn everything after so long, also on a busy machine; that of a recording works out angles first
+_SETTLED_MS, _LONG_SETTLED_MS = 6_000, 20_000
+_PATIENCE_S = 60
+
+
+def main() -> None:
+    """All pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("result", nargs="?", type=Path)
+    args = parser.parse_args()
+    executable = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if executable is None:
+        raise SystemExit(f"no browser: expected one of {', '.join(_BROWSERS)}")
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = filled_workspace(Path(folder), args.result)
+        port = free_port()
+        command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open"]
+        server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        try:
+            wait_for(port)
+            with sync_playwright() as play:
+                browser = play.chromium.launch(executable_path=executable, args=["--no-sandbox", *_GL])
+                problems = [line for name, size_wh in _SIZES.items() for line in photograph(browser, port, name, size_wh)]
+        finally:
+            server.terminate()
+            server.wait(_PATIENCE_S)
+    for line in problems:
+        print(line)
+    raise SystemExit(bool(problems))
+
+
+def filled_workspace(folder: Path, result: Path | None) -> Path:
+    """The bundled session and its result, as the studio keeps them."""
+    shutil.copytree(_ROOT / "examples" / "demo", folder / "sessions" / "demo")
+    if result is not None:
+        shutil.copytree(result, folder / _RECORDING)
+    else:
+        posefuse.track(folder / "sessions" / "demo", end_s=4.0, out=folder / _RECORDING, progress=True)
+    return folder
+
+
+def photograph(browser: Browser, port: int, ending: str, size_wh: tuple[int, int]) -> list[str]:
+    """Pictures of all pages in a window of this size; returns what was wrong."""
+    base, problems = f"http://127.0.0.1:{port}", []
+
+    def asked(request: Any) -> None:
+        if not request.url.startswith((base, base.replace("http", "ws"), "data:", "blob:")):
+            problems.append(f"request to another host: {request.url}")
+
+    addresses = {page.module: page.path for page in PAGES} | {"recording": f"/recordings?open={_RECORDING}"}
+    for name, address in addresses.items():
+        page = browser.new_page(viewport={"width": size_wh[0], "height": size_wh[1]})
+        page.on("request", asked)
+        page.on("pageerror", lambda error, name=name: problems.append(f"{name}: {error}"))
+        page.goto(base + address)
+        page.wait_for_timeout(_LONG_SETTLED_MS if name == "recording" else _SETTLED_MS)
+        path = _IMAGES / f"studio_{name}{ending}.png"
+        page.screenshot(path=path)
+        image = cv2.imread(str(path))
+        cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        print(path.name, f"{path.stat().st_size // 1024} kB")
+        page.close()
+    return problems
+
+
+def free_port() -> int:
+    """A port of this machine that is free."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def wait_for(port: int) -> None:
+    """Until the server answers."""
+    end_s = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < end_s:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+    raise SystemExit("posefuse studio did not start")
+
+
+if __name__ == "__main__":
+    main()
