@@ -63,6 +63,8 @@ def test_images_carry_what_is_drawn_over_them() -> None:
     np.testing.assert_array_equal(np.frombuffer(message, "<f4", 6, 36 + 48).reshape(1, 3, 2), fused)
     assert message[36 + 48 + 24 :] == b"JPEG"
     assert image_message(1.0, 0, b"JPEG", (1, 1))[32:] == b"JPEG"
+    nothing = np.zeros((0, 3, 2))
+    assert image_message(1.0, 0, b"JPEG", (1, 1), detected_px=nothing, projected_px=nothing)[32:] == b"JPEG"
 
 
 def test_values_setup_and_labels_are_read_back() -> None:

@@ -178,6 +178,7 @@ def calibrate_extrinsics(
         report=found.report,
         clocks=estimate if estimate.offset_s.any() or estimate.drift.any() else None,
         cells={camera.name: found.coverage.cells[i] for i, camera in enumerate(found.rig)},
+        position_cov_m2={camera.name: found.position_cov_m2[i] for i, camera in enumerate(found.rig)},
     )
 
 

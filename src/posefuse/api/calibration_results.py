@@ -59,6 +59,8 @@ class RigCalibration:
         clocks: clock offsets of the cameras in seconds; None where they are synchronised, or were taken so.
         frame_period_s: per camera; empty where no clocks were found.
         cells: (rows, columns) frames in which a target covered each part of the image, by camera name; empty without a target.
+        position_cov_m2: (3, 3) covariance of each camera's place against the first one that was placed, in world coordinates, by
+            camera name; empty without a target.
     """
 
     rig: Rig
@@ -66,6 +68,7 @@ class RigCalibration:
     clocks: ClockEstimate | None = None
     frame_period_s: tuple[float, ...] = ()
     cells: Mapping[str, Array] = field(default_factory=dict)
+    position_cov_m2: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def numbers(self) -> dict[str, float]:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, Listener
@@ -16,7 +16,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from posefuse import core
-from posefuse.core import CameraHealth, JointAngles, LiveHealth, LivePose, LiveStart, Pose3D, PosefuseError, Progress, SourceError
+from posefuse.core import (
+    CameraHealth,
+    Detections2D,
+    JointAngles,
+    LiveDetections,
+    LiveHealth,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    OutputHealth,
+    Pose3D,
+    PosefuseError,
+    Progress,
+    SourceError,
+)
+from posefuse.realtime.controls import AddOutput, KeepVideos, RemoveOutput, Request, ShowImages
 
 from .progress import shown
 
@@ -53,13 +68,18 @@ class LiveSession:
 
     Attributes:
         angles: joint angles of the newest pose (T = 1); None before the first, or where they are switched off.
-        cameras: state of every camera by name. news: lines that the session has reported, oldest first.
+        cameras: state of every camera by name. outputs: of every output. news: lines that the session has reported, oldest first.
+        on_image: takes each image that `show_images` asks for, and the detections in it (None: no person was seen); is called in
+            a thread of the session and must return quickly.
     """
 
     def __init__(self, plan: ServePlan, progress: Progress | bool | None = None) -> None:
         self._plan, self._progress = plan, progress
         self.angles: JointAngles | None = None
         self.cameras: Mapping[str, CameraHealth] = {}
+        self.outputs: Mapping[str, OutputHealth] = {}
+        self.on_image: Callable[[LivePreview, Detections2D | None], None] | None = None
+        self._views: dict[str, Detections2D] = {}
         self.news: list[str] = []
         self._changed = threading.Condition()
         self._newest: LivePose | None = None
@@ -70,6 +90,7 @@ class LiveSession:
         self._error: PosefuseError | None = None
         self._listener: Listener | None = None
         self._control: Connection | None = None
+        self._asking = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -89,7 +110,7 @@ class LiveSession:
         key = secrets.token_bytes(32)
         self._listener = listener = Listener(("127.0.0.1", 0), authkey=key)
         port = listener.address[1]
-        mine = ConnectionConfig(port=port, authkey=key.hex())
+        mine = ConnectionConfig(port=port, authkey=key.hex(), images=self.on_image is not None)
         self._plan = replace(self._plan, outputs={**self._plan.outputs, _NAME: mine})
         threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
         command = [sys.executable, "-c", "from posefuse.realtime.serve import main; main()", str(port)]
@@ -147,12 +168,48 @@ class LiveSession:
         """Of the session's process; None before it begins."""
         return self._process.pid if self._process is not None else None
 
+    def show_images(self, rate_hz: float) -> None:
+        """Give `on_image`, which was set before the session began, so many images per second and camera; 0: none."""
+        self._ask(ShowImages(rate_hz))
+
+    def keep_videos(self, folder: str | Path | None) -> None:
+        """Keep the videos of all cameras in an existing folder from now on; None: finish them."""
+        self._ask(KeepVideos(None if folder is None else Path(folder).absolute()))
+
+    def switch_on(self, output: str, options: Mapping[str, Any] | None = None) -> None:
+        """Open another output, see `live`; how it fares is in `outputs`.
+
+        Raises:
+            ConfigError: no such output, or options it does not take.
+            InputError: a file to record that exists already.
+        """
+        from posefuse.foundation.output_file import check_output_file
+        from posefuse.foundation.plugins import plugin_config
+
+        chosen = dict(options or {})
+        if output == "record" and "path" in chosen:
+            check_output_file(Path(chosen["path"]), option="record")
+            chosen["path"] = Path(chosen["path"]).absolute()
+        self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen)))
+
+    def switch_off(self, output: str) -> None:
+        """Finish and close an output; it is in `outputs` until that is done."""
+        self._ask(RemoveOutput(output))
+
+    def _ask(self, request: Request) -> None:
+        from posefuse.realtime.serve import Change
+
+        if self._control is None:
+            raise SourceError("live: the session has not begun")
+        with self._asking, suppress(OSError):
+            self._control.send(Change(request))
+
     def close(self) -> None:
         """End the session and free its port; safe to call twice."""
         if self._control is not None:
             from posefuse.realtime.serve import StopSession
 
-            with suppress(OSError):
+            with self._asking, suppress(OSError):
                 self._control.send(StopSession())
         if self._process is not None:
             try:
@@ -226,15 +283,25 @@ class LiveSession:
         with suppress(EOFError, OSError):
             while True:
                 message = connection.recv()
+                if isinstance(message, LiveDetections):
+                    self._views[message.detections.camera] = message.detections
+                elif isinstance(message, LivePreview):
+                    self._show(message)
                 with self._changed:
                     if isinstance(message, LivePose):
                         self._newest = message
                         self._measured_ns = message.stages_ns.get("exposed", self._measured_ns)
                     elif isinstance(message, LiveHealth):
                         self.cameras, self._cameras_ns = message.cameras, message.t_ns
+                        self.outputs = {name: one for name, one in message.outputs.items() if name != _NAME}
                     elif isinstance(message, LiveStart):
                         self._offset_ns = message.clock_offset_ns
                     self._changed.notify_all()
+
+    def _show(self, image: LivePreview) -> None:
+        view = self._views.get(image.camera)
+        if self.on_image is not None:
+            self.on_image(image, view if view is not None and view.t_ns == image.t_ns else None)
 
 
 def live(

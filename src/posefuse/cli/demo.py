@@ -1,4 +1,4 @@
-"""The bundled clip: four simulated cameras, a walking person."""
+"""What `posefuse demo` does."""
 
 from __future__ import annotations
 
@@ -8,21 +8,9 @@ from typing import Any
 
 from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import TrackOptions
-from posefuse.core import InputError
+from posefuse.pipeline.demo_clip import clip_folder
 
 from .terminal import Terminal
-
-_PACKAGE = Path(__file__).resolve().parents[1]
-# a wheel has the first seconds of the videos, and the rig; a checkout has all of it, with the exact truth
-_PLACES = (_PACKAGE.parents[1] / "examples" / "demo", _PACKAGE / "demo_clip")
-
-
-def clip_folder() -> Path:
-    """The session folder of the clip; raises InputError when this installation has none."""
-    for place in _PLACES:
-        if (place / "rig.toml").is_file():
-            return place
-    raise InputError(f"the bundled clip is not in this installation (looked in {_PLACES[-1]}); reinstall posefuse")
 
 
 def track_demo(out: Path, force: bool, terminal: Terminal) -> Mapping[str, Any]:

@@ -103,6 +103,12 @@ class Capture:
         """Give every frame to a video, too; before `begin`."""
         self._keeper = keeper
 
+    def exchange_keeper(self, keeper: VideoKeeper | None) -> None:
+        """Give every frame to another video from now on, or to none; the former one is finished meanwhile."""
+        before, self._keeper = self._keeper, keeper
+        if before is not None:
+            threading.Thread(target=before.close, name=f"finish {self.entry.camera}", daemon=False).start()
+
     def begin(self, zero_ns: int, session_zero_ns: int = 0) -> None:
         """Let frames come; `session_zero_ns`: `zero_ns` on the clock of sources that do not count from it, for videos."""
         self._zero_ns = 0 if self.entry.from_zero else session_zero_ns
@@ -184,8 +190,9 @@ class Capture:
                 self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
                 seq = frame.seq
                 self._state, self._text = "running", ""
-                if self._keeper is not None:
-                    self._keeper.offer(frame, frame.t_ns + later_ns - self._zero_ns)
+                # another thread may exchange it
+                if (keeper := self._keeper) is not None:
+                    keeper.offer(frame, frame.t_ns + later_ns - self._zero_ns)
                 self.put(Caught(frame, still, sample, later_ns, wrong))
         finally:
             self._source.close()

@@ -24,6 +24,7 @@ from .board import Board, Expected
 from .capture import Capture, Caught, LiveInput, pick
 from .changeable_detector import ChangeableDetector
 from .clock import SessionClock
+from .controls import KeepVideos, ShowImages
 from .faults import before_bump, seen_by_bumped
 from .messages import Centres, Go, GroupFailed, Ready, SeenView, Status, Stop, Use
 from .preview import preview
@@ -118,6 +119,10 @@ class Group:
         while not isinstance(message := self._channel.receive(), Stop):
             if isinstance(message, Use):
                 self.detector.load(message.network)
+            elif isinstance(message, ShowImages):
+                self._plan = replace(self._plan, preview_hz=message.rate_hz)
+            elif isinstance(message, KeepVideos):
+                self._keep_videos(message.folder)
             if self.detector.exchanged():
                 cameras = tuple(entry.camera for entry in self._plan.inputs)
                 self._channel.send(Centres(cameras, self.joint_centres()), _SEND_S)
@@ -125,6 +130,14 @@ class Group:
             self._look_at_best(self._board.read())
         for capture in self._captures:
             capture.close()
+
+    def _keep_videos(self, folder: Path | None) -> None:
+        for capture in self._captures:
+            keeper = None
+            if folder is not None:
+                with contextlib.suppress(InputError):
+                    keeper = VideoKeeper(folder, capture.entry.camera)
+            capture.exchange_keeper(keeper)
 
     def joint_centres(self) -> JointCentres | None:
         """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""

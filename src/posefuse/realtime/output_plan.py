@@ -98,6 +98,12 @@ class NoOutputs:
     def wait_ready(self) -> None:
         """Nothing to wait for."""
 
+    def add(self, name: str, config: LiveOutputConfig) -> None:
+        """Nothing is opened: a session that is controlled has outputs."""
+
+    def remove(self, name: str) -> None:
+        """Nothing to close."""
+
     def offer(self, message: LiveMessage) -> None:
         """Dropped: no output takes it."""
 

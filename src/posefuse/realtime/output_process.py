@@ -60,6 +60,22 @@ class OutputsEnd:
     """Finish and leave."""
 
 
+@dataclass(frozen=True)
+class OutputAdded:
+    """Open another output; `start` is its first message."""
+
+    name: str
+    config: LiveOutputConfig
+    start: LiveStart
+
+
+@dataclass(frozen=True)
+class OutputRemoved:
+    """Finish and close an output."""
+
+    name: str
+
+
 def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, channel: Channel) -> None:
     """Body of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -85,15 +101,27 @@ def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, chann
     os._exit(0)
 
 
-def _hand_out(channel: Channel, workers: Sequence[Worker]) -> None:
+def _hand_out(channel: Channel, workers: list[Worker]) -> None:
     reported, reported_s = _states(workers), time.monotonic()
+    kept = KeptMessages()
     while True:
         channel.wait(_WAIT_S)
         while (message := channel.receive()) is not None:
             if isinstance(message, OutputsEnd):
                 return
-            for worker in workers:
-                worker.put(message)
+            if isinstance(message, OutputAdded):
+                workers.append(Worker(message.name, message.config, message.start, open_now=False))
+                for earlier in kept.messages():
+                    workers[-1].put(earlier)
+            elif isinstance(message, OutputRemoved):
+                for worker in workers:
+                    if worker.name == message.name:
+                        worker.finish()
+            else:
+                kept.keep(message)
+                for worker in workers:
+                    worker.put(message)
+        workers[:] = [worker for worker in workers if not worker.finished]
         now_s, states = time.monotonic(), _states(workers)
         # a report there is no room for is sent again
         if (states != reported or now_s - reported_s > _REPORT_S) and channel.send(OutputsHealth(_health(workers))):
@@ -111,25 +139,34 @@ def _states(workers: Sequence[Worker]) -> list[tuple[str, int]]:
 class Worker:
     """An output's thread and its queue: one that keeps all is given what it has room for, another the newest.
 
+    Args:
+        open_now: open it before returning; else its own thread does, and what keeps it from that is in its health.
+
     Raises:
         PosefuseError: the output cannot be opened at the start.
     """
 
-    def __init__(self, name: str, config: LiveOutputConfig, start: LiveStart) -> None:
+    def __init__(self, name: str, config: LiveOutputConfig, start: LiveStart, *, open_now: bool = True) -> None:
         self.name, self._config, self._start = name, config, start
         self._queue: queue.Queue[LiveMessage | None] = queue.Queue(_QUEUE if config.keeps_all else _LIVE_QUEUE)
         self._kept = KeptMessages()
         self._part, self._retry_s, self._again_s = start.part, _FIRST_RETRY_S, 0.0
         self._failed_s = self._busy_s = 0.0
-        self._output: LiveOutput | None = self._opened()
-        self._now = OutputHealth(where=self._output.where)
+        self._output: LiveOutput | None = self._opened() if open_now else None
+        self._now = OutputHealth(where=self._output.where) if self._output else OutputHealth(state="opening")
+        self._ending = False
         self._dropped = 0
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
+    @property
+    def finished(self) -> bool:
+        """Whether it was asked for its end, and has come to it."""
+        return self._ending and not self._thread.is_alive()
+
     def put(self, message: LiveMessage) -> None:
         """Queue it, never waiting."""
-        if not isinstance(message, self._config.takes):
+        if self._ending or not isinstance(message, self._config.takes):
             return
         while True:
             try:
@@ -152,6 +189,7 @@ class Worker:
 
     def finish(self) -> None:
         """Ask for the end, after what is queued; an output that hangs loses one message for it."""
+        self._ending = True
         while self._thread.is_alive():
             try:
                 self._queue.put_nowait(None)

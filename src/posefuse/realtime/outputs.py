@@ -9,13 +9,23 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from posefuse.core import InputError, LiveMessage, OutputHealth
+from posefuse.core import InputError, LiveMessage, LiveOutputConfig, OutputHealth
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
 
 from .kept_messages import KeptMessages
 from .output_plan import PROCESS, OutputEvent, OutputPlan
-from .output_process import END_S, HANGS, OutputsEnd, OutputsFailed, OutputsHealth, OutputsReady, run_outputs
+from .output_process import (
+    END_S,
+    HANGS,
+    OutputAdded,
+    OutputRemoved,
+    OutputsEnd,
+    OutputsFailed,
+    OutputsHealth,
+    OutputsReady,
+    run_outputs,
+)
 from .processes import death_of, ended, spawned
 
 _START_S = 60.0
@@ -103,12 +113,34 @@ class OutputProcess:
         except ChannelClosed:
             self._died(death_of(self._process))
             return
+        self._change()
         silent_s = time.monotonic() - self._heard_s
         if self._ready and silent_s > _HUNG_S:
             self._process.kill()
             self._died(f"process {self._process.pid} hung and was ended")
         elif self._ready and silent_s > _SILENT_S:
             self._set_all(HANGS, f"process {self._process.pid} has reported nothing for {_SILENT_S:g} s")
+
+    def add(self, name: str, config: LiveOutputConfig) -> None:
+        """Open another output; one of the same name that is open stays."""
+        if name in self._plan.configs:
+            return
+        self._plan = replace(self._plan, configs={**self._plan.configs, name: config})
+        self.health[name], self._before[name] = OutputHealth(state="opening"), OutputHealth()
+        self._change(OutputAdded(name, config, self._plan.start()))
+
+    def remove(self, name: str) -> None:
+        """Finish and close an output; it stays in `health` until that is done."""
+        self._plan = replace(self._plan, configs={other: one for other, one in self._plan.configs.items() if other != name})
+        self._change(OutputRemoved(name))
+
+    def _change(self, change: OutputAdded | OutputRemoved | None = None) -> None:
+        """Send what was changed, and what there was no room for before."""
+        if change is not None:
+            self._changes.append(change)
+        with contextlib.suppress(ChannelClosed):
+            while self._ready and self._changes and self._channel.send(self._changes[0]):
+                self._changes.pop(0)
 
     def close(self) -> None:
         """Let it finish, files first; safe to call twice."""
@@ -130,6 +162,8 @@ class OutputProcess:
         first = replace(self._first, part=1 + max((health.failures for health in self.health.values()), default=0))
         self._process = spawned(run_outputs, dict(self._plan.configs), first, theirs, name="posefuse outputs")
         theirs.close_own()
+        # it is given all outputs that are open by now
+        self._changes: list[OutputAdded | OutputRemoved] = []
         self._ready, self._heard_s = False, time.monotonic()
 
     def _take(self, message: Any) -> None:
@@ -146,9 +180,13 @@ class OutputProcess:
             self._retry_s = _FIRST_RETRY_S
             self._finished = message.final
             self._learn(message.health)
+            for name in [name for name in self.health if name not in message.health and name not in self._plan.configs]:
+                del self.health[name]
 
     def _learn(self, health: Mapping[str, OutputHealth]) -> None:
         for name, now in health.items():
+            if name not in self.health:
+                continue
             known, before = self.health[name], self._before[name]
             new = replace(
                 now,

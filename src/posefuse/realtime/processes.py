@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from posefuse.core import Skeleton, SourceError
@@ -17,6 +17,7 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import peak_memory_mb
 
 from .board import Board
+from .controls import KeepVideos, ShowImages
 from .group import GroupPlan, run_group
 from .messages import Centres, Go, GroupFailed, Ready, Status, Stop
 from .video_keeping import FINISH_S
@@ -163,6 +164,14 @@ class Groups:
             if trouble:
                 found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
         return found
+
+    def control(self, request: ShowImages | KeepVideos) -> None:
+        """Change what the groups give besides views; one that is started again knows it, but goes on with no video."""
+        for member in self._members:
+            if isinstance(request, ShowImages):
+                member.plan = replace(member.plan, preview_hz=request.rate_hz)
+            with contextlib.suppress(ChannelClosed):
+                member.channel.send(request, 0.1)
 
     def notices(self) -> list[str]:
         """Nothing: what happens to a process is a camera's trouble."""

@@ -18,6 +18,7 @@ from posefuse.core import LiveOutputConfig, PosefuseError, Rig
 from .capture import LiveInput
 from .clock import SessionClock
 from .config import LiveConfig
+from .controls import Controls, Request
 from .output_plan import OutputPlan
 from .ros_cameras import rig_with_camera_infos
 from .session import run_live
@@ -50,6 +51,13 @@ class Ended:
     error: PosefuseError | None
 
 
+@dataclass(frozen=True)
+class Change:
+    """Change something while the session runs."""
+
+    request: Request
+
+
 class StopSession:
     """End the session in an orderly way."""
 
@@ -57,7 +65,8 @@ class StopSession:
 def serve(connection: Connection) -> None:
     """Run the session that the connection describes until it ends, it is stopped, or no one listens any more."""
     plan: ServePlan = connection.recv()
-    threading.Thread(target=_stop_on_request, args=(connection,), daemon=True).start()
+    controls = Controls()
+    threading.Thread(target=_take_requests, args=(connection, controls), daemon=True).start()
     error: PosefuseError | None = None
     try:
 
@@ -66,7 +75,7 @@ def serve(connection: Connection) -> None:
 
         rig = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
         outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs)
-        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say)
+        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, controls=controls)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:
@@ -74,10 +83,11 @@ def serve(connection: Connection) -> None:
     connection.send(Ended(error))
 
 
-def _stop_on_request(connection: Connection) -> None:
-    # also when the program that wanted the poses has ended
+def _take_requests(connection: Connection, controls: Controls) -> None:
+    # it also ends when the program that wanted the poses has ended
     with suppress(EOFError, OSError):
-        connection.recv()
+        while isinstance(message := connection.recv(), Change):
+            controls.ask(message.request)
     _thread.interrupt_main()
 
 

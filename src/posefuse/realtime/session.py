@@ -24,6 +24,7 @@ from .assignment import dealt
 from .board import Board
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
+from .controls import AddOutput, Controls, KeepVideos, RemoveOutput, ShowImages
 from .fusion import Fusion, build_solve
 from .gate import KeypointGate
 from .group import GroupPlan
@@ -52,10 +53,11 @@ def run_live(
     say: Say,
     *,
     videos: Path | None = None,
+    controls: Controls | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
 
-    `videos`: an existing folder that takes every camera's video; None: none are kept.
+    `videos`: an existing folder that takes every camera's video; None: none are kept. `controls`: what is changed on the way.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
@@ -69,10 +71,15 @@ def run_live(
     plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
     plans = group_plans(rig, inputs, config, plan, videos)
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-    return run_session(whole, lambda board: GroupViews(plans, board, chooser, say), say)
+    return run_session(whole, lambda board: GroupViews(plans, board, chooser, say), say, controls)
 
 
-def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextManager[SessionViews]], say: Say) -> Finished:
+def run_session(
+    plan: SessionPlan,
+    views_on: Callable[[Board], AbstractContextManager[SessionViews]],
+    say: Say,
+    controls: Controls | None = None,
+) -> Finished:
     """Outputs, tracker, joint centres, rig watch and fusion around the views that `views_on(board)` brings.
 
     Raises:
@@ -99,7 +106,8 @@ def run_session(plan: SessionPlan, views_on: Callable[[Board], AbstractContextMa
             zero_ns = views.start(clock)
             news = News(fusion, zero_ns, say, views.notices)
             with punctual():
-                fusion.run(views, config.rate_hz, _until(plan.duration_s, zero_ns, fusion, news, stopped))
+                over = _until(plan.duration_s, zero_ns, fusion, news, stopped)
+                fusion.run(views, config.rate_hz, over if controls is None else _controlled(over, controls, views, outputs))
             restarts, memory_mb = views.restarts, views.memory_mb()
             known_s = watch.known.offset_s if watch is not None and plan.remote else {}
     finally:
@@ -130,6 +138,25 @@ def _until(duration_s: float | None, zero_ns: int, fusion: Fusion, news: News, s
         news.tell(now_ns)
         over = end_ns is not None and now_ns >= end_ns
         return over or bool(stopped) or fusion.monitor.all_ended()
+
+    return until
+
+
+def _controlled(
+    over: Callable[[int], bool], controls: Controls, views: SessionViews, outputs: OutputProcess | NoOutputs
+) -> Callable[[int], bool]:
+    """`over`, which does what was asked for since the last tick first."""
+
+    def until(now_ns: int) -> bool:
+        for request in controls.asked():
+            match request:
+                case ShowImages() | KeepVideos():
+                    views.control(request)
+                case AddOutput(name, config):
+                    outputs.add(name, config)
+                case RemoveOutput(name):
+                    outputs.remove(name)
+        return over(now_ns)
 
     return until
 

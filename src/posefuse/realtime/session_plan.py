@@ -10,6 +10,7 @@ from posefuse.core import Skeleton
 
 from .clock import SessionClock
 from .config import LiveConfig
+from .controls import KeepVideos, ShowImages
 from .fusion import Fusion, LiveIntake
 from .messages import Centres
 from .output_plan import OutputEvent, OutputPlan
@@ -93,6 +94,10 @@ class SessionViews(LiveIntake, Protocol):
 
     def start(self, clock: SessionClock) -> int:
         """Let views come; session time of the session's 0 s."""
+        ...
+
+    def control(self, request: ShowImages | KeepVideos) -> None:
+        """Change what cameras give besides views."""
         ...
 
     def memory_mb(self) -> float:

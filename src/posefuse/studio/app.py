@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import socket
@@ -20,6 +21,8 @@ from .state import Studio
 try:
     # it keeps nothing, but would make a folder where it is started
     os.environ.setdefault("NICEGUI_STORAGE_PATH", os.path.join(tempfile.gettempdir(), "posefuse-studio-nicegui"))  # noqa: PTH118
+    # for the QR code
+    import segno  # noqa: F401
     import uvicorn
     from fastapi import FastAPI, WebSocket
     from nicegui import app as pages_app
@@ -39,6 +42,10 @@ def application(studio: Studio) -> Any:
     for page in PAGES:
         ui.page(page.path, title=f"{page.title} · posefuse studio")(_builder(studio, page))
 
+    @ui.page("/phone", title="posefuse")
+    def phone() -> None:
+        import_module("posefuse.studio.pages.phone").build(studio)
+
     @pages_app.websocket("/studio/stream/{name}")
     async def stream(websocket: WebSocket, name: str) -> None:
         if name not in studio.streams:
@@ -50,6 +57,12 @@ def application(studio: Studio) -> Any:
             await studio.streams[name].serve(websocket)
 
     add_routes(pages_app, studio.workspace)
+
+    @pages_app.on_startup
+    def begin() -> None:
+        for link in (studio.live, studio.watch):
+            link.begin(asyncio.get_running_loop())
+
     outer = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     ui.run_with(outer, title="posefuse studio", dark=None, reconnect_timeout=_RECONNECT_S, show_welcome_message=False)
     return AccessMiddleware(outer, studio.access)

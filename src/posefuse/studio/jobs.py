@@ -117,10 +117,10 @@ class Jobs:
             )
         return job
 
-    def all(self) -> list[Job]:
-        """All jobs of the workspace, the newest first."""
+    def all(self, work: str = "") -> list[Job]:
+        """All jobs of the workspace, the newest first; of one kind of work where it is given."""
         place = self._workspace.path(JOBS_FOLDER)
-        names = sorted((one.name for one in place.iterdir()), reverse=True) if place.is_dir() else []
+        names = sorted((one.name for one in place.glob(f"*-{work}*" if work else "*")), reverse=True) if place.is_dir() else []
         return [job for name in names if (job := self.job(name)) is not None]
 
     def job(self, job_id: str) -> Job | None:
@@ -152,7 +152,7 @@ class Jobs:
 
     def running(self, work: str = "") -> list[Job]:
         """Jobs that have not ended, the newest first; of one kind of work where it is given."""
-        return [job for job in self.all() if (not work or job.work == work) and not self.report(job.id).ended]
+        return [job for job in self.all(work) if (not work or job.work == work) and not self.report(job.id).ended]
 
     def cancel(self, job_id: str) -> None:
         """Ask it to end; what it has finished stays."""

@@ -12,7 +12,7 @@ from nicegui import run
 from posefuse.core import PosefuseError
 from posefuse.pipeline.catalogue import thumbnail
 
-from .workspace import Workspace
+from .workspace import STATE_FOLDER, Workspace
 
 # a page from the workspace runs by itself: it can read nothing of the studio and send nothing
 _SANDBOX = {"Content-Security-Policy": "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'"}
@@ -35,7 +35,8 @@ def add_routes(app: Any, workspace: Workspace) -> None:
             path = workspace.existing(name)
         except PosefuseError as error:
             return Response(str(error), status_code=404, media_type="text/plain")
-        if not path.is_file():
+        # the state of jobs has keys of sessions
+        if not path.is_file() or STATE_FOLDER in path.parts:
             return Response(f"{name}: not a file", status_code=404, media_type="text/plain")
         if path.suffix == ".html":
             return FileResponse(path, media_type="text/html", headers=_SANDBOX)

@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import segno
 from nicegui import ui
 
 from .jobs import Job
+from .live_link import LIVE, WATCH
 from .pages import PAGES, Page
 from .state import Studio
 
@@ -20,9 +22,7 @@ _MOST_JOBS = 8
 @contextmanager
 def shell(studio: Studio, here: Page) -> Iterator[None]:
     """The frame of a page; its own elements go into the block."""
-    ui.add_css(_STYLE)
-    ui.colors(primary="#00897b", secondary="#455a64", accent="#ef6c00", positive="#2e7d32", negative="#c62828", warning="#f9a825")
-    dark = ui.dark_mode(None)
+    dark = plain()
     with ui.header(elevated=False).classes("pf-header"):
         with ui.link(target="/").classes("pf-brand"):
             ui.html(_LOGO, sanitize=False)
@@ -31,6 +31,8 @@ def shell(studio: Studio, here: Page) -> Iterator[None]:
             for page in PAGES:
                 _nav_link(page, here)
         ui.space()
+        with ui.button(icon="qr_code_2", on_click=lambda: _phone(studio)).props('flat round dense aria-label="Phone"'):
+            ui.tooltip("On a phone")
         _jobs_menu(studio)
         with ui.button(icon="contrast", on_click=lambda: dark.set_value(not dark.value)).props("flat round dense"):
             ui.tooltip("Light or dark")
@@ -39,6 +41,36 @@ def shell(studio: Studio, here: Page) -> Iterator[None]:
             _nav_link(page, here)
     with ui.column().classes("pf-page").props('role="main"'):
         yield
+
+
+def plain() -> ui.dark_mode:
+    """The style alone."""
+    ui.add_css(_STYLE)
+    ui.colors(primary="#00897b", secondary="#455a64", accent="#ef6c00", positive="#2e7d32", negative="#c62828", warning="#f9a825")
+    return ui.dark_mode(None)
+
+
+def _phone(studio: Studio) -> None:
+    """How to look from a phone: a QR code, or what is needed for one."""
+    access = studio.access
+    with ui.dialog(value=True), ui.card().classes("gap-3 items-center"):
+        ui.label("Look from a phone").classes("pf-h2")
+        if not access.token:
+            ui.label(
+                "The studio is reached from this machine only. To let a phone in the same network look, start it again with"
+            ).classes("pf-small")
+            ui.code(f"posefuse studio {studio.workspace.root} --host 0.0.0.0", language="bash")
+            return
+        picture = ui.html("", sanitize=False).classes("pf-qr")
+        line = ui.label("").classes("pf-small")
+
+        def show(name: str) -> None:
+            address = access.phone_address(name)
+            picture.set_content(segno.make(address, error="m").svg_inline(scale=6, border=3, light="#fff"))
+            line.set_text(f"http://{name}:{access.port}/phone with a token that allows looking and recording only")
+
+        ui.select(access.network_names, value=access.network_names[0], label="Address", on_change=lambda event: show(event.value))
+        show(access.network_names[0])
 
 
 def title(text: str, about: str = "") -> None:
@@ -111,7 +143,7 @@ def _jobs_menu(studio: Studio) -> None:
             lines = ui.column().classes("pf-jobs-lines")
 
     def refresh() -> None:
-        jobs = [job for job in studio.jobs.all() if job.work != "live"][:_MOST_JOBS]
+        jobs = [job for job in studio.jobs.all() if job.work not in (LIVE, WATCH)][:_MOST_JOBS]
         state: list[object] = [(job.id, studio.jobs.report(job.id)) for job in jobs]
         if state == shown:
             return

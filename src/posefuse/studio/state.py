@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from .access import Access
 from .jobs import Jobs
+from .live_link import LIVE, WATCH, LiveLink
 from .streams import Stream
 from .workspace import Workspace
 
@@ -17,17 +18,23 @@ class Studio:
 
     Attributes:
         workspace: the files. access: who may look. jobs: long work. streams: what pages draw, by name.
+        live: the live session that runs, if any. watch: the same of cameras that are watched without tracking.
     """
 
     workspace: Workspace
     access: Access
     jobs: Jobs
+    live: LiveLink
+    watch: LiveLink
     streams: dict[str, Stream] = field(default_factory=dict)
 
     @classmethod
     def of(cls, workspace: Workspace, access: Access) -> Studio:
         """A new one."""
-        return cls(workspace=workspace, access=access, jobs=Jobs(workspace))
+        jobs = Jobs(workspace)
+        live, watch = LiveLink(jobs), LiveLink(jobs, WATCH)
+        streams = {LIVE: live.stream, WATCH: watch.stream}
+        return cls(workspace=workspace, access=access, jobs=jobs, live=live, watch=watch, streams=streams)
 
     def stream(self, name: str, on_watched: Callable[[int], None] | None = None) -> Stream:
         """The stream of a name, made where it is missing; `on_watched` is of the one who makes it."""

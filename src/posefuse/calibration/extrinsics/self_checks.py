@@ -155,14 +155,19 @@ def check_determined(cameras: Sequence[Camera], solved: Solved, distance_m: floa
 
 def position_sigma_m(solved: Solved) -> Array:
     """(C,) standard error of each camera's centre against the reference camera."""
+    return np.asarray(np.sqrt(np.trace(position_cov_m2(solved), axis1=-2, axis2=-1)))
+
+
+def position_cov_m2(solved: Solved) -> Array:
+    """(C, 3, 3) covariance of each camera's centre against the reference camera, in the frame of the solution."""
     covariance = solved.solution.camera_covariance
     R, t = solved.solution.state.cam_from_world.R, solved.solution.state.cam_from_world.t
     # centre = -R^T t; a left turn w moves R, not t: d centre = -R^T (dt + [t]x w)
-    out = np.zeros(len(R))
+    out = np.zeros((len(R), 3, 3))
     for c in range(len(R)):
         cross = np.array([[0, -t[c, 2], t[c, 1]], [t[c, 2], 0, -t[c, 0]], [-t[c, 1], t[c, 0], 0]])
         slope = -R[c].T @ np.hstack([cross, np.eye(3)])
-        out[c] = np.sqrt(np.trace(slope @ covariance[c] @ slope.T))
+        out[c] = slope @ covariance[c] @ slope.T
     return out
 
 

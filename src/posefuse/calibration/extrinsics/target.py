@@ -47,6 +47,7 @@ class Calibration:
     Attributes:
         rig: in the world asked for. report: the checks. coverage: of the recording.
         position_sigma_m: (C,) standard error of each camera's place against the reference camera.
+        position_cov_m2: (C, 3, 3) the same as covariance, in world coordinates.
         delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) and their standard errors: a frame that camera c
             stamped s was taken at s - offset - drift * (s - middle).
         middle_ns: middle of the recording, from which drift counts.
@@ -58,6 +59,7 @@ class Calibration:
     report: CalibrationReport
     coverage: Coverage
     position_sigma_m: Array
+    position_cov_m2: Array
     delay_s: Array
     delay_sigma_s: Array
     middle_ns: int
@@ -294,6 +296,7 @@ def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tu
         report=report,
         coverage=coverage(task.observations),
         position_sigma_m=checks.position_sigma_m(solved),
+        position_cov_m2=moved.R @ checks.position_cov_m2(solved) @ moved.R.T,
         delay_s=state.delay_s,
         delay_sigma_s=solved.solution.delay_sigma_s,
         middle_ns=middle,

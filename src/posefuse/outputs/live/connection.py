@@ -5,10 +5,11 @@ from __future__ import annotations
 from multiprocessing.connection import Client, Connection
 from typing import ClassVar
 
-from posefuse.core import LiveHealth, LiveMessage, LiveOutput, LivePose, LiveStart
+from posefuse.core import LiveDetections, LiveHealth, LiveMessage, LiveOutput, LivePose, LivePreview, LiveStart
 from posefuse.foundation.settings import settings
 
 POSES = "poses"
+_TAKES = (LivePose, LiveHealth)
 
 
 @settings
@@ -17,12 +18,18 @@ class ConnectionConfig:
 
     Attributes:
         port: of the loopback address. authkey: hexadecimal.
+        images: send the cameras' small images, too, each after the detections in it.
     """
 
     port: int
     authkey: str
-    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose, LiveHealth)
+    images: bool = False
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = _TAKES
     keeps_all: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        # one object may take more than its class says
+        object.__setattr__(self, "takes", (*_TAKES, LiveDetections, LivePreview) if self.images else _TAKES)
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
@@ -38,6 +45,8 @@ class ConnectionOutput:
         self._config = config
         self.where = f"port {config.port}"
         self._connection: Connection | None = None
+        # detections of frames without an image stay here
+        self._views: dict[str, LiveDetections] = {}
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
@@ -45,7 +54,11 @@ class ConnectionOutput:
             self._connection = Client(("127.0.0.1", self._config.port), authkey=bytes.fromhex(self._config.authkey))
             self._connection.send(POSES)
             self._connection.send(message)
+        elif isinstance(message, LiveDetections):
+            self._views[message.detections.camera] = message
         elif self._connection is not None:
+            if isinstance(message, LivePreview) and (view := self._views.get(message.camera)) is not None:
+                self._connection.send(view)
             self._connection.send(message)
 
     def close(self) -> None:

@@ -1,11 +1,251 @@
-"""Calibrate: from cameras to a verified rig."""
+"""Calibrate: from cameras to a verified rig, one thing at a time."""
 
 from __future__ import annotations
 
-from posefuse.studio.shell import title
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from posefuse.core import PosefuseError
+from posefuse.formats.rig import read_rig
+from posefuse.studio.calibrations import Known, Next, Project, Step, known_of, next_step, projects, save_project
+from posefuse.studio.live_link import WATCH
+from posefuse.studio.pages.calibrate_parts import lights_table, print_dialog, result_card, say_aloud
+from posefuse.studio.scene.messages import setup_message
+from posefuse.studio.scene.setup import scene_setup
+from posefuse.studio.scene.view import CameraTile, RigScene
+from posefuse.studio.setups import DEMO, Setup, save_setup, setup_named, setups
+from posefuse.studio.shell import card, job_line, refused, title
 from posefuse.studio.state import Studio
+
+_REFRESH_S = 0.7
+# errors of millimetres would not be seen in a room
+_LARGER = 50.0
+_BUTTONS: Mapping[str, tuple[str, str]] = {
+    "print": ("Print targets", "print"),
+    "film": ("Start filming", "fiber_manual_record"),
+    "solve": ("Calibrate", "play_arrow"),
+    "use": ("Use this rig", "check"),
+}
 
 
 def build(studio: Studio) -> None:
     """Place the page."""
-    title("Calibrate", f"Workspace {studio.workspace.root}")
+    title("Calibrate", "Where the cameras stand, how their lenses draw, and how far all of it can be trusted.")
+    found = projects(studio.workspace)
+    shown = {"name": found[-1].name if found else ""}
+    chooser = ui.row().classes("items-center gap-3")
+    place = ui.column().classes("pf-column w-full")
+
+    def show(name: str) -> None:
+        shown["name"] = name
+        chooser.clear()
+        with chooser:
+            names = [one.name for one in projects(studio.workspace)]
+            if names:
+                ui.select(names, value=name, label="Calibration", on_change=lambda event: show(event.value)).classes("w-56")
+            ui.button("New", icon="add", on_click=lambda: _new(studio, show)).props("outline no-caps")
+        place.clear()
+        with place:
+            project = next((one for one in projects(studio.workspace) if one.name == name), None)
+            if project is None:
+                _welcome(studio, show)
+            else:
+                _Guide(studio, project).build()
+
+    show(shown["name"])
+
+
+def _welcome(studio: Studio, show: Callable[[str], None]) -> None:
+    with card():
+        ui.label("Choose the cameras to calibrate").classes("pf-next")
+        ui.label("A calibration belongs to a preset of the page Cameras, and can be repeated at any time.").classes("pf-about")
+        ui.button("New calibration", icon="add", on_click=lambda: _new(studio, show)).props("unelevated no-caps size=lg").classes(
+            "self-start"
+        )
+
+
+async def _new(studio: Studio, show: Callable[[str], None]) -> None:
+    names = [one.name for one in setups(studio.workspace) if one.name != DEMO]
+    if not names:
+        ui.notify("First name and save the cameras on the page Cameras", type="warning")
+        return
+    with ui.dialog() as dialog, ui.card().classes("gap-3"):
+        ui.label("New calibration").classes("pf-h2")
+        name = ui.input("Name", value="room").classes("w-64")
+        setup = ui.select(names, value=names[-1], label="Cameras").classes("w-64")
+        lenses = ui.checkbox("Calibrate the lenses first (more exact)", value=True)
+        with ui.row().classes("w-full justify-end"):
+            ui.button("Begin", on_click=lambda: dialog.submit(True)).props("unelevated no-caps")
+    if await dialog:
+        try:
+            save_project(studio.workspace, Project(name=name.value.strip(), setup=str(setup.value), lenses=bool(lenses.value)))
+        except PosefuseError as error:
+            refused(error)
+            return
+        show(name.value.strip())
+
+
+class _Guide:
+    """One project as one visitor sees it."""
+
+    def __init__(self, studio: Studio, project: Project) -> None:
+        self._studio, self._project = studio, project
+        self._setup = setup_named(studio.workspace, project.setup)
+        self._state: Any = None
+        self._sound = False
+        self._said = ""
+
+    def build(self) -> None:
+        """Place it, and keep it as the files are."""
+        with card() as head:
+            self._words = ui.label("").classes("pf-next").props('role="status" aria-live="polite"')
+            self._why = ui.label("").classes("pf-about")
+            self._bar = ui.column().classes("w-full gap-2")
+        with head:
+            ui.label("What to do next").classes("pf-h2")
+            ui.space()
+            ui.switch("Sound", on_change=lambda event: setattr(self, "_sound", bool(event.value)))
+        self._tiles = ui.column().classes("w-full gap-3")
+        with ui.element("div").classes("pf-split"):
+            with ui.element("div").classes("pf-column"):
+                self._results = ui.column().classes("w-full gap-4")
+            with ui.element("div").classes("pf-column"):
+                self._lights = ui.column().classes("w-full")
+        self._refresh()
+        ui.timer(_REFRESH_S, self._refresh)
+
+    def _refresh(self) -> None:
+        studio = self._studio
+        known = known_of(studio.workspace, self._project, tuple(self._setup.sources))
+        watching = (
+            studio.watch.job if studio.watch.job and studio.watch.job.arguments.get("project") == self._project.name else None
+        )
+        solving = next((one for one in studio.jobs.running("calibrate")
+                        if one.arguments["folder"] == self._project.folder), None)  # fmt: skip
+        state = (watching and watching.id, solving and solving.id, known, bool(studio.watch.status.get("cameras")))
+        if state != self._state:
+            self._state = state
+            self._rebuild(known, watching is not None, solving)
+        if watching is not None and studio.watch.status:
+            words = studio.watch.status["words"]
+            self._words.set_text(words[:1].upper() + words[1:])
+            self._why.set_text(f"filming {studio.watch.status['record']}: {studio.watch.status['seconds']:.0f} s")
+        if solving is not None:
+            self._bar.clear()
+            with self._bar:
+                job_line(studio, solving)
+        if self._sound and self._words.text != self._said:
+            say_aloud(self._words.text, good=bool(studio.watch.status.get("enough")) or "verified" in self._words.text)
+        self._said = self._words.text
+
+    def _rebuild(self, known: Known, watching: bool, solving: Any) -> None:
+        step = next_step(self._project, known)
+        self._bar.clear()
+        self._tiles.clear()
+        if watching:
+            with self._bar:
+                ui.button("Stop filming", icon="stop", on_click=self._stop).props("unelevated no-caps color=negative").classes(
+                    "self-start"
+                )
+            self._watch_tiles()
+        elif solving is None:
+            self._words.set_text(step.words[:1].upper() + step.words[1:])
+            self._why.set_text(step.why)
+            self._buttons(step)
+        else:
+            self._words.set_text("Calculating")
+            self._why.set_text("")
+        self._lights.clear()
+        with self._lights, card("Cameras"):
+            lights_table(self._project, known)
+        self._show_results(known)
+
+    def _buttons(self, step: Next) -> None:
+        text, icon = _BUTTONS.get(step.action, ("", ""))
+        with self._bar, ui.row().classes("gap-3 items-center"):
+            if text:
+                ui.button(text, icon=icon, on_click=lambda: self._act(step)).props("unelevated no-caps size=lg")
+            if step.action == "solve":
+                ui.button("Film again", icon="fiber_manual_record", on_click=lambda: self._film(step.step)).props("flat no-caps")
+            if step.action == "film" and step.why.startswith("Refused"):
+                ui.button("Calculate again", icon="refresh", on_click=lambda: self._solve(step.step)).props("flat no-caps")
+            if step.action != "print":
+                ui.button("Targets", icon="print", on_click=self._print).props("flat no-caps")
+
+    async def _act(self, step: Next) -> None:
+        if step.action == "print":
+            await self._print()
+        elif step.action == "film":
+            self._film(step.step)
+        elif step.action == "solve":
+            self._solve(step.step)
+        elif step.action == "use":
+            self._use()
+
+    async def _print(self) -> None:
+        chosen = await print_dialog(self._studio, self._project)
+        if chosen is not None:
+            self._project = chosen
+            save_project(self._studio.workspace, chosen)
+            self._state = None
+            self._refresh()
+
+    def _film(self, step: Step) -> None:
+        if self._studio.watch.job is not None:
+            self._studio.jobs.cancel(self._studio.watch.job.id)
+        name = self._studio.workspace.free_name(self._project.folder, f"{step}-1").replace(f"{step}-1-", f"{step}-")
+        arguments = {
+            "setup": self._project.setup, "target": self._project.target(step), "record": name, "project": self._project.name
+        }  # fmt: skip
+        self._studio.jobs.start(WATCH, f"Filming {name}", arguments, page="/calibrate")
+
+    def _stop(self) -> None:
+        if self._studio.watch.job is not None:
+            self._studio.jobs.cancel(self._studio.watch.job.id)
+
+    def _solve(self, step: Step) -> None:
+        known = known_of(self._studio.workspace, self._project, tuple(self._setup.sources))
+        arguments = {
+            "step": step,
+            "folder": self._project.folder,
+            "recording": known.recordings[step],
+            "target": self._project.target(step),
+        }
+        self._studio.jobs.start("calibrate", f"Calibration {self._project.name}: {step}", arguments, page="/calibrate")
+
+    def _use(self) -> None:
+        changed = Setup(
+            name=self._setup.name, sources=self._setup.sources, roles=self._setup.roles, rig=f"{self._project.folder}/rig.toml"
+        )
+        save_setup(self._studio.workspace, changed)
+        ui.notify(f"{changed.name} uses this rig now", type="positive")
+        ui.navigate.to("/live")
+
+    def _watch_tiles(self) -> None:
+        cameras: Mapping[str, Any] = self._studio.watch.status.get("cameras", {})
+        with self._tiles, card("Covered so far: red is poor, green is rich"), ui.element("div").classes("pf-grid"):
+            for number, (name, one) in enumerate(cameras.items()):
+                width, height = one["size_wh"] or (4, 3)
+                with ui.column().classes("pf-tile-box"):
+                    CameraTile(WATCH, number, aspect=width / height, name=name)
+                    ui.label(name).classes("pf-small")
+
+    def _show_results(self, known: Known) -> None:
+        self._results.clear()
+        with self._results:
+            if "extrinsics" in known.results and known.results["extrinsics"]["passed"]:
+                self._scene(known.results["extrinsics"])
+            for step in ("verify", "extrinsics", "intrinsics"):
+                if step in known.results:
+                    result_card(self._studio, step, known.results[step], self._project.folder)
+
+    def _scene(self, result: Mapping[str, Any]) -> None:
+        name = f"rig-{self._project.name}"
+        rig = read_rig(self._studio.workspace.existing(f"{self._project.folder}/rig.toml"))
+        cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in result.get("position_cov_m2", {}).items()}
+        self._studio.stream(name).publish("setup", setup_message(scene_setup(rig, centre_cov=cov)), keep=True)
+        with card(f"The rig; errors of positions (95 %) drawn {_LARGER:.0f} times larger"), ui.element("div").classes("pf-stage"):
+            RigScene(name)

@@ -110,11 +110,8 @@ def image_message(
         camera: its number in the setup. size_wh: of the image. detected_px: (D, K, 2).
         projected_px: (N, K, 2), in the colours `rgba` (N, 4).
     """
-    known = detected_px if detected_px is not None and len(detected_px) else projected_px
-    keypoints = 0 if known is None else known.shape[1]
-    empty = np.zeros((0, keypoints, 2))
-    seen = empty if detected_px is None else detected_px.reshape(-1, keypoints, 2)
-    fused = empty if projected_px is None else projected_px.reshape(-1, keypoints, 2)
+    keypoints = next((one.shape[1] for one in (detected_px, projected_px) if one is not None and len(one)), 0)
+    seen, fused = (np.zeros((0, keypoints, 2)) if one is None or not len(one) else one for one in (detected_px, projected_px))
     counts = np.array([camera, *size_wh, len(seen), len(fused), keypoints, 0, 0], "<u2").tobytes()
     colours = np.zeros((len(fused), 4), np.uint8)
     colours[: len(rgba)] = np.asarray(rgba, np.uint8).reshape(-1, 4)

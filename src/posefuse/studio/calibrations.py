@@ -1,0 +1,208 @@
+"""A calibration of the workspace: what is known of each camera, and what to do next. Decided here, shown by the page.
+
+A folder ``calibrations/NAME`` has ``project.json``, a folder of videos per recording, and the results of `work.calibrate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from .jobs import read_json, write_json
+from .workspace import Workspace, check_name
+
+FOLDER = "calibrations"
+LIGHTS = ("intrinsics", "overlap", "extrinsics", "clocks", "scale", "verified")
+Action = Literal["print", "film", "solve", "use", "done"]
+Step = Literal["intrinsics", "extrinsics", "verify"]
+_COVERAGE = "coverage.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Project:
+    """Attributes:
+    name: of the folder. setup: preset of the cameras. cube, board: target files; empty while there is none.
+    lenses: whether the lenses are calibrated on their own first, with the board; otherwise from the cube's recording.
+    """
+
+    name: str
+    setup: str
+    cube: str = ""
+    board: str = ""
+    lenses: bool = True
+
+    @property
+    def folder(self) -> str:
+        """Its name in the workspace."""
+        return f"{FOLDER}/{self.name}"
+
+    def target(self, step: Step) -> str:
+        """The target file of a step."""
+        return self.cube if step == "extrinsics" else self.board
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What a project has so far.
+
+    Attributes:
+        cameras: names. recordings: newest folder of each step that has one. coverage: of these, see `work.watch`.
+        results: of `work.calibrate` by step.
+    """
+
+    cameras: tuple[str, ...]
+    recordings: Mapping[Step, str] = field(default_factory=dict)
+    coverage: Mapping[Step, Mapping[str, Any]] = field(default_factory=dict)
+    results: Mapping[Step, Mapping[str, Any]] = field(default_factory=dict)
+
+    def passed(self, step: Step) -> bool:
+        """Whether a step is done, from its newest recording."""
+        result = self.results.get(step, {})
+        return bool(result.get("passed")) and result.get("recording") == self.recordings.get(step)
+
+    def refused(self, step: Step) -> bool:
+        """Whether its newest recording was refused."""
+        result = self.results.get(step, {})
+        return bool(result) and not result["passed"] and result.get("recording") == self.recordings.get(step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Next:
+    """What to do: in large letters, why, and what the button does."""
+
+    words: str
+    why: str
+    action: Action
+    step: Step = "extrinsics"
+
+
+@dataclass(frozen=True)
+class Light:
+    """``good``, ``bad``, ``doubt`` or ``off``, and a word on it."""
+
+    state: str
+    text: str
+
+
+def next_step(project: Project, known: Known) -> Next:
+    """The one thing to do next."""
+    if not project.cube or not project.board:
+        return Next(
+            words="Print a cube and a board",
+            why="Glue the six markers on a stiff box and the board on a flat plate; measure the printed ruler.",
+            action="print",
+        )
+    steps: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify") if project.lenses else ("extrinsics", "verify")
+    for step in steps:
+        if known.passed(step):
+            continue
+        if known.refused(step):
+            check = failed_checks(known.results[step])[0]
+            return Next(words=check["remedy"] or check["detail"], why=f"Refused: {check['detail']}", action="film", step=step)
+        if step in known.recordings:
+            return Next(words=_SOLVE[step], why=f"from {known.recordings[step]}", action="solve", step=step)
+        return Next(words=_FILM[step][0], why=_FILM[step][1], action="film", step=step)
+    return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
+
+
+_FILM: Mapping[Step, tuple[str, str]] = {
+    "intrinsics": ("Show the board to each camera", "Near and far, tilted, into every corner of each image."),
+    "extrinsics": ("Move the cube where two cameras see it", "Slowly through the whole volume, turning it."),
+    "verify": ("Show the board to two cameras at once", "A target that the rig was not made from tells its true error."),
+}
+_SOLVE: Mapping[Step, str] = {
+    "intrinsics": "Calibrate the lenses",
+    "extrinsics": "Find where the cameras stand",
+    "verify": "Verify the rig",
+}
+
+
+def failed_checks(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The checks that do not hold, of all reports of a result."""
+    return [{**check, "subject": one["subject"]} for one in result["reports"] for check in one["checks"] if not check["passed"]]
+
+
+def lights(project: Project, known: Known) -> dict[str, dict[str, Light]]:
+    """By camera and kind of light."""
+    return {camera: _lights_of(camera, project, known) for camera in known.cameras}
+
+
+def _lights_of(camera: str, project: Project, known: Known) -> dict[str, Light]:
+    off = Light("off", "not yet")
+    solved = camera in known.results.get("extrinsics", {}).get("cameras", ()) and known.passed("extrinsics")
+    refused = known.refused("extrinsics")
+    blamed = any(camera in check["detail"] for check in failed_checks(known.results["extrinsics"])) if refused else False
+    placed = Light("good", "placed") if solved else Light("bad" if blamed else "doubt", "refused") if refused else off
+    verified = known.results.get("verify")
+    return {
+        "intrinsics": _intrinsics_light(camera, project, known, solved),
+        "overlap": _overlap_light(camera, known),
+        "extrinsics": placed,
+        "clocks": Light("good", str(known.results["extrinsics"].get("clocks", "known"))) if solved else off,
+        "scale": Light("good", "from the cube") if solved else off,
+        "verified": off
+        if not verified or not solved
+        else Light("good", "passed")
+        if known.passed("verify")
+        else Light("bad", "failed"),
+    }
+
+
+def _intrinsics_light(camera: str, project: Project, known: Known, solved: bool) -> Light:
+    if known.passed("intrinsics"):
+        return Light("good", "from the board")
+    if known.refused("intrinsics"):
+        blamed = any(camera in f"{check['subject']} {check['detail']}" for check in failed_checks(known.results["intrinsics"]))
+        return Light("bad", "refused") if blamed else Light("doubt", "waits for the others")
+    return Light("good", "from the cube") if solved and not project.lenses else Light("off", "not yet")
+
+
+def _overlap_light(camera: str, known: Known) -> Light:
+    seen = known.coverage.get("extrinsics")
+    if not seen or camera not in seen.get("cameras", ()):
+        return Light("off", "not yet")
+    i = list(seen["cameras"]).index(camera)
+    linked = max((share for j, share in enumerate(seen["linked"][i]) if j != i), default=0.0)
+    covered = float(seen["covered"][i])
+    if linked >= 1.0 and covered >= 1.0:
+        return Light("good", "enough")
+    return Light(
+        "doubt" if linked > 0 else "bad", f"{min(linked, covered):.0%} of what is needed" if linked else "seen with no other"
+    )
+
+
+def projects(workspace: Workspace) -> list[Project]:
+    """All of the workspace by name."""
+    folder = workspace.path(FOLDER)
+    found = []
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        content = read_json(path / "project.json")
+        if isinstance(content.get("setup"), str):
+            texts = {key: str(content.get(key, "")) for key in ("setup", "cube", "board")}
+            found.append(Project(name=path.name, lenses=bool(content.get("lenses", True)), **texts))
+    return found
+
+
+def save_project(workspace: Workspace, project: Project) -> None:
+    """Write it; raises InputError for a name that is not plain."""
+    check_name(project.name)
+    content = {"setup": project.setup, "cube": project.cube, "board": project.board, "lenses": project.lenses}
+    write_json(workspace.folder(project.folder) / "project.json", content)
+
+
+def known_of(workspace: Workspace, project: Project, cameras: Sequence[str]) -> Known:
+    """What the files of a project say."""
+    folder = workspace.path(project.folder)
+    recordings: dict[Step, str] = {}
+    coverage: dict[Step, Mapping[str, Any]] = {}
+    results: dict[Step, Mapping[str, Any]] = {}
+    steps: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
+    for step in steps:
+        found = [path for path in folder.glob(f"{step}-*") if (path / _COVERAGE).is_file()]
+        if found:
+            newest = max(found, key=lambda path: (path / _COVERAGE).stat().st_mtime_ns)
+            recordings[step], coverage[step] = f"{project.folder}/{newest.name}", read_json(newest / _COVERAGE)
+        if result := read_json(folder / f"{step}.json"):
+            results[step] = result
+    return Known(cameras=tuple(cameras), recordings=recordings, coverage=coverage, results=results)

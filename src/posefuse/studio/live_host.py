@@ -1,0 +1,147 @@
+"""Between a live session and the servers that show it: packs what pages draw, takes their requests. Lives in the session's job.
+
+Servers come and go; the session is not changed by that. While no page looks, nothing is packed and no image is made.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Callable, Hashable, Mapping
+from contextlib import suppress
+from multiprocessing.connection import Connection, Listener
+from typing import Any
+
+_STATUS_S = 0.25
+_IDLE_STATUS_S = 1.0
+
+Message = tuple[str, Hashable, Any]
+"""Kind (``stream``, ``kept`` or ``status``), key, and bytes or values."""
+
+
+class Watcher:
+    """One server. A thread sends to it, the newest of each key, so that one that hangs delays nothing."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.watching = False
+        self._connection = connection
+        self._pending: dict[Hashable, Message] = {}
+        self._news = threading.Condition()
+        self.gone = False
+        threading.Thread(target=self._send, daemon=True).start()
+
+    def put(self, message: Message) -> None:
+        """Queue it in the place of an older one."""
+        with self._news:
+            self._pending[message[:2]] = message
+            self._news.notify()
+
+    def _send(self) -> None:
+        with suppress(OSError):
+            while not self.gone:
+                with self._news:
+                    self._news.wait_for(lambda: bool(self._pending), 1.0)
+                    pending, self._pending = list(self._pending.values()), {}
+                for message in pending:
+                    self._connection.send(message)
+        self.gone = True
+
+
+class Host:
+    """Listens on the loopback address for servers that know the key.
+
+    Args:
+        on_request: takes what a server asks for, by name and values; may raise anything, which is shown as a refusal.
+        on_watched: whether any page looks; called when that changes.
+    """
+
+    def __init__(self, on_request: Callable[[str, Mapping[str, Any]], None], on_watched: Callable[[bool], None]) -> None:
+        self._key = secrets.token_bytes(32)
+        self._listener = Listener(("127.0.0.1", 0), authkey=self._key)
+        self._watchers: list[Watcher] = []
+        self._kept: dict[Hashable, Message] = {}
+        self._on_request, self._on_watched = on_request, on_watched
+        self._watched = False
+        self._lock = threading.RLock()
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    @property
+    def address(self) -> dict[str, Any]:
+        """Where it is and the key, as JSON values; for the workspace's owner only."""
+        return {"port": self._listener.address[1], "key": self._key.hex()}
+
+    @property
+    def watched(self) -> bool:
+        """Whether any page looks."""
+        return self._watched
+
+    def publish(self, key: Hashable, message: bytes, *, keep: bool = False) -> None:
+        """To all servers whose pages look; with `keep` to all, also to those that come later."""
+        self._put(("kept" if keep else "stream", key, message), keep)
+
+    def status(self, values: Mapping[str, Any]) -> None:
+        """To all servers."""
+        self._put(("status", "", dict(values)), True)
+
+    def _put(self, message: Message, keep: bool) -> None:
+        with self._lock:
+            if keep:
+                self._kept[message[:2]] = message
+            for watcher in self._watchers:
+                if keep or watcher.watching:
+                    watcher.put(message)
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                connection = self._listener.accept()
+            except Exception:  # noqa: BLE001 - a stranger at the port must not end the session
+                continue
+            watcher = Watcher(connection)
+            with self._lock:
+                self._watchers.append(watcher)
+                for message in self._kept.values():
+                    watcher.put(message)
+            threading.Thread(target=self._hear, args=(connection, watcher), daemon=True).start()
+
+    def _hear(self, connection: Connection, watcher: Watcher) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                name, values = connection.recv()
+                if name == "watch":
+                    watcher.watching = bool(values["on"])
+                    self._count()
+                else:
+                    self._on_request(name, values)
+        watcher.gone = True
+        with self._lock:
+            self._watchers.remove(watcher)
+        self._count()
+
+    def _count(self) -> None:
+        with self._lock:
+            watched = any(watcher.watching for watcher in self._watchers)
+            changed, self._watched = watched != self._watched, watched
+        if changed:
+            self._on_watched(watched)
+
+
+class Pace:
+    """Says when something is due, at most so often."""
+
+    def __init__(self, every_s: float) -> None:
+        self.every_s, self._next_s = every_s, 0.0
+
+    def due(self) -> bool:
+        """Whether it is; the next time follows."""
+        now_s = time.monotonic()
+        if now_s < self._next_s:
+            return False
+        self._next_s = max(self._next_s + self.every_s, now_s - self.every_s)
+        return True
+
+
+def status_pace(watched: bool) -> float:
+    """Seconds between two reports of the session's state."""
+    return _STATUS_S if watched else _IDLE_STATUS_S

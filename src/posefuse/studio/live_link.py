@@ -1,0 +1,87 @@
+"""The server's side of a running session: its messages to the pages, and the pages' requests to it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from multiprocessing.connection import Client, Connection
+from typing import Any
+
+from .jobs import Job, Jobs
+from .streams import Stream
+
+LIVE, WATCH = "live", "watch"
+"""Kinds of work that pages follow, and the names of their streams."""
+_LOOK_S = 0.7
+
+
+class LiveLink:
+    """Follows whatever session of a kind runs in the workspace, whoever started it.
+
+    Args:
+        work: `LIVE` or `WATCH`.
+
+    Attributes:
+        stream: what the pages draw. status: the newest values of the work; empty while no session runs.
+        job: of the session; None while none runs.
+    """
+
+    def __init__(self, jobs: Jobs, work: str = LIVE) -> None:
+        self.stream = Stream(self._watched)
+        self.status: Mapping[str, Any] = {}
+        self.job: Job | None = None
+        self._jobs, self._work = jobs, work
+        self._connection: Connection | None = None
+        self._pages = 0
+        self._lock = threading.Lock()
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def begin(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Look for sessions from now on; `loop`: where the stream is served."""
+        self._loop = loop
+        threading.Thread(target=self._run, name=f"link {self._work}", daemon=True).start()
+
+    def ask(self, request: str, /, **values: Any) -> None:
+        """Send a request to the session; without one nothing happens."""
+        with self._lock, suppress(OSError):
+            if self._connection is not None:
+                self._connection.send((request, values))
+
+    def _watched(self, pages: int) -> None:
+        self._pages = pages
+        self.ask("watch", on=pages > 0)
+
+    def _run(self) -> None:
+        while True:
+            running = self._jobs.running(self._work)
+            self.job = running[0] if running else None
+            address = self._jobs.report(self.job.id).extra.get("address") if self.job else None
+            if address:
+                with suppress(OSError, EOFError, ValueError):
+                    self._follow(int(address["port"]), bytes.fromhex(address["key"]))
+            self.status = {}
+            time.sleep(_LOOK_S)
+
+    def _follow(self, port: int, key: bytes) -> None:
+        """Until the session ends."""
+        with Client(("127.0.0.1", port), authkey=key) as connection:
+            self._connection = connection
+            try:
+                self.ask("watch", on=self._pages > 0)
+                while True:
+                    self._take(*connection.recv())
+            finally:
+                with self._lock:
+                    self._connection = None
+
+    def _take(self, kind: str, key: Any, content: Any) -> None:
+        if kind == "status":
+            self.status = content
+        elif self._loop is not None:
+            self._loop.call_soon_threadsafe(self._publish, kind, key, content)
+
+    def _publish(self, kind: str, key: Any, content: bytes) -> None:
+        self.stream.publish(key, content, keep=kind == "kept")

@@ -1,0 +1,150 @@
+"""Panels of the calibration page: lights, results with their causes and remedies, printing, sound."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from nicegui import ui
+
+from posefuse.core import PosefuseError
+from posefuse.studio.calibrations import LIGHTS, Known, Project, lights
+from posefuse.studio.shell import card, light, refused
+from posefuse.studio.state import Studio
+from posefuse.studio.targets import print_board, print_cube, targets
+
+_PAGES = ("a4", "a3", "a2", "a1", "letter")
+_REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "verified.html"}
+_TITLES = {"intrinsics": "Lenses", "extrinsics": "Positions", "verify": "Verification"}
+_FULL_COUNT = 12
+
+
+def lights_table(project: Project, known: Known) -> None:
+    """A row per camera, a light per thing that must be known."""
+    with ui.element("div").classes("pf-lights").style(f"grid-template-columns: auto repeat({len(LIGHTS)}, minmax(0, 1fr))"):
+        ui.label("")
+        for name in LIGHTS:
+            ui.label(name).classes("pf-small")
+        for camera, row in lights(project, known).items():
+            ui.label(camera).classes("pf-h2")
+            for name in LIGHTS:
+                light(row[name].state, row[name].text)
+
+
+def result_card(studio: Studio, step: str, result: Mapping[str, Any], folder: str) -> None:
+    """Checks of a step: those that fail first, each with cause, remedy and the picture of what was covered."""
+    checks = [(one["subject"], check) for one in result["reports"] for check in one["checks"]]
+    bad = [(subject, check) for subject, check in checks if not check["passed"]]
+    with card(_TITLES[step]) as head:
+        for subject, check in bad:
+            with ui.column().classes("pf-refusal"):
+                light("bad", f"{subject}: {check['name']}")
+                ui.label(check["detail"])
+                if check["remedy"]:
+                    with ui.row().classes("items-start gap-2 no-wrap"):
+                        ui.icon("build").classes("text-primary")
+                        ui.label(check["remedy"]).classes("font-medium")
+        if "cells" in result:
+            _coverage(result["cells"])
+        with ui.expansion(f"{len(checks) - len(bad)} checks passed", icon="checklist").classes("w-full"):
+            for subject, check in checks:
+                if check["passed"]:
+                    light("good", f"{subject}: {check['name']}")
+                    ui.label(check["detail"]).classes("pf-small")
+    with head:
+        ui.space()
+        light("good" if result["passed"] else "bad", "passed" if result["passed"] else "refused")
+        report = f"{folder}/{_REPORTS[step]}"
+        if studio.workspace.path(report).is_file():
+            ui.link("Report", f"/studio/file?name={quote(report)}", new_tab=True)
+
+
+def _coverage(cells: Mapping[str, Any]) -> None:
+    """A small grid per image: which parts the target has met."""
+    with ui.row().classes("gap-4"):
+        for camera, counts in cells.items():
+            level = np.clip(np.asarray(counts, float) / _FULL_COUNT, 0, 1)
+            rows, columns = level.shape
+            boxes = "".join(
+                f'<rect x="{x}" y="{y}" width=".94" height=".94" rx=".12" fill="hsl({120 * level[y, x]:.0f} 60% 50%)"/>'
+                for y in range(rows)
+                for x in range(columns)
+            )
+            with ui.column().classes("gap-1"):
+                ui.html(f'<svg viewBox="0 0 {columns} {rows}" width="120" aria-hidden="true">{boxes}</svg>', sanitize=False)
+                ui.label(f"{camera}: {float((level > 0).mean()):.0%}").classes("pf-small")
+
+
+async def print_dialog(studio: Studio, project: Project) -> Project | None:
+    """Make or choose the targets; None where nothing was chosen."""
+    known = targets(studio.workspace)
+    with ui.dialog() as dialog, ui.card().classes("gap-3"):
+        ui.label("Targets").classes("pf-h2")
+        page = ui.select(list(_PAGES), value="a4", label="Paper").classes("w-32")
+        with ui.row().classes("items-end gap-3"):
+            marker = ui.number("Cube: black square, mm", value=120, min=20, max=500).classes("w-44")
+        with ui.row().classes("items-end gap-3"):
+            columns = ui.number("Board: squares across", value=5, min=3, max=30, precision=0).classes("w-40")
+            rows = ui.number("down", value=7, min=3, max=30, precision=0).classes("w-20")
+            square = ui.number("square, mm", value=36, min=5, max=300).classes("w-28")
+        made = ui.column().classes("gap-1")
+
+        async def make() -> None:
+            try:
+                sheet = str(page.value)
+                cube = await asyncio.to_thread(print_cube, studio.workspace, marker_mm=float(marker.value), page=sheet)
+                across, down, side_mm = int(columns.value), int(rows.value), float(square.value)
+                board = await asyncio.to_thread(
+                    print_board, studio.workspace, columns=across, rows=down, square_mm=side_mm, page=sheet
+                )
+            except (PosefuseError, TypeError) as error:
+                refused(error)
+                return
+            for select, one in ((cubes, cube), (boards, board)):
+                select.set_options(targets(studio.workspace), value=one.target)
+            with made:
+                ui.link(f"Open {cube.pdf}", f"/studio/file?name={quote(cube.pdf)}", new_tab=True)
+                ui.link(f"Open {board.pdf}", f"/studio/file?name={quote(board.pdf)}", new_tab=True)
+                ui.label("Print at 100 %, then measure the ruler on the sheet.").classes("pf-small")
+
+        ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline no-caps")
+        cubes = ui.select(known, value=project.cube or None, label="Cube in use").classes("w-72")
+        boards = ui.select(known, value=project.board or None, label="Board in use").classes("w-72")
+        with ui.row().classes("w-full justify-end"):
+            ui.button("Use these", on_click=lambda: dialog.submit(True)).props("unelevated no-caps")
+    if not await dialog or not (cubes.value and boards.value):
+        return None
+    return replace(project, cube=str(cubes.value), board=str(boards.value))
+
+
+def say_aloud(words: str, *, good: bool) -> None:
+    """Two tones (rising where something is complete), and the words in a voice of the user's own machine where it has one."""
+    tones = [523, 659, 784] if good else [659, 523]
+    ui.run_javascript(_SOUND % (json.dumps(tones), json.dumps(words)))
+
+
+# voices of other hosts would send the words away
+_SOUND = """
+const context = window.posefuseSound ||= new AudioContext();
+%s.forEach((hertz, i) => {
+  const tone = context.createOscillator(), volume = context.createGain(), at = context.currentTime + 0.17 * i;
+  tone.frequency.value = hertz;
+  volume.gain.setValueAtTime(0.15, at);
+  volume.gain.exponentialRampToValueAtTime(0.001, at + 0.16);
+  tone.connect(volume).connect(context.destination);
+  tone.start(at);
+  tone.stop(at + 0.17);
+});
+const voice = window.speechSynthesis?.getVoices().find((one) => one.localService && one.lang.startsWith("en"));
+if (voice) {
+  const words = new SpeechSynthesisUtterance(%s);
+  words.voice = voice;
+  speechSynthesis.cancel();
+  speechSynthesis.speak(words);
+}
+"""

@@ -1,0 +1,133 @@
+"""Setups: cameras with their sources and names, and the rig that places them; presets are files of the workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from posefuse.core import InputError, Rig, SourceError
+from posefuse.realtime.capture import LiveInput
+
+from .jobs import read_json, write_json
+from .workspace import Workspace, check_name
+
+DEMO = "Demo clip"
+_FOLDER = "setups"
+_FILES = ("video", "sim")
+_MOST_CAMERAS = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What a session or a calibration looks through.
+
+    Attributes:
+        name: as people call it. sources: by camera name, as for ``posefuse live --source``; files by their name in the workspace.
+        rig: rig file in the workspace; empty while the cameras are not calibrated.
+        roles: what a camera is for, in the user's words, by camera name.
+    """
+
+    name: str
+    sources: Mapping[str, str] = field(default_factory=dict)
+    rig: str = ""
+    roles: Mapping[str, str] = field(default_factory=dict)
+
+
+def setups(workspace: Workspace) -> list[Setup]:
+    """The presets of a workspace by name, after the bundled clip."""
+    found = []
+    folder = workspace.path(_FOLDER)
+    for path in sorted(folder.glob("*.json")) if folder.is_dir() else []:
+        content = read_json(path)
+        sources, roles = content.get("sources"), content.get("roles", {})
+        if isinstance(sources, dict) and all(isinstance(one, str) for one in sources.values()) and isinstance(roles, dict):
+            found.append(Setup(name=path.stem, sources=sources, rig=str(content.get("rig", "")), roles=roles))
+    return [Setup(name=DEMO), *found]
+
+
+def setup_named(workspace: Workspace, name: str) -> Setup:
+    """A preset; raises InputError where there is none."""
+    for setup in setups(workspace):
+        if setup.name == name:
+            return setup
+    raise InputError(f"setup {name!r}: not in the workspace")
+
+
+def save_setup(workspace: Workspace, setup: Setup) -> None:
+    """Write a preset; one of the same name is replaced.
+
+    Raises:
+        InputError: a name that is not plain, no camera, or a source that leads out of the workspace.
+    """
+    check_name(setup.name)
+    if setup.name == DEMO:
+        raise InputError(f"{DEMO}: is the bundled clip; choose another name")
+    if not 1 <= len(setup.sources) <= _MOST_CAMERAS:
+        raise InputError(f"setup {setup.name}: expected 1 to {_MOST_CAMERAS} cameras, got {len(setup.sources)}")
+    for camera, what in setup.sources.items():
+        check_name(camera)
+        source_text(workspace, what)
+    content = {key: value for key, value in asdict(setup).items() if key != "name"}
+    write_json(workspace.folder(_FOLDER) / f"{setup.name}.json", content)
+
+
+def delete_setup(workspace: Workspace, name: str) -> None:
+    """Remove a preset; its videos and rig stay."""
+    check_name(name)
+    workspace.path(f"{_FOLDER}/{name}.json").unlink(missing_ok=True)
+
+
+def source_text(workspace: Workspace, what: str) -> str:
+    """A source with the file it names made absolute; raises InputError for a file outside the workspace."""
+    kind, colon, rest = what.partition(":")
+    if colon and kind in _FILES:
+        return f"{kind}:{workspace.existing(rest)}"
+    return what
+
+
+def rig_of_setup(workspace: Workspace, setup: Setup) -> Rig:
+    """The calibrated cameras of a setup.
+
+    Raises:
+        InputError: it has no rig yet. CalibrationError: a rig file that cannot be read, or without poses.
+    """
+    from posefuse.formats.rig import read_placed_rig
+    from posefuse.pipeline.demo_clip import clip_folder
+
+    if setup.name == DEMO:
+        return read_placed_rig(clip_folder() / "rig.toml")
+    if not setup.rig:
+        raise InputError(f"setup {setup.name}: its cameras are not calibrated yet; go to Calibrate, or choose a rig file")
+    return read_placed_rig(workspace.existing(setup.rig))
+
+
+def inputs_of_setup(workspace: Workspace, setup: Setup, rig: Rig | None = None) -> tuple[LiveInput, ...]:
+    """Its sources; videos begin again when the shortest has ended.
+
+    Raises:
+        SourceError: a source that cannot be read, or a camera that the rig does not have.
+    """
+    from posefuse.pipeline.demo_clip import clip_folder
+    from posefuse.realtime.inputs import inputs_from_arguments
+
+    if setup.name == DEMO:
+        videos = sorted((clip_folder() / "videos").glob("*.mp4"))
+        arguments = [f"{path.stem}=video:{path}" for path in videos]
+    else:
+        arguments = [f"{camera}={source_text(workspace, what)}" for camera, what in setup.sources.items()]
+        videos = [workspace.existing(what[6:]) for what in setup.sources.values() if what.startswith("video:")]
+    inputs = inputs_from_arguments(arguments, rig)
+    loop_s = min((_seconds(path) for path in videos), default=0.0)
+    return tuple(replace(entry, loop_s=loop_s) if entry.kind == "video" and loop_s else entry for entry in inputs)
+
+
+def _seconds(path: Path) -> float:
+    """Length of a video."""
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            return container.duration / av.time_base if container.duration else 0.0
+    except (av.FFmpegError, OSError) as error:
+        raise SourceError(f"{path.name}: cannot be read as a video ({error})") from None

@@ -1,0 +1,110 @@
+"""One step of a calibration. A refusal is a result: with its checks, causes and remedies.
+
+Arguments: ``step`` (``intrinsics``, ``extrinsics`` or ``verify``), ``folder`` (of the calibration), ``recording`` (folder with
+``videos``), ``target`` (a target file), ``clocks`` (see `calibrate_extrinsics`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, verify
+from posefuse.api.calibration_results import IntrinsicsCalibration, RigCalibration, RigVerification
+from posefuse.calibration.report import CalibrationReport, RefusedCalibration
+from posefuse.core import InputError
+from posefuse.studio.jobs import write_json
+from posefuse.studio.workspace import Workspace
+
+LENSES, RIG, CLOCKS = "lenses.toml", "rig.toml", "posefuse.toml"
+# rows of boards and cubes need not be looked at 30 times a second
+_EVERY = 2
+
+
+def run(arguments: Mapping[str, Any], workspace: Workspace, progress: Any) -> dict[str, Any]:
+    """Do the step; its result is also kept as ``STEP.json`` in the calibration's folder."""
+    steps: Mapping[str, Callable[..., dict[str, Any]]] = {"intrinsics": _intrinsics, "extrinsics": _extrinsics, "verify": _verify}
+    step = str(arguments["step"])
+    if step not in steps:
+        raise InputError(f"calibrate: unknown step {step!r}")
+    recording = workspace.existing(str(arguments["recording"])) / "videos"
+    videos = {path.stem: path for path in sorted(recording.glob("*.mp4"))}
+    target = workspace.existing(str(arguments["target"]))
+    try:
+        result = steps[step](workspace, arguments, videos, target, progress)
+    except RefusedCalibration as refused:
+        result = {"passed": False, "reports": [_report(refused.report)]}
+    result = {"step": step, "recording": arguments["recording"], **result}
+    write_json(workspace.existing(str(arguments["folder"])) / f"{step}.json", result)
+    return result
+
+
+def _intrinsics(
+    workspace: Workspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
+) -> dict[str, Any]:
+    found: IntrinsicsCalibration = calibrate_intrinsics(videos, target=target, every=_EVERY, progress=progress)
+    folder = workspace.existing(str(arguments["folder"]))
+    found.save(folder / LENSES, report=folder / "lenses.html", replace=True)
+    return {
+        "passed": True,
+        "cameras": list(found.rig.names),
+        "reports": [_report(one) for one in found.reports.values()],
+        "cells": {name: np.asarray(cells).tolist() for name, cells in found.cells.items()},
+    }
+
+
+def _extrinsics(
+    workspace: Workspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
+) -> dict[str, Any]:
+    folder = workspace.existing(str(arguments["folder"]))
+    lenses = folder / LENSES
+    found: RigCalibration = calibrate_extrinsics(
+        videos,
+        intrinsics=lenses if lenses.is_file() else None,
+        target=target,
+        every=_EVERY,
+        clocks=arguments.get("clocks") or "auto",
+        progress=progress,
+    )
+    found.save(folder / RIG, report=folder / "rig.html", replace=True)
+    if found.clock_settings:
+        (folder / CLOCKS).write_text(found.clock_settings, encoding="utf-8")
+    return {
+        "passed": True,
+        "cameras": list(found.rig.names),
+        "reports": [_report(found.report)],
+        "clocks": "offsets found" if found.clocks is not None else "synchronised",
+        "cells": {name: np.asarray(cells).tolist() for name, cells in found.cells.items()},
+        "position_cov_m2": {name: np.asarray(cov).tolist() for name, cov in found.position_cov_m2.items()},
+    }
+
+
+def _verify(
+    workspace: Workspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
+) -> dict[str, Any]:
+    folder = workspace.existing(str(arguments["folder"]))
+    found: RigVerification = verify(
+        folder / RIG, videos, target=target, every=_EVERY, clock_offset_s=_offsets(folder / CLOCKS), progress=progress
+    )
+    found.save(folder / "verified.html", replace=True)
+    return {"passed": found.passed, "cameras": list(found.rig.names), "reports": [_report(found.report)]}
+
+
+def _offsets(path: Any) -> dict[str, float]:
+    """Clock offsets that the calibration found, by camera name; empty where there are none."""
+    from posefuse.pipeline.config import read_config
+
+    cameras = read_config(path, ()).cameras if path.is_file() else {}
+    # the settings say what is added to stamps, a clock offset by how much they are late
+    return {name: -one.offset_s for name, one in cameras.items()}
+
+
+def _report(report: CalibrationReport) -> dict[str, Any]:
+    return {
+        "subject": report.subject,
+        "checks": [{"name": one.name, "passed": one.passed, "detail": one.detail, "remedy": one.remedy} for one in report.checks],
+        "notes": list(report.notes),
+        "numbers": {name: value for name, value in report.numbers.items() if np.isfinite(value)},
+    }

@@ -1,0 +1,152 @@
+"""Cameras without tracking: images with what is wrong in them, and with a target also what is covered so far; videos on request.
+
+Arguments: ``setup`` (a preset) or ``sources`` (by camera name); ``target`` (a target file of the workspace; empty: none);
+``record`` (a new folder of the workspace for the videos; empty: none). It ends when it is cancelled, when its sources end, or,
+with a target, when enough is covered.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+import cv2
+import numpy as np
+
+from posefuse.calibration.targets.coverage import coverage_picture
+from posefuse.calibration.targets.description import read_target
+from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.guidance import Guidance, seen, start
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
+from posefuse.realtime.camera_feed import CameraFeed, FedFrame
+from posefuse.realtime.recorder import exposure_warning
+from posefuse.studio.focus import focus_warning
+from posefuse.studio.jobs import write_json
+from posefuse.studio.live_host import Host, Pace, status_pace
+from posefuse.studio.scene.messages import image_message, setup_message
+from posefuse.studio.scene.setup import scene_setup
+from posefuse.studio.setups import Setup, inputs_of_setup, setup_named
+from posefuse.studio.workspace import Workspace
+
+IMAGES_HZ = 15.0
+_JUDGE_S, _REST_S, _IDLE_S = 1.0, 0.005, 0.1
+_SHOWN_PX, _QUALITY = 480, 70
+
+
+def run(arguments: Mapping[str, Any], workspace: Workspace, progress: Any) -> dict[str, Any]:
+    """Watch until the end; see the module."""
+    if arguments.get("setup"):
+        setup = setup_named(workspace, str(arguments["setup"]))
+    else:
+        setup = Setup(name="cameras", sources={str(name): str(what) for name, what in arguments["sources"].items()})
+    target = str(arguments.get("target") or "")
+    detector = TargetDetector(read_target(workspace.existing(target))) if target else None
+    record = str(arguments.get("record") or "")
+    with CameraFeed(inputs_of_setup(workspace, setup), packets=bool(record)) as feed:
+        videos = None
+        if record:
+            if workspace.path(record).exists():
+                raise InputError(f"{record}: exists already; choose another name")
+            videos = workspace.folder(f"{record}/videos")
+        watched = _Watch(feed, detector, record)
+        progress.publish(address=watched.host.address)
+        feed.begin(videos)
+        # a user who has seen enough ends it: what was recorded is complete then, too
+        with suppress(KeyboardInterrupt):
+            watched.run(stop_when_enough=bool(target))
+    state = watched.guidance
+    if record:
+        covered = {"covered": state.covered.tolist(), "linked": state.linked.tolist(), "cells": state.coverage.cells.tolist()}
+        write_json(workspace.path(f"{record}/coverage.json"), {"cameras": list(feed.cameras), "enough": state.enough, **covered})
+    return {"record": record, "enough": state.enough, "words": state.words if detector else ""}
+
+
+class _Watch:
+    """The loop over the newest frames."""
+
+    def __init__(self, feed: CameraFeed, detector: TargetDetector | None, record: str) -> None:
+        self.host = Host(lambda name, values: None, lambda on: None)
+        self.guidance: Guidance = start(feed.cameras)
+        self._feed, self._detector, self._record = feed, detector, record
+        self._paces = [Pace(1 / IMAGES_HZ) for _ in feed.cameras]
+        self._judged_s = [0.0] * len(feed.cameras)
+        self._warnings: dict[str, str] = {}
+        self._sizes: dict[str, list[int]] = {}
+        self._captured: dict[str, tuple[float, int]] = {}
+        self._rates: dict[str, float] = {}
+        self._begun_s = time.time()
+        self.host.publish("setup", setup_message(scene_setup()), keep=True)
+
+    def run(self, *, stop_when_enough: bool) -> None:
+        """Until the sources end, or enough is covered; an interrupt ends it, too."""
+        pace = Pace(status_pace(True))
+        while not (stop_when_enough and self.guidance.enough):
+            over = self._feed.over
+            self._feed.check()
+            for fed in self._feed.newest():
+                self._take(fed)
+            pace.every_s = status_pace(self.host.watched)
+            if pace.due():
+                self.host.status(self._status())
+            if over:
+                return
+            time.sleep(_REST_S if self.host.watched or self._detector or self._record else _IDLE_S)
+
+    def _take(self, fed: FedFrame) -> None:
+        name, image = self._feed.cameras[fed.camera], fed.frame.image
+        self._sizes[name] = list(fed.frame.size_wh)
+        now_s = time.monotonic()
+        xy: Array = np.zeros((0, 2))
+        if self._detector is not None:
+            corners = self._detector.detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+            xy = corners.xy_img
+            self.guidance = seen(self.guidance, fed.camera, fed.t_ns, xy, fed.frame.size_wh)
+        if self.host.watched and now_s - self._judged_s[fed.camera] >= _JUDGE_S:
+            self._judged_s[fed.camera] = now_s
+            self._warnings[name] = exposure_warning(image) or focus_warning(image)
+        if self.host.watched and self._paces[fed.camera].due():
+            self.host.publish(("image", name), self._packed(fed, xy))
+
+    def _packed(self, fed: FedFrame, xy: Array) -> bytes:
+        width, height = fed.frame.size_wh
+        factor = min(1.0, _SHOWN_PX / max(width, height))
+        size = (max(1, round(width * factor)), max(1, round(height * factor)))
+        small: Any = cv2.resize(fed.frame.image, size, interpolation=cv2.INTER_AREA)
+        if self._detector is not None:
+            small = coverage_picture(self.guidance.coverage.cells[fed.camera], size, small)
+        _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        return image_message(fed.t_ns / 1e9, fed.camera, np.asarray(jpeg).tobytes(), size, detected_px=(xy * factor)[None])
+
+    def _status(self) -> dict[str, Any]:
+        covered = self.guidance.coverage
+        return {
+            "cameras": {
+                state.camera: {
+                    "state": state.state,
+                    "text": state.text or self._warnings.get(state.camera, ""),
+                    "rate_hz": self._rate_hz(state.camera, state.captured),
+                    "missing": state.missing,
+                    "size_wh": self._sizes.get(state.camera),
+                }
+                for state in self._feed.states()
+            },
+            "target": self._detector is not None,
+            "words": self.guidance.words,
+            "enough": self.guidance.enough,
+            "covered": self.guidance.covered.tolist(),
+            "linked": self.guidance.linked.tolist(),
+            "together": covered.together.tolist(),
+            "record": self._record,
+            "seconds": time.time() - self._begun_s,
+        }
+
+    def _rate_hz(self, name: str, captured: int) -> float:
+        now_s = time.monotonic()
+        before_s, before = self._captured.setdefault(name, (now_s, captured))
+        if now_s - before_s >= 1.0:
+            self._rates[name] = (captured - before) / (now_s - before_s)
+            self._captured[name] = now_s, captured
+        return self._rates.get(name, 0.0)

@@ -1,0 +1,86 @@
+"""What to do next, and the light of each camera: pure functions of what is known."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from posefuse.core import InputError
+from posefuse.studio.calibrations import Known, Project, Step, known_of, lights, next_step, projects, save_project
+from posefuse.studio.jobs import write_json
+from posefuse.studio.workspace import Workspace
+
+BARE = Project(name="room", setup="webcams")
+READY = replace(BARE, cube="targets/cube.toml", board="targets/board.toml")
+NOTHING = Known(cameras=("left", "right"))
+STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
+
+
+def result(step: str, passed: bool = True, *, recording: str = "one", detail: str = "", remedy: str = "") -> dict[str, Any]:
+    checks = [{"name": "enough views", "passed": passed, "detail": detail, "remedy": remedy}]
+    return {"step": step, "passed": passed, "recording": recording, "cameras": ["left", "right"],
+            "reports": [{"subject": step, "checks": checks}]}  # fmt: skip
+
+
+def after(*steps: Step) -> Known:
+    """A project in which these steps have passed."""
+    return replace(NOTHING, recordings=dict.fromkeys(steps, "one"), results={step: result(step) for step in steps})
+
+
+def test_the_steps_come_in_order() -> None:
+    assert next_step(BARE, NOTHING).action == "print"
+    for number, step in enumerate(STEPS):
+        known = after(*STEPS[:number])
+        assert (next_step(READY, known).action, next_step(READY, known).step) == ("film", step)
+        filmed = replace(known, recordings={**known.recordings, step: "one"})
+        assert (next_step(READY, filmed).action, next_step(READY, filmed).step) == ("solve", step)
+    assert next_step(READY, after(*STEPS)).action == "use"
+
+
+def test_lenses_from_the_cube_need_no_step_of_their_own() -> None:
+    project = replace(READY, lenses=False)
+    assert next_step(project, NOTHING).step == "extrinsics"
+    assert lights(project, after("extrinsics"))["left"]["intrinsics"].state == "good"
+
+
+def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
+    refusal = result("extrinsics", False, detail="right saw it 3 times", remedy="show it to right")
+    known = replace(after("intrinsics"), recordings={"intrinsics": "one", "extrinsics": "one"},
+                    results={"intrinsics": result("intrinsics"), "extrinsics": refusal})  # fmt: skip
+    step = next_step(READY, known)
+    assert (step.words, step.action) == ("show it to right", "film") and "right saw it 3 times" in step.why
+    assert [lights(READY, known)[name]["extrinsics"].state for name in ("left", "right")] == ["doubt", "bad"]
+    again = replace(known, recordings={**known.recordings, "extrinsics": "two"})
+    assert next_step(READY, again).action == "solve"
+
+
+def test_lights_turn_good_as_things_are_known() -> None:
+    assert {light.state for light in lights(READY, NOTHING)["left"].values()} == {"off"}
+    assert {light.state for name, light in lights(READY, after(*STEPS))["left"].items() if name != "overlap"} == {"good"}
+    failed = replace(after(*STEPS), results={**after(*STEPS).results, "verify": result("verify", False)})
+    assert lights(READY, failed)["left"]["verified"].state == "bad"
+
+
+@pytest.mark.parametrize(
+    ("linked", "covered", "state"), [(1.0, 1.0, "good"), (0.4, 1.0, "doubt"), (1.0, 0.2, "doubt"), (0.0, 1.0, "bad")]
+)
+def test_overlap_needs_a_partner_and_the_image(linked: float, covered: float, state: str) -> None:
+    seen = {"cameras": ["left", "right"], "linked": [[1.0, linked], [linked, 1.0]], "covered": [covered, 1.0]}
+    assert lights(READY, replace(NOTHING, coverage={"extrinsics": seen}))["left"]["overlap"].state == state
+
+
+def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> None:
+    workspace = Workspace(tmp_path)
+    save_project(workspace, READY)
+    assert projects(workspace) == [READY]
+    for number in (1, 2):
+        name = f"{READY.folder}/verify-{number}"
+        write_json(workspace.folder(name) / "coverage.json", {"cameras": ["left"], "enough": number == 2})
+    workspace.folder(f"{READY.folder}/verify-3")
+    write_json(workspace.path(READY.folder) / "verify.json", result("verify", recording=f"{READY.folder}/verify-1"))
+    known = known_of(workspace, READY, ["left"])
+    assert known.recordings == {"verify": f"{READY.folder}/verify-2"} and known.coverage["verify"]["enough"]
+    assert not known.passed("verify") and known.cameras == ("left",)
+    with pytest.raises(InputError):
+        save_project(workspace, replace(READY, name="../x"))
