@@ -40,7 +40,7 @@ def test_a_flat_body_has_its_depth_and_the_noise_of_the_camera() -> None:
     np.testing.assert_allclose(other, found, rtol=1e-6)
 
 
-def test_beside_a_thin_limb_the_wall_behind_it_does_not_count() -> None:
+def test_the_wall_next_to_a_thin_limb_does_not_count() -> None:
     xy = keypoints()
     values = np.full((240, 240), 4000, np.uint16)
     values[:, 60:200] = 2500

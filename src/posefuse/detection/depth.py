@@ -13,7 +13,7 @@ from posefuse.core.depth import DepthImage
 # half a window is about 2 cm at the person, whose keypoints extend over some 1.6 m
 _WINDOWS_PER_BODY = 80.0
 _LEAST_HALF_PX, _MOST_HALF_PX = 1, 8
-# the surface is the nearest that takes a quarter of the window: beside a thin limb the rest is what lies behind it
+# the surface is the nearest that takes a quarter of the window: next to a thin limb the rest is what lies behind it
 _NEAR_SHARE = 0.25
 # of that surface, from its near edge on
 _THICK_M = 0.05
@@ -28,7 +28,7 @@ _REACH_M = 1.0
 def with_depth(detections: Detections2D, depth: DepthImage | None) -> Detections2D:
     """The same people with the depth of the surface at each keypoint; unchanged where there is no depth image.
 
-    What stands in front of a person is not told apart here: fusion and tracking treat such a depth as an outlier. Keypoints that
+    What stands in front of a person is not recognised here: fusion and tracking treat such a depth as an outlier. Keypoints that
     the network is not sure of have no depth.
 
     Args:

@@ -1,4 +1,4 @@
-"""The depth that a simulated camera measures beside its colours."""
+"""The depth that a simulated camera measures as well as colour."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class DepthSettings:
         disparity_sigma_px: error of a match. step_px: smallest step of the disparity; 0 for none.
         floor_m: error that does not grow with distance.
         block_px: width of the matched blocks, over which errors are alike.
-        lateral_px: how far beside its place a pixel looks, one standard deviation.
-        edge_loss: share of the pixels beside edges of depth that have no depth.
+        lateral_px: how far off its place a pixel looks, one standard deviation.
+        edge_loss: share of the pixels next to edges of depth that have no depth.
         reach_m: nothing is measured farther away.
     """
 

@@ -190,7 +190,7 @@ def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterat
             poses=poses.reshape(len(t_s), len(after_s), *poses.shape[1:]),
             xyz_world=seen.xyz_world,
             possible=seen.possible,
-            film=run.video,
+            video=run.video,
             done=run.done,
             depth=paths.depth(camera.name) if camera.name in deep else None,
         )

@@ -2,9 +2,9 @@
 
 Noise acts on the disparity d = f b / z: sigma(z) = z^2 sigma_d / (f b) then is what `core.depth.DepthNoise` states (Khoshelham
 and Elberink 2012), and steps of the disparity are steps of depth that grow with distance. Errors of neighbouring pixels are
-alike, because the camera matches blocks. Each pixel looks a little beside its place (lateral noise of 0.8 px, Nguyen, Izadi and
+alike, because the camera matches blocks. Each pixel looks a little off its place (lateral noise of 0.8 px, Nguyen, Izadi and
 Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking", 3DIMPVT 2012), so that outlines are ragged;
-beside edges of depth some pixels have no depth, where one of the two lenses does not see the surface.
+next to edges of depth some pixels have no depth, where one of the two lenses does not see the surface.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _alike(rng: np.random.Generator, shape: tuple[int, ...], block_px: float) ->
 
 
 def _near_edges(depth_m: Array, block_px: float) -> Array:
-    """(H, W) pixels beside a jump of depth."""
+    """(H, W) pixels next to a jump of depth."""
     filled = np.nan_to_num(depth_m, nan=0.0)
     kernel = np.ones((2 * max(1, round(block_px / 2)) + 1,) * 2, np.uint8)
     jump = cv2.dilate(filled, kernel) - cv2.erode(filled, kernel)

@@ -56,7 +56,7 @@ class RenderTask:
     Attributes:
         camera: its place. seq: (F,) numbers of the frames. stamp_ns: (F,) times to write.
         poses: (F, moments, M, 7). xyz_world: (F, Q, 3). possible: (F, Q).
-        film: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
+        video: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
         depth: the folder for depth images; None from a camera without depth.
     """
 
@@ -66,7 +66,7 @@ class RenderTask:
     poses: Array
     xyz_world: Array
     possible: Array
-    film: Path
+    video: Path
     done: Path
     depth: Path | None
 
@@ -128,7 +128,7 @@ def _render(task: RenderTask) -> int:
     job = _worker.job
     shooter = _worker.shooter(task.camera)
     visible = np.zeros(task.possible.shape, bool)
-    store = _film_store(job, task) if isinstance(job.record, H264Settings) else _ImageStore(task.film, job.record.quality)
+    store = _film_store(job, task) if isinstance(job.record, H264Settings) else _ImageStore(task.video, job.record.quality)
     with store:
         for i, seq in enumerate(task.seq):
             if _worker.stop.is_set():
@@ -146,7 +146,7 @@ def _render(task: RenderTask) -> int:
 
 def _film_store(job: RenderJob, task: RenderTask) -> VideoWriter:
     assert isinstance(job.record, H264Settings)
-    return VideoWriter(task.film, job.cameras[task.camera].size_wh, job.rates_hz[task.camera], job.record.crf)
+    return VideoWriter(task.video, job.cameras[task.camera].size_wh, job.rates_hz[task.camera], job.record.crf)
 
 
 class _ImageStore:
