@@ -54,20 +54,20 @@ RATE_HZ = 30.0
 CAMERAS = {1: (0,), 2: (0, 1), 4: (0, 1, 2, 3)}
 JOINTS = tuple(f"{s}_{j}" for s in ("left", "right") for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
 LATE_S = 0.06
-FIT_BODIES, FIT_SEED, FIT_FRAMES, FIT_HZ = 6, 8100, 6, 3.0
+FIT_BODIES, FIT_SEED, FIT_FRAMES, FIT_HZ = 3, 8100, 6, 3.0
 SURE_SCORE, HIDDEN_SCORE, HIDDEN_FACTOR = 0.9, 0.4, 3.0
 WARM_UP_S = 0.5
 NO_NOISE = {"disparity_sigma_px": 0.0, "step_px": 0.0, "floor_m": 0.0, "lateral_px": 0.0, "edge_loss": 0.0}
 
 
 def scene(seed: int, frames: int, depth: dict[str, float], rate_hz: float = RATE_HZ) -> Scene:
-    """A person on a circle of 0.9 m between four cameras that stand 3.4 m from its centre."""
+    """A person on a circle of 0.8 m between four cameras that stand 3.8 m from its centre."""
     image = {"size_px": (640, 360), "horizontal_fov_deg": 69.0}
     cameras = {
-        "kind": "ring", "count": 4, "radius_m": 3.4, "height_m": 1.5, "image": image,
+        "kind": "ring", "count": 4, "radius_m": 3.8, "height_m": 1.5, "image": image,
         "sensor": {"noise_dn": 2.0, "depth": depth},
     }  # fmt: skip
-    walk = {"kind": "walk", "speed_mps": 1.2, "path": {"shape": "circle", "radius_m": 0.9}}
+    walk = {"kind": "walk", "speed_mps": 1.2, "path": {"shape": "circle", "radius_m": 0.8}}
     person = {"body": {"random_seed": seed}, "motion": walk}
     content = {"duration_s": frames / rate_hz, "rate_hz": rate_hz, "seed": seed, "cameras": cameras, "people": [person]}
     return settings_from_mapping(content, Scene, "bench")

@@ -19,13 +19,14 @@ from .errors import ShapeError
 from .skeleton import Skeleton
 
 MM_PER_M = 1000.0
-# (m below the surface, standard deviation) by the part of the body; the median and spread over rendered bodies that appear in no
-# reported measurement, `bench/depth.py --fit`
+# (m below the surface, standard deviation) by the part of the body. Nose, eyes, ears and joints down to the toes are the medians
+# over rendered bodies that appear in no reported measurement (`bench/depth.py --fit`), the deviations those or more, for clothes
+# and for networks that mark another place; the others are estimates.
 _BELOW_M = {
-    "nose": (0.0, 0.02), "eye": (0.0, 0.02), "ear": (0.03, 0.05), "mouth": (0.0, 0.02), "head": (0.09, 0.04),
-    "neck": (0.06, 0.03), "shoulder": (0.05, 0.02), "elbow": (0.04, 0.015), "wrist": (0.025, 0.012),
-    "hip": (0.09, 0.03), "knee": (0.05, 0.02), "ankle": (0.04, 0.02), "heel": (0.02, 0.02), "toe": (0.02, 0.02),
-    "foot": (0.02, 0.02), "pinky": (0.015, 0.015), "index": (0.015, 0.015), "thumb": (0.015, 0.015),
+    "nose": (0.008, 0.02), "eye": (0.008, 0.02), "ear": (0.005, 0.03), "mouth": (0.005, 0.02), "head": (0.09, 0.04),
+    "neck": (0.06, 0.03), "shoulder": (0.05, 0.02), "elbow": (0.038, 0.012), "wrist": (0.022, 0.012),
+    "hip": (0.097, 0.03), "knee": (0.057, 0.015), "ankle": (0.039, 0.015), "heel": (0.026, 0.015), "toe": (0.015, 0.022),
+    "foot": (0.015, 0.022), "pinky": (0.015, 0.015), "index": (0.015, 0.015), "thumb": (0.015, 0.015),
     "hand": (0.02, 0.015),
 }  # fmt: skip
 _ELSEWHERE_M = (0.06, 0.04)
