@@ -77,6 +77,17 @@ def test_paper_weights_are_the_weighted_least_squares_of_the_algebraic_rows(ring
         np.testing.assert_allclose(found[k], literal_wls(rig, xy[:, k], weight[:, k]), atol=1e-9)
 
 
+def test_the_weights_of_the_settings_count_unless_others_are_named(ring_rig):
+    rig, xyz = ring_rig(4), cloud(0, 4)
+    xy = pixels(rig, xyz, 8.0)
+    score = np.random.default_rng(5).uniform(0.2, 1.0, xy.shape[:-1])
+    by_score = triangulate(rig, xy, score, weights="score").xyz
+    np.testing.assert_array_equal(triangulate(rig, xy, score, settings=FuseSettings(weights="score")).xyz, by_score)
+    named = triangulate(rig, xy, score, weights="score", settings=FuseSettings(weights="none")).xyz
+    np.testing.assert_array_equal(named, by_score)
+    assert not np.array_equal(triangulate(rig, xy, score).xyz, by_score)
+
+
 def test_all_weighs_distance_and_side_view_of_the_first_pass(ring_rig, standing):
     rig = ring_rig(5, radius_m=3.0)
     rig = Rig((*rig.cameras[:4], ring_rig(5, radius_m=10.0).cameras[4]))

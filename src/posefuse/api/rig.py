@@ -29,7 +29,7 @@ class Rig(core.Rig):
         return f"Rig({len(self)} cameras: {names}; id {self.id}; world set by {self.world_set_by})"
 
     def triangulate(
-        self, xy_img: Any, score: Any = None, sigma_px: Any = None, *, weights: Weights = "robust", depth_m: Any = None
+        self, xy_img: Any, score: Any = None, sigma_px: Any = None, *, weights: Weights | None = None, depth_m: Any = None
     ) -> Triangulated:
         """Triangulate raw pixels (..., C, K, 2) to points (..., K, 3) in metres, with covariance; see `posefuse.triangulate`."""
         from posefuse.fusion import triangulate

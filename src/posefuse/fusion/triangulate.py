@@ -46,7 +46,7 @@ def triangulate(
     xy_img: Any,
     score: Any = None,
     sigma_px: Any = None,
-    weights: Weights = "robust",
+    weights: Weights | None = None,
     *,
     depth_m: Any = None,
     skeleton: Skeleton | None = None,
@@ -60,12 +60,12 @@ def triangulate(
         score: (..., C, K) in [0, 1]; None: 1 wherever xy_img is finite. NaN counts as 0, and 0 as unseen.
         sigma_px: (..., C, K) standard deviation of each image coordinate; where None or NaN it is taken from the extent of the
             K keypoints in that view and the score, see `FuseSettings.sigma_share`.
-        weights: ``robust``, ``score``, ``none`` or ``all``; see `FuseSettings`. ``all`` needs `skeleton`.
+        weights: ``robust``, ``score``, ``none`` or ``all``, which needs `skeleton`; None: those of `settings`.
         depth_m: (..., C, K, 2) depth of each keypoint along the optical axis and its standard deviation, NaN where unknown; for
             ``robust`` only. A keypoint that a single view sees then has a place. `core.depth.keypoint_depth` makes it from the
             depth of the surface.
         skeleton: names axis K.
-        settings: thresholds; its own `weights` is not looked at.
+        settings: weights (by default ``robust``) and thresholds.
 
     Returns:
         Triangulated: see there.
@@ -74,6 +74,7 @@ def triangulate(
         ShapeError: axes that do not fit the rig or each other.
         ConfigError: unknown `weights`, or ``all`` without `skeleton`.
     """
+    weights = settings.weights if weights is None else weights
     if weights not in WEIGHTS:
         raise ConfigError(f"triangulate: weights: expected one of {choices(WEIGHTS)}, got {weights!r}")
     xy, score, sigma = _checked(rig, xy_img, score, sigma_px, settings)
