@@ -20,7 +20,7 @@ from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
-from posefuse.kinematics.body import Body, bodies_from_poses, fit_poses, fit_views
+from posefuse.kinematics.body import BodyModel, bodies_from_poses, fit_poses, fit_views
 from posefuse.tracking.segments import SEGMENTS, segment_lengths
 
 # the last word of a node's offset -> the segment it is as long as; half of those that lie across the body
@@ -35,7 +35,7 @@ def tracked(session: Path, folder: Path) -> Recording:
     return read_recording(folder / "result")
 
 
-def with_lengths(body: Body, metres: dict[str, float]) -> Body:
+def with_lengths(body: BodyModel, metres: dict[str, float]) -> BodyModel:
     """The same skeleton with segments of these lengths."""
     offset = body.offset.copy()
     for i, node in enumerate(body.nodes):

@@ -22,14 +22,14 @@ from faults.sessions import Session, board_session, errors
 
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core import SE3, Camera, Rig
 from posefuse.core.arrays import Array
 
 FRAMES = 200
 
 
-def grid(session: Session, seen: Observations) -> Array:
+def grid(session: Session, seen: CornerObservations) -> Array:
     """(C, T, n, 2) corners, NaN where unseen, at `FRAMES` time steps that at least two cameras have."""
     times, step = np.unique(seen.t_ns, return_inverse=True)
     xy = np.full((len(session.rig), len(times), len(session.target.corners(0)), 2), np.nan)
@@ -38,11 +38,11 @@ def grid(session: Session, seen: Observations) -> Array:
     return xy[:, several[np.unique(np.linspace(0, len(several) - 1, FRAMES).astype(int))]]
 
 
-def posefuse(session: Session, seen: Observations, xy: Array) -> Rig:
+def posefuse(session: Session, seen: CornerObservations, xy: Array) -> Rig:
     return calibrate_extrinsics(seen, session.rig.cameras, session.target, Options(instants=FRAMES, clocks="together")).rig
 
 
-def opencv(session: Session, seen: Observations, xy: Array) -> Rig:
+def opencv(session: Session, seen: CornerObservations, xy: Array) -> Rig:
     first, placed = session.rig.cameras[0], [SE3.identity()]
     board = session.target.corners(0).astype(np.float32)
     for camera, own in zip(session.rig.cameras[1:], xy[1:], strict=True):
@@ -55,7 +55,7 @@ def opencv(session: Session, seen: Observations, xy: Array) -> Rig:
     return rig_of(session.rig.cameras, placed)
 
 
-def aniposelib(session: Session, seen: Observations, xy: Array) -> Rig:
+def aniposelib(session: Session, seen: CornerObservations, xy: Array) -> Rig:
     from aniposelib import cameras as anipose
 
     start = opencv(session, seen, xy)
@@ -94,7 +94,7 @@ def rig_of(cameras: tuple[Camera, ...], placed: list[SE3]) -> Rig:
     return Rig(tuple(replace(camera, cam_from_world=pose) for camera, pose in zip(cameras, placed, strict=True)))
 
 
-def measured(solve: Callable[[Session, Observations, Array], Rig], seed: int) -> dict[str, float]:
+def measured(solve: Callable[[Session, CornerObservations, Array], Rig], seed: int) -> dict[str, float]:
     session = board_session(seed)
     seen = session.watch()
     xy = grid(session, seen)

@@ -24,7 +24,7 @@ from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Rig
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.health import common_times
-from posefuse.realtime.rig_watch import Watcher
+from posefuse.realtime.rig_watch import RigWatcher
 
 LIMBS = limb_keypoints(ANATOMICAL23.keypoints)
 SIGMA_PX = 2.4
@@ -59,7 +59,7 @@ def alarms(rig: Rig, place, case: tuple, seed: int, announced: bool = True) -> l
         exact = camera.project(place(t_s if cut_s is None else t_s % cut_s))
         xy = exact + SIGMA_PX * noise(rng, t_s, exact.shape[1])
         events += [(t, camera.name, one[LIMBS]) for t, one in zip(t_s, xy, strict=True)]
-    watcher, said, before, showing, looked_s = Watcher(rig, clocks=False), [], set(), 0, 0.0
+    watcher, said, before, showing, looked_s = RigWatcher(rig, clocks=False), [], set(), 0, 0.0
     for t, name, xy in sorted(events, key=lambda one: one[0]):
         if cut_s is not None and int(t / cut_s) > showing:
             showing = int(t / cut_s)

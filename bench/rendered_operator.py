@@ -26,7 +26,7 @@ from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources.video import VideoConfig
 from posefuse.teleoperation.hands import operator_view
-from posefuse.teleoperation.rehearsal.boxes import RATE_HZ, Stage
+from posefuse.teleoperation.rehearsal.boxes import RATE_HZ, BoxStage
 from posefuse.teleoperation.values import OperatorView
 from posefuse.tracking import joint_centres_of
 
@@ -37,7 +37,7 @@ _S = 1e9
 
 def scene_of_task(boxes: int, rate_hz: float, seed: int) -> Scene:
     """Four cameras that do not wait for each other, and an operator whose right hand does the task."""
-    at_s, places = Stage.built(boxes).hand_path(BEGIN_S)
+    at_s, places = BoxStage.built(boxes).hand_path(BEGIN_S)
     path = [[float(t), *map(float, place)] for t, place in zip(at_s, places, strict=True)]
     ring = {
         "kind": "ring", "count": 4, "radius_m": 3.0, "height_m": 2.0, "look_at_m": [0.0, 0.0, 1.1], "first_angle_deg": 30.0,

@@ -19,12 +19,12 @@ import numpy as np
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 from posefuse.pipeline.demo_clip import clip_folder
-from posefuse.studio.job_process import Reporter
+from posefuse.studio.job_process import JobReporter
 from posefuse.studio.jobs import JOBS_FOLDER, write_json
 from posefuse.studio.live_host import Host
 from posefuse.studio.scene.messages import image_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
 _SHOWN_WH = (320, 240)
@@ -43,7 +43,7 @@ def images_of(video: Path, most: int) -> list[bytes]:
 
 def main() -> None:
     """Until it is ended."""
-    workspace, cameras = Workspace(Path(sys.argv[1])), int(sys.argv[2])
+    workspace, cameras = StudioWorkspace(Path(sys.argv[1])), int(sys.argv[2])
     clip = clip_folder()
     truth = read_truth(clip / "truth" / "truth.npz")
     rig, poses = truth.rig, truth
@@ -52,7 +52,7 @@ def main() -> None:
     write_json(
         folder / "job.json", {"id": folder.name, "work": "live", "title": "Bench", "arguments": {}, "begun_s": time.time()}
     )
-    report, host = Reporter(folder), Host(lambda name, values: None, lambda on: None)
+    report, host = JobReporter(folder), Host(lambda name, values: None, lambda on: None)
     report.publish(address=host.address)
     names = [f"cam{number:02d}" for number in range(cameras)]
     lenses = [rig.cameras[number % len(rig)] for number in range(cameras)]

@@ -58,7 +58,7 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as told, robot; the robot while the hand rests; steps at engaging; IK times."""
     from posefuse.teleoperation.gate import CameraReport
     from posefuse.teleoperation.heartbeats import Beat
-    from posefuse.teleoperation.operator import News, Operator, step
+    from posefuse.teleoperation.operator import Operator, OperatorNews, step
     from posefuse.teleoperation.rehearsal.person import person_view
     from posefuse.teleoperation.robots.driver import Driver
     from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, model_of, placed
@@ -87,7 +87,7 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
         told_xyz = hand + noise + 1e-6 * rng.normal(size=3)
         view = person_view(told_xyz, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=noise_m / np.sqrt(3))
         beats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
-        news = News(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
+        news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         was, before = operator.gate.phase, state
         operator, order = step(operator, news, now_ns, settings)
         state = driver.step([order] if order else [], now_ns)

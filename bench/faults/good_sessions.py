@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.person.synthetic_walk import STATURE_M, watch_walker
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 
 from .command_cases import GOOD as RENDERED
 from .person_cases import calibrate, calibrate_with_clocks, person_rig
@@ -19,7 +19,7 @@ from .verify_cases import answer, held_board, room
 _PROPS, _BOARDS, _PERSONS, _VERIFIED = 38, 10, 6, 4
 
 
-def _varied(session: Session, number: int, seed: int) -> tuple[Observations, str]:
+def _varied(session: Session, number: int, seed: int) -> tuple[CornerObservations, str]:
     """One session in its own conditions, and the mode of its clocks."""
     random = np.random.default_rng([seed, number, 5])
     count, clocks = len(session.rig), ("together", "auto", "auto", "offset")[number % 4]
@@ -34,8 +34,8 @@ def _varied(session: Session, number: int, seed: int) -> tuple[Observations, str
 
 
 def _with_uneven_exposure(
-    session: Session, seen: Observations, rate_hz: float, jitter_s: float, random: np.random.Generator
-) -> Observations:
+    session: Session, seen: CornerObservations, rate_hz: float, jitter_s: float, random: np.random.Generator
+) -> CornerObservations:
     """Frames stamped some ms from the moment of their exposure, each camera's by itself."""
     key = seen.camera * (1 << 40) + np.round(seen.t_ns * rate_hz / 1e9).astype(np.int64)
     _, frame = np.unique(key, return_inverse=True)

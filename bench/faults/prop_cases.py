@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.calibration.targets.synthetic import Waving, cube
 from posefuse.core import Camera, Rig
@@ -33,7 +33,7 @@ from .verdict import Answer, Case
 TOGETHER = Options(instants=INSTANTS, clocks="together")
 MIDDLE_S = 15.0
 
-Build = Callable[[Session, int], tuple[Observations, tuple[Camera, ...], Target]]
+Build = Callable[[Session, int], tuple[CornerObservations, tuple[Camera, ...], Target]]
 
 
 def _case(name: str, cause: str, build: Build, options: Options | None = None, group: str = "prop", why: str = "") -> Case:
@@ -48,7 +48,7 @@ def _intrinsics(change: Callable[[tuple[Camera, ...]], tuple[Camera, ...]]) -> B
     return lambda s, seed: (s.watch(), change(s.rig.cameras), s.target)
 
 
-def _images(change: Callable[[Session, int], Observations]) -> Build:
+def _images(change: Callable[[Session, int], CornerObservations]) -> Build:
     return lambda s, seed: (change(s, seed), s.rig.cameras, s.target)
 
 
@@ -74,14 +74,14 @@ def _no_distortion(which: tuple[int, ...]) -> Build:
     return _intrinsics(lambda cs: tuple(replace(c, distortion=bare) if i in which else c for i, c in enumerate(cs)))
 
 
-def _fisheye(session: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
+def _fisheye(session: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
     real = ring(4, seed, model="fisheye").cameras[1]
     rig = Rig(one_changed(session.rig.cameras, 1, replace(session.rig.cameras[1], distortion=real.distortion, model="fisheye")))
     return session.watch(rig), session.rig.cameras, session.target
 
 
 def _turned(which: tuple[int, ...], group: str = "prop") -> Build:
-    def build(s: Session, seed: int) -> Observations:
+    def build(s: Session, seed: int) -> CornerObservations:
         seen, size = s.watch(), np.array(s.rig.cameras[0].size_wh)
         for camera in which:
             seen = of_camera(seen, camera, size - 1 - seen.xy_img)
@@ -90,13 +90,13 @@ def _turned(which: tuple[int, ...], group: str = "prop") -> Build:
     return _images(build)
 
 
-def _flipped(s: Session, seed: int) -> Observations:
+def _flipped(s: Session, seed: int) -> CornerObservations:
     seen = s.watch()
     return of_camera(seen, 1, seen.xy_img * [-1, 1] + [s.rig.cameras[1].size_wh[0] - 1, 0])
 
 
 def _twice(noise_px: float) -> Build:
-    def build(s: Session, seed: int) -> Observations:
+    def build(s: Session, seed: int) -> CornerObservations:
         seen = s.watch()
         copy = seen.rows(seen.camera == 0)
         noise = np.random.default_rng(seed).normal(0, noise_px, copy.xy_img.shape)
@@ -111,14 +111,14 @@ def _late(*late_s: float) -> Build:
 
 
 def _moved(shift_m: float, turn_deg: float, at_s: float = MIDDLE_S) -> Build:
-    def build(s: Session, seed: int) -> Observations:
+    def build(s: Session, seed: int) -> CornerObservations:
         after = Rig(one_changed(s.rig.cameras, 2, moved(s.rig.cameras[2], shift_m, turn_deg, seed)))
         return switched(s.watch(), s.watch(after), 2, at_s)
 
     return _images(build)
 
 
-def _wobbling(s: Session, seed: int) -> Observations:
+def _wobbling(s: Session, seed: int) -> CornerObservations:
     seen = s.watch()
     for at_s in np.arange(3.0, 30.0, 3.0):
         turned = moved(s.rig.cameras[2], 0.0, 0.1 * at_s / 3.0, seed)
@@ -130,26 +130,26 @@ def _clock_step(step_s: float) -> Build:
     return _images(lambda s, seed: switched(s.watch(), s.watch(delay_s=(0.0, 0.0, step_s, 0.0)), 2, MIDDLE_S))
 
 
-def _uneven_stamps(s: Session, seed: int) -> Observations:
+def _uneven_stamps(s: Session, seed: int) -> CornerObservations:
     """Every third frame of one camera is stamped a frame too late."""
     seen, period_ns = s.watch(), round(1e9 / s.motion.rate_hz)
     number = np.round(seen.t_ns / period_ns).astype(np.int64)
     return restamped(seen, 2, seen.t_ns + np.where(number % 3 == 0, period_ns * 9 // 10, 0))
 
 
-def _markers_swapped(s: Session, seed: int) -> Observations:
+def _markers_swapped(s: Session, seed: int) -> CornerObservations:
     seen = s.watch()
     return replace(seen, patch=np.where((seen.camera == 1) & np.isin(seen.patch, [1, 2]), 3 - seen.patch, seen.patch))
 
 
-def _loose_markers(s: Session, seed: int) -> Observations:
+def _loose_markers(s: Session, seed: int) -> CornerObservations:
     """Half of the markers move against the others: the prop is not rigid."""
     seen, other = s.watch(), s.watch(motion=replace(s.motion, seed=seed + 50))
     return merged(seen.rows(seen.patch < 3), other.rows(other.patch >= 3))
 
 
 def _noisy(noise_px: float, which: tuple[int, ...]) -> Build:
-    def build(s: Session, seed: int) -> Observations:
+    def build(s: Session, seed: int) -> CornerObservations:
         seen, noise = s.watch(), np.random.default_rng([seed, 3])
         off = noise.normal(0, noise_px, seen.xy_img.shape)
         return replace(seen, xy_img=seen.xy_img + np.where(np.isin(seen.camera, which)[:, None], off, 0.0))
@@ -158,7 +158,7 @@ def _noisy(noise_px: float, which: tuple[int, ...]) -> Build:
 
 
 def _other_side(factor: float) -> Build:
-    def build(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
+    def build(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
         assert isinstance(s.target, Markers)
         return s.watch(), s.rig.cameras, replace(s.target, side_m=s.target.side_m * factor)
 
@@ -169,13 +169,13 @@ def _other_board(target: Charuco) -> Build:
     return lambda s, seed: (s.watch(), s.rig.cameras, target)
 
 
-def _stretched_board(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
+def _stretched_board(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
     """The sheet was printed 3 % too long."""
     printed = replace(s, target=_Stretched(columns=5, rows=7, square_m=0.12, marker_m=0.09))
     return printed.watch(), s.rig.cameras, s.target
 
 
-def _bent_board(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
+def _bent_board(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
     printed = replace(s, target=_Bent(columns=5, rows=7, square_m=0.12, marker_m=0.09))
     return printed.watch(), s.rig.cameras, s.target
 
@@ -191,7 +191,7 @@ class _Bent(Charuco):
         return flat + 0.5 * np.square(flat[:, :1] - flat[:, 0].mean()) * [0.0, 0.0, 1.0]
 
 
-def _mirrored_board(s: Session, seed: int) -> Observations:
+def _mirrored_board(s: Session, seed: int) -> CornerObservations:
     seen = s.watch()
     return replace(seen, corner=(seen.corner // 4) * 4 + 3 - seen.corner % 4)
 
@@ -204,7 +204,7 @@ def _resized(scale_w: float, scale_h: float) -> Build:
     return _intrinsics(change)
 
 
-def _portrait(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
+def _portrait(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
     """Images recorded on their side, with intrinsics of upright ones."""
     seen, (width, height) = s.watch(), s.rig.cameras[1].size_wh
     sizes = tuple((height, width) if i == 1 else size for i, size in enumerate(seen.sizes_wh))
@@ -212,7 +212,7 @@ def _portrait(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], 
     return replace(turned, sizes_wh=sizes), s.rig.cameras, s.target
 
 
-def _absent_lens(s: Session, seed: int) -> tuple[Observations, tuple[Camera, ...], Target]:
+def _absent_lens(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
     return s.watch(), s.rig.cameras[:-1], s.target
 
 
@@ -224,23 +224,23 @@ def _shifted_centre(px: float) -> Build:
     return _intrinsics(change)
 
 
-def _never_together(s: Session, seed: int) -> Observations:
+def _never_together(s: Session, seed: int) -> CornerObservations:
     seen = s.watch()
     late = seen.t_ns >= round(MIDDLE_S * 1e9)
     return seen.rows(np.where(seen.camera >= 2, late, ~late))
 
 
-def _few_frames(s: Session, seed: int) -> Observations:
+def _few_frames(s: Session, seed: int) -> CornerObservations:
     seen = s.watch()
     return seen.rows(np.isin(seen.t_ns, np.unique(seen.t_ns)[::70]))
 
 
-def _second_prop(s: Session, seed: int) -> Observations:
+def _second_prop(s: Session, seed: int) -> CornerObservations:
     other = replace(s, prop=cube(0.3, first_id=10), motion=replace(s.motion, seed=seed + 60, centre_m=(0.5, -0.4, 1.0)))
     return merged(s.watch(), other.watch(missed=0.5))
 
 
-def _held_still(s: Session, seed: int) -> Observations:
+def _held_still(s: Session, seed: int) -> CornerObservations:
     still = Waving(seconds=30.0, rate_hz=15.0, seed=seed, reach_m=(0.02, 0.02, 0.02), swings_hz=0.02)
     return s.watch(motion=still)
 

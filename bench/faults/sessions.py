@@ -11,7 +11,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, cube, observe_prop
 from posefuse.core import SE3, CalibrationError, Camera, Rig
@@ -33,7 +33,7 @@ class Session:
     motion: Waving
     faults: Faults
 
-    def watch(self, rig: Rig | None = None, motion: Waving | None = None, **faults: object) -> Observations:
+    def watch(self, rig: Rig | None = None, motion: Waving | None = None, **faults: object) -> CornerObservations:
         """What the cameras see, with some things changed."""
         return observe_prop(
             rig or self.rig,
@@ -87,7 +87,7 @@ def board_session(seed: int, count: int = 4) -> Session:
 
 def solve(
     truth: Rig,
-    observations: Observations,
+    observations: CornerObservations,
     cameras: tuple[Camera, ...],
     target: Target,
     options: Options | None = None,
@@ -107,17 +107,17 @@ def errors(truth: Rig, found: Rig) -> tuple[float, float]:
     return float(metres.max() * 1e3), float(np.rad2deg(radians.max()))
 
 
-def merged(*parts: Observations) -> Observations:
-    """Observations of the same cameras put together."""
+def merged(*parts: CornerObservations) -> CornerObservations:
+    """CornerObservations of the same cameras put together."""
     return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ROWS})
 
 
-def of_camera(observations: Observations, camera: int, xy_img: Array) -> Observations:
+def of_camera(observations: CornerObservations, camera: int, xy_img: Array) -> CornerObservations:
     """With one camera's image points changed."""
     return replace(observations, xy_img=np.where((observations.camera == camera)[:, None], xy_img, observations.xy_img))
 
 
-def switched(before: Observations, after: Observations, camera: int, at_s: float) -> Observations:
+def switched(before: CornerObservations, after: CornerObservations, camera: int, at_s: float) -> CornerObservations:
     """One camera's views from `at_s` on out of other observations."""
     late = before.t_ns >= round(at_s * 1e9)
     return merged(
@@ -125,7 +125,7 @@ def switched(before: Observations, after: Observations, camera: int, at_s: float
     )
 
 
-def restamped(observations: Observations, camera: int, stamp_ns: Array) -> Observations:
+def restamped(observations: CornerObservations, camera: int, stamp_ns: Array) -> CornerObservations:
     """One camera's frames with other time stamps; `stamp_ns` (N,) for all rows."""
     return replace(observations, t_ns=np.where(observations.camera == camera, stamp_ns, observations.t_ns))
 

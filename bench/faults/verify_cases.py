@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from posefuse.calibration.checks.verify import verify
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, Rig
@@ -24,13 +24,13 @@ def room(seed: int) -> Rig:
     return Rig(tuple(replace(rig.cameras[i], name=f"cam{i:02d}") for i in range(4)))
 
 
-def held_board(rig: Rig, seed: int, noise_px: float = 0.15, **faults: object) -> Observations:
+def held_board(rig: Rig, seed: int, noise_px: float = 0.15, **faults: object) -> CornerObservations:
     """A board carried through the room for a minute: in less, a camera at the end of the row may hardly meet its face."""
     motion = Waving(seconds=60.0, rate_hz=10.0, seed=seed, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
     return observe_prop(rig, board(), TARGET, motion, Faults(noise_px=noise_px, seed=seed, **faults))  # type: ignore[arg-type]
 
 
-def answer(rig: Rig, seen: Observations, wrong: bool = True) -> Answer:
+def answer(rig: Rig, seen: CornerObservations, wrong: bool = True) -> Answer:
     """What verification says; a rig that passes although it is wrong counts as silent."""
     try:
         verify(rig, seen, TARGET).report.require()

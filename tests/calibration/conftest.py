@@ -9,7 +9,7 @@ import pytest
 
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.detection import observe_all
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
@@ -26,7 +26,7 @@ class Lab:
     target: Markers
     motion: Waving
 
-    def watch(self, faults: Faults | None = None, motion: Waving | None = None, rig: Rig | None = None) -> Observations:
+    def watch(self, faults: Faults | None = None, motion: Waving | None = None, rig: Rig | None = None) -> CornerObservations:
         return observe_prop(rig or self.rig, cube(0.3), self.target, motion or self.motion, faults or Faults())
 
     def errors(self, found: Rig) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +54,7 @@ def reference(shared_data: Path) -> Rig:
 
 
 @pytest.fixture(scope="session")
-def board_views(shared_data: Path, board: Charuco) -> Observations:
+def board_views(shared_data: Path, board: Charuco) -> CornerObservations:
     """That board in the images of its four webcams."""
     folder = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic"
     return observe_all([VideoConfig(folder / f"cam_{i}.mp4", f"cam_{i}").build() for i in range(4)], board)

@@ -9,7 +9,7 @@ import pytest
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.calibration.targets.synthetic import Faults, board, cube, observe_prop
 from posefuse.core import SE3, CalibrationError, Rig
@@ -18,17 +18,17 @@ TOGETHER = Options(instants=100, clocks="together")
 
 
 @pytest.fixture(scope="module")
-def plain(lab: Any) -> Observations:
+def plain(lab: Any) -> CornerObservations:
     return lab.watch()
 
 
-def merged(a: Observations, b: Observations) -> Observations:
+def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
     names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
     return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
 
 
 @pytest.fixture(scope="module")
-def found(lab: Any, plain: Observations) -> Calibration:
+def found(lab: Any, plain: CornerObservations) -> Calibration:
     return calibrate_extrinsics(plain, lab.rig.cameras, lab.target, TOGETHER)
 
 
@@ -41,7 +41,7 @@ def test_the_rig_comes_out_true_and_its_standard_errors_are_honest(lab: Any, fou
     assert found.rig.residual_px == pytest.approx(0.25 * np.sqrt(2), rel=0.15)
 
 
-def test_the_same_input_gives_the_same_rig(lab: Any, plain: Observations, found: Calibration) -> None:
+def test_the_same_input_gives_the_same_rig(lab: Any, plain: CornerObservations, found: Calibration) -> None:
     assert calibrate_extrinsics(plain, lab.rig.cameras, lab.target, TOGETHER).rig.id == found.rig.id
     # the order in which cameras are named changes nothing but the order
     again = calibrate_extrinsics(plain, lab.rig.cameras[::-1], lab.target, TOGETHER)
@@ -74,21 +74,21 @@ def test_a_mirrored_board_is_refused_by_name(lab: Any) -> None:
         calibrate_extrinsics(mirrored, lab.rig.cameras, target, TOGETHER)
 
 
-def test_a_marker_with_a_wrong_id_now_and_then_does_no_harm(lab: Any, plain: Observations) -> None:
+def test_a_marker_with_a_wrong_id_now_and_then_does_no_harm(lab: Any, plain: CornerObservations) -> None:
     wrong = (plain.patch == 3) & np.repeat(np.random.default_rng(0).random(len(plain) // 4) < 0.3, 4)
     without_5 = replace(plain, patch=np.where(wrong, 5, plain.patch)).rows(plain.patch != 5)
     found = calibrate_extrinsics(without_5, lab.rig.cameras, lab.target, TOGETHER)
     assert lab.errors(found.rig)[0].max() < 3.0
 
 
-def test_two_markers_exchanged_in_one_camera_are_refused(lab: Any, plain: Observations) -> None:
+def test_two_markers_exchanged_in_one_camera_are_refused(lab: Any, plain: CornerObservations) -> None:
     exchanged = (plain.camera == 1) & np.isin(plain.patch, [1, 2])
     with pytest.raises(RefusedCalibration, match="cam01"):
         calibrate_extrinsics(replace(plain, patch=np.where(exchanged, 3 - plain.patch, plain.patch)), lab.rig.cameras,
                              lab.target, TOGETHER)  # fmt: skip
 
 
-def test_of_two_props_the_better_seen_one_counts_and_the_other_is_named(lab: Any, plain: Observations) -> None:
+def test_of_two_props_the_better_seen_one_counts_and_the_other_is_named(lab: Any, plain: CornerObservations) -> None:
     motion = replace(lab.motion, seed=5, centre_m=(0.5, -0.4, 1.0))
     second = observe_prop(lab.rig, cube(0.3, first_id=10), lab.target, motion, Faults(seed=3, missed=0.5))
     found = calibrate_extrinsics(merged(plain, second), lab.rig.cameras, lab.target, TOGETHER)
@@ -98,13 +98,13 @@ def test_of_two_props_the_better_seen_one_counts_and_the_other_is_named(lab: Any
     ]
 
 
-def test_two_equal_props_are_refused(lab: Any, plain: Observations) -> None:
+def test_two_equal_props_are_refused(lab: Any, plain: CornerObservations) -> None:
     with pytest.raises(RefusedCalibration, match="marker 2 in 81 frames of cam00"):
         calibrate_extrinsics(replace(plain, doubled=(("cam00", 2, 81),)), lab.rig.cameras, lab.target, TOGETHER)
 
 
 @pytest.mark.parametrize("by_m", [0.3, pytest.param(0.05, marks=pytest.mark.slow), pytest.param(0.015, marks=pytest.mark.slow)])
-def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Observations, by_m: float) -> None:
+def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: CornerObservations, by_m: float) -> None:
     cameras = list(lab.rig.cameras)
     bump = SE3.from_rotvec([0, by_m / 4.5, 0], [0, 0, 0.0])
     cameras[2] = replace(cameras[2], cam_from_world=bump @ cameras[2].cam_from_world @ SE3([1.0, 0, 0, 0], [by_m, 0, 0]))
@@ -117,13 +117,13 @@ def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Obs
         calibrate_extrinsics(mixed, lab.rig.cameras, lab.target, TOGETHER)
 
 
-def test_a_camera_that_never_sees_the_prop_is_named(lab: Any, plain: Observations) -> None:
+def test_a_camera_that_never_sees_the_prop_is_named(lab: Any, plain: CornerObservations) -> None:
     with pytest.raises(RefusedCalibration, match=r"not found by cam03 \(0 of 360 frames\)"):
         calibrate_extrinsics(plain.rows(plain.camera != 3), lab.rig.cameras, lab.target, TOGETHER)
 
 
 @pytest.mark.slow
-def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: Observations) -> None:
+def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: CornerObservations) -> None:
     late = plain.t_ns >= 12_000_000_000
     apart = plain.rows(np.where(plain.camera >= 2, late, ~late))
     with pytest.raises(
@@ -133,7 +133,7 @@ def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: O
 
 
 @pytest.mark.slow
-def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: Observations) -> None:
+def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: CornerObservations) -> None:
     size = np.array(lab.rig.cameras[1].size_wh)
     turned = replace(plain, xy_img=np.where((plain.camera == 1)[:, None], size - 1 - plain.xy_img, plain.xy_img))
     with pytest.raises(RefusedCalibration, match=r"the image of cam01 is turned by 180 deg|upside down: cam01"):
@@ -144,7 +144,7 @@ def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: 
     assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(np.linalg.norm(true[0] - true[1]), abs=0.005)
 
 
-def test_a_mirrored_image_is_refused(lab: Any, plain: Observations) -> None:
+def test_a_mirrored_image_is_refused(lab: Any, plain: CornerObservations) -> None:
     width = lab.rig.cameras[1].size_wh[0]
     flipped = plain.xy_img * [-1, 1] + [width - 1, 0]
     with pytest.raises(RefusedCalibration, match="cam01"):
@@ -152,7 +152,7 @@ def test_a_mirrored_image_is_refused(lab: Any, plain: Observations) -> None:
                              lab.rig.cameras, lab.target, TOGETHER)  # fmt: skip
 
 
-def test_one_stream_given_twice_is_refused(lab: Any, plain: Observations) -> None:
+def test_one_stream_given_twice_is_refused(lab: Any, plain: CornerObservations) -> None:
     copy = plain.rows(plain.camera == 0)
     twice = merged(plain.rows(plain.camera != 1), replace(copy, camera=np.ones(len(copy), np.int64)))
     with pytest.raises(RefusedCalibration, match="videos differ: cam00 and cam01 show the same video"):
@@ -160,7 +160,7 @@ def test_one_stream_given_twice_is_refused(lab: Any, plain: Observations) -> Non
 
 
 @pytest.mark.slow
-def test_intrinsics_of_another_zoom_are_refused(lab: Any, plain: Observations) -> None:
+def test_intrinsics_of_another_zoom_are_refused(lab: Any, plain: CornerObservations) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.08, 1, 1], [1, 1.08, 1], [1, 1, 1]]))
     with pytest.raises(RefusedCalibration, match=r"cam01's focal length would rather be -7\.\d%"):
@@ -179,7 +179,7 @@ def test_synchronised_is_not_taken_on_trust_and_offsets_are_found(lab: Any) -> N
     assert lab.errors(found.rig)[0].max() < 5.0
 
 
-def test_input_that_cannot_serve_says_so(lab: Any, plain: Observations) -> None:
+def test_input_that_cannot_serve_says_so(lab: Any, plain: CornerObservations) -> None:
     with pytest.raises(CalibrationError, match="looks the same from both ends"):
         calibrate_extrinsics(plain, lab.rig.cameras, Chessboard(5, 7, 0.1))
     with pytest.raises(CalibrationError, match="expected at least 2 cameras, got 1"):
@@ -189,7 +189,7 @@ def test_input_that_cannot_serve_says_so(lab: Any, plain: Observations) -> None:
 
 
 @pytest.mark.slow
-def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: Observations) -> None:
+def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: CornerObservations) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]]))
     with pytest.raises(RefusedCalibration, match=r"cam01's focal length would rather be -1\.\d%.*--refine-lenses") as refused:

@@ -19,7 +19,7 @@ from posefuse.calibration.person.solve import calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.targets.corners import Observations, joined
+from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import TargetDetector, observations_from_frames, observe
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.core import Rig
@@ -31,7 +31,7 @@ from posefuse.sources import ImagesConfig, VideoConfig
 
 
 @pytest.fixture(scope="module")
-def found(board_views: Observations, reference: Rig, board: Charuco) -> Calibration:
+def found(board_views: CornerObservations, reference: Rig, board: Charuco) -> Calibration:
     return calibrate_extrinsics(board_views, reference.cameras, board)
 
 
@@ -51,14 +51,16 @@ def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: 
 
 
 @pytest.mark.slow
-def test_webcams_unsynchronised_are_not_taken_as_synchronised(board_views: Observations, reference: Rig, board: Charuco) -> None:
+def test_webcams_unsynchronised_are_not_taken_as_synchronised(
+    board_views: CornerObservations, reference: Rig, board: Charuco
+) -> None:
     with pytest.raises(RefusedCalibration, match=r"cause: .*the clock of cam_1 is off by \+1\d\d ms"):
         calibrate_extrinsics(board_views, reference.cameras, board, Options(clocks="together"))
 
 
 @pytest.mark.slow
 def test_the_board_measures_right_in_the_rig_that_was_found(
-    found: Calibration, board_views: Observations, board: Charuco
+    found: Calibration, board_views: CornerObservations, board: Charuco
 ) -> None:
     measured = verify(found.rig, board_views, board, found.delay_s[:, 0])
     assert measured.length_rms_m <= 1.2e-3
@@ -67,7 +69,7 @@ def test_the_board_measures_right_in_the_rig_that_was_found(
 
 @pytest.mark.slow
 def test_it_measures_the_board_better_than_the_reference_rig_does(
-    found: Calibration, board_views: Observations, reference: Rig, board: Charuco
+    found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
     """The reference was made as if the webcams were synchronised, which they are not; so it is near, and less true."""
     ours = verify(found.rig, board_views, board, found.delay_s[:, 0])

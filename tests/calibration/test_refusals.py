@@ -10,7 +10,7 @@ import pytest
 
 from posefuse.calibration.checks.camera_errors import VerifyLimits
 from posefuse.calibration.checks.verify import verify
-from posefuse.calibration.extrinsics.causes import Cause, Hypothesis, Trial, Trouble, cause_check, likely_causes
+from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Hypothesis, Trouble, cause_check, likely_causes
 from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
@@ -38,9 +38,9 @@ def test_standard_errors_grow_where_blocks_share_errors_and_never_shrink() -> No
     np.testing.assert_array_equal(clustered_covariance(covariance, alone, np.zeros(200)), covariance)
 
 
-def trial(words: str, spread_px: float, frees: int) -> Trial:
+def trial(words: str, spread_px: float, frees: int) -> CauseTrial:
     residual = np.random.default_rng(1).normal(0, spread_px, (400, 2))
-    return Trial(words, f"mend {words}", np.repeat([0, 1], 200), residual, 0, frees)
+    return CauseTrial(words, f"mend {words}", np.repeat([0, 1], 200), residual, 0, frees)
 
 
 def trouble_of(spread_px: float) -> Trouble:
@@ -51,7 +51,7 @@ def trouble_of(spread_px: float) -> Trouble:
     return Trouble(None, (), None, Options(), Solved())  # type: ignore[arg-type]
 
 
-def named(*trials: Trial, spread_px: float = 3.0) -> tuple[Cause, ...]:
+def named(*trials: CauseTrial, spread_px: float = 3.0) -> tuple[Cause, ...]:
     hypotheses = [Hypothesis(one.words, "", lambda trouble, one=one: [one], near=True) for one in trials]
     return likely_causes(trouble_of(spread_px), hypotheses)
 

@@ -14,7 +14,7 @@ from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.resample import at_times
 from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplaced
-from posefuse.calibration.clocks.sync import ClockEstimate, Track, estimate_clocks
+from posefuse.calibration.clocks.sync import ClockEstimate, PointTrack, estimate_clocks
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.cli.command_line import parse
@@ -64,8 +64,8 @@ def rig(ring_rig: Callable[..., Rig]) -> Rig:
     return ring_rig(4)
 
 
-def moving(tracks: Sequence[PersonTrack]) -> list[Track]:
-    return [Track(track.t_ns / 1e9, track.xy_img) for track in tracks]
+def moving(tracks: Sequence[PersonTrack]) -> list[PointTrack]:
+    return [PointTrack(track.t_ns / 1e9, track.xy_img) for track in tracks]
 
 
 def test_clocks_seconds_apart_of_cameras_of_other_rates_are_found_to_milliseconds(rig: Rig) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage, coverage_picture
 from posefuse.calibration.targets.detection import TargetDetector, observe, why_nothing
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
@@ -121,7 +121,7 @@ def test_the_same_id_twice_in_an_image_counts_for_nothing() -> None:
 
 
 @pytest.fixture(scope="module")
-def watched(ring_rig: Callable[..., Rig]) -> tuple[Rig, Observations]:
+def watched(ring_rig: Callable[..., Rig]) -> tuple[Rig, CornerObservations]:
     rig = ring_rig(1, radius_m=1.2, height_m=1.0, size_wh=(1280, 720), distortion=(-0.2, 0.06, 0.001, -0.0008, 0.0))
     motion = Waving(seconds=30, rate_hz=5, centre_m=(0, 0, 1.0), reach_m=(0.5, 0.45, 0.25), seed=3)
     return rig, observe_prop(
@@ -129,7 +129,7 @@ def watched(ring_rig: Callable[..., Rig]) -> tuple[Rig, Observations]:
     )
 
 
-def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, Observations]) -> None:
+def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, CornerObservations]) -> None:
     rig, seen = watched
     found = calibrate_intrinsics(seen, Charuco(columns=8, rows=6, square_m=0.07, marker_m=0.05))
     true = [*rig.cameras[0].K[[0, 1, 0, 1], [0, 1, 2, 2]], *rig.cameras[0].distortion]
@@ -141,7 +141,7 @@ def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, O
     assert len(found.view_t_ns) <= 40
 
 
-def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, Observations]) -> None:
+def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, CornerObservations]) -> None:
     _, seen = watched
     target = Charuco(columns=8, rows=6, square_m=0.07, marker_m=0.05)
     times = np.unique(seen.t_ns)
@@ -158,7 +158,7 @@ def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, Obs
         calibrate_intrinsics(same, target)
 
 
-def test_coverage_guides_to_what_is_missing(watched: tuple[Rig, Observations], lab: Any) -> None:
+def test_coverage_guides_to_what_is_missing(watched: tuple[Rig, CornerObservations], lab: Any) -> None:
     _, seen = watched
     now = coverage(seen)
     assert 0 < now.share[0] <= 1

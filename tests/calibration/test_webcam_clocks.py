@@ -23,7 +23,7 @@ from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.targets.corners import Observations, joined
+from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import Rig
 
@@ -34,15 +34,15 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def found(board_views: Observations, reference: Rig, board: Charuco) -> Calibration:
+def found(board_views: CornerObservations, reference: Rig, board: Charuco) -> Calibration:
     return calibrate_extrinsics(board_views, reference.cameras, board, Options(clocks="offset"))
 
 
-def frames_of(views: Observations) -> np.ndarray:
+def frames_of(views: CornerObservations) -> np.ndarray:
     return np.round(views.t_ns * 1e-9 / FRAME_S).astype(int)
 
 
-def steps_by_phase(views: Observations, period: int) -> np.ndarray:
+def steps_by_phase(views: CornerObservations, period: int) -> np.ndarray:
     """(period,) how far the image of the board moves from frame f to f + 1, by f modulo the period; its usual step is 1."""
     frame, shares = frames_of(views), [[] for _ in range(period)]
     corners = {f: dict(zip(views.corner[frame == f], views.xy_img[frame == f], strict=True)) for f in np.unique(frame)}
@@ -56,7 +56,7 @@ def steps_by_phase(views: Observations, period: int) -> np.ndarray:
     return np.array([np.median(share) for share in shares])
 
 
-def test_the_board_never_rests_so_no_still_moment_can_settle_it(board_views: Observations, reference: Rig) -> None:
+def test_the_board_never_rests_so_no_still_moment_can_settle_it(board_views: CornerObservations, reference: Rig) -> None:
     seen = snapshots(board_views, np.unique(board_views.t_ns), np.zeros((4, 2)))
     fastest_px = np.zeros(len(seen.t_s))
     np.maximum.at(fastest_px, seen.instant, np.linalg.norm(seen.velocity_px_s, axis=1) * FRAME_S)
@@ -67,7 +67,7 @@ def test_the_board_never_rests_so_no_still_moment_can_settle_it(board_views: Obs
 
 
 def test_one_webcam_exposes_on_a_tick_of_its_own_that_its_stamps_do_not_show(
-    board_views: Observations, shared_data: Path
+    board_views: CornerObservations, shared_data: Path
 ) -> None:
     """In cam_1's images alone every third step is half as long: a 10 Hz camera read at 6 Hz (100, 200, 200 ms)."""
     steps = {name: steps_by_phase(board_views.of_camera(name), 3) for name in ("cam_0", "cam_1", "cam_2")}
@@ -82,7 +82,7 @@ def test_one_webcam_exposes_on_a_tick_of_its_own_that_its_stamps_do_not_show(
 
 
 def test_stamps_on_that_tick_halve_the_residual_and_leave_the_cameras_where_they_are(
-    found: Calibration, board_views: Observations, reference: Rig, board: Charuco
+    found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
     late_ms = np.array([-33, 0, -67])[frames_of(board_views) % 3]
     mine = board_views.camera == board_views.index("cam_1")
@@ -99,7 +99,7 @@ def test_stamps_on_that_tick_halve_the_residual_and_leave_the_cameras_where_they
 
 
 def test_the_other_three_webcams_alone_confirm_the_rig_and_not_the_reference(
-    found: Calibration, board_views: Observations, reference: Rig, board: Charuco
+    found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
     names = ("cam_0", "cam_2", "cam_3")
     views = joined([board_views.of_camera(name) for name in names])
@@ -115,7 +115,7 @@ def test_the_other_three_webcams_alone_confirm_the_rig_and_not_the_reference(
 
 
 def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_has(
-    board_views: Observations, reference: Rig, board: Charuco
+    board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
     """The recording in five stretches, each measured in a rig made from the other four."""
     fold = frames_of(board_views) * FOLDS // 57
@@ -130,7 +130,7 @@ def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_
 
 
 def test_taken_as_synchronised_and_every_corner_as_a_free_point_the_reference_comes_out(
-    found: Calibration, board_views: Observations, reference: Rig
+    found: Calibration, board_views: CornerObservations, reference: Rig
 ) -> None:
     """So the lenses, the corners and the reading of its file agree; what differs is the clocks, and 1.4 px are left."""
     rig, rms_px = free_points_in_step(board_views, found.rig)
@@ -173,7 +173,7 @@ def with_poses(cameras: Rig, poses: Poses) -> Rig:
     return Rig(tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(cameras)))
 
 
-def solved_freely(views: Observations, lenses: Rig, board: Charuco) -> tuple[Rig, np.ndarray]:
+def solved_freely(views: CornerObservations, lenses: Rig, board: Charuco) -> tuple[Rig, np.ndarray]:
     """The solve without its checks, which would refuse some of the shortened recordings."""
     options, cameras = Options(clocks="offset"), lenses.cameras
     delay_s = starting_clocks(views, cameras, board, options)
@@ -185,7 +185,7 @@ def solved_freely(views: Observations, lenses: Rig, board: Charuco) -> tuple[Rig
     return with_poses(lenses, state.cam_from_world), state.delay_s[:, 0]
 
 
-def free_points_in_step(views: Observations, start: Rig) -> tuple[Rig, float]:
+def free_points_in_step(views: CornerObservations, start: Rig) -> tuple[Rig, float]:
     """Plain least squares over cameras and free points, every frame at its stamp; and the rms distance left in px."""
     seen = snapshots(views, np.unique(views.t_ns), np.zeros((len(start), 2)))
     point = np.unique(np.stack([seen.instant, seen.corner]), axis=1, return_inverse=True)[1].ravel()

@@ -197,7 +197,7 @@ def calibrated(results: Path, out: Path, force: bool) -> int:
     from posefuse.calibration import result_files as files
     from posefuse.calibration.clocks.sync import ClockEstimate
     from posefuse.calibration.report import CalibrationReport
-    from posefuse.calibration.targets.corners import Observations
+    from posefuse.calibration.targets.corners import CornerObservations
     from posefuse.cli.calibrating.inputs import check_files
     from posefuse.cli.calibrating.showing import write_clocks
     from posefuse.cli.terminal import Terminal
@@ -209,7 +209,7 @@ def calibrated(results: Path, out: Path, force: bool) -> int:
     paths = {"out": out / "rig.toml", "report": out / "report.html"}
     clocks = ClockEstimate.known(0.1 * np.arange(len(rig)), 0.0)
     few = np.arange(4)
-    seen = Observations(
+    seen = CornerObservations(
         cameras=("a", "b"),
         sizes_wh=((64, 48),) * 2,
         frame_count=(2, 2),

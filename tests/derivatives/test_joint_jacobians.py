@@ -6,7 +6,7 @@ import pytest
 from posefuse.core import SKELETONS
 from posefuse.kinematics import JOINT_NAMES, JointSettings
 from posefuse.kinematics.definitions import POINTS, landmark_pairs
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 
 SKELETON = SKELETONS["blazepose33"]
 STEP_M = 1e-6
@@ -34,7 +34,7 @@ def keypoints():
 
 def solved(xyz):
     """Angles (J, 3) and weights (J, P, 3, 3), limbs turned by their own planes of this time step."""
-    work = Workspace(SKELETON, JointSettings(hinge_play_rad=0.0))
+    work = FrameBuffers(SKELETON, JointSettings(hinge_play_rad=0.0))
     # points this exact leave the plane guessed from the parent no say
     work.read(xyz, np.broadcast_to(np.eye(3) * 1e-16, (len(xyz), 3, 3)))
     memory = np.full((4, 13), np.nan)

@@ -10,7 +10,7 @@ from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views, kernels
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 
 # the noise is white and this figure never jerks
@@ -211,7 +211,7 @@ def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
     up = {"left_arm": (flexion, 0, 0), "right_arm": (flexion, -8, 0), "left_elbow": (1, 0, 0), "right_elbow": (1, 0, 0)}
     sequence = posed([up] * 12, sigma_m=0.005)
     body = bodies_from_poses(sequence)[0]
-    work = Workspace(sequence.skeleton, JointSettings())
+    work = FrameBuffers(sequence.skeleton, JointSettings())
     packed = packed_from_body(body, BodySettings())
     q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
     frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))

@@ -11,7 +11,7 @@ from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
 from posefuse.kinematics.body.response import length_derivatives
 from posefuse.kinematics.body.shape import slopes_of
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 
 NAMES = ("upper_arm", "forearm", "thigh", "shank", "shoulders", "hips", "trunk")
@@ -61,7 +61,7 @@ def prior(mean_m: np.ndarray, sigma_m: float) -> LengthPrior:
 def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
     body = bodies_from_poses(squatter)[0]
     packed = packed_from_body(body, SETTINGS)
-    state = guessed_state(body, packed, Workspace(squatter.skeleton, JointSettings()), squatter.xyz_world[5, 0, body.keypoint])
+    state = guessed_state(body, packed, FrameBuffers(squatter.skeleton, JointSettings()), squatter.xyz_world[5, 0, body.keypoint])
     assert state is not None
 
     def places(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

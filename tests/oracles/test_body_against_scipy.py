@@ -7,10 +7,10 @@ from scipy.optimize import least_squares
 from posefuse.core import PoseSequence
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.kinematics.body import Body, BodySettings, bodies_from_poses, kernels
+from posefuse.kinematics.body import BodyModel, BodySettings, bodies_from_poses, kernels
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import Packed, packed_from_body
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 from posefuse.simulation.exact import truth_of
 from posefuse.simulation.scene import Scene
@@ -25,7 +25,7 @@ SCENE = {
 
 
 @pytest.fixture(scope="module")
-def someone() -> tuple[Body, Packed, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def someone() -> tuple[BodyModel, Packed, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """A body, its arrays, keypoints (A, 3) of the last time step and the state guessed from them."""
     xyz = truth_of(settings_from_mapping(SCENE, Scene, where="squat")).xyz_world[:, :, : len(COCO17)]
     ones = np.ones(xyz.shape[:-1])
@@ -42,7 +42,7 @@ def someone() -> tuple[Body, Packed, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     body = bodies_from_poses(poses)[0]
     packed = packed_from_body(body, BodySettings(joint_limits=False))
     points = xyz[-1, 0, body.keypoint]
-    state = guessed_state(body, packed, Workspace(COCO17, JointSettings()), points)
+    state = guessed_state(body, packed, FrameBuffers(COCO17, JointSettings()), points)
     assert state is not None
     return body, packed, points, state
 

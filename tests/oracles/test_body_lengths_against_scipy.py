@@ -11,7 +11,7 @@ from posefuse.kinematics.body.filter import Measurement
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
 from posefuse.kinematics.body.shape import slopes_of
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 from posefuse.simulation.exact import truth_of
 from posefuse.simulation.scene import Scene
@@ -80,7 +80,7 @@ def test_lengths_solved_with_poses_are_those_of_another_solver(ring_rig) -> None
             )
         )
     prior = LengthPrior(names=NAMES, mean_m=MEAN_M, cov_m2=np.eye(len(NAMES)) * PRIOR_SD_M**2)
-    work = Workspace(COCO17, JointSettings())
+    work = FrameBuffers(COCO17, JointSettings())
     body = with_solved_lengths(start, seen, prior, SETTINGS, work)
     p, slopes = packed_from_body(body, SETTINGS), slopes_of(start, NAMES)
     share = np.linalg.norm(slopes, axis=-1)

@@ -5,7 +5,7 @@ import numpy as np
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.common_times import CommonTimeSteps
-from posefuse.realtime.rig_watch import Watcher
+from posefuse.realtime.rig_watch import RigWatcher
 
 S = 1_000_000_000
 ILL = {"a": Verdict("moved", "a is off by 21 mm relative to the other cameras")}
@@ -48,7 +48,7 @@ def test_views_far_apart_are_not_read_between() -> None:
 
 def test_nothing_is_compared_across_a_cut(ring_rig) -> None:
     rig = ring_rig(4)
-    watcher, finder = Watcher(rig, clocks=True), ClockFinder(rig)
+    watcher, finder = RigWatcher(rig, clocks=True), ClockFinder(rig)
     rng = np.random.default_rng(0)
     points = rng.normal(size=(12, 3)) * 0.4 + [0, 0, 1]
     for i in range(60):

@@ -13,7 +13,7 @@ from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Detections2D, Rig, Truth
 from posefuse.formats.truth import read_truth
 from posefuse.health.common_times import CommonTimeSteps
-from posefuse.realtime.rig_watch import RigWatch, Watcher, watching
+from posefuse.realtime.rig_watch import RigWatch, RigWatcher, watching
 
 S = 1_000_000_000
 RATE_HZ = 30.0
@@ -78,7 +78,7 @@ def test_memory_stays_bounded() -> None:
     assert len(instants._views["a"]) <= 256
 
 
-def fed(watcher: Watcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:
+def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:
     """Kinds found by camera, after the clip was shown as cameras at `rig` see it, each at times of its own."""
     told = limb_keypoints(truth.skeleton.keypoints)
     stays = np.random.default_rng(5).normal(0, 4.0, (len(rig), len(truth.skeleton), 2))
@@ -97,7 +97,7 @@ def fed(watcher: Watcher, truth: Truth, rig: Rig, begin_s: float, seconds: float
 
 
 def test_a_moved_camera_is_found_among_cameras_that_do_not_wait_for_each_other(truth: Truth) -> None:
-    rig, watcher = truth.rig, Watcher(truth.rig, clocks=False)
+    rig, watcher = truth.rig, RigWatcher(truth.rig, clocks=False)
     assert fed(watcher, truth, rig, 0.0, 5.0) == {}
     cameras = list(rig.cameras)
     cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0.02, 0.01, 0.0], np.zeros(3)) @ cameras[2].cam_from_world)
@@ -109,7 +109,7 @@ def told_of_a_loop(truth: Truth, announced: bool) -> set[str]:
     """What is said of healthy cameras while a clip of a walking person begins again every two seconds."""
     told = limb_keypoints(truth.skeleton.keypoints)
     times_s, xyz = (truth.t_ns - truth.t_ns[0]) / 1e9, truth.xyz_world[:, 0, told]
-    rng, watcher, said, showing = np.random.default_rng(2), Watcher(truth.rig, clocks=False), set(), 0
+    rng, watcher, said, showing = np.random.default_rng(2), RigWatcher(truth.rig, clocks=False), set(), 0
     for step in range(round(9 * RATE_HZ)):
         for c, camera in enumerate(truth.rig):
             t_s = step / RATE_HZ + PHASE_S[c]
@@ -134,7 +134,7 @@ def test_two_cameras_are_not_watched(truth: Truth) -> None:
     with watching(two, clocks=False) as watch:
         assert watch is None
     turned = replace(two.cameras[0], cam_from_world=SE3.from_rotvec([0.0, 0.1, 0.1], np.zeros(3)) @ two.cameras[0].cam_from_world)
-    assert fed(Watcher(two, clocks=False), truth, Rig((turned, two.cameras[1])), 0.0, 4.0) == {}
+    assert fed(RigWatcher(two, clocks=False), truth, Rig((turned, two.cameras[1])), 0.0, 4.0) == {}
 
 
 def test_a_watch_that_is_killed_is_reported_and_ends_nothing(truth: Truth) -> None:

@@ -9,7 +9,7 @@ import pytest
 from posefuse.core import InputError
 from posefuse.studio.calibrations import Known, Project, Step, known_of, lights, next_step, projects, save_project
 from posefuse.studio.jobs import write_json
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 BARE = Project(name="room", setup="webcams")
 READY = replace(BARE, cube="targets/cube.toml", board="targets/board.toml")
@@ -71,7 +71,7 @@ def test_overlap_needs_a_partner_and_the_image(linked: float, covered: float, st
 
 
 def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> None:
-    workspace = Workspace(tmp_path)
+    workspace = StudioWorkspace(tmp_path)
     save_project(workspace, READY)
     assert projects(workspace) == [READY]
     for number in (1, 2):

@@ -13,25 +13,25 @@ import pytest
 from posefuse.core import InputError
 from posefuse.studio import job_process
 from posefuse.studio.jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
-    return Workspace(tmp_path)
+def workspace(tmp_path: Path) -> StudioWorkspace:
+    return StudioWorkspace(tmp_path)
 
 
-def done(workspace: Workspace, run: Callable[..., Mapping[str, Any]], monkeypatch: pytest.MonkeyPatch) -> Report:
+def done(workspace: StudioWorkspace, run: Callable[..., Mapping[str, Any]], monkeypatch: pytest.MonkeyPatch) -> Report:
     """The report of a job whose work is `run`, done in this process."""
     folder = workspace.folder(f"{JOBS_FOLDER}/one")
     job = Job(id="one", work="made_up", title="Made up", arguments={"n": 3}, begun_s=time.time())
     monkeypatch.setattr(job_process, "import_module", lambda name: SimpleNamespace(run=run))
-    job_process.run_job(workspace, job, job_process.Reporter(folder))
+    job_process.run_job(workspace, job, job_process.JobReporter(folder))
     return Jobs(workspace).report("one")
 
 
-def test_progress_news_and_result_are_reported(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(arguments: Mapping[str, Any], place: Workspace, progress: Any) -> Mapping[str, Any]:
+def test_progress_news_and_result_are_reported(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(arguments: Mapping[str, Any], place: StudioWorkspace, progress: Any) -> Mapping[str, Any]:
         progress("detect", 1, 4, "half a word")
         progress("detect", 2, 4)
         return {"twice": 2 * arguments["n"]}
@@ -41,7 +41,7 @@ def test_progress_news_and_result_are_reported(workspace: Workspace, monkeypatch
     assert report.result == {"twice": 6} and report.ended
 
 
-def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> Mapping[str, Any]:
         raise InputError("no such\nfolder")
 
@@ -52,7 +52,7 @@ def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: Workspace, monk
     assert done(workspace, bug, monkeypatch).error.startswith("ZeroDivisionError: by zero")
 
 
-def test_a_cancelled_job_is_interrupted(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cancelled_job_is_interrupted(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(*_: Any) -> Mapping[str, Any]:
         Jobs(workspace).cancel("one")
         threading.Event().wait(20.0)
@@ -61,7 +61,7 @@ def test_a_cancelled_job_is_interrupted(workspace: Workspace, monkeypatch: pytes
     assert done(workspace, run, monkeypatch).state == "cancelled"
 
 
-def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Workspace) -> None:
+def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: StudioWorkspace) -> None:
     jobs = Jobs(workspace)
     folder = workspace.folder(f"{JOBS_FOLDER}/old")
     write_json(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
@@ -73,7 +73,7 @@ def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Wor
     assert jobs.running() == []
 
 
-def test_damaged_state_is_no_trouble(workspace: Workspace) -> None:
+def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
     jobs = Jobs(workspace)
     folder = workspace.folder(f"{JOBS_FOLDER}/bad")
     (folder / "job.json").write_text("{", encoding="utf-8")
@@ -82,7 +82,7 @@ def test_damaged_state_is_no_trouble(workspace: Workspace) -> None:
         jobs.report("../x")
 
 
-def test_state_files_are_for_their_owner_only(workspace: Workspace) -> None:
+def test_state_files_are_for_their_owner_only(workspace: StudioWorkspace) -> None:
     write_json(workspace.root / "a.json", {"a": 1})
     assert json.loads((workspace.root / "a.json").read_text(encoding="utf-8")) == {"a": 1}
     assert (workspace.root / "a.json").stat().st_mode & 0o077 == 0

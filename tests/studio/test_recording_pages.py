@@ -31,22 +31,22 @@ from posefuse.simulation.planning import (
 from posefuse.simulation.scene import Scene, check_scene, read_scene
 from posefuse.simulation.scene_files import plain_settings, scene_text
 from posefuse.studio.plan_view import RoomMap, cameras_svg, heat_picture, nearest_camera
-from posefuse.studio.player import Player, open_recording
+from posefuse.studio.player import ResultPlayer, open_recording
 from posefuse.studio.recording_files import add_routes
 from posefuse.studio.scene.messages import IMAGE, POSES
 from posefuse.studio.streams import Stream
 from posefuse.studio.timeline import Curve, Span, cursor, picture
 from posefuse.studio.work import compare, export, report
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
 @pytest.fixture
-def workspace(tmp_path: Path, ring_rig: Callable[..., Rig], monkeypatch: pytest.MonkeyPatch) -> Workspace:
+def workspace(tmp_path: Path, ring_rig: Callable[..., Rig], monkeypatch: pytest.MonkeyPatch) -> StudioWorkspace:
     """With a session ``walk`` and its result ``result``."""
     monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path / "cache"))
     (tmp_path / "ws").mkdir()
     saved_session(tmp_path / "ws", ring_rig)
-    return Workspace(tmp_path / "ws")
+    return StudioWorkspace(tmp_path / "ws")
 
 
 def svg_of(address: str) -> str:
@@ -138,7 +138,7 @@ def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> Non
 
 
 @pytest.fixture
-def client(workspace: Workspace) -> TestClient:
+def client(workspace: StudioWorkspace) -> TestClient:
     app = FastAPI()
     add_routes(app, workspace)
     return TestClient(app)
@@ -152,7 +152,7 @@ def test_a_small_picture_is_fetched_by_name(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize("name", ["../secret.txt", "/etc/passwd", "link", "result", "nowhere.html"])
-def test_no_file_outside_the_workspace_is_fetched(client: TestClient, workspace: Workspace, name: str) -> None:
+def test_no_file_outside_the_workspace_is_fetched(client: TestClient, workspace: StudioWorkspace, name: str) -> None:
     secret = workspace.root.parent / "secret.txt"
     secret.write_text("secret")
     (workspace.root / "link").symlink_to(secret)
@@ -161,7 +161,7 @@ def test_no_file_outside_the_workspace_is_fetched(client: TestClient, workspace:
     assert "secret\n" not in answer.text
 
 
-def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient, workspace: Workspace) -> None:
+def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient, workspace: StudioWorkspace) -> None:
     (workspace.root / "page.html").write_text("<script>1</script>")
     answer = client.get("/studio/file", params={"name": "page.html"})
     assert answer.headers["content-security-policy"].startswith("sandbox allow-scripts;")
@@ -169,12 +169,12 @@ def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient
     assert client.get("/studio/file", params={"name": "result/rig.toml"}).headers["content-disposition"].startswith("attachment")
 
 
-def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: Workspace) -> None:
+def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: StudioWorkspace) -> None:
     opened, stream, sent = open_recording(workspace.path("result"), workspace.root), Stream(), []
     stream.publish = lambda key, message, keep=False: sent.append((key, message))  # type: ignore[method-assign]
 
     async def use() -> None:
-        player = Player(opened, stream)
+        player = ResultPlayer(opened, stream)
         player.start()
         for i in (3, 25, 11):
             player.seek(i * PERIOD_NS / 1e9)
@@ -198,14 +198,14 @@ def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: Workspac
     assert all(struct.unpack_from("<2sBBId", message)[2] == POSES for message in poses)
 
 
-def test_videos_outside_the_workspace_are_not_shown(workspace: Workspace) -> None:
+def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) -> None:
     (workspace.root / "walk").rename(workspace.root.parent / "walk")
     opened = open_recording(workspace.path("result"), workspace.root)
     assert opened.playback.moment("cam00", 0, 480) is None
     assert pf.read(workspace.path("result")).provenance["session"] == "walk"
 
 
-def test_jobs_write_into_the_workspace(workspace: Workspace) -> None:
+def test_jobs_write_into_the_workspace(workspace: StudioWorkspace) -> None:
     told: list[str] = []
     progress = lambda stage, done, total, message="": told.append(stage)  # noqa: E731
     files = export.run({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)["files"]
@@ -217,7 +217,7 @@ def test_jobs_write_into_the_workspace(workspace: Workspace) -> None:
     assert told
 
 
-def test_a_report_job_replaces_its_own_report(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     def written(recording: pf.Recording, folder: Path, *_: object, **__: object) -> list[Path]:
         (folder / "report.html").write_text("page")
         return [folder / "report.html"]

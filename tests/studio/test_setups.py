@@ -22,17 +22,17 @@ from posefuse.studio.setups import (
     source_text,
 )
 from posefuse.studio.targets import print_board, print_cube, targets
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 CAMERAS = {"left": "usb:/dev/video0", "right": "rtsp://camera/stream"}
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
-    return Workspace(tmp_path)
+def workspace(tmp_path: Path) -> StudioWorkspace:
+    return StudioWorkspace(tmp_path)
 
 
-def test_presets_are_kept(workspace: Workspace) -> None:
+def test_presets_are_kept(workspace: StudioWorkspace) -> None:
     setup = Setup(name="two webcams", sources=CAMERAS, roles={"left": "front"})
     save_setup(workspace, setup)
     assert setups(workspace) == [Setup(name=DEMO), setup] and setup_named(workspace, "two webcams") == setup
@@ -53,18 +53,18 @@ def test_presets_are_kept(workspace: Workspace) -> None:
         Setup(name="a", sources={"../left": "usb:0"}),
     ],
 )
-def test_a_preset_that_cannot_be_is_refused(workspace: Workspace, setup: Setup) -> None:
+def test_a_preset_that_cannot_be_is_refused(workspace: StudioWorkspace, setup: Setup) -> None:
     with pytest.raises(InputError):
         save_setup(workspace, setup)
 
 
-def test_files_are_named_inside_the_workspace(workspace: Workspace) -> None:
+def test_files_are_named_inside_the_workspace(workspace: StudioWorkspace) -> None:
     (workspace.root / "a.mp4").touch()
     assert source_text(workspace, "video:a.mp4") == f"video:{workspace.root / 'a.mp4'}"
     assert source_text(workspace, "usb:0") == "usb:0"
 
 
-def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: Workspace) -> None:
+def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: StudioWorkspace) -> None:
     demo = setup_named(workspace, DEMO)
     rig = rig_of_setup(workspace, demo)
     inputs = inputs_of_setup(workspace, demo, rig)
@@ -72,7 +72,7 @@ def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: Workspa
     assert {entry.loop_s for entry in inputs} == {inputs[0].loop_s} and (inputs[0].loop_s or 0) > 1
 
 
-def test_targets_are_printed_with_what_describes_them(workspace: Workspace) -> None:
+def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace) -> None:
     board = print_board(workspace, columns=5, rows=7, square_mm=36, page="a4")
     cube = print_cube(workspace, marker_mm=120, page="a4")
     assert read_target(workspace.existing(board.target)) == Charuco(columns=5, rows=7, square_m=0.036, marker_m=0.027)

@@ -7,31 +7,31 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import InputError
-from posefuse.studio.workspace import Workspace, check_name
+from posefuse.studio.workspace import StudioWorkspace, check_name
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def workspace(tmp_path: Path) -> StudioWorkspace:
     (tmp_path / "outside").mkdir()
     (tmp_path / "outside" / "secret.txt").write_text("x", encoding="utf-8")
     (tmp_path / "inside").mkdir()
-    return Workspace(tmp_path / "inside")
+    return StudioWorkspace(tmp_path / "inside")
 
 
 @pytest.mark.parametrize("name", ["", "..", "../outside/secret.txt", "a/../../b", "/etc/passwd", "C:/x", "a\\..\\b", "a\0b"])
-def test_a_path_that_leaves_the_workspace_is_refused(workspace: Workspace, name: str) -> None:
+def test_a_path_that_leaves_the_workspace_is_refused(workspace: StudioWorkspace, name: str) -> None:
     with pytest.raises(InputError, match="inside the workspace"):
         workspace.path(name)
 
 
-def test_a_link_that_leaves_the_workspace_is_refused(workspace: Workspace) -> None:
+def test_a_link_that_leaves_the_workspace_is_refused(workspace: StudioWorkspace) -> None:
     (workspace.root / "link").symlink_to(workspace.root.parent / "outside")
     with pytest.raises(InputError, match="leads out"):
         workspace.path("link/secret.txt")
     assert workspace.files(".txt") == []
 
 
-def test_paths_inside_are_found_and_named(workspace: Workspace) -> None:
+def test_paths_inside_are_found_and_named(workspace: StudioWorkspace) -> None:
     place = workspace.folder("a/b")
     (place / "c.toml").write_text("", encoding="utf-8")
     assert workspace.existing("a/b/c.toml") == place / "c.toml"
@@ -43,7 +43,7 @@ def test_paths_inside_are_found_and_named(workspace: Workspace) -> None:
         workspace.name_of(workspace.root.parent / "outside")
 
 
-def test_a_free_name_is_free(workspace: Workspace) -> None:
+def test_a_free_name_is_free(workspace: StudioWorkspace) -> None:
     assert workspace.free_name("rigs", "rig", ".toml") == "rigs/rig.toml"
     workspace.path("rigs/rig.toml").touch()
     assert workspace.free_name("rigs", "rig", ".toml") == "rigs/rig-2.toml"
@@ -55,7 +55,7 @@ def test_names_that_are_not_plain_are_refused(name: str) -> None:
         check_name(name)
 
 
-def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: Workspace) -> None:
+def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: StudioWorkspace) -> None:
     async def parts() -> AsyncIterator[bytes]:
         for _ in range(3):
             yield b"1234"

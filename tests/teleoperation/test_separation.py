@@ -7,7 +7,7 @@ import pytest
 
 from posefuse.teleoperation.hands import BODY
 from posefuse.teleoperation.rehearsal.person import person_view
-from posefuse.teleoperation.separation import Body, distances_to_segments, remembered, separation_m, speed_share
+from posefuse.teleoperation.separation import OperatorBody, distances_to_segments, remembered, separation_m, speed_share
 from posefuse.teleoperation.settings import SeparationSettings
 
 EXACT = SeparationSettings(sigmas=0.0, approach_mps=0.0)
@@ -17,7 +17,7 @@ SPHERE = np.array([[2.0, -0.25, 1.1, 0.1]])
 
 
 def body(**changes):
-    return remembered(Body.unknown(), replace(person_view(HAND, NOW_NS), **changes))
+    return remembered(OperatorBody.unknown(), replace(person_view(HAND, NOW_NS), **changes))
 
 
 def test_distances_agree_with_a_fine_search():
@@ -56,7 +56,7 @@ def test_a_limb_that_is_hidden_is_remembered_for_a_while():
 def test_without_the_trunk_nothing_is_known_and_nothing_moves():
     unseen = np.ones(len(BODY), bool)
     unseen[BODY.index("left_hip")] = False
-    for unknown in (Body.unknown(), body(body_measured=unseen), body(person_id=-1)):
+    for unknown in (OperatorBody.unknown(), body(body_measured=unseen), body(person_id=-1)):
         distance = separation_m(unknown, SPHERE, NOW_NS, EXACT)
         assert np.isnan(distance) and speed_share(distance, EXACT) == 0.0
 

@@ -22,7 +22,7 @@ from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.intrinsics import board
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import observe
 from posefuse.calibration.targets.kinds import Target
@@ -53,7 +53,7 @@ Settings = Mapping[str, Any]
 
 def observe_target(
     inputs: Inputs, *, target: TargetLike, every: int = 1, progress: Progress | bool | None = None
-) -> Observations:
+) -> CornerObservations:
     """Find a target in the recordings of several cameras, for `calibrate_extrinsics` and `verify`.
 
     Args:
@@ -111,7 +111,7 @@ def calibrate_intrinsics(
 
 
 def calibrate_extrinsics(
-    inputs: Inputs | Observations,
+    inputs: Inputs | CornerObservations,
     *,
     intrinsics: RigLike | None = None,
     target: TargetLike,
@@ -149,7 +149,7 @@ def calibrate_extrinsics(
     if lenses is None and focal_known_to_percent is not None:
         raise InputError("--refine-lenses: needs intrinsics to refine (--intrinsics); without them all are found anew")
     check_floor(floor, kind)
-    if isinstance(inputs, Observations):
+    if isinstance(inputs, CornerObservations):
         seen = inputs
     else:
         sources = open_sources(inputs)
@@ -273,7 +273,7 @@ def calibrate_clocks(
 
 def verify(
     rig: RigLike,
-    inputs: Inputs | Observations,
+    inputs: Inputs | CornerObservations,
     *,
     target: TargetLike,
     every: int = 1,
@@ -300,7 +300,9 @@ def verify(
     cameras, kind = rig_of(_rig(rig)), target_of(target)
     offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}
     late_s: Array = np.array([offsets.get(name, 0.0) for name in cameras.names])
-    seen = inputs if isinstance(inputs, Observations) else observe_target(inputs, target=kind, every=every, progress=progress)
+    seen = (
+        inputs if isinstance(inputs, CornerObservations) else observe_target(inputs, target=kind, every=every, progress=progress)
+    )
     measured = verification.verify(cameras, seen, kind, late_s)
     return RigVerification(rig=cameras, report=measured.report, measured=measured)
 

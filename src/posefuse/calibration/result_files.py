@@ -18,8 +18,8 @@ from posefuse.foundation.output_file import keep_copy
 from .clocks.sync import ClockEstimate
 from .report import CalibrationReport
 from .report_page import calibration_page
-from .targets.corners import Observations
-from .targets.coverage import Coverage, coverage, coverage_sheet
+from .targets.corners import CornerObservations
+from .targets.coverage import TargetCoverage, coverage, coverage_sheet
 
 
 def write_report(path: Path, report: CalibrationReport, pictures: Mapping[str, Array], rig: Rig | None = None) -> None:
@@ -44,7 +44,7 @@ def coverage_path(rig_path: Path) -> Path:
     return rig_path.with_name(f"{rig_path.stem}_coverage.png")
 
 
-def write_coverage(path: Path, observations: Observations) -> Coverage:
+def write_coverage(path: Path, observations: CornerObservations) -> TargetCoverage:
     """The picture of how much of each image the target has covered."""
     found = coverage(observations)
     _, png = cv2.imencode(".png", cv2.cvtColor(coverage_sheet(found, observations.sizes_wh), cv2.COLOR_RGB2BGR))

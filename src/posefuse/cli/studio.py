@@ -17,8 +17,8 @@ def serve_studio(folder: Path, host: str, port: int, token: str, show: bool, ter
     from posefuse.studio.access import Access
     from posefuse.studio.app import run
     from posefuse.studio.state import Studio
-    from posefuse.studio.workspace import Workspace
+    from posefuse.studio.workspace import StudioWorkspace
 
-    studio = Studio.of(Workspace(folder), Access.of(host, port, token))
+    studio = Studio.of(StudioWorkspace(folder), Access.of(host, port, token))
     run(studio, show=show, say=terminal.note)
     return {"workspace": str(studio.workspace.root), "address": studio.access.address()}

@@ -56,7 +56,7 @@ def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = 
     settings = settings or JointSettings()
     if settings.sides_checked:
         check_sides(sequence)
-    work = Workspace(sequence.skeleton, settings)
+    work = FrameBuffers(sequence.skeleton, settings)
     shape = sequence.xyz_world.shape[:2]
     rotation = np.full((*shape, len(SEGMENT_NAMES), 3, 3), np.nan)
     origin = np.full((*shape, len(SEGMENT_NAMES), 3), np.nan)
@@ -79,7 +79,7 @@ class JointTracker:
 
     def __init__(self, skeleton: Skeleton, settings: JointSettings | None = None) -> None:
         self.skeleton = skeleton
-        self._work = Workspace(skeleton, settings or JointSettings())
+        self._work = FrameBuffers(skeleton, settings or JointSettings())
         self._memories: dict[int, _Memory] = {}
 
     def step(self, pose: Pose3D) -> JointAngles:
@@ -141,7 +141,7 @@ class _Memory:
     angles: Array = field(default_factory=lambda: np.full((len(JOINTS), 3), np.nan))
 
 
-class Workspace:
+class FrameBuffers:
     """The arrays one person's frame passes through; overwritten by each call, so that nothing is allocated live."""
 
     def __init__(self, skeleton: Skeleton, settings: JointSettings) -> None:
@@ -201,7 +201,7 @@ class Workspace:
         return np.asarray(0.5 * (self.points[_ORIGINS[:, 0]] + self.points[_ORIGINS[:, 1]]))
 
 
-def _smoothed_planes(sequence: PoseSequence, person: int, work: Workspace) -> Array:
+def _smoothed_planes(sequence: PoseSequence, person: int, work: FrameBuffers) -> Array:
     """(T, L, PLANE_SIZE) limb planes from the past, the present and the future together."""
     t_s = sequence.t_ns * 1e-9
     passes = []

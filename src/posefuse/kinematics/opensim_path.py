@@ -21,7 +21,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.mot import MotTable, read_mot
 from posefuse.formats.trc import TrcData, write_trc
 
-from .body.model import Body, bodies_from_poses
+from .body.model import BodyModel, bodies_from_poses
 
 MODEL_FILE, MARKERS_FILE, MOTION_FILE, LOG_FILE = "model.osim", "markers.trc", "inverse_kinematics.mot", "opensim.log"
 _MASS_KG = 75.0
@@ -76,7 +76,7 @@ _BODY_OF_NODE = {"pelvis": "pelvis", "stretch": "torso", "head": "head"} | {
 }  # fmt: skip
 
 
-def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: Body | None = None) -> MotTable:
+def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: BodyModel | None = None) -> MotTable:
     """Build the person's model, write the keypoints as TRC, run OpenSim's inverse kinematics, read the .mot back.
 
     Args:
@@ -117,7 +117,7 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
     return read_mot(folder / MOTION_FILE)
 
 
-def write_opensim_model(path: Path, body: Body) -> None:
+def write_opensim_model(path: Path, body: BodyModel) -> None:
     """Write a full-body .osim of the person's own segment lengths, with a marker per keypoint.
 
     Pelvis tilt and lumbar flexion are one freedom here: hips and shoulders do not tell them apart.
@@ -152,7 +152,7 @@ def _opensim() -> Any:
     return opensim
 
 
-def _offsets(body: Body) -> Mapping[str, Array]:
+def _offsets(body: BodyModel) -> Mapping[str, Array]:
     """Origin of each child body in its parent's frame; the torso's frame sits at the hips, the tree's at the neck."""
     offset = {node.offset: body.offset[n] for n, node in enumerate(body.nodes) if node.offset}
     return {
@@ -160,7 +160,7 @@ def _offsets(body: Body) -> Mapping[str, Array]:
     }
 
 
-def _markers(body: Body, offset: Mapping[str, Array]) -> list[tuple[str, str, list[float]]]:
+def _markers(body: BodyModel, offset: Mapping[str, Array]) -> list[tuple[str, str, list[float]]]:
     markers = []
     for index, node, local in zip(body.keypoint, body.keypoint_node, body.keypoint_local, strict=True):
         name = body.nodes[node].name

@@ -21,7 +21,7 @@ JPEG_QUALITY = 75
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Moment:
+class PlaybackStep:
     """One camera at one moment.
 
     Attributes:
@@ -66,7 +66,7 @@ class Playback:
         """The time step nearest to a time."""
         return nearest(self.recording.poses.t_ns, t_ns)
 
-    def moment(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> Moment | None:
+    def moment(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> PlaybackStep | None:
         """What a camera saw nearest to a time; None where it has no frame there.
 
         Args:
@@ -84,7 +84,7 @@ class Playback:
         projected = self.recording.rig.cameras[c].project(poses.xyz_world[i])
         # pixel centres are integers: the corner of the image is at -0.5
         detected_px, projected_px = ((xy + 0.5) * scale - 0.5 for xy in (detected, projected))
-        return Moment(
+        return PlaybackStep(
             t_ns=shown_ns,
             jpeg=jpeg_of(tile, quality),
             size_wh=(tile.shape[1], tile.shape[0]),

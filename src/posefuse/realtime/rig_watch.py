@@ -152,7 +152,7 @@ def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
     """Body of the process: collects views, reports what it finds."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     lower_priority(_NICENESS)
-    watcher, reported = Watcher(rig, clocks), Watched()
+    watcher, reported = RigWatcher(rig, clocks), Watched()
     with contextlib.suppress(ChannelClosed):
         while True:
             channel.wait(_WAIT_S)
@@ -167,7 +167,7 @@ def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
     os._exit(0)
 
 
-class Watcher:
+class RigWatcher:
     """Both duties over views as they come; no clock inside."""
 
     def __init__(self, rig: Rig, clocks: bool) -> None:

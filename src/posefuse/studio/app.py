@@ -30,7 +30,7 @@ try:
 except ImportError as error:
     raise DependencyError(f'studio: {error.name} is missing; install the extra: pip install "posefuse[studio]"') from None
 
-from .pages import PAGES, Page
+from .pages import PAGES, StudioPage
 from .recording_files import add_routes
 from .shell import shell
 
@@ -102,7 +102,7 @@ def _listener(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _builder(studio: Studio, page: Page) -> Callable[[], None]:
+def _builder(studio: Studio, page: StudioPage) -> Callable[[], None]:
     def build() -> None:
         with shell(studio, page):
             import_module(f"posefuse.studio.pages.{page.module}").build(studio)

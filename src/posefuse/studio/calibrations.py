@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from .jobs import read_json, write_json
-from .workspace import Workspace, check_name
+from .workspace import StudioWorkspace, check_name
 
 FOLDER = "calibrations"
 LIGHTS = ("intrinsics", "overlap", "extrinsics", "clocks", "scale", "verified")
@@ -172,7 +172,7 @@ def _overlap_light(camera: str, known: Known) -> Light:
     )
 
 
-def projects(workspace: Workspace) -> list[Project]:
+def projects(workspace: StudioWorkspace) -> list[Project]:
     """All of the workspace by name."""
     folder = workspace.path(FOLDER)
     found = []
@@ -184,14 +184,14 @@ def projects(workspace: Workspace) -> list[Project]:
     return found
 
 
-def save_project(workspace: Workspace, project: Project) -> None:
+def save_project(workspace: StudioWorkspace, project: Project) -> None:
     """Write it; raises InputError for a name that is not plain."""
     check_name(project.name)
     content = {"setup": project.setup, "cube": project.cube, "board": project.board, "lenses": project.lenses}
     write_json(workspace.folder(project.folder) / "project.json", content)
 
 
-def known_of(workspace: Workspace, project: Project, cameras: Sequence[str]) -> Known:
+def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str]) -> Known:
     """What the files of a project say."""
     folder = workspace.path(project.folder)
     recordings: dict[Step, str] = {}

@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from .workspace import Workspace
+from .workspace import StudioWorkspace
 
 VIDEOS = (".mp4", ".mkv", ".mov", ".avi", ".webm")
 _V4L = Path("/sys/class/video4linux")
@@ -22,7 +22,7 @@ class Found:
     icon: str
 
 
-def found_sources(workspace: Workspace) -> list[Found]:
+def found_sources(workspace: StudioWorkspace) -> list[Found]:
     """Devices first, then videos and scenes of the workspace."""
     return [*_devices(), *_videos(workspace), *_scenes(workspace)]
 
@@ -44,13 +44,13 @@ def _devices() -> list[Found]:
     return found
 
 
-def _videos(workspace: Workspace) -> list[Found]:
+def _videos(workspace: StudioWorkspace) -> list[Found]:
     """Not those that a calibration has filmed."""
     names = [name for name in workspace.files(*VIDEOS) if not name.startswith("calibrations/")]
     return [Found(text=name, source=f"video:{name}", name=Path(name).stem[:40], icon="movie") for name in names]
 
 
-def _scenes(workspace: Workspace) -> list[Found]:
+def _scenes(workspace: StudioWorkspace) -> list[Found]:
     from posefuse.core import PosefuseError
     from posefuse.simulation.source import simulated_cameras
 

@@ -19,13 +19,13 @@ from typing import Any
 from posefuse.core import PosefuseError
 
 from .jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
-from .workspace import Workspace
+from .workspace import StudioWorkspace
 
 _EVERY_S = 0.2
 _ALIVE_S = 1.0
 
 
-class Reporter:
+class JobReporter:
     """A `Progress` that keeps the job's state file up to date, from a thread of its own, and notices a request to cancel.
 
     Attributes:
@@ -84,7 +84,7 @@ class Reporter:
         write_json(self._folder / "state.json", asdict(replace(report, told_s=self._written_s)))
 
 
-def run_job(workspace: Workspace, job: Job, reporter: Reporter) -> None:
+def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None:
     """Do the work and write how it ended."""
 
     def warned(message: Warning | str, *rest: Any, **more: Any) -> None:
@@ -108,11 +108,11 @@ def main() -> None:
     """Entry point."""
     # an interrupt from a terminal is for the server; a job is ended by `cancel`, a machine that shuts down by SIGTERM
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    workspace = Workspace(Path(sys.argv[1]))
+    workspace = StudioWorkspace(Path(sys.argv[1]))
     job = Jobs(workspace).job(sys.argv[2])
     if job is None or not job.work.isidentifier():
         raise SystemExit(f"no job {sys.argv[2]}")
-    run_job(workspace, job, Reporter(workspace.path(f"{JOBS_FOLDER}/{job.id}")))
+    run_job(workspace, job, JobReporter(workspace.path(f"{JOBS_FOLDER}/{job.id}")))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from posefuse.core import InputError
 from posefuse.foundation.atomic import atomic_file
 
-from .workspace import STATE_FOLDER, Workspace
+from .workspace import STATE_FOLDER, StudioWorkspace
 
 JobState = Literal["starting", "running", "done", "failed", "cancelled", "lost"]
 ENDED = ("done", "failed", "cancelled", "lost")
@@ -86,7 +86,7 @@ class Report:
 class Jobs:
     """Starts, watches and cancels the jobs of a workspace."""
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: StudioWorkspace) -> None:
         self._workspace = workspace
         # kept so that they are waited for when they end, where this server started them
         self._processes: dict[str, subprocess.Popen[bytes]] = {}

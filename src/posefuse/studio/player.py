@@ -16,7 +16,7 @@ import posefuse as pf
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.kinematics.gait import Gait, gait_from_poses
-from posefuse.pipeline.playback import Moment, Playback
+from posefuse.pipeline.playback import Playback, PlaybackStep
 from posefuse.pipeline.session_images import nearby_session
 
 from .scene.messages import image_message, labels_message, poses_message, setup_message
@@ -79,7 +79,7 @@ def _joint_angles(path: Path) -> JointAngles | None:
         return None
 
 
-class Player:
+class ResultPlayer:
     """Moves over a recording; the newest place asked for wins.
 
     Args:
@@ -155,7 +155,7 @@ class Player:
         if moment is not None:
             self._stream.publish(("image", c), self._image(c, moment), keep=True)
 
-    def _image(self, c: int, moment: Moment) -> bytes:
+    def _image(self, c: int, moment: PlaybackStep) -> bytes:
         people = self.opened.recording.poses.person_id.tolist()
         return image_message(
             moment.t_ns / 1e9,

@@ -12,13 +12,13 @@ from nicegui import run
 from posefuse.core import PosefuseError
 from posefuse.pipeline.catalogue import thumbnail
 
-from .workspace import STATE_FOLDER, Workspace
+from .workspace import STATE_FOLDER, StudioWorkspace
 
 # a page from the workspace runs by itself: it can read nothing of the studio and send nothing
 _SANDBOX = {"Content-Security-Policy": "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'"}
 
 
-def add_routes(app: Any, workspace: Workspace) -> None:
+def add_routes(app: Any, workspace: StudioWorkspace) -> None:
     """Serve ``/studio/thumbnail?name=RECORDING`` and ``/studio/file?name=FILE``."""
 
     @app.get("/studio/thumbnail")

@@ -10,7 +10,7 @@ from posefuse.core import InputError, Rig, SourceError
 from posefuse.realtime.capture import LiveInput
 
 from .jobs import read_json, write_json
-from .workspace import Workspace, check_name
+from .workspace import StudioWorkspace, check_name
 
 DEMO = "Demo clip"
 _FOLDER = "setups"
@@ -34,7 +34,7 @@ class Setup:
     roles: Mapping[str, str] = field(default_factory=dict)
 
 
-def setups(workspace: Workspace) -> list[Setup]:
+def setups(workspace: StudioWorkspace) -> list[Setup]:
     """The presets of a workspace by name, after the bundled clip."""
     found = []
     folder = workspace.path(_FOLDER)
@@ -46,7 +46,7 @@ def setups(workspace: Workspace) -> list[Setup]:
     return [Setup(name=DEMO), *found]
 
 
-def setup_named(workspace: Workspace, name: str) -> Setup:
+def setup_named(workspace: StudioWorkspace, name: str) -> Setup:
     """A preset; raises InputError where there is none."""
     for setup in setups(workspace):
         if setup.name == name:
@@ -54,7 +54,7 @@ def setup_named(workspace: Workspace, name: str) -> Setup:
     raise InputError(f"setup {name!r}: not in the workspace")
 
 
-def save_setup(workspace: Workspace, setup: Setup) -> None:
+def save_setup(workspace: StudioWorkspace, setup: Setup) -> None:
     """Write a preset; one of the same name is replaced.
 
     Raises:
@@ -72,13 +72,13 @@ def save_setup(workspace: Workspace, setup: Setup) -> None:
     write_json(workspace.folder(_FOLDER) / f"{setup.name}.json", content)
 
 
-def delete_setup(workspace: Workspace, name: str) -> None:
+def delete_setup(workspace: StudioWorkspace, name: str) -> None:
     """Remove a preset; its videos and rig stay."""
     check_name(name)
     workspace.path(f"{_FOLDER}/{name}.json").unlink(missing_ok=True)
 
 
-def source_text(workspace: Workspace, what: str) -> str:
+def source_text(workspace: StudioWorkspace, what: str) -> str:
     """A source with the file it names made absolute; raises InputError for a file outside the workspace."""
     kind, colon, rest = what.partition(":")
     if colon and kind in _FILES:
@@ -86,7 +86,7 @@ def source_text(workspace: Workspace, what: str) -> str:
     return what
 
 
-def rig_of_setup(workspace: Workspace, setup: Setup) -> Rig:
+def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
     """The calibrated cameras of a setup.
 
     Raises:
@@ -102,7 +102,7 @@ def rig_of_setup(workspace: Workspace, setup: Setup) -> Rig:
     return read_placed_rig(workspace.existing(setup.rig))
 
 
-def inputs_of_setup(workspace: Workspace, setup: Setup, rig: Rig | None = None) -> tuple[LiveInput, ...]:
+def inputs_of_setup(workspace: StudioWorkspace, setup: Setup, rig: Rig | None = None) -> tuple[LiveInput, ...]:
     """Its sources; videos begin again when the shortest has ended.
 
     Raises:

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from .jobs import Job
 from .live_link import LIVE, WATCH
-from .pages import PAGES, Page
+from .pages import PAGES, StudioPage
 from .state import Studio
 
 _STYLE = Path(__file__).with_name("style.css")
@@ -20,7 +20,7 @@ _MOST_JOBS = 8
 
 
 @contextmanager
-def shell(studio: Studio, here: Page) -> Iterator[None]:
+def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
     """The frame of a page; its own elements go into the block."""
     dark = plain()
     with ui.header(elevated=False).classes("pf-header"):
@@ -127,7 +127,7 @@ def job_line(studio: Studio, job: Job) -> None:
             ui.label(line).classes("pf-small")
 
 
-def _nav_link(page: Page, here: Page) -> None:
+def _nav_link(page: StudioPage, here: StudioPage) -> None:
     with ui.link(target=page.path).classes("pf-nav-link" + (" pf-here" if page is here else "")) as link:
         ui.icon(page.icon)
         ui.label(page.title)

@@ -9,7 +9,7 @@ from .access import Access
 from .jobs import Jobs
 from .live_link import LIVE, WATCH, LiveLink
 from .streams import Stream
-from .workspace import Workspace
+from .workspace import StudioWorkspace
 
 
 @dataclass(kw_only=True)
@@ -21,7 +21,7 @@ class Studio:
         live: the live session that runs, if any. watch: the same of cameras that are watched without tracking.
     """
 
-    workspace: Workspace
+    workspace: StudioWorkspace
     access: Access
     jobs: Jobs
     live: LiveLink
@@ -29,7 +29,7 @@ class Studio:
     streams: dict[str, Stream] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, workspace: Workspace, access: Access) -> Studio:
+    def of(cls, workspace: StudioWorkspace, access: Access) -> Studio:
         """A new one."""
         jobs = Jobs(workspace)
         live, watch = LiveLink(jobs), LiveLink(jobs, WATCH)

@@ -10,7 +10,7 @@ from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.calibration.targets.printing import board_sheet, cube_sheets, write_pdf
 from posefuse.foundation.atomic import atomic_file
 
-from .workspace import Workspace
+from .workspace import StudioWorkspace
 
 FOLDER = "targets"
 
@@ -23,7 +23,7 @@ class Printed:
     pdf: str
 
 
-def print_board(workspace: Workspace, *, columns: int, rows: int, square_mm: float, page: str) -> Printed:
+def print_board(workspace: StudioWorkspace, *, columns: int, rows: int, square_mm: float, page: str) -> Printed:
     """A ChArUco board.
 
     Raises:
@@ -33,18 +33,18 @@ def print_board(workspace: Workspace, *, columns: int, rows: int, square_mm: flo
     return _printed(workspace, f"board {columns}x{rows} {square_mm:g} mm", kind, page)
 
 
-def print_cube(workspace: Workspace, *, marker_mm: float, page: str) -> Printed:
+def print_cube(workspace: StudioWorkspace, *, marker_mm: float, page: str) -> Printed:
     """Six markers for the faces of a cube."""
     return _printed(workspace, f"cube {marker_mm:g} mm", Markers(side_m=marker_mm / 1e3, ids=tuple(range(6))), page)
 
 
-def targets(workspace: Workspace) -> list[str]:
+def targets(workspace: StudioWorkspace) -> list[str]:
     """Descriptions in the workspace."""
     folder = workspace.path(FOLDER)
     return [f"{FOLDER}/{path.name}" for path in sorted(folder.glob("*.toml"))] if folder.is_dir() else []
 
 
-def _printed(workspace: Workspace, stem: str, kind: Target, page: str) -> Printed:
+def _printed(workspace: StudioWorkspace, stem: str, kind: Target, page: str) -> Printed:
     sheets = [board_sheet(kind, page)] if isinstance(kind, Charuco) else cube_sheets(kind, page=page)  # type: ignore[arg-type]
     described = f"{FOLDER}/{stem}.toml"
     pdf = workspace.folder(FOLDER) / Path(f"{stem}.pdf")

@@ -9,7 +9,7 @@ import numpy as np
 from .gate import CameraReport, Gate, Seen, speed_mps, stepped
 from .heartbeats import Beat, Heartbeats
 from .mapping import Clutch, engaged, moved
-from .separation import Body, remembered, separation_m, speed_share
+from .separation import OperatorBody, remembered, separation_m, speed_share
 from .settings import TeleoperationSettings
 from .steady import Steady, steadied
 from .values import OperatorView, Order, Phase, RobotState
@@ -27,7 +27,7 @@ class Operator:
 
     gate: Gate = field(default_factory=Gate)
     beats: Heartbeats = field(default_factory=Heartbeats)
-    body: Body = field(default_factory=Body.unknown)
+    body: OperatorBody = field(default_factory=OperatorBody.unknown)
     clutch: Clutch | None = None
     steady: Steady | None = None
     view: OperatorView | None = None
@@ -38,7 +38,7 @@ class Operator:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class News:
+class OperatorNews:
     """What came since the last step: newest of each, None where there is nothing new; heartbeats in the order they came."""
 
     view: OperatorView | None = None
@@ -49,7 +49,7 @@ class News:
     reset: bool = False
 
 
-def step(operator: Operator, news: News, now_ns: int, settings: TeleoperationSettings) -> tuple[Operator, Order | None]:
+def step(operator: Operator, news: OperatorNews, now_ns: int, settings: TeleoperationSettings) -> tuple[Operator, Order | None]:
     """Take in what is new and decide: the new state, and the order for the robot; None before its first state is known."""
     beats = operator.beats
     for beat in news.beats:

@@ -25,7 +25,7 @@ _TRUNK = [BODY.index(name) for name in ("left_shoulder", "right_shoulder", "left
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Body:
+class OperatorBody:
     """Where each keypoint of the operator was seen last.
 
     Attributes:
@@ -38,20 +38,20 @@ class Body:
     seen_ns: Array
 
     @staticmethod
-    def unknown() -> Body:
+    def unknown() -> OperatorBody:
         """No person was seen."""
         k = len(BODY)
-        return Body(person_id=-1, xyz_world=np.full((k, 3), np.nan), sigma_m=np.zeros(k), seen_ns=np.zeros(k, np.int64))
+        return OperatorBody(person_id=-1, xyz_world=np.full((k, 3), np.nan), sigma_m=np.zeros(k), seen_ns=np.zeros(k, np.int64))
 
 
-def remembered(body: Body, view: OperatorView) -> Body:
+def remembered(body: OperatorBody, view: OperatorView) -> OperatorBody:
     """The body after one more view: what it measures is renewed, the rest stays where it was seen last."""
     if view.person_id < 0:
         return body
     if body.person_id != view.person_id:
-        body = Body.unknown()
+        body = OperatorBody.unknown()
     new = view.body_measured & np.isfinite(view.body_xyz_world).all(axis=1) & np.isfinite(view.body_sigma_m)
-    return Body(
+    return OperatorBody(
         person_id=view.person_id,
         xyz_world=np.where(new[:, None], view.body_xyz_world, body.xyz_world),
         sigma_m=np.where(new, view.body_sigma_m, body.sigma_m),
@@ -67,7 +67,7 @@ class Limbs(NamedTuple):
     radius: Array
 
 
-def limbs_of(body: Body, now_ns: int, settings: SeparationSettings) -> Limbs | None:
+def limbs_of(body: OperatorBody, now_ns: int, settings: SeparationSettings) -> Limbs | None:
     """The operator's limbs, thicker by what is not known of them; None where the trunk is not known."""
     age_s = (now_ns - body.seen_ns) / 1e9
     known = np.isfinite(body.xyz_world).all(axis=1) & (age_s <= settings.memory_s)
@@ -82,7 +82,7 @@ def limbs_of(body: Body, now_ns: int, settings: SeparationSettings) -> Limbs | N
     )
 
 
-def separation_m(body: Body, spheres_world: Array, now_ns: int, settings: SeparationSettings) -> float:
+def separation_m(body: OperatorBody, spheres_world: Array, now_ns: int, settings: SeparationSettings) -> float:
     """Least distance of the robot's spheres (M, 4) and the operator's limbs; NaN where the trunk is not known."""
     limbs = limbs_of(body, now_ns, settings)
     if limbs is None or not len(spheres_world) or not np.isfinite(spheres_world).all():

@@ -19,7 +19,7 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from .deadman import DeadMan, Pressed
 from .gate import CameraReport
 from .hands import operator_view
-from .operator import News, Operator, step
+from .operator import Operator, OperatorNews, step
 from .robots.process import Failed, Leave, RobotPlan, run_robot
 from .settings import TeleoperationSettings
 from .values import OperatorView, Order, Phase, RobotState
@@ -167,8 +167,8 @@ def _view(feed: Feed, operator: Operator, settings: TeleoperationSettings) -> Op
     return replace(view, t_ns=t_ns)
 
 
-def _news(view: OperatorView | None, pressed: Pressed, feed: Feed, robot: RobotLink) -> News:
-    return News(
+def _news(view: OperatorView | None, pressed: Pressed, feed: Feed, robot: RobotLink) -> OperatorNews:
+    return OperatorNews(
         view=view,
         beats=pressed.beats,
         cameras=feed.cameras(),

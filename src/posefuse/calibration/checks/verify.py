@@ -10,7 +10,7 @@ from posefuse.calibration.extrinsics.locate import aligned
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.world import triangulate
 from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import CELLS_WH
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import CalibrationError, Rig
@@ -61,7 +61,7 @@ class Verification:
 
 
 def verify(
-    rig: Rig, observations: Observations, target: Target, late_s: Array | None = None, limits: VerifyLimits = VERIFY_LIMITS
+    rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None, limits: VerifyLimits = VERIFY_LIMITS
 ) -> Verification:
     """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
 

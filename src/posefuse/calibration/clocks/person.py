@@ -13,7 +13,7 @@ from posefuse.core import Rig
 
 from .person_tracks import PersonTrack
 from .start import RoughClocks, rough_clocks
-from .sync import ClockEstimate, ClockFit, Track, estimate_clocks
+from .sync import ClockEstimate, ClockFit, PointTrack, estimate_clocks
 
 SUBJECT = "clocks from a person"
 _LEAST_FRAMES = 8
@@ -32,11 +32,11 @@ class FoundClocks:
     report: CalibrationReport
 
 
-def moving_points(track: PersonTrack) -> Track:
+def moving_points(track: PersonTrack) -> PointTrack:
     """The points of a person that tell most about time, where they are well seen."""
     limbs = limb_keypoints(track.skeleton.keypoints)
     xy = np.where((track.score >= MIN_SCORE)[..., None], track.xy_img, np.nan)
-    return Track(track.t_ns / 1e9, xy[:, limbs])
+    return PointTrack(track.t_ns / 1e9, xy[:, limbs])
 
 
 def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, with_drift: bool = False) -> FoundClocks:
@@ -84,7 +84,7 @@ def _require(done: Sequence[Check]) -> None:
     CalibrationReport(SUBJECT, tuple(done)).require()
 
 
-def check_seen(names: Sequence[str], moving: Sequence[Track]) -> Check:
+def check_seen(names: Sequence[str], moving: Sequence[PointTrack]) -> Check:
     """Every camera saw a person."""
     seen = [int(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1).sum()) for track in moving]
     blind = [f"{name} ({n} of {len(track.t_s)} frames)" for name, n, track in zip(names, seen, moving, strict=True)

@@ -17,7 +17,7 @@ from posefuse.core import Camera, Rig
 from posefuse.core.arrays import Array
 
 from .resample import at_times
-from .sync import Track
+from .sync import PointTrack
 
 STEP_S = 1 / 15
 # two cameras must have seen so much together at an offset for it to count; without a rig, so much of a way
@@ -57,7 +57,7 @@ class _Pair:
     worth: Array
 
 
-def rough_clocks(rig: Rig, tracks: Sequence[Track], most_s: float) -> RoughClocks:
+def rough_clocks(rig: Rig, tracks: Sequence[PointTrack], most_s: float) -> RoughClocks:
     """Of cameras that stand as the rig says."""
     grids = [_Grid.of(track) for track in tracks]
     norm = [camera.norm_from_px(grid.xy) for camera, grid in zip(rig, grids, strict=True)]
@@ -79,7 +79,7 @@ def rough_clocks(rig: Rig, tracks: Sequence[Track], most_s: float) -> RoughClock
     return _agreed(grids, cost, most_s)
 
 
-def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[Track], most_s: float) -> RoughClocks:
+def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[PointTrack], most_s: float) -> RoughClocks:
     """Of cameras at unknown places, from the way the person walks over the floor."""
     grids = [_Grid.of(track) for track in tracks]
     ways = [np.moveaxis(camera.norm_from_px(grid.xy), 0, 1) for camera, grid in zip(cameras, grids, strict=True)]
@@ -94,7 +94,7 @@ class _Grid:
     xy: Array
 
     @classmethod
-    def of(cls, track: Track) -> _Grid:
+    def of(cls, track: PointTrack) -> _Grid:
         first, last = (round(float(t) / STEP_S) for t in track.t_s[[0, -1]])
         return cls(first, at_times(track.t_s, track.xy_img, np.arange(first, last + 1) * STEP_S))
 

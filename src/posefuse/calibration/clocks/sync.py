@@ -25,7 +25,7 @@ _BEFORE_S, _BEFORE_DRIFT = 0.3, 3e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class PointTrack:
     """What one camera saw of P named points: stamps t_s (F,) and raw px xy_img (F, P, 2), NaN where unseen."""
 
     t_s: Array
@@ -85,7 +85,7 @@ class ClockFit:
         return first, second
 
 
-def estimate_clocks(rig: Rig, tracks: Sequence[Track], start: ClockEstimate, with_drift: bool = False) -> ClockFit:
+def estimate_clocks(rig: Rig, tracks: Sequence[PointTrack], start: ClockEstimate, with_drift: bool = False) -> ClockFit:
     """Clocks of all cameras together, from clocks that are right to some frames.
 
     Args:
@@ -116,7 +116,7 @@ def estimate_clocks(rig: Rig, tracks: Sequence[Track], start: ClockEstimate, wit
     return ClockFit(clocks, _spread_px(paths, len(rig)), block_s, tuple(sums))
 
 
-def _blocks(rig: Rig, tracks: Sequence[Track], start: ClockEstimate) -> list[tuple[float, MovingViews]]:
+def _blocks(rig: Rig, tracks: Sequence[PointTrack], start: ClockEstimate) -> list[tuple[float, MovingViews]]:
     """Middle and views of each block in which two cameras saw enough."""
     taken = [start.taken_s(c, track.t_s) for c, track in enumerate(tracks)]
     begin = sorted(t[0] for t in taken if len(t))[1]

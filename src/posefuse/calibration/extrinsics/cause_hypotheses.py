@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from posefuse.calibration.solving.rotations import Poses
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco
 from posefuse.core import Camera, ConfigError
@@ -19,7 +19,7 @@ from .board_shape import DEFORMATIONS, DEFORMED_REMEDY, best_deformation
 from .cause_solves import anew_trial, near_solve, solve_anew, trial
 from .cause_splits import moved_or_jumped
 from .cause_views import views_wrong
-from .causes import Hypothesis, Trial, Trouble, base_spread_px
+from .causes import CauseTrial, Hypothesis, Trouble, base_spread_px
 from .clocks import rough_offsets
 from .lens_check import lens_change, lens_words
 from .pipeline import Solved
@@ -36,7 +36,7 @@ _ANOTHER_BOARD_PX = 4.0
 _FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
 
 
-def intrinsics_wrong(trouble: Trouble) -> Iterator[Trial]:
+def intrinsics_wrong(trouble: Trouble) -> Iterator[CauseTrial]:
     """The intrinsics of one camera, of two, or of all are let free; or the given ones belong to other cameras."""
     solved = trouble.solved
     if solved is None:
@@ -63,7 +63,7 @@ def _lens_story(trouble: Trouble, solved: Solved, free: PropSolution, some: tupl
     return f"the intrinsics of {whose} are wrong: {', '.join(words)}"
 
 
-def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[Trial]:
+def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[CauseTrial]:
     """The given intrinsics are right, but not in this order."""
     cameras, delta, covariance = trouble.cameras, free.state.lens_delta, free.lens_covariance
     given = np.array([[c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], *_bend(c)] for c in cameras])
@@ -87,7 +87,7 @@ def _bend(camera: Camera) -> Array:
     return np.concatenate([camera.distortion, np.zeros(2)])[:2]
 
 
-def image_turned(trouble: Trouble) -> Iterator[Trial]:
+def image_turned(trouble: Trouble) -> Iterator[CauseTrial]:
     """One camera's image is turned by half a turn."""
     solved = trouble.solved
     for c, camera in enumerate(trouble.cameras):
@@ -107,7 +107,7 @@ def image_turned(trouble: Trouble) -> Iterator[Trial]:
             yield trial(words, remedy, turned, near_solve(turned, trouble.cameras, state, freedom), 0)
 
 
-def image_mirrored(trouble: Trouble) -> Iterator[Trial]:
+def image_mirrored(trouble: Trouble) -> Iterator[CauseTrial]:
     """One camera's image is flipped; only for cameras of which hardly a view fits."""
     for c in _bad_cameras(trouble):
         seen, width = trouble.observations, trouble.cameras[c].size_wh[0]
@@ -125,7 +125,7 @@ def _bad_cameras(trouble: Trouble) -> list[int]:
     return [c for c in range(len(trouble.cameras)) if (camera == c).any() and solved.inlier[camera == c].mean() < _BAD_SHARE]
 
 
-def clocks_near(trouble: Trouble) -> Iterator[Trial]:
+def clocks_near(trouble: Trouble) -> Iterator[CauseTrial]:
     """Each camera has a clock of its own, within what the motion of the corners extrapolates to."""
     solved = trouble.solved
     if solved is None:
@@ -138,7 +138,7 @@ def clocks_near(trouble: Trouble) -> Iterator[Trial]:
         yield trial(words, remedy, solved, free, len(trouble.cameras) - 1)
 
 
-def clocks_off(trouble: Trouble) -> Iterator[Trial]:
+def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
     """Each camera has a clock of its own, farther apart than a calibration looks by itself; or running at its own rate."""
     cameras = trouble.cameras
     late = rough_offsets(trouble.observations, cameras, trouble.target, _LONGEST_OFFSET_S)
@@ -158,7 +158,7 @@ def clocks_off(trouble: Trouble) -> Iterator[Trial]:
             yield from anew_trial(words, remedy, solved, lost, frees * (len(cameras) - 1))
 
 
-def _see_together(observations: Observations, delay_s: Array) -> bool:
+def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
     """Whether all cameras hang together through pairs that see the target at once for a good part of their frames.
 
     With offsets that are wide enough, a little of any two recordings overlaps.
@@ -186,7 +186,7 @@ def _clock_story(cameras: tuple[Camera, ...], solved: Solved) -> str:
     return ", ".join(parts)
 
 
-def board_swapped(trouble: Trouble) -> Iterator[Trial]:
+def board_swapped(trouble: Trouble) -> Iterator[CauseTrial]:
     """A board whose columns and rows are swapped."""
     target = trouble.target
     if np.isfinite(spread := base_spread_px(trouble)) and spread < _ANOTHER_BOARD_PX:
@@ -205,7 +205,7 @@ def board_swapped(trouble: Trouble) -> Iterator[Trial]:
             )  # fmt: skip
 
 
-def board_deformed(trouble: Trouble) -> Iterator[Trial]:
+def board_deformed(trouble: Trouble) -> Iterator[CauseTrial]:
     """The board stretched or bent, as far as fits best."""
     solved = trouble.solved
     if solved is None or not isinstance(trouble.target, Charuco | ArucoBoard):

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .causes import Trial, Trouble
+from .causes import CauseTrial, Trouble
 from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
 from .prop_solve import Freedom, PropSolution, PropState, solve_prop
 
@@ -22,13 +22,13 @@ def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, fr
     return solve_prop(solved.seen, solved.corners, cameras, state, free)
 
 
-def trial(words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int) -> Trial:
+def trial(words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int) -> CauseTrial:
     """What a solve on the same corners gives."""
-    return Trial(words, remedy, solved.seen.camera, solution.residual_px, 0, frees)
+    return CauseTrial(words, remedy, solved.seen.camera, solution.residual_px, 0, frees)
 
 
 def solve_anew(
-    trouble: Trouble, observations: Observations, cameras: tuple[Camera, ...], target: Target, clocks: str = "together",
+    trouble: Trouble, observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, clocks: str = "together",
     delay_s: Array | None = None,
 ) -> tuple[Solved | None, int]:  # fmt: skip
     """Everything from the beginning on fewer time steps: the solution, and how many corners it could not place."""
@@ -46,8 +46,8 @@ def solve_anew(
     return solved, max(len(seen.camera) - len(solved.seen.camera), 0)
 
 
-def anew_trial(words: str, remedy: str, solved: Solved | None, lost: int, frees: int) -> list[Trial]:
+def anew_trial(words: str, remedy: str, solved: Solved | None, lost: int, frees: int) -> list[CauseTrial]:
     """What a solve from the beginning gives: nothing where it could not be linked."""
     if solved is None:
         return []
-    return [Trial(words, remedy, solved.seen.camera, solved.solution.residual_px, lost, frees)]
+    return [CauseTrial(words, remedy, solved.seen.camera, solved.solution.residual_px, lost, frees)]

@@ -12,7 +12,7 @@ from posefuse.core import Camera
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 from .cause_solves import near_solve
-from .causes import Trial, Trouble
+from .causes import CauseTrial, Trouble
 from .clocks import rough_offsets
 from .pipeline import Solved
 from .prop_solve import Freedom, PropSolution
@@ -24,7 +24,7 @@ _LEAST_JUMP_S, _SIGMA = 0.005, 5.0
 _LONGEST_JUMP_S = 0.6
 
 
-def moved_or_jumped(trouble: Trouble) -> Iterator[Trial]:
+def moved_or_jumped(trouble: Trouble) -> Iterator[CauseTrial]:
     """One camera has another pose and clock from some time step on."""
     solved = trouble.solved
     if solved is None:
@@ -78,7 +78,7 @@ def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array, A
     return steps, clipped[:, 0], clipped[:, 1], velocity / 100.0, np.ones(len(steps))
 
 
-def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[Trial]:
+def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[CauseTrial]:
     """Solve with the camera taken as two, before and after the step."""
     cameras = (*trouble.cameras, replace(trouble.cameras[c], name=f"{trouble.cameras[c].name} later"))
     t_s = float(solved.seen.t_s[step])
@@ -93,7 +93,7 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[Tria
             apart, solution = min(((apart, solution), again), key=lambda one: _size(one[1]))
     words, remedy, frees = _split_story(trouble, solution, c, t_s + start_s, apart)
     camera = np.where(apart.seen.camera == len(trouble.cameras), c, apart.seen.camera)
-    yield Trial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees)
+    yield CauseTrial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees)
 
 
 def _size(solution: PropSolution, rows: Array | slice = slice(None)) -> float:
@@ -184,7 +184,7 @@ def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, 
             "calibrate again, or use the part before or after", 7)  # fmt: skip
 
 
-def _uneven_stamps(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
+def _uneven_stamps(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
     """Every frame of one camera has a time shift of its own."""
     seen, residual = solved.seen, solved.solution.residual_px
     for c, camera in enumerate(trouble.cameras):
@@ -199,7 +199,7 @@ def _uneven_stamps(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
             continue
         left = np.where(rows[:, None], residual - v * late_s[seen.instant][:, None], residual)
         spread_s = SIGMA_PER_MAD * float(np.median(np.abs(late_s[used] - np.median(late_s[used]))))
-        yield Trial(
+        yield CauseTrial(
             f"the time stamps of {camera.name} are uneven by {spread_s * 1e3:.0f} ms from frame to frame",
             "read the true time of each frame, or fix the camera's exposure so that it keeps its frame rate",
             seen.camera, left, 0, len(used),

@@ -11,7 +11,7 @@ from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.kinds import patch_corners
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
-from .causes import Trial, Trouble
+from .causes import CauseTrial, Trouble
 from .pipeline import TIME_STEPS, Solved, key_snapshots
 from .planar import planar_views
 from .snapshots import Snapshots
@@ -22,7 +22,7 @@ _MOST_SHARED = 2.0
 _ODD_SHARE = 0.3
 
 
-def views_wrong(trouble: Trouble) -> Iterator[Trial]:
+def views_wrong(trouble: Trouble) -> Iterator[CauseTrial]:
     """Images are blurred, or some markers of one camera are not those of the target."""
     if trouble.solved is None:
         yield from _blurred_views(trouble)
@@ -31,7 +31,7 @@ def views_wrong(trouble: Trouble) -> Iterator[Trial]:
     yield from _odd_markers(trouble, trouble.solved)
 
 
-def _blurred(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
+def _blurred(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
     """The corners of some cameras are noisy each by itself, which neither pose nor time nor intrinsics make them."""
     seen, residual = solved.seen, solved.solution.residual_px
     own, shared = _noise_px(seen, residual, len(trouble.cameras))
@@ -45,7 +45,7 @@ def _blurred(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
     scaled = np.where(
         np.isin(seen.camera, blurred)[:, None], residual * (sigma / np.maximum(own, 1e-9))[seen.camera][:, None], residual
     )
-    yield Trial(
+    yield CauseTrial(
         f"the images of {names} are blurred or noisy: corners scatter by {max(own[c] for c in blurred):.1f} px each by itself",
         "focus, add light, shorten the exposure, or use larger markers", seen.camera, scaled, 0, len(blurred),
     )  # fmt: skip
@@ -66,7 +66,7 @@ def _noise_px(seen: Snapshots, residual: Array, cameras: int) -> tuple[Array, Ar
     return usual(inside, seen.camera), usual(middle, camera)
 
 
-def _blurred_views(trouble: Trouble) -> Iterator[Trial]:
+def _blurred_views(trouble: Trouble) -> Iterator[CauseTrial]:
     """For cameras that could not be linked: corners that scatter about any image of the target, in each image by itself."""
     seen = key_snapshots(trouble.observations, replace(trouble.options, instants=TIME_STEPS), np.zeros((len(trouble.cameras), 2)))
     if len(seen.camera) == 0:
@@ -86,14 +86,14 @@ def _blurred_views(trouble: Trouble) -> Iterator[Trial]:
         names = ", ".join(trouble.cameras[c].name for c in blurred)
         # seen in each image by itself: no solve is needed to show it
         left = np.zeros((len(seen.camera), 2))
-        yield Trial(
+        yield CauseTrial(
             f"the images of {names} are blurred or noisy: corners scatter by {max(usual):.1f} px in single images",
             "focus, add light, shorten the exposure, use larger markers; is the target described as it is?",
             seen.camera, left, 0, 0,
         )  # fmt: skip
 
 
-def _odd_markers(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
+def _odd_markers(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
     """Some markers of one camera never fit, its others do: ids are mixed up there, or belong to something else."""
     first = solved.seen.group_starts()
     camera, patch, inlier = solved.seen.camera[first], solved.seen.patch[first], solved.inlier
@@ -104,7 +104,7 @@ def _odd_markers(trouble: Trouble, solved: Solved) -> Iterator[Trial]:
         if odd and rest.any() and inlier[rest].mean() > 1 - _ODD_SHARE:
             keep = ~((solved.seen.camera == c) & np.isin(solved.seen.patch, odd))
             ids = ", ".join(str(int(solved.seen.patches[p])) for p in odd)
-            yield Trial(
+            yield CauseTrial(
                 f"markers {ids} that {trouble.cameras[c].name} sees are not those of the target: ids mixed up, or another prop",
                 "look at what this camera saw, and take away what carries the same ids", solved.seen.camera[keep],
                 solved.solution.residual_px[keep], 0, 6 * len(odd),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.calibration.report import Check
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
@@ -38,7 +38,7 @@ class Trouble:
         observations, cameras, target, options: its input. solved: its solution; None where the cameras could not be linked.
     """
 
-    observations: Observations
+    observations: CornerObservations
     cameras: tuple[Camera, ...]
     target: Target
     options: Options
@@ -46,7 +46,7 @@ class Trouble:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class CauseTrial:
     """One hypothesis solved.
 
     Attributes:
@@ -74,7 +74,7 @@ class Hypothesis:
 
     name: str
     frees: str
-    trials: Callable[[Trouble], Iterable[Trial]]
+    trials: Callable[[Trouble], Iterable[CauseTrial]]
     near: bool
 
 
@@ -82,7 +82,7 @@ class Hypothesis:
 class Cause:
     """A hypothesis with the share (0 to 1) of the excess residual that it takes away."""
 
-    trial: Trial
+    trial: CauseTrial
     explained: float
     spread_px: float
 
@@ -98,7 +98,7 @@ def likely_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[C
     )
 
 
-def _best(trouble: Trouble, trials: Sequence[Trial]) -> tuple[Cause, ...]:
+def _best(trouble: Trouble, trials: Sequence[CauseTrial]) -> tuple[Cause, ...]:
     if not trials:
         return ()
     base = _base(trouble)
@@ -125,10 +125,10 @@ def cause_check(causes: Sequence[Cause], before_px: float) -> Check:
     return Check("cause", False, f"{words} ({evidence}{spread})", " or ".join(dict.fromkeys(c.trial.remedy for c in causes)))
 
 
-def _base(trouble: Trouble) -> Trial:
+def _base(trouble: Trouble) -> CauseTrial:
     if trouble.solved is None:
-        return Trial("", "", np.zeros(0, np.int64), np.zeros((0, 2)), 1, 0)
-    return Trial("", "", trouble.solved.seen.camera, trouble.solved.solution.residual_px, 0, 0)
+        return CauseTrial("", "", np.zeros(0, np.int64), np.zeros((0, 2)), 1, 0)
+    return CauseTrial("", "", trouble.solved.seen.camera, trouble.solved.solution.residual_px, 0, 0)
 
 
 def base_spread_px(trouble: Trouble) -> float:
@@ -136,13 +136,13 @@ def base_spread_px(trouble: Trouble) -> float:
     return float("nan") if trouble.solved is None else _spread_px(_base(trouble))
 
 
-def _spread_px(trial: Trial) -> float:
+def _spread_px(trial: CauseTrial) -> float:
     size = np.linalg.norm(trial.residual_px, axis=1)
     size = size[np.isfinite(size)]
     return float(np.median(size) / 1.1774) if len(size) else np.inf
 
 
-def _cost(trial: Trial, sigma_px: float) -> float:
+def _cost(trial: CauseTrial, sigma_px: float) -> float:
     """Mean over the cameras of the robust cost of a corner."""
     square = np.nan_to_num((trial.residual_px**2).sum(axis=1), nan=np.inf) / (2 * sigma_px**2)
     each = np.minimum(np.log1p(square / _ROBUST**2), _LOST)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners, scale_m
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
@@ -25,7 +25,7 @@ _LEAST_SHARED = 30
 _STEP_S, _COARSE_STEP_S = 0.01, 0.05
 
 
-def rough_offsets(observations: Observations, cameras: tuple[Camera, ...], target: Target, most_s: float) -> Array:
+def rough_offsets(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, most_s: float) -> Array:
     """(C,) offset of each camera's clock in s against the first camera's group, to about a third of a frame.
 
     NaN for cameras whose path overlaps with none of the others.
@@ -53,7 +53,7 @@ def rough_offsets(observations: Observations, cameras: tuple[Camera, ...], targe
             offset[a] = offset[b] - late
 
 
-def _paths(observations: Observations, cameras: tuple[Camera, ...], target: Target) -> list[tuple[Array, Array]]:
+def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[tuple[Array, Array]]:
     """Per camera: times (n,) s and places of the prop in camera axes (n, 3) m, in a few windows of the recording."""
     first, last = int(observations.t_ns.min()), int(observations.t_ns.max())
     step = round(1e9 / _RATE_HZ)

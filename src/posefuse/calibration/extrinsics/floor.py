@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers, Target
 from posefuse.core import Camera, InputError
 
@@ -36,8 +36,8 @@ def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None
 
 
 def world_rule(
-    floor: FloorMarker | ThreePoints | None, observations: Observations, target: Target
-) -> tuple[Observations, WorldRule | None]:
+    floor: FloorMarker | ThreePoints | None, observations: CornerObservations, target: Target
+) -> tuple[CornerObservations, WorldRule | None]:
     """The observations of the moving target alone, and what sets the world; None estimates up from the cameras."""
     if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
         return observations, floor if isinstance(floor, ThreePoints) else None

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.calibration.report import Check
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
@@ -37,7 +37,7 @@ class Halves:
 
 
 def solve_halves(
-    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
+    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
 ) -> Halves:
     """The first and the second half from scratch; where a camera lacks one, every other fifth of them."""
     story = ""
@@ -116,14 +116,14 @@ def spread_px(solved: Solved, steps: Array, cameras: int) -> Array:
     return np.array([np.median(size[m]) if m.any() else np.nan for m in mine])
 
 
-def _half_of(t_ns: Array, observations: Observations, count: int) -> Array:
+def _half_of(t_ns: Array, observations: CornerObservations, count: int) -> Array:
     """0 or 1 by turns along `count` stretches of the recording."""
     first, last = int(observations.t_ns.min()), int(observations.t_ns.max()) + 1
     return np.asarray((t_ns - first) * count // (last - first) % _HALVES)
 
 
 def _solve_half(
-    part: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
+    part: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
 ) -> tuple[Solved | None, str]:
     delay_s = solved.solution.state.delay_s
     together = replace(options, clocks="together", instants=max(options.instants // 2, min(options.instants, TIME_STEPS)))

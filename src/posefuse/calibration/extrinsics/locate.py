@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.core.arrays import Array
@@ -36,7 +36,7 @@ class Located:
     residual_px: Array
 
 
-def aligned(observations: Observations, rig: Rig) -> Observations:
+def aligned(observations: CornerObservations, rig: Rig) -> CornerObservations:
     """Observations with the rig's cameras in the rig's order; raises CalibrationError for one the rig does not have."""
     unknown = [name for name in observations.cameras if name not in rig.names]
     if unknown:
@@ -57,7 +57,7 @@ def aligned(observations: Observations, rig: Rig) -> Observations:
     )
 
 
-def locate(rig: Rig, observations: Observations, target: Target, patch: int) -> Located:
+def locate(rig: Rig, observations: CornerObservations, target: Target, patch: int) -> Located:
     """The pose of one moving patch at every time step at which at least 2 cameras see it."""
     mine = aligned(observations, rig).of_patches([patch])
     if len(mine) == 0:
@@ -72,7 +72,7 @@ def locate(rig: Rig, observations: Observations, target: Target, patch: int) -> 
     return _solve(rig, snapshots(mine, times[several], np.zeros((len(rig), 2))), target, times[several])
 
 
-def locate_static(rig: Rig, observations: Observations, target: Target, patch: int) -> SE3:
+def locate_static(rig: Rig, observations: CornerObservations, target: Target, patch: int) -> SE3:
     """world_from_patch of a patch that lies still, from all frames of all cameras that see it.
 
     Raises:
@@ -94,7 +94,7 @@ def locate_static(rig: Rig, observations: Observations, target: Target, patch: i
     return located.world_from_patch[0]
 
 
-def _one_frame(mine: Observations, patch: int) -> Observations:
+def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
     """The median place of every corner in every camera, as one frame at time 0."""
     key = np.stack([mine.camera, mine.corner], axis=1)
     pairs, place = np.unique(key, axis=0, return_inverse=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from posefuse.calibration.report import Check
 from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import SE3, CalibrationError, Camera
@@ -26,7 +26,7 @@ _VIEWS, _LEAST_VIEWS, _LEAST_CORNERS = 120, 12, 4
 _FOCAL, _CENTRE, _K1, _K2 = 0.1, 0.05, 0.3, 0.3
 
 
-def starting_cameras(observations: Observations, target: Target) -> tuple[Camera, ...]:
+def starting_cameras(observations: CornerObservations, target: Target) -> tuple[Camera, ...]:
     """Cameras at the origin whose intrinsics are roughly right, one by one: each view of a patch is a view of a flat board.
 
     Zhang's method (2000) with one focal length, the principal point in the middle and no distortion.
@@ -44,7 +44,7 @@ def start_sigma(cameras: Sequence[Camera]) -> tuple[float, ...]:
     return (_FOCAL * focal_px,) * 2 + (_CENTRE * width,) * 2 + (_K1, _K2)
 
 
-def cameras_of(observations: Observations, target: Target, options: Options) -> tuple[Camera, ...]:
+def cameras_of(observations: CornerObservations, target: Target, options: Options) -> tuple[Camera, ...]:
     """Intrinsics of all cameras together from a moving target: those of `starting_cameras`, refined with the poses.
 
     Raises:
@@ -67,7 +67,7 @@ def cameras_of(observations: Observations, target: Target, options: Options) -> 
     return tuple(replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(cameras))
 
 
-def check_carried(cameras: Sequence[Camera], observations: Observations, solved: Solved, limits: Limits) -> Check:
+def check_carried(cameras: Sequence[Camera], observations: CornerObservations, solved: Solved, limits: Limits) -> Check:
     """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
     seen, solution = solved.seen, solved.solution
     share = coverage(observations).share
@@ -97,7 +97,7 @@ def check_carried(cameras: Sequence[Camera], observations: Observations, solved:
     )  # fmt: skip
 
 
-def _start(observations: Observations, c: int, target: Target) -> Camera:
+def _start(observations: CornerObservations, c: int, target: Target) -> Camera:
     name, size = observations.cameras[c], observations.sizes_wh[c]
     mine = observations.rows(observations.camera == c)
     key = np.stack([mine.t_ns, mine.patch], axis=1)

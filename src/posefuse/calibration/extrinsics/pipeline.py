@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners, scale_m
 from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
@@ -105,7 +105,9 @@ def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
     return np.asarray(worst <= _INLIER_SIGMA**2)
 
 
-def link(observations: Observations, cameras: tuple[Camera, ...], target: Target, seen: Snapshots) -> tuple[Links, PropViews]:
+def link(
+    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, seen: Snapshots
+) -> tuple[Links, PropViews]:
     """The rough answer: markers on the prop, prop in every image, cameras to each other."""
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     views = planar_views(seen, corners, lenses)
@@ -116,13 +118,13 @@ def link(observations: Observations, cameras: tuple[Camera, ...], target: Target
     return Links(edges, placed, reference, shape), in_images
 
 
-def key_snapshots(observations: Observations, options: Options, delay_s: Array) -> Snapshots:
+def key_snapshots(observations: CornerObservations, options: Options, delay_s: Array) -> Snapshots:
     """Corners at the key time steps."""
     instants = pick_instants(observations, options.instants, delay_s, prefer_slow=options.clocks == "together")
     return snapshots(observations, instants, delay_s)
 
 
-def starting_clocks(observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options) -> Array:
+def starting_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options) -> Array:
     """(C, 2) clocks to start from: 0 for synchronised cameras, else from the paths of the prop."""
     delay_s = np.zeros((len(cameras), 2))
     if options.clocks != "together":
@@ -132,8 +134,8 @@ def starting_clocks(observations: Observations, cameras: tuple[Camera, ...], tar
 
 
 def solve_linked(
-    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, seen: Snapshots, links: Links,
-    in_images: PropViews, delay_s: Array,
+    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, seen: Snapshots,
+    links: Links, in_images: PropViews, delay_s: Array,
 ) -> Solved:  # fmt: skip
     """Bundle adjustment from the rough answer, all cameras being linked; patches that disagree are left out by name."""
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
@@ -179,7 +181,7 @@ def _disagreeing_patches(seen: Snapshots, solution: PropSolution, keep: int) -> 
     return {int(p): float(share[p]) for p in np.flatnonzero((count > 0) & (share < _LEAST_PATCH_SHARE)) if p != keep}
 
 
-def _settle_clocks(observations: Observations, cameras: tuple[Camera, ...], solved: Solved, freedom: Freedom) -> Solved:
+def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], solved: Solved, freedom: Freedom) -> Solved:
     """Read the corners again at the clocks found and solve again, until the clocks stay."""
     instants_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
     patches, instants = np.unique(solved.seen.patch), np.unique(solved.seen.instant)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from posefuse.calibration.solving.bundle import Block, Linearised, Problem, Solution, clustered_covariance, solve
+from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, hat
 from posefuse.core import Camera
@@ -294,9 +294,9 @@ class _Model:
         turned_world = world - state.world_from_prop.t[seen.instant]
         turned_prop = prop - state.prop_from_patch.t[seen.patch]
         blocks = (
-            Block(_pose_jacobian(d_cam, turned_cam), seen.camera, len(state.cam_from_world)),
-            Block(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
-            Block(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
+            ResidualBlock(_pose_jacobian(d_cam, turned_cam), seen.camera, len(state.cam_from_world)),
+            ResidualBlock(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
+            ResidualBlock(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
             self._lens_block(state, lenses, cam),
         )
         return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.instant)
@@ -306,14 +306,14 @@ class _Model:
         per_drift = per_offset * self._seen.t_s[self._seen.instant][:, None]
         return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
 
-    def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> Block:
+    def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> ResidualBlock:
         count = len(state.cam_from_world)
         if self._freedom.lens_sigma is None:
             jacobian = np.zeros((len(cam), 2, len(LENS_PARAMETERS)))
         else:
             jacobian = self._white(lenses.lens_jacobian(self._seen.camera, cam))
         prior = np.tile(self._lens_prior, (count, 1))
-        return Block(jacobian, self._seen.camera, count, prior, state.lens_delta)
+        return ResidualBlock(jacobian, self._seen.camera, count, prior, state.lens_delta)
 
 
 def _pose_jacobian(d_point: Array, turned: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.calibration.report import Check
 from posefuse.calibration.solving.rotations import Poses, angle_between, mean_rotation
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
@@ -22,7 +22,7 @@ CORNERS_FIT = "corners fit"
 _SAME_VIDEO_CORNERS, _SAME_VIDEO_PX = 40, 1.0
 
 
-def check_seen(observations: Observations) -> Check:
+def check_seen(observations: CornerObservations) -> Check:
     """Every camera saw the target."""
     views = np.bincount(observations.camera[observations.view_starts()], minlength=len(observations.cameras))
     blind = [f"{name} (0 of {n} frames)" for name, n, v in zip(observations.cameras, observations.frame_count, views, strict=True)
@@ -31,7 +31,7 @@ def check_seen(observations: Observations) -> Check:
     return Check("target seen", not blind, detail, "show it there, check focus, light and marker size, or leave the camera out")
 
 
-def check_doubled(observations: Observations) -> Check:
+def check_doubled(observations: CornerObservations) -> Check:
     """No marker comes twice in many images."""
     frames = dict(zip(observations.cameras, observations.frame_count, strict=True))
     often = [f"marker {m} in {n} frames of {c}" for c, m, n in observations.doubled if n > 0.05 * frames[c] and n > 5]
@@ -41,7 +41,7 @@ def check_doubled(observations: Observations) -> Check:
     )  # fmt: skip
 
 
-def check_same_video(observations: Observations) -> Check:
+def check_same_video(observations: CornerObservations) -> Check:
     """No two cameras have the same image points at the same times."""
     key = np.stack([observations.t_ns, observations.patch, observations.corner], axis=1)
     place = np.unique(key, axis=0, return_inverse=True)[1].ravel()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core.arrays import Array
 
 _SAME_S = 1e-4
@@ -81,12 +81,12 @@ def _grouped(
     )
 
 
-def middle_ns(observations: Observations) -> int:
+def middle_ns(observations: CornerObservations) -> int:
     """Middle of the recording: the zero of `Snapshots.t_s` and of clock drift."""
     return int((int(observations.t_ns.min()) + int(observations.t_ns.max())) // 2)
 
 
-def snapshots(observations: Observations, instants_ns: Array, delay_s: Array) -> Snapshots:
+def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Array) -> Snapshots:
     """What each camera would have seen at `instants_ns` (T,).
 
     `delay_s` (C, 2): offset and drift of each camera's clock against the session's: a frame stamped s was taken at
@@ -158,7 +158,7 @@ def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
     return np.asarray(np.where(has_left & has_right, both, left + right))
 
 
-def pick_instants(observations: Observations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
+def pick_instants(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
     """At most `most` times (T,) ns, spread over the images, the camera pairs and the recording; at least 2 cameras each."""
     counts = np.bincount(observations.camera, minlength=len(observations.cameras))
     reference = int(np.argmax(counts))
@@ -173,7 +173,7 @@ def pick_instants(observations: Observations, most: int, delay_s: Array, prefer_
     return _greedy(observations, candidates[::thin], most, delay_s, prefer_slow)
 
 
-def _greedy(observations: Observations, candidates: Array, most: int, delay_s: Array, prefer_slow: bool) -> Array:
+def _greedy(observations: CornerObservations, candidates: Array, most: int, delay_s: Array, prefer_slow: bool) -> Array:
     seen = snapshots(observations, candidates, delay_s)
     cameras, instants = len(observations.cameras), len(candidates)
     pair = seen.instant * cameras + seen.camera

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
@@ -23,7 +23,12 @@ _FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
 
 
 def solution_checks(
-    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved, before: list[Check]
+    observations: CornerObservations,
+    cameras: tuple[Camera, ...],
+    target: Target,
+    options: Options,
+    solved: Solved,
+    before: list[Check],
 ) -> list[Check]:
     """All checks of a solution; raises RefusedCalibration after the quick ones, since the others take further solves."""
     state, limits, distance_m = solved.solution.state, options.limits, usual_distance_m(solved)

@@ -9,8 +9,8 @@ import numpy as np
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses
-from posefuse.calibration.targets.corners import Observations
-from posefuse.calibration.targets.coverage import Coverage, coverage
+from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.targets.coverage import TargetCoverage, coverage
 from posefuse.calibration.targets.kinds import Chessboard, Target
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
@@ -57,7 +57,7 @@ class Calibration:
 
     rig: Rig
     report: CalibrationReport
-    coverage: Coverage
+    coverage: TargetCoverage
     position_sigma_m: Array
     position_cov_m2: Array
     delay_s: Array
@@ -72,7 +72,7 @@ class Calibration:
 
 
 def calibrate_extrinsics(
-    observations: Observations,
+    observations: CornerObservations,
     cameras: tuple[Camera, ...],
     target: Target,
     options: Options | None = None,
@@ -113,7 +113,7 @@ def calibrate_extrinsics(
 class _Task:
     """What does not change from one attempt to the next; cameras in the order of the observations, without poses."""
 
-    observations: Observations
+    observations: CornerObservations
     cameras: tuple[Camera, ...]
     target: Target
     world: WorldRule
@@ -189,7 +189,7 @@ def _may_be_clocks(task: _Task, attempt: _Attempt, options: Options) -> bool:
     return bool(np.isfinite(late).any() and (np.abs(late - np.nanmedian(late)) > _UNSYNCHRONISED_S).any())
 
 
-def _check_input(observations: Observations, intrinsics: Rig, target: Target) -> None:
+def _check_input(observations: CornerObservations, intrinsics: Rig, target: Target) -> None:
     if isinstance(target, Chessboard):
         raise CalibrationError("extrinsics: a plain chessboard looks the same from both ends; use a ChArUco board or markers")
     if len(intrinsics) < 2:
@@ -206,7 +206,7 @@ def _stop_if_failed(done: list[Check]) -> None:
 
 
 def _solve(
-    observations: Observations, cameras: tuple[Camera, ...], target: Target, options: Options, done: list[Check]
+    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, done: list[Check]
 ) -> Solved:
     delay_s = starting_clocks(observations, cameras, target, options)
     seen = key_snapshots(observations, options, delay_s)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.core.arrays import Array
@@ -50,7 +50,7 @@ class FloorTile:
         patch: its marker id, or 0 for a board.
     """
 
-    observations: Observations
+    observations: CornerObservations
     target: Target
     patch: int
     words: str = "tile on the floor"

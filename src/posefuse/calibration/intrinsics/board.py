@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
 from posefuse.calibration.targets.kinds import BOARD_PATCH, Markers, Target
 from posefuse.core import SE3, CalibrationError, Camera
@@ -78,7 +78,7 @@ class _View:
     feature: Array
 
 
-def calibrate_intrinsics(observations: Observations, target: Target, most_views: int = _MOST_VIEWS) -> Intrinsics:
+def calibrate_intrinsics(observations: CornerObservations, target: Target, most_views: int = _MOST_VIEWS) -> Intrinsics:
     """Intrinsics of the one camera in `observations`.
 
     Raises:
@@ -104,7 +104,7 @@ def calibrate_intrinsics(observations: Observations, target: Target, most_views:
     return _result(name, size_wh, observations, views, solved, dropped)
 
 
-def _views(observations: Observations, target: Target) -> list[_View]:
+def _views(observations: CornerObservations, target: Target) -> list[_View]:
     board = target.corners(BOARD_PATCH)
     starts = observations.view_starts()
     views = []
@@ -190,7 +190,7 @@ def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _S
 
 
 def _result(
-    name: str, size_wh: tuple[int, int], observations: Observations, views: list[_View], solved: _Solved, dropped: int
+    name: str, size_wh: tuple[int, int], observations: CornerObservations, views: list[_View], solved: _Solved, dropped: int
 ) -> Intrinsics:
     times = np.array([view.t_ns for view in views])
     cells = coverage(observations.rows(np.isin(observations.t_ns, times))).cells[0]

@@ -24,7 +24,7 @@ _DAMPING_START, _DAMPING_MOST = 1e-4, 1e8
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ResidualBlock:
     """Global unknowns of one kind, as seen by the observations.
 
     Attributes:
@@ -50,7 +50,7 @@ class Linearised:
     """
 
     residual: Array
-    blocks: tuple[Block, ...]
+    blocks: tuple[ResidualBlock, ...]
     local_jacobian: Array
     local_index: Array
 

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core import Camera
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
-from .bundle import Block, Linearised, Problem, Solution, clustered_covariance, solve
+from .bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve
 from .projection import Lenses
 from .rotations import Poses, hat
 
@@ -148,7 +148,7 @@ def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreed
         in_world = d_cam @ state.cam_from_world.R[views.camera]
         away = lenses.px(views.camera, cam) - centre
         terms = np.stack([away, -views.velocity_px_s], axis=2) / scale[..., None]
-        blocks = (Block(pose, views.camera, count), Block(terms, views.camera, count, prior, state.terms))
+        blocks = (ResidualBlock(pose, views.camera, count), ResidualBlock(terms, views.camera, count, prior, state.terms))
         return Linearised(residual(state), blocks, in_world, views.point)
 
     def step(state: PointState, blocks: list[Array], local: Array) -> PointState:

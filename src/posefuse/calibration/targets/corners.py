@@ -18,7 +18,7 @@ _DTYPES = {
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Observations:
+class CornerObservations:
     """Corners of a target in the images of several cameras; one row per corner, sorted by camera, time, patch, corner.
 
     Attributes:
@@ -59,11 +59,11 @@ class Observations:
             raise InputError(f"observations: no camera {camera!r}; there are: {choices(self.cameras)}")
         return self.cameras.index(camera)
 
-    def rows(self, keep: Array) -> Observations:
+    def rows(self, keep: Array) -> CornerObservations:
         """The observations at the rows of a mask or index (cameras stay as they are)."""
         return replace(self, **{name: getattr(self, name)[keep] for name in _DTYPES})
 
-    def of_camera(self, camera: str) -> Observations:
+    def of_camera(self, camera: str) -> CornerObservations:
         """What one camera saw, as observations of that camera alone."""
         i = self.index(camera)
         picked = self.rows(self.camera == i)
@@ -76,11 +76,11 @@ class Observations:
             doubled=tuple(entry for entry in self.doubled if entry[0] == camera),
         )
 
-    def of_patches(self, patches: Iterable[int]) -> Observations:
+    def of_patches(self, patches: Iterable[int]) -> CornerObservations:
         """Only the corners of these patches."""
         return self.rows(np.isin(self.patch, list(patches)))
 
-    def shifted(self, camera: str, by_ns: int) -> Observations:
+    def shifted(self, camera: str, by_ns: int) -> CornerObservations:
         """The same with one camera's clock moved by `by_ns`."""
         mine = self.camera == self.index(camera)
         return replace(self, t_ns=np.where(mine, self.t_ns + by_ns, self.t_ns))
@@ -93,7 +93,7 @@ class Observations:
         return np.flatnonzero(np.concatenate([[True], (np.diff(keys, axis=1) != 0).any(axis=0)]))
 
 
-def joined(parts: Sequence[Observations]) -> Observations:
+def joined(parts: Sequence[CornerObservations]) -> CornerObservations:
     """Observations of different cameras as one value; raises InputError when a camera comes twice."""
     names = tuple(name for part in parts for name in part.cameras)
     if len(set(names)) != len(names):
@@ -103,7 +103,7 @@ def joined(parts: Sequence[Observations]) -> Observations:
         name: np.concatenate([getattr(p, name) + (o if name == "camera" else 0) for p, o in zip(parts, offsets, strict=False)])
         for name in _DTYPES
     }
-    return Observations(
+    return CornerObservations(
         cameras=names,
         sizes_wh=tuple(size for part in parts for size in part.sizes_wh),
         frame_count=tuple(count for part in parts for count in part.frame_count),

@@ -10,7 +10,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array, frozen
 
-from .corners import Observations
+from .corners import CornerObservations
 
 CELLS_WH = (8, 6)
 # free-running cameras show the same moment within this time
@@ -22,7 +22,7 @@ _COLOUR_LOW, _COLOUR_FULL = np.array([200, 60, 40]), np.array([40, 170, 80])
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class TargetCoverage:
     """Frames in which each cell of each camera's image held a corner of the target.
 
     Attributes:
@@ -35,8 +35,8 @@ class Coverage:
     together: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cells", frozen(self.cells, np.int64, "Coverage.cells"))
-        object.__setattr__(self, "together", frozen(self.together, np.int64, "Coverage.together"))
+        object.__setattr__(self, "cells", frozen(self.cells, np.int64, "TargetCoverage.cells"))
+        object.__setattr__(self, "together", frozen(self.together, np.int64, "TargetCoverage.together"))
 
     @property
     def share(self) -> Array:
@@ -69,7 +69,7 @@ class Coverage:
         )
 
 
-def coverage_sheet(found: Coverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
+def coverage_sheet(found: TargetCoverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
     """RGB picture (H, W, 3) of all cameras, each with its name, in two columns; `width_px` is that of one camera."""
     tiles = []
     for name, cells, (width, height) in zip(found.cameras, found.cells, sizes_wh, strict=True):
@@ -83,7 +83,7 @@ def coverage_sheet(found: Coverage, sizes_wh: Sequence[tuple[int, int]], width_p
     return np.concatenate([np.concatenate(padded[i : i + 2], axis=1) for i in range(0, len(padded), 2)])
 
 
-def coverage(observations: Observations) -> Coverage:
+def coverage(observations: CornerObservations) -> TargetCoverage:
     """Coverage of all observations; cameras count as together when they saw the target within `SAME_MOMENT_NS`."""
     columns, rows = CELLS_WH
     count = len(observations.cameras)
@@ -95,7 +95,7 @@ def coverage(observations: Observations) -> Coverage:
     place = np.unravel_index(seen, (count, int(frame.max(initial=0)) + 1, rows, columns))
     np.add.at(cells, (place[0], place[2], place[3]), 1)
     times = [np.unique(observations.t_ns[observations.camera == c]) for c in range(count)]
-    return Coverage(observations.cameras, cells, np.array([[_shared_moments(a, b) for b in times] for a in times]))
+    return TargetCoverage(observations.cameras, cells, np.array([[_shared_moments(a, b) for b in times] for a in times]))
 
 
 def _shared_moments(a_ns: Array, b_ns: Array) -> int:

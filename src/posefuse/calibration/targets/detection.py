@@ -13,7 +13,7 @@ import numpy as np
 from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
-from .corners import Observations, joined
+from .corners import CornerObservations, joined
 from .kinds import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of
 from .marker_fit import fit_marker
 
@@ -53,20 +53,20 @@ class TargetDetector:
         return self._find(255 - grey if self._inverted else grey)
 
 
-def observe(source: Source, target: Target, every: int = 1) -> Observations:
+def observe(source: Source, target: Target, every: int = 1) -> CornerObservations:
     """Look for a target in every `every`-th frame of one camera."""
     detector = TargetDetector(target)
     return observations_from_frames(source.camera, source.size_wh, source.frames(), detector, every)
 
 
-def observe_all(sources: Sequence[Source], target: Target, every: int = 1) -> Observations:
+def observe_all(sources: Sequence[Source], target: Target, every: int = 1) -> CornerObservations:
     """`observe` for several cameras, as one value."""
     return joined([observe(source, target, every) for source in sources])
 
 
 def observations_from_frames(
     camera: str, size_wh: tuple[int, int], frames: Iterable[Frame], detector: TargetDetector, every: int = 1
-) -> Observations:
+) -> CornerObservations:
     """Corners of every `every`-th frame of one camera."""
     rows: list[tuple[Array, Corners, float]] = []
     doubled: Counter[int] = Counter()
@@ -80,7 +80,7 @@ def observations_from_frames(
         doubled.update(found.doubled)
         if len(found.xy_img):
             rows.append((np.full(len(found.xy_img), frame.t_ns), found, sharpness(grey, found.xy_img)))
-    return Observations(
+    return CornerObservations(
         cameras=(camera,),
         sizes_wh=(size_wh,),
         frame_count=(count,),

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 
-from .coverage import CELLS_WH, ENOUGH_SHARE, ENOUGH_TOGETHER, SAME_MOMENT_NS, Coverage
+from .coverage import CELLS_WH, ENOUGH_SHARE, ENOUGH_TOGETHER, SAME_MOMENT_NS, TargetCoverage
 
 # before the first frame; times may be negative, and differences of two must not overflow
 _NEVER_NS = -(2**61)
@@ -24,7 +24,7 @@ class Guidance:
         shared_ns: (C, C) newest frame of either of two cameras that was counted as a moment of both.
     """
 
-    coverage: Coverage
+    coverage: TargetCoverage
     last_ns: Array
     shared_ns: Array
 
@@ -40,7 +40,7 @@ class Guidance:
 
     @property
     def enough(self) -> bool:
-        """See `Coverage.enough`."""
+        """See `TargetCoverage.enough`."""
         return self.coverage.enough
 
     @property
@@ -52,7 +52,7 @@ class Guidance:
 def start(cameras: tuple[str, ...]) -> Guidance:
     """Nothing seen yet."""
     count, (columns, rows) = len(cameras), CELLS_WH
-    nothing = Coverage(cameras, np.zeros((count, rows, columns)), np.zeros((count, count)))
+    nothing = TargetCoverage(cameras, np.zeros((count, rows, columns)), np.zeros((count, count)))
     return Guidance(nothing, np.full(count, _NEVER_NS), np.full((count, count), _NEVER_NS))
 
 
@@ -72,4 +72,4 @@ def seen(guidance: Guidance, camera: int, t_ns: int, xy_img: Array, size_wh: tup
     together[others, camera] += 1
     shared[camera, others] = shared[others, camera] = np.maximum(last[others], t_ns)
     last[camera] = t_ns
-    return replace(guidance, coverage=Coverage(guidance.coverage.cameras, cells, together), last_ns=last, shared_ns=shared)
+    return replace(guidance, coverage=TargetCoverage(guidance.coverage.cameras, cells, together), last_ns=last, shared_ns=shared)

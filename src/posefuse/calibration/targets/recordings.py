@@ -13,7 +13,7 @@ from posefuse.core.errors import choices
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, VideoConfig
 
-from .corners import Observations, joined
+from .corners import CornerObservations, joined
 from .detection import observe, why_nothing
 from .kinds import Target
 
@@ -69,7 +69,7 @@ def open_sources(inputs: Inputs) -> list[Source]:
     return sources
 
 
-def observe_sources(sources: Sequence[Source], target: Target, every: int = 1, progress: Progress = silent) -> Observations:
+def observe_sources(sources: Sequence[Source], target: Target, every: int = 1, progress: Progress = silent) -> CornerObservations:
     """Corners of the target in every `every`-th frame of each source."""
     seen = []
     progress(STAGE, 0, len(sources))
@@ -79,13 +79,13 @@ def observe_sources(sources: Sequence[Source], target: Target, every: int = 1, p
     return joined(seen)
 
 
-def check_seen(observations: Observations, sources: Sequence[Source], target: Target) -> None:
+def check_seen(observations: CornerObservations, sources: Sequence[Source], target: Target) -> None:
     """Raise CalibrationError with the likely reason for a camera in which the target was not found."""
     for source in sources:
         seen_or_why_not(observations.of_camera(source.camera), source, target)
 
 
-def seen_or_why_not(observations: Observations, source: Source, target: Target) -> Observations:
+def seen_or_why_not(observations: CornerObservations, source: Source, target: Target) -> CornerObservations:
     """The observations of one camera; raises CalibrationError with the likely reason where there are none."""
     if len(observations):
         return observations

@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core import SE3, Rig
 from posefuse.core.arrays import Array
 
-from .corners import Observations
+from .corners import CornerObservations
 from .kinds import BOARD_PATCH, Target
 
 _STEEPEST_VIEW_COSINE = 0.3
@@ -77,7 +77,7 @@ def board() -> dict[int, SE3]:
     return {BOARD_PATCH: SE3.identity()}
 
 
-def observe_prop(rig: Rig, prop: Mapping[int, SE3], target: Target, motion: Waving, faults: Faults) -> Observations:
+def observe_prop(rig: Rig, prop: Mapping[int, SE3], target: Target, motion: Waving, faults: Faults) -> CornerObservations:
     """What the cameras of `rig` see of the prop; frames of camera c are stamped late by its delay and drift."""
     random = np.random.default_rng(faults.seed)
     stamps_s = np.arange(round(motion.seconds * motion.rate_hz)) / motion.rate_hz
@@ -110,7 +110,7 @@ def observe_prop(rig: Rig, prop: Mapping[int, SE3], target: Target, motion: Wavi
                 )
             )  # fmt: skip
     camera_no, t_ns, patch_no, corner_no, xy_img = (np.concatenate([row[i] for row in rows]) for i in range(5))
-    return Observations(
+    return CornerObservations(
         cameras=rig.names,
         sizes_wh=tuple(camera.size_wh for camera in rig),
         frame_count=(len(stamps_s),) * len(rig),

@@ -1,12 +1,20 @@
 """One skeleton of constant segment lengths, fitted to 3D points or to the rays of all views, causally or offline."""
 
 from .fit import BodyFit, fit_poses, fit_views
-from .model import Body, Length, bodies_from_poses
+from .model import BodyModel, Length, bodies_from_poses
 from .settings import BodySettings
 from .shape import LengthPrior, with_solved_lengths
 from .tracker import BodyTracker
 
 __all__ = [
-    "Body", "BodyFit", "BodySettings", "BodyTracker", "Length", "LengthPrior", "bodies_from_poses", "fit_poses", "fit_views",
+    "BodyFit",
+    "BodyModel",
+    "BodySettings",
+    "BodyTracker",
+    "Length",
+    "LengthPrior",
+    "bodies_from_poses",
+    "fit_poses",
+    "fit_views",
     "with_solved_lengths",
 ]  # fmt: skip

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 
 from . import kernels
 from .guess import guessed_state
-from .model import Body
+from .model import BodyModel
 from .packed import HABIT_S, SLACK_S, Packed, packed_from_body
 from .settings import BodySettings
 
@@ -23,7 +23,7 @@ _SPEED_SD = 3.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Measurement:
-    """What was seen of one body's keypoints (axis A as in `Body.keypoint`) at one time step.
+    """What was seen of one body's keypoints (axis A as in `BodyModel.keypoint`) at one time step.
 
     Attributes:
         t_ns: session clock.
@@ -54,7 +54,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class FilteredStep:
     """One step of the filter as the smoother needs it; `expected` and `transition` are None at a start."""
 
     t_ns: int
@@ -66,14 +66,14 @@ class Moment:
 class BodyFilter:
     """Follows one body. Remembers the last state; forgets it after a second without any measurement."""
 
-    def __init__(self, body: Body, settings: BodySettings, workspace: Workspace) -> None:
+    def __init__(self, body: BodyModel, settings: BodySettings, workspace: FrameBuffers) -> None:
         self.body, self.settings = body, settings
         self.packed: Packed = packed_from_body(body, settings)
         self._workspace = workspace
-        self._last: Moment | None = None
+        self._last: FilteredStep | None = None
         self._seen_ns = 0
 
-    def step(self, seen: Measurement) -> Moment | None:
+    def step(self, seen: Measurement) -> FilteredStep | None:
         """The body at this time step; None while it has not been seen well enough to start."""
         information = _information(seen.cov) if not len(seen.projections) else np.zeros_like(seen.cov)
         usable = (information[:, 0, 0] > 0) | (seen.inverse_var > 0).any(axis=1)
@@ -101,7 +101,7 @@ class BodyFilter:
         """In how many time steps the error of a measurement is the same."""
         return max(1.0, self.settings.noise_memory_s / elapsed_s)
 
-    def _start(self, seen: Measurement, information: Array) -> Moment | None:
+    def _start(self, seen: Measurement, information: Array) -> FilteredStep | None:
         guess = guessed_state(self.body, self.packed, self._workspace, seen.xyz)
         if guess is None:
             return None
@@ -114,9 +114,9 @@ class BodyFilter:
         cov = np.zeros((2 * size, 2 * size))
         cov[:size, :size] = kernels.inverse(hessian)
         cov[size:, size:] = np.diag(np.where(slack, 1e-12, _SPEED_SD**2))
-        return Moment(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
+        return FilteredStep(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
 
-    def _next(self, last: Moment, seen: Measurement, information: Array) -> Moment:
+    def _next(self, last: FilteredStep, seen: Measurement, information: Array) -> FilteredStep:
         p, s = self.packed, self.settings
         elapsed_s = (seen.t_ns - last.t_ns) * 1e-9
         q, rot, velocity, cov = (a.copy() for a in (last.state.q, last.state.rot, last.state.velocity, last.state.cov))
@@ -129,7 +129,7 @@ class BodyFilter:
         hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
         step = kernels.difference(p.kind, p.dof, q, rot, expected.q, expected.rot)
         kernels.absorb(cov, prior, kernels.inverse(hessian), step, velocity)
-        return Moment(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
+        return FilteredStep(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
 
     def _fit(
         self,
@@ -172,7 +172,7 @@ class BodyFilter:
         return np.asarray(hessian)
 
 
-def smoothed(filter_: BodyFilter, moments: list[Moment | None]) -> list[State | None]:
+def smoothed(filter_: BodyFilter, moments: list[FilteredStep | None]) -> list[State | None]:
     """States of a whole recording given all of it, from the filter's moments in time order."""
     p = filter_.packed
     out: list[State | None] = [None] * len(moments)

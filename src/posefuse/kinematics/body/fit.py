@@ -9,13 +9,13 @@ import numpy as np
 
 from posefuse.core import JointAngles, Kind, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array
-from posefuse.kinematics.joints import Workspace, joints_from_poses, joints_value
+from posefuse.kinematics.joints import FrameBuffers, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
 
 from .contacts import contacts_of
 from .filter import BodyFilter, Measurement, State, smoothed
-from .model import Body, bodies_from_poses
-from .result import Reader
+from .model import BodyModel, bodies_from_poses
+from .result import StateReader
 from .settings import BodySettings
 from .shape import LengthPrior, with_solved_lengths
 from .tracker import rays_of
@@ -29,18 +29,18 @@ class BodyFit:
         poses: the keypoints of the fitted skeletons, gaps filled, with their covariance. Points the tree does not carry, and
             time steps before a person could be fitted, are as they were; so is everything of a person without a body.
         joints: angles and frames with the uncertainty of the fit.
-        bodies: each person's skeleton, by person_id; `Body.lengths` has the segment lengths with their spread.
+        bodies: each person's skeleton, by person_id; `BodyModel.lengths` has the segment lengths with their spread.
     """
 
     poses: PoseSequence
     joints: JointAngles
-    bodies: Mapping[int, Body]
+    bodies: Mapping[int, BodyModel]
 
 
 def fit_poses(
     sequence: PoseSequence,
     settings: BodySettings | None = None,
-    bodies: Mapping[int, Body] | None = None,
+    bodies: Mapping[int, BodyModel] | None = None,
     joint_settings: JointSettings | None = None,
 ) -> BodyFit:
     """Fit each person's skeleton to 3D points weighted by their covariance.
@@ -67,7 +67,7 @@ def fit_views(
     rig: Rig,
     views: ViewSequence,
     settings: BodySettings | None = None,
-    bodies: Mapping[int, Body] | None = None,
+    bodies: Mapping[int, BodyModel] | None = None,
     joint_settings: JointSettings | None = None,
     lengths: LengthPrior | None = None,
 ) -> BodyFit:
@@ -92,7 +92,7 @@ def fit_views(
     if bodies is None:
         bodies = bodies_from_poses(sequence, settings, joint_settings)
     if lengths is not None:
-        work = Workspace(sequence.skeleton, joint_settings or JointSettings())
+        work = FrameBuffers(sequence.skeleton, joint_settings or JointSettings())
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
         places = {person: n for n, person in enumerate(sequence.person_id.tolist())}
         bodies = {
@@ -105,14 +105,14 @@ def fit_views(
 
 
 def _states(
-    body: Body, seen: list[Measurement], settings: BodySettings, work: Workspace
+    body: BodyModel, seen: list[Measurement], settings: BodySettings, work: FrameBuffers
 ) -> tuple[BodyFilter, list[State | None], list[Measurement]]:
     """Smoothed states of one person, fitted to rays twice: the first time tells which feet stand where."""
     filter_ = BodyFilter(body, settings, work)
     states = smoothed(filter_, [filter_.step(one) for one in seen])
     if not settings.contact_sigma_m or not len(seen[0].projections):
         return filter_, states, seen
-    reader, count = Reader(filter_, work), len(body.keypoint)
+    reader, count = StateReader(filter_, work), len(body.keypoint)
     points, cov = np.full((len(seen), count, 3), np.nan), np.full((len(seen), count, 3, 3), np.nan)
     for i, state in enumerate(states):
         if state is not None:
@@ -128,13 +128,13 @@ def _fit(
     sequence: PoseSequence,
     measured: Callable[[int, int, Array], Measurement],
     settings: BodySettings | None,
-    bodies: Mapping[int, Body] | None,
+    bodies: Mapping[int, BodyModel] | None,
     joint_settings: JointSettings | None,
 ) -> BodyFit:
     """`measured` gives what was seen of the keypoints (A,) of one person at one time step."""
     settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
-    work = Workspace(sequence.skeleton, joint_settings)
+    work = FrameBuffers(sequence.skeleton, joint_settings)
     xyz, cov, kind = sequence.xyz_world.copy(), sequence.cov_world.copy(), sequence.kind.copy()
     plain = joints_from_poses(sequence, joint_settings)
     rotation, origin = plain.world_from_segment.matrix().copy(), plain.world_from_segment.xyz.copy()
@@ -145,7 +145,7 @@ def _fit(
         at = bodies[person].keypoint
         seen = [measured(i, n, at) for i in range(len(sequence))]
         filter_, states, seen = _states(bodies[person], seen, settings, work)
-        reader = Reader(filter_, work)
+        reader = StateReader(filter_, work)
         for i, state in enumerate(states):
             if state is None:
                 continue

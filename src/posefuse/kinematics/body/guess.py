@@ -6,10 +6,10 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse.kinematics.definitions import SEGMENT_NAMES
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 
 from . import kernels
-from .model import Body
+from .model import BodyModel
 from .packed import Packed
 from .tree import BALL, NODE_SEGMENT
 
@@ -18,7 +18,7 @@ _FIRST_SEGMENTS = (("shoulder", "elbow"), ("hip", "knee"))
 _LIMBS = {f"{side}_{upper}": f"{side}_{lower}" for side in ("left", "right") for upper, lower in _FIRST_SEGMENTS}
 
 
-def guessed_state(body: Body, packed: Packed, workspace: Workspace, xyz: Array) -> tuple[Array, Array] | None:
+def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz: Array) -> tuple[Array, Array] | None:
     """State (nodes,), (nodes, 3, 3) of a body whose keypoints (A, 3) are at these places; None without a pelvis.
 
     Joint angles come from the segment frames of the points. A straight limb has no frame: its first segment then points along

@@ -36,7 +36,7 @@ class Length:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Body:
+class BodyModel:
     """One person's skeleton, ready to be fitted.
 
     Attributes:
@@ -66,7 +66,7 @@ class Body:
 
 def bodies_from_poses(
     sequence: PoseSequence, settings: BodySettings | None = None, joint_settings: JointSettings | None = None
-) -> dict[int, Body]:
+) -> dict[int, BodyModel]:
     """Each person's skeleton, by person_id, from all the time steps they were seen.
 
     Lengths are medians over time, freed of the part that noise adds (a noisy distance is too long on average). What a
@@ -91,7 +91,7 @@ def bodies_from_poses(
     return known
 
 
-def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> Body | None:
+def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> BodyModel | None:
     points = {name: xyz[:, person] for name, xyz in landmarks(sequence).items()}
     noise = _point_noise(sequence, person)
     frame = {name: rotation[:, SEGMENT_NAMES.index(name)] for name in SEGMENT_NAMES}
@@ -106,7 +106,7 @@ def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySe
     offset = np.array([offsets[node.offset] if node.offset else np.zeros(3) for node in nodes])
     at = np.array([names.index(node) for node, _ in places.values()], np.intp)
     local = np.array([place for _, place in places.values()]).reshape(-1, 3)
-    return Body(
+    return BodyModel(
         skeleton=sequence.skeleton,
         nodes=nodes,
         offset=offset,
@@ -249,7 +249,7 @@ def degrees_of_freedom(nodes: tuple[Node, ...]) -> Array:
     return np.concatenate([[0], np.cumsum(sizes)])
 
 
-def landmark_rows(body: Body) -> Array:
+def landmark_rows(body: BodyModel) -> Array:
     """(P, 2) rows of `body.keypoint` whose mean is each landmark; -1 where the tree does not carry it."""
     row = {int(k): i for i, k in enumerate(body.keypoint)}
     pairs = landmark_pairs(body.skeleton)

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 
-from .model import Body, degrees_of_freedom
+from .model import BodyModel, degrees_of_freedom
 from .settings import BodySettings
 from .tree import BALL, SLIDE, Node
 
@@ -39,7 +39,7 @@ class Packed:
         return int(self.dof[-1])
 
 
-def packed_from_body(body: Body, settings: BodySettings) -> Packed:
+def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
     """Arrays of a body; limits and preferences as the settings say."""
     nodes = body.nodes
     names = [node.name for node in nodes]

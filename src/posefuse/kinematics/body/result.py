@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse.kinematics.definitions import LIMBS, SEGMENT_NAMES
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 
 from . import kernels
@@ -31,10 +31,10 @@ class Fitted:
     sigmas: Array
 
 
-class Reader:
+class StateReader:
     """Reads states of one body. Remembers only which turn each angle is on."""
 
-    def __init__(self, filter_: BodyFilter, workspace: Workspace) -> None:
+    def __init__(self, filter_: BodyFilter, workspace: FrameBuffers) -> None:
         self._packed, self._body, self._work = filter_.packed, filter_.body, workspace
         self._rows = landmark_rows(filter_.body)
         self._offset_var, self._robust = filter_.settings.offset_sigma_m**2, filter_.settings.robust_dof

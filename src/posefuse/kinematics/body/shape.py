@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.kinematics.joints import Workspace
+from posefuse.kinematics.joints import FrameBuffers
 
 from . import kernels
 from .filter import Measurement
 from .guess import guessed_state
-from .model import Body, Length
+from .model import BodyModel, Length
 from .packed import Packed, packed_from_body
 from .response import length_derivatives
 from .settings import BodySettings
@@ -50,9 +50,9 @@ class LengthPrior:
 
 
 def with_solved_lengths(
-    body: Body, seen: Sequence[Measurement], prior: LengthPrior, settings: BodySettings, workspace: Workspace
-) -> Body:
-    """The body with the lengths that its rays at these time steps and the prior say; `Body.lengths` has their sigma.
+    body: BodyModel, seen: Sequence[Measurement], prior: LengthPrior, settings: BodySettings, workspace: FrameBuffers
+) -> BodyModel:
+    """The body with the lengths that its rays at these time steps and the prior say; `BodyModel.lengths` has their sigma.
 
     The noise is Student-t. Errors that last longer than the time between two time steps count less by that. Left and right
     change by the same. Time steps without a pelvis to start from are left out.
@@ -90,7 +90,7 @@ def with_solved_lengths(
     return replace(body, lengths=solved, length_slopes=slopes, length_cov=cov)
 
 
-def slopes_of(body: Body, names: tuple[str, ...]) -> Array:
+def slopes_of(body: BodyModel, names: tuple[str, ...]) -> Array:
     """(nodes, S, 3) by how much each node's offset changes per metre of each segment."""
     slopes = np.zeros((len(body.nodes), len(names), 3))
     for n, node in enumerate(body.nodes):
@@ -101,7 +101,7 @@ def slopes_of(body: Body, names: tuple[str, ...]) -> Array:
     return slopes
 
 
-def _metres(body: Body, slopes: Array) -> Array:
+def _metres(body: BodyModel, slopes: Array) -> Array:
     """(S,) lengths as the body has them, the mean of both sides."""
     share = np.linalg.norm(slopes, axis=-1)
     offset = np.linalg.norm(body.offset, axis=-1)[:, None]
@@ -117,7 +117,7 @@ def _repeats(seen: Sequence[Measurement], settings: BodySettings) -> float:
 
 
 def _add_time_step(
-    body: Body,
+    body: BodyModel,
     p: Packed,
     slopes: Array,
     one: Measurement,
@@ -149,7 +149,7 @@ def _add_time_step(
     )  # fmt: skip
 
 
-def _lengths(body: Body, names: tuple[str, ...], metres: Array, sigma: Array) -> dict[str, Length]:
+def _lengths(body: BodyModel, names: tuple[str, ...], metres: Array, sigma: Array) -> dict[str, Length]:
     lengths = dict(body.lengths)
     for name, value, sd in zip(names, metres.tolist(), sigma.tolist(), strict=True):
         for key in _NAMES.get(name, (f"left_{name}", f"right_{name}")):

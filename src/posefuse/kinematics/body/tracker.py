@@ -10,12 +10,12 @@ from posefuse.core import InputError, JointAngles, Kind, Pose3D, Rig, Skeleton, 
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.kinematics.definitions import JOINT_NAMES
-from posefuse.kinematics.joints import Workspace, joints_value
+from posefuse.kinematics.joints import FrameBuffers, joints_value
 from posefuse.kinematics.settings import JointSettings
 
 from .filter import BodyFilter, Measurement
-from .model import Body
-from .result import Reader, empty_joints
+from .model import BodyModel
+from .result import StateReader, empty_joints
 from .settings import BodySettings
 
 
@@ -29,7 +29,7 @@ class BodyTracker:
 
     def __init__(
         self,
-        bodies: Mapping[int, Body],
+        bodies: Mapping[int, BodyModel],
         settings: BodySettings | None = None,
         joint_settings: JointSettings | None = None,
         rig: Rig | None = None,
@@ -37,9 +37,9 @@ class BodyTracker:
         if not bodies:
             raise InputError("BodyTracker: expected at least one body, got none; make them with bodies_from_poses")
         self._skeleton: Skeleton = next(iter(bodies.values())).skeleton
-        work = Workspace(self._skeleton, joint_settings or JointSettings())
+        work = FrameBuffers(self._skeleton, joint_settings or JointSettings())
         self._filters = {p: BodyFilter(body, settings or BodySettings(), work) for p, body in bodies.items()}
-        self._readers = {p: Reader(filter_, work) for p, filter_ in self._filters.items()}
+        self._readers = {p: StateReader(filter_, work) for p, filter_ in self._filters.items()}
         self._rig = rig
         self._projections = rig.projections() if rig else np.zeros((0, 3, 4))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Page:
+class StudioPage:
     """An entry of the navigation.
 
     Attributes:
@@ -21,9 +21,9 @@ class Page:
 
 # in the order of the work
 PAGES = (
-    Page("cameras", "/", "Cameras", "videocam"),
-    Page("calibrate", "/calibrate", "Calibrate", "straighten"),
-    Page("live", "/live", "Live", "sensors"),
-    Page("recordings", "/recordings", "Recordings", "movie"),
-    Page("simulate", "/simulate", "Simulate", "view_in_ar"),
+    StudioPage("cameras", "/", "Cameras", "videocam"),
+    StudioPage("calibrate", "/calibrate", "Calibrate", "straighten"),
+    StudioPage("live", "/live", "Live", "sensors"),
+    StudioPage("recordings", "/recordings", "Recordings", "movie"),
+    StudioPage("simulate", "/simulate", "Simulate", "view_in_ar"),
 )

@@ -11,7 +11,7 @@ from posefuse.core import JointAngles, PosefuseError
 from posefuse.studio.edit_card import EditCard
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.output_card import output_card
-from posefuse.studio.player import Player, joint_angles, open_recording
+from posefuse.studio.player import ResultPlayer, joint_angles, open_recording
 from posefuse.studio.scene.view import CameraTile, RigScene
 from posefuse.studio.shell import card, refused, title
 from posefuse.studio.state import Studio
@@ -47,7 +47,7 @@ def build(studio: Studio, name: str) -> None:
             return
         waiting.delete()
         stream = f"recording-{client.id}"
-        player = Player(opened, studio.stream(stream))
+        player = ResultPlayer(opened, studio.stream(stream))
 
         def leave() -> None:
             player.close()
@@ -67,7 +67,7 @@ def build(studio: Studio, name: str) -> None:
 class _Recording:
     """The elements of one visitor."""
 
-    def __init__(self, studio: Studio, name: str, player: Player, stream: str) -> None:
+    def __init__(self, studio: Studio, name: str, player: ResultPlayer, stream: str) -> None:
         self._player, self._opened = player, player.opened
         self._span = Span(player.begin_s, player.end_s)
         self._drawn: object = None

@@ -7,10 +7,10 @@ from typing import Any
 
 import posefuse as pf
 from posefuse.pipeline.batch.study import PAGE_FILE
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progress) -> Mapping[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.Progress) -> Mapping[str, Any]:
     """`arguments`: ``study``, ``out``: names in the workspace."""
     out = workspace.path(arguments["out"])
     study = pf.batch(workspace.existing(arguments["study"]), out, progress=progress)

@@ -16,14 +16,14 @@ from posefuse.api.calibration_results import IntrinsicsCalibration, RigCalibrati
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
 from posefuse.core import InputError
 from posefuse.studio.jobs import write_json
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 LENSES, RIG, CLOCKS = "lenses.toml", "rig.toml", "posefuse.toml"
 # rows of boards and cubes need not be looked at 30 times a second
 _EVERY = 2
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: Any) -> dict[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
     """Do the step; its result is also kept as ``STEP.json`` in the calibration's folder."""
     steps: Mapping[str, Callable[..., dict[str, Any]]] = {"intrinsics": _intrinsics, "extrinsics": _extrinsics, "verify": _verify}
     step = str(arguments["step"])
@@ -42,7 +42,7 @@ def run(arguments: Mapping[str, Any], workspace: Workspace, progress: Any) -> di
 
 
 def _intrinsics(
-    workspace: Workspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
+    workspace: StudioWorkspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
 ) -> dict[str, Any]:
     found: IntrinsicsCalibration = calibrate_intrinsics(videos, target=target, every=_EVERY, progress=progress)
     folder = workspace.existing(str(arguments["folder"]))
@@ -56,7 +56,7 @@ def _intrinsics(
 
 
 def _extrinsics(
-    workspace: Workspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
+    workspace: StudioWorkspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
 ) -> dict[str, Any]:
     folder = workspace.existing(str(arguments["folder"]))
     lenses = folder / LENSES
@@ -82,7 +82,7 @@ def _extrinsics(
 
 
 def _verify(
-    workspace: Workspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
+    workspace: StudioWorkspace, arguments: Mapping[str, Any], videos: Mapping[str, Any], target: Any, progress: Any
 ) -> dict[str, Any]:
     folder = workspace.existing(str(arguments["folder"]))
     found: RigVerification = verify(

@@ -9,10 +9,10 @@ import posefuse as pf
 from posefuse.evaluation.compare import compare
 from posefuse.evaluation.compare_page import PAGE_FILE, comparison_figures, write_comparison
 from posefuse.pipeline.comparing import to_compare
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progress) -> Mapping[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.Progress) -> Mapping[str, Any]:
     """`arguments`: ``a`` (the reference), ``b``, ``out`` (names in the workspace)."""
     a, b = (workspace.existing(arguments[name]) for name in ("a", "b"))
     out = workspace.path(arguments["out"])

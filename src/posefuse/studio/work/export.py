@@ -7,10 +7,10 @@ from typing import Any
 
 import posefuse as pf
 from posefuse.pipeline.session_images import nearby_session
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progress) -> Mapping[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.Progress) -> Mapping[str, Any]:
     """`arguments`: ``result``, ``out`` (names in the workspace), ``formats`` (names of outputs)."""
     result, out = workspace.existing(arguments["result"]), workspace.path(arguments["out"])
     progress("read", 0, None, f"reading {arguments['result']}")

@@ -16,14 +16,14 @@ from posefuse.studio.live_host import Host, Pace, status_pace
 from posefuse.studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.setups import inputs_of_setup, rig_of_setup, setup_named
-from posefuse.studio.workspace import Workspace, check_name
+from posefuse.studio.workspace import StudioWorkspace, check_name
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
 _MOST_NEWS = 30
 _WAIT_S = 0.1
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: Any) -> dict[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
     """Until it is cancelled or its sources end."""
     from posefuse.detection.build import network_settings
     from posefuse.pipeline.config import changed_config
@@ -51,7 +51,7 @@ def run(arguments: Mapping[str, Any], workspace: Workspace, progress: Any) -> di
 class _Shown:
     """The session as pages see it."""
 
-    def __init__(self, session: LiveSession, rig: Rig, workspace: Workspace, progress: Any) -> None:
+    def __init__(self, session: LiveSession, rig: Rig, workspace: StudioWorkspace, progress: Any) -> None:
         self._session, self._rig, self._workspace, self._progress = session, rig, workspace, progress
         self._places = {name: number for number, name in enumerate(rig.names)}
         self._host: Host | None = None

@@ -7,10 +7,10 @@ from typing import Any
 
 import posefuse as pf
 from posefuse.pipeline.reporting import PAGE_FILE, report_folder, write_report_folder
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progress) -> Mapping[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.Progress) -> Mapping[str, Any]:
     """`arguments`: ``result``, a name in the workspace."""
     result = workspace.existing(arguments["result"])
     progress("read", 0, None, f"reading {arguments['result']}")

@@ -9,10 +9,10 @@ import posefuse as pf
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.truth import read_truth
 from posefuse.simulation.session import SessionPaths
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progress) -> Mapping[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.Progress) -> Mapping[str, Any]:
     """`arguments`: ``scene`` (file), ``session``, ``out`` (folders to make): names in the workspace."""
     session, out = workspace.path(arguments["session"]), workspace.path(arguments["out"])
     pf.simulate(workspace.existing(arguments["scene"]), session, progress=progress)

@@ -8,10 +8,10 @@ from typing import Any
 import posefuse as pf
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.edits import Edits
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: pf.Progress) -> Mapping[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.Progress) -> Mapping[str, Any]:
     """`arguments`: ``result``, ``out`` (names in the workspace), ``edits`` (plain values of `Edits`)."""
     source, out = workspace.existing(arguments["result"]), workspace.path(arguments["out"])
     edits = settings_from_mapping(arguments["edits"], Edits, where="edits")

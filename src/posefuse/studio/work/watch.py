@@ -29,14 +29,14 @@ from posefuse.studio.live_host import Host, Pace, status_pace
 from posefuse.studio.scene.messages import image_message, setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.setups import Setup, inputs_of_setup, setup_named
-from posefuse.studio.workspace import Workspace
+from posefuse.studio.workspace import StudioWorkspace
 
 IMAGES_HZ = 15.0
 _JUDGE_S, _REST_S, _IDLE_S = 1.0, 0.005, 0.1
 _SHOWN_PX, _QUALITY = 480, 70
 
 
-def run(arguments: Mapping[str, Any], workspace: Workspace, progress: Any) -> dict[str, Any]:
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
     """Watch until the end; see the module."""
     if arguments.get("setup"):
         setup = setup_named(workspace, str(arguments["setup"]))

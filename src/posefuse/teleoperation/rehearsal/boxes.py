@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
-from posefuse.teleoperation.operator import News, Operator, step
+from posefuse.teleoperation.operator import Operator, OperatorNews, step
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.robots.mobile_manipulator import Thing, mobile_manipulator
 from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, model_of, placed
@@ -138,7 +138,7 @@ Watch = Callable[[MujocoRobot, OperatorView, Operator, float], None]
 
 
 @dataclass(eq=False)
-class Stage:
+class BoxStage:
     """Robot, table and boxes; `plan` counts from where the end effector begins."""
 
     robot: MujocoRobot
@@ -147,14 +147,14 @@ class Stage:
     plan: Script
 
     @staticmethod
-    def built(boxes: int = len(STARTS)) -> Stage:
+    def built(boxes: int = len(STARTS)) -> BoxStage:
         """With a task of the first `boxes`."""
         settings = TeleoperationSettings(mapping=MappingSettings(scale=SCALE), robot=RobotSettings(position_xy_m=BASE_XY_M))
         place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
         model = model_of(None, settings.hands, mobile_manipulator(settings.hands, things()))
         robot = MujocoRobot(model, ["right_hand"], settings.limits, place)
         driver = Driver(robot, settings)
-        return Stage(robot, driver, settings, script(place.inverse() @ driver.posture.xyz_world[0], boxes))
+        return BoxStage(robot, driver, settings, script(place.inverse() @ driver.posture.xyz_world[0], boxes))
 
     def hand_path(self, begin_s: float) -> tuple[Array, Array]:
         """(N,) s and (N, 3) m in the world: the points between which the operator's hand moves, after a rest of `begin_s`."""
@@ -175,7 +175,7 @@ def move_boxes(
         hand: as the robot's side knows it; None: exactly. watch: is shown every step.
         boxes: how many are moved. begin_s: the hand rests so long before.
     """
-    stage = Stage.built(boxes)
+    stage = BoxStage.built(boxes)
     hand = hand or MadeUpHand()
     settings, plan, driver = stage.settings, stage.plan, stage.driver
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
@@ -189,7 +189,7 @@ def move_boxes(
         now_ns, i = 10**12 + k * _TICK_NS, max(0, k - rest)
         view = hand.view(k, HAND_M + (plan.xyz[i] - plan.xyz[0]) / SCALE, now_ns)
         beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
-        news = News(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
+        news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         before = operator.gate.phase
         operator, order = step(operator, news, now_ns, settings)
         holds += operator.gate.phase is Phase.HOLD and before is Phase.ENGAGED

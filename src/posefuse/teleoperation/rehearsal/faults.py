@@ -18,9 +18,9 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
-from posefuse.teleoperation.operator import News, Operator, step
+from posefuse.teleoperation.operator import Operator, OperatorNews, step
 from posefuse.teleoperation.robots.driver import Driver
-from posefuse.teleoperation.separation import Body, remembered, separation_m
+from posefuse.teleoperation.separation import OperatorBody, remembered, separation_m
 from posefuse.teleoperation.settings import SeparationSettings, TeleoperationSettings
 from posefuse.teleoperation.values import Order, RobotState
 
@@ -142,7 +142,7 @@ def tick(world: World, active: set[str]) -> Array:
     return np.array(world.driver.follower.moves[0].position)
 
 
-def _news(world: World, active: set[str], now_ns: int) -> News:
+def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
     rng = world.rng
     exposed_s = world.t_s - 0.04
     view = person_view(
@@ -158,7 +158,7 @@ def _news(world: World, active: set[str], now_ns: int) -> News:
     else:
         world.frozen = None
     healthy = 0 if "dead cameras" in active else 1 if "one camera left" in active else 4
-    return News(
+    return OperatorNews(
         view=None if "dead cameras" in active and rng.random() < 0.9 else view,
         beats=_beats(world, active, now_ns),
         cameras=CameraReport(t_ns=now_ns, healthy=healthy, total=4),
@@ -275,7 +275,7 @@ class Judge:
 
     def _distance_m(self, world: World) -> float:
         view = person_view(world.hand(world.t_s), world.now_ns, shift_m=_shift(world))
-        body = remembered(Body.unknown(), view)
+        body = remembered(OperatorBody.unknown(), view)
         return separation_m(body, world.driver.posture.spheres_world, world.now_ns, self._exact)
 
     def _note(self, t_s: float, what: str) -> None:

@@ -17,7 +17,7 @@ from posefuse.teleoperation.values import Order, RobotState
 
 from .driver import Driver
 from .protocol import Robot
-from .reports import Reporter, RosPlan, open_reporters
+from .reports import RosPlan, StateReporter, open_reporters
 
 _S = 1_000_000_000
 # a step that is later than this is left out, so that the robot does not hurry after a pause
@@ -89,7 +89,7 @@ def built(plan: RobotPlan) -> Robot:
     return robot
 
 
-def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, reporters: Sequence[Reporter]) -> None:
+def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, reporters: Sequence[StateReporter]) -> None:
     period_ns = round(_S / plan.settings.robot.rate_hz)
     due_ns, late, link, leaving = time.monotonic_ns() + period_ns, 0, True, False
     gc.collect()

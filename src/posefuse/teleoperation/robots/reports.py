@@ -52,7 +52,7 @@ class RosPlan:
         return RosNode(name, network)
 
 
-class Reporter(Protocol):
+class StateReporter(Protocol):
     """Takes the state after every control step."""
 
     def take(self, state: RobotState, order: Order | None) -> None:
@@ -76,19 +76,19 @@ class OutletReporter:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
 
     def take(self, state: RobotState, order: Order | None) -> None:
-        """See `Reporter`."""
+        """See `StateReporter`."""
         t_ns = state.sent_ns + self._offset_ns
         for topic, msg in self._messages.of(state, order, t_ns, self._outlet.wanted):
             self._outlet.publish(topic, msg, t_ns)
 
     def close(self) -> None:
-        """See `Reporter`."""
+        """See `StateReporter`."""
         self._outlet.close()
 
 
-def open_reporters(ros: RosPlan | None, record: Path | None, settings: TeleoperationSettings) -> list[Reporter]:
+def open_reporters(ros: RosPlan | None, record: Path | None, settings: TeleoperationSettings) -> list[StateReporter]:
     """Reporters of a plan; raises PosefuseError where one cannot be opened."""
-    found: list[Reporter] = []
+    found: list[StateReporter] = []
     if ros is not None:
         found.append(OutletReporter(lambda: ros.node("posefuse_teleoperation"), settings, ros))
     if record is not None:
