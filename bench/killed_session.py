@@ -29,9 +29,9 @@ from posefuse.teleoperation.settings import MappingSettings, RobotSettings, Tele
 # of each: the words of the session's news that name the process, and the signal
 FAULTS = {
     "session's process (fusion) killed": ("", signal.SIGKILL),
-    "process of all cameras killed": (r"cam\d\d.* in process (\d+)", signal.SIGKILL),
-    "process of all cameras stopped, as by a cut link": (r"cam\d\d.* in process (\d+)", signal.SIGSTOP),
-    "process of the outputs killed": (r"outputs.* in process (\d+)", signal.SIGKILL),
+    "process of all cameras killed": (r"cameras [^;]* in process (\d+)", signal.SIGKILL),
+    "process of all cameras stopped, as by a cut link": (r"cameras [^;]* in process (\d+)", signal.SIGSTOP),
+    "process of the outputs killed": (r"outputs [^;]* in process (\d+)", signal.SIGKILL),
     "process of the rig watch killed": (r"rig watched in process (\d+)", signal.SIGKILL),
 }
 _MOVING_MPS, _ENGAGED_S, _AFTER_S, _LONGEST_S = 0.2, 1.0, 1.5, 60.0

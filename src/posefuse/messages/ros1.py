@@ -120,8 +120,10 @@ class Ros1Node:
         if self not in _OPEN:
             return
         _OPEN.remove(self)
-        for topic in (*self._publishers.values(), *self._readers.values()):
-            topic.close() if isinstance(topic, Ros1Reader) else topic.unregister()
+        for publisher in self._publishers.values():
+            publisher.unregister()
+        for reader in self._readers.values():
+            reader.close()
         self._publishers, self._readers = {}, {}
         if not _OPEN:
             self._rospy.signal_shutdown("posefuse ends")

@@ -16,6 +16,8 @@ from posefuse.teleoperation.values import OperatorView, Phase
 _BODY_RGBA, _HAND_RGBA, _TARGET_RGBA = (0.2, 0.45, 0.8, 1.0), (0.95, 0.75, 0.1, 1.0), (0.1, 0.8, 0.2, 0.7)
 _TRAIL_RGBA = (0.95, 0.75, 0.1, 0.5)
 _TRAIL = 60
+# upper arm and forearm, and the hand, of the operator who is drawn
+_ARM_M, _FINGERS_M = (0.3, 0.27), 0.16
 
 
 class Stage:
@@ -35,6 +37,7 @@ class Stage:
         """(H, W, 3) RGB."""
         self._renderer.update_scene(robot.data, self._camera)
         places = dict(zip(BODY, view.body_xyz_world - self._offset, strict=True))
+        _bend_arm(places)
         for a, b in BONES:
             self._bone(places[a], places[b], 0.045 if "shoulder" in a + b or "hip" in a + b or a == "neck" else 0.035, _BODY_RGBA)
         for side in ("left", "right"):
@@ -68,6 +71,21 @@ class Stage:
         kind, geom = self._mj.mjtGeom.mjGEOM_CAPSULE, self._new()
         self._mj.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), np.array(rgba, np.float32))
         self._mj.mjv_connector(geom, kind, radius, a, b)
+
+
+def _bend_arm(places: dict[str, Array]) -> None:
+    """The made-up operator has no elbow of their own: a human arm's, pointing down and outward."""
+    shoulder, wrist = places["right_shoulder"], places["right_wrist"]
+    way = wrist - shoulder
+    far = min(max(float(np.linalg.norm(way)), 1e-3), sum(_ARM_M) * 0.999)
+    along = way / np.linalg.norm(way)
+    aside = np.array([-0.2, -0.5, -1.0])
+    aside -= (aside @ along) * along
+    ahead = (far**2 + _ARM_M[0] ** 2 - _ARM_M[1] ** 2) / (2 * far)
+    out = float(np.sqrt(max(_ARM_M[0] ** 2 - ahead**2, 0.0)))
+    elbow = shoulder + ahead * along + out * aside / np.linalg.norm(aside)
+    forearm = (wrist - elbow) / np.linalg.norm(wrist - elbow)
+    places.update(right_elbow=elbow, right_fingertips=wrist + _FINGERS_M * forearm)
 
 
 def film_boxes(
