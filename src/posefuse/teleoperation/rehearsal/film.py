@@ -91,8 +91,17 @@ def _bend_arm(places: dict[str, Array]) -> None:
 def film_boxes(
     folder: Path, *, rate_hz: float = 10.0, seconds: float = 20.0, size_wh: tuple[int, int] = (854, 480)
 ) -> list[Path]:
-    """Write ``teleoperation.mp4`` and ``teleoperation.png`` (its middle) into an existing folder."""
+    """Write ``teleoperation.mp4`` and ``teleoperation.png`` (its middle) into an existing folder.
+
+    Raises:
+        DependencyError: no way to draw without a screen works here, or an extra is missing.
+    """
     import cv2
+
+    from posefuse.simulation.render.backend import mujoco_with, working_backend
+
+    # the first import of MuJoCo settles how it draws
+    mujoco_with(working_backend())
 
     from posefuse.formats.video import VideoWriter
 
