@@ -65,9 +65,22 @@ class Answers:
             return None
         return str(found["answer"])
 
+    def baseline_s(self, package: str, code: str) -> float | None:
+        """Seconds that the tests of a package took without a mutant, if neither they nor the code have changed."""
+        found = self._known.get(package, {})
+        return float(found["seconds"]) if found.get("code") == code else None
+
+    def keep_baseline(self, package: str, code: str, seconds: float) -> None:
+        """Keep the seconds."""
+        self._known[package] = {"code": code, "seconds": seconds}
+        self._write()
+
     def keep(self, mutant: Mutant, tests: str, answer: str) -> None:
         """Keep an answer."""
         self._known[mutant.key("")] = {"answer": answer, "tests": tests, **vars(mutant)}
+        self._write()
+
+    def _write(self) -> None:
         part = self._path.with_suffix(".part")
         part.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
         part.replace(self._path)
@@ -81,7 +94,11 @@ def test_mutants(package: str, mutants: list[Mutant], answers: Answers, work: Pa
     if not left or time.monotonic() > until_s:
         return
     copy = Copy(work / "copy")
-    limit_s = _LONGER * copy.baseline_s(tests) + _COMPILING_S
+    code = digest_of((*tests, "src"))
+    if (baseline_s := answers.baseline_s(package, code)) is None:
+        baseline_s = copy.baseline_s(tests)
+        answers.keep_baseline(package, code, baseline_s)
+    limit_s = _LONGER * baseline_s + _COMPILING_S
     for mutant in left:
         if time.monotonic() > until_s:
             return
