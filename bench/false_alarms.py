@@ -2,10 +2,10 @@
 
     python bench/false_alarms.py [--hours 10] [--seed 0] [--only "30/s, loop" ...] [--without cut|gap ...]
 
-Four healthy cameras look at a person who walks, hurries or stands in turn; what they see goes through the rig watch as in a live
-session (`realtime.rig_watch.RigWatcher`), as fast as the processor can. Frames come at a rate of 5 to 60 a second, jitter, are lost,
-half of them are not used (overload), or the clip is cut (a loop) every 4.3 s, announced as a session announces it. Noise
-is the default network's on the demo clip. Table on stderr, one JSON object on stdout.
+Four healthy cameras look at a person who walks, hurries or stands in turn; what they see goes through the rig watch as in a
+live session (`realtime.rig_watch.RigWatcher`), as fast as the processor can. Frames come at a rate of 5 to 60 a second, jitter,
+are lost, half of them are not used (overload), or the clip is cut (a loop) every 4.3 s, announced as a session announces it.
+Noise is the default network's on the demo clip. Table on stderr, one JSON object on stdout.
 
 `--without` takes a rule away, on the same scenes and noise: `cut` announces no loop, `gap` interpolates between
 views however far apart they are.

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,44 +17,25 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
-from posefuse.teleoperation.operator import Operator, OperatorNews, step
-from posefuse.teleoperation.robots.driver import Driver
-from posefuse.teleoperation.separation import OperatorBody, remembered, separation_m
-from posefuse.teleoperation.settings import SeparationSettings, TeleoperationSettings
-from posefuse.teleoperation.values import Order, RobotState
+from posefuse.teleoperation.operator import OperatorNews, step
+from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import RobotState
 
-from .person import person_view, sine
-from .robot import ExactRobot
+from .judge import Breach, Judge
+from .person import person_view
+from .world import TICK_S, World
 
-TICK_S = 0.01
-_TICK_NS = 10_000_000
-_START_NS = 10**13
 _LONG_S = 0.5
 _WARM_TICKS = 55
 # sequences go on from so many worlds; in half of them the operator has come nearer, by up to so much
 _WORLDS = 32
 _NEARER_M = 0.45
-# the paths of hands begin with a second of acceleration, which is over when sequences begin
-_PATH_S = 2.0
 FAULTS = (
     "frozen pose", "late pose", "jumping pose", "dead cameras", "one camera left", "exchanged person", "NaN", "infinite",
     "exchanged sides", "unsure", "pose clock jumps", "gate clock jumps", "gate stalls", "lost network", "late network",
     "late heartbeats", "repeated heartbeats", "no heartbeats", "no robot state", "robot state not finite", "order not finite",
     "huge hand motion", "operator walks", "robot process late",
 )  # fmt: skip
-# the true distance counts as kept while the robot brakes: pose age, watchdog and braking from full speed
-REACTION_S = 0.45
-# a robot that no one gives orders stands after so long
-STANDING_S = 0.35
-
-
-@dataclass(frozen=True, kw_only=True)
-class Breach:
-    """What was broken: sequence, time since its start, and by how much."""
-
-    sequence: int
-    t_s: float
-    what: str
 
 
 @dataclass(frozen=True)
@@ -65,44 +45,6 @@ class Fault:
     kind: str
     start_s: float
     end_s: float
-
-
-@dataclass(eq=False)
-class World:
-    """All that is true in one sequence, and what each side knows of it."""
-
-    settings: TeleoperationSettings
-    rng: np.random.Generator
-    operator: Operator = field(default_factory=Operator)
-    robot: ExactRobot = field(default_factory=lambda: ExactRobot(np.array([1.9, -0.2, 0.9])))
-    t_s: float = 0.0
-    seq: int = 0
-    walked_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.driver = Driver(self.robot, self.settings)
-        self.state: RobotState | None = self.driver.state(self.now_ns)
-        self.waiting: deque[tuple[float, Order]] = deque()
-        self.frozen: Any = None
-        self.clock_ns = 0
-        self.reached_s = 0.0
-        self._path = sine(float(self.rng.uniform(0.2, 0.9)), period_s=float(self.rng.uniform(1.5, 4.0)))
-
-    def hand(self, t_s: float) -> Array:
-        """(3,) where the hand truly is."""
-        return self._path(t_s + _PATH_S)
-
-    def copied(self, rng: np.random.Generator) -> World:
-        """The same world, to go another way."""
-        other = copy(self)
-        other.rng, other.waiting, other.robot = rng, self.waiting.copy(), copy(self.robot)
-        other.driver = self.driver.copied(other.robot)
-        return other
-
-    @property
-    def now_ns(self) -> int:
-        """True time."""
-        return _START_NS + round(self.t_s * 1e9)
 
 
 def faults_of(rng: np.random.Generator, seconds: float) -> list[Fault]:
@@ -146,7 +88,7 @@ def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
     rng = world.rng
     exposed_s = world.t_s - 0.04
     view = person_view(
-        world.hand(exposed_s) + 1e-4 * rng.normal(size=3), now_ns, measured_ns=now_ns - 40_000_000, shift_m=_shift(world)
+        world.hand(exposed_s) + 1e-4 * rng.normal(size=3), now_ns, measured_ns=now_ns - 40_000_000, shift_m=world.shift_m
     )
     for kind, change in _VIEW_FAULTS.items():
         if kind in active:
@@ -164,10 +106,6 @@ def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
         cameras=CameraReport(t_ns=now_ns, healthy=healthy, total=4),
         robot=_state(world, active),
     )
-
-
-def _shift(world: World) -> Array:
-    return np.array([world.walked_m, 0.0, 0.0])
 
 
 def _beats(world: World, active: set[str], now_ns: int) -> tuple[Beat, ...]:
@@ -233,53 +171,6 @@ def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None =
         moved = moved or world.driver.follower.moves[0].speed > 0.05
         judge.look(xyz, world)
     return judge.breaches, moved
-
-
-class Judge:
-    """Looks at the true motion of the robot only. breaches: what was broken, in words."""
-
-    def __init__(self, settings: TeleoperationSettings, sequence: int) -> None:
-        self._limits, self._stop_m, self._sequence = settings.limits, settings.separation.stop_m, sequence
-        self._xyz: deque[Array] = deque(maxlen=3)
-        self._exact = SeparationSettings(sigmas=0.0, approach_mps=0.0)
-        self._near_s = 0.0
-        self.breaches: list[Breach] = []
-
-    def look(self, xyz: Array, world: World) -> None:
-        """Judge one more control period."""
-        self._xyz.append(xyz)
-        limits, t_s = self._limits, world.t_s
-        low, high = np.array(limits.box_low_m), np.array(limits.box_high_m)
-        if not np.isfinite(xyz).all() or (xyz < low - 1e-9).any() or (xyz > high + 1e-9).any():
-            self._note(t_s, f"box {xyz}")
-        if len(self._xyz) < 3:
-            return
-        before, last, now = self._xyz
-        speed = float(np.linalg.norm(now - last)) / TICK_S
-        if speed > limits.speed_mps * (1 + 1e-6):
-            self._note(t_s, f"velocity {speed:.3f} m/s")
-        change = float(np.linalg.norm(now - 2 * last + before)) / TICK_S**2
-        # a step that was left out by a late process changes the mean velocity of the next
-        if change > limits.acceleration_mps2 * (1 + 1e-6) and not self._left_out(now, last, before):
-            self._note(t_s, f"acceleration {change:.2f} m/s2")
-        silent_s = t_s - world.reached_s
-        if silent_s > STANDING_S and speed > 1e-6:
-            self._note(t_s, f"watchdog: moves at {speed:.3f} m/s {silent_s:.2f} s after the last order")
-        near = world.walked_m > 0 and self._distance_m(world) < self._stop_m
-        self._near_s = self._near_s + TICK_S if near else 0.0
-        if self._near_s > REACTION_S and speed > 1e-6:
-            self._note(t_s, f"separation: moves at {speed:.3f} m/s within {self._stop_m} m for {self._near_s:.2f} s")
-
-    def _left_out(self, now: Array, last: Array, before: Array) -> bool:
-        return np.array_equal(now, last) or np.array_equal(last, before)
-
-    def _distance_m(self, world: World) -> float:
-        view = person_view(world.hand(world.t_s), world.now_ns, shift_m=_shift(world))
-        body = remembered(OperatorBody.unknown(), view)
-        return separation_m(body, world.driver.posture.spheres_world, world.now_ns, self._exact)
-
-    def _note(self, t_s: float, what: str) -> None:
-        self.breaches.append(Breach(sequence=self._sequence, t_s=t_s, what=what))
 
 
 def run_many(
