@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from datetime import datetime
 from urllib.parse import urlencode
 
@@ -20,6 +21,8 @@ from . import recording
 PATH = "/recordings"
 _AT_ONCE = 60
 _POLL_S = 5.0
+# while a list is looked through for the first time
+_SHOW_EVERY_S = 1.0
 _WORDS = {"good": "good", "doubt": "fair", "bad": "poor", "off": "not known"}
 
 
@@ -40,6 +43,7 @@ class _List:
         self._found: list[Listed] = []
         self._names: list[str] = []
         self._chosen: list[str] = []
+        self._boxes: dict[str, ui.checkbox] = {}
         self._most = _AT_ONCE
         title("Recordings", "Everything that was tracked or recorded live in this workspace, the newest first.")
         with ui.row().classes("pf-tools"):
@@ -61,10 +65,12 @@ class _List:
         known = {one.path: one for one in self._found}
         self._found = [known.get(path) or Listed(path=path, live=path.suffix == ".mcap") for path in paths]
         self._show()
+        shown_s = time.monotonic()
         for place, path in enumerate(paths):
             self._found[place] = await run.io_bound(listed, path)
-            if place < self._most:
+            if time.monotonic() - shown_s > _SHOW_EVERY_S:
                 self._show()
+                shown_s = time.monotonic()
         self._show()
 
     async def _look_again(self) -> None:
@@ -82,6 +88,7 @@ class _List:
         self._more.set_visibility(len(found) > self._most)
         self._compare.set_enabled(len(self._chosen) == 2)
         self._grid.clear()
+        self._boxes.clear()
         with self._grid:
             for one in found[: self._most]:
                 self._card(one)
@@ -99,9 +106,8 @@ class _List:
             with ui.row().classes("pf-card-head"):
                 ui.link(name, address).classes("pf-recording-name")
                 ui.space()
-                ui.checkbox(value=name in self._chosen, on_change=lambda e, n=name: self._choose(n, e.value)).props(
-                    f'dense aria-label="Choose {name} to compare"'
-                )
+                box = ui.checkbox(value=name in self._chosen, on_change=lambda e, n=name: self._choose(n, e.value))
+                self._boxes[name] = box.props(f'dense aria-label="Choose {name} to compare"')
             if one.problem:
                 light("bad" if not one.live else "off", one.problem.replace(f"{self._studio.workspace.root}/", ""))
                 return
@@ -109,8 +115,13 @@ class _List:
             light(one.mark(), quality(one))
 
     def _choose(self, name: str, on: bool) -> None:
-        self._chosen = [*(one for one in self._chosen if one != name), *([name] if on else [])][-2:]
-        self._show()
+        """Two at most: a third takes the place of the first."""
+        chosen = [*(one for one in self._chosen if one != name), *([name] if on else [])]
+        self._chosen = chosen[-2:]
+        for dropped in chosen[:-2]:
+            if dropped in self._boxes:
+                self._boxes[dropped].set_value(False)
+        self._compare.set_enabled(len(self._chosen) == 2)
 
     def _start_compare(self) -> None:
         a, b = self._chosen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from nicegui import events, run, ui
@@ -14,14 +15,11 @@ from posefuse.simulation.planning import (
     camera_of,
     first_plan,
     free_camera_name,
-    listed_cameras,
     rig_of_scene,
     with_camera,
-    with_test_walk,
     without_camera,
 )
-from posefuse.simulation.scene import Scene, read_scene
-from posefuse.simulation.scene_files import scene_text
+from posefuse.simulation.scene import Scene
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.plan_view import BEST_MM, WORST_MM, RoomMap, cameras_svg, heat_picture, nearest_camera
 from posefuse.studio.scene.messages import setup_message
@@ -29,9 +27,8 @@ from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.scene.view import RigScene
 from posefuse.studio.shell import card, refused, title
 from posefuse.studio.state import Studio
-from posefuse.studio.workspace import check_name
+from posefuse.studio.walk_card import walk_card
 
-PLANS = "plans"
 # coarse while a camera is dragged, fine when it rests
 _COARSE_M, _FINE_M = 0.35, 0.1
 _POLL_S = 0.12
@@ -63,7 +60,7 @@ class _Plan:
                     RigScene(self._stream_name, ellipsoids=False)
         with ui.element("div").classes("pf-split"):
             self._camera_card()
-            self._walk_card()
+            walk_card(studio, lambda: self._scene, self._opened)
         job_cards(studio, ("simulate_walk",))
         self._show_camera()
         ui.timer(_POLL_S, self._follow)
@@ -114,26 +111,17 @@ class _Plan:
                 self._width = self._number("room x, m", 2, 40, 0.5, self._sized, width)
                 self._depth = self._number("room y, m", 2, 40, 0.5, self._sized, depth)
 
-    def _walk_card(self) -> None:
-        with card("Test walk"):
-            ui.label(
-                "A person walks through the middle of the room; every camera is rendered, tracked and compared with the truth."
-            ).classes("pf-small")
-            with ui.row().classes("pf-tools"):
-                self._walk = ui.input("Name", value="test-walk").props("dense outlined")
-                self._seconds = ui.number("Seconds", value=6, min=1, max=120, step=1).props("dense outlined")
-                ui.button("Render the walk", icon="directions_walk", on_click=self._render)
-            with ui.row().classes("pf-tools"):
-                plans = [name for name in self._studio.workspace.files(".yaml", ".yml") if name.startswith(f"{PLANS}/")]
-                ui.select(plans, label="Earlier plan", on_change=lambda e: self._open(e.value)).props("dense outlined clearable")
-                ui.button("Keep this plan", icon="save", on_click=self._keep).props("outline")
-
-    def _number(self, label: str, least: float, most: float, step: float, on_change=None, value: float = 0.0) -> ui.number:  # type: ignore[no-untyped-def]
-        return (
-            ui.number(label, value=value, min=least, max=most, step=step, on_change=on_change or self._edited)
-            .props("dense outlined")
-            .classes("pf-number")
-        )
+    def _number(
+        self,
+        label: str,
+        least: float,
+        most: float,
+        step: float,
+        on_change: Callable[[], None] | None = None,
+        value: float = 0.0,
+    ) -> ui.number:
+        field = ui.number(label, value=value, min=least, max=most, step=step, on_change=on_change or self._edited)
+        return field.props("dense outlined").classes("pf-number")
 
     @property
     def _room(self) -> RoomMap:
@@ -146,7 +134,7 @@ class _Plan:
     def _take(self, scene: Scene) -> None:
         self._scene, self._changed = scene, True
 
-    def _try(self, change) -> None:  # type: ignore[no-untyped-def]
+    def _try(self, change: Callable[[], Scene]) -> None:
         try:
             self._take(change())
         except PosefuseError as error:
@@ -211,36 +199,10 @@ class _Plan:
         self._chosen = self._cameras[0].name
         self._show_camera()
 
-    def _open(self, name: str | None) -> None:
-        if name:
-            self._try(lambda: listed_cameras(read_scene(self._studio.workspace.existing(name))))
-            self._chosen = self._cameras[0].name
-            self._show_camera()
-
-    def _keep(self) -> str:
-        workspace = self._studio.workspace
-        try:
-            check_name(self._walk.value)
-            name = workspace.free_name(PLANS, self._walk.value, ".yaml")
-            scene = with_test_walk(self._scene, float(self._seconds.value or 6))
-            workspace.path(name).write_text(scene_text(scene), encoding="utf-8")
-        except (PosefuseError, OSError) as error:
-            refused(error)
-            return ""
-        ui.notify(f"Kept as {name}")
-        return name
-
-    def _render(self) -> None:
-        scene = self._keep()
-        if not scene:
-            return
-        workspace = self._studio.workspace
-        arguments = {
-            "scene": scene,
-            "session": workspace.free_name("sessions", self._walk.value),
-            "out": workspace.free_name("results", self._walk.value),
-        }
-        self._studio.jobs.start("simulate_walk", f"Test walk {self._walk.value}", arguments, page="/simulate")
+    def _opened(self, scene: Scene) -> None:
+        self._take(scene)
+        self._chosen = self._cameras[0].name
+        self._show_camera()
 
     async def _follow(self) -> None:
         """Draw what has changed; the newest plan wins."""
