@@ -2,13 +2,14 @@
 
 import json
 import struct
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import InputError, PoseSequence
+from posefuse.core import InputError
 from posefuse.formats.bvh import read_bvh, write_bvh
 from posefuse.formats.gltf import write_gltf
 from posefuse.kinematics import joints_from_poses
@@ -83,16 +84,7 @@ def test_a_short_gap_is_bridged_and_a_long_one_named(sequence):
     def holed(end):
         xyz = sequence.xyz_world.copy()
         xyz[10:end, :, sequence.skeleton.index("left_wrist")] = np.nan
-        gaps = PoseSequence(
-            t_ns=sequence.t_ns,
-            skeleton=sequence.skeleton,
-            person_id=[0],
-            xyz_world=xyz,
-            cov_world=sequence.cov_world,
-            reproj_px=sequence.reproj_px,
-            n_views=sequence.n_views,
-            kind=sequence.kind,
-        )
+        gaps = replace(sequence, xyz_world=xyz)
         return animation_from_joints(gaps, joints_from_poses(gaps))
 
     assert np.isfinite(holed(14).rotation).all()
@@ -145,15 +137,6 @@ def test_what_the_files_cannot_hold_is_refused(sequence, tmp_path):
         write_bvh(tmp_path / "a.bvh", type(animation)(**{**vars(animation), "position": stretched}))
     with pytest.raises(InputError, match=r"expected a file ending in \.glb"):
         write_gltf(tmp_path / "a.obj", animation)
-    uneven = PoseSequence(
-        t_ns=sequence.t_ns**2 // 10**6 + sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=[0],
-        xyz_world=sequence.xyz_world,
-        cov_world=sequence.cov_world,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
-    )
+    uneven = replace(sequence, t_ns=sequence.t_ns**2 // 10**6 + sequence.t_ns)
     with pytest.raises(InputError, match="evenly spaced"):
         animation_from_joints(uneven, joints_from_poses(uneven))

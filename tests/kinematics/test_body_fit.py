@@ -40,16 +40,7 @@ def noisy(posed):
     for name in HIDDEN:
         at = clean.skeleton.index(name)
         xyz[60:85, :, at], cov[60:85, :, at], kind[60:85, :, at] = np.nan, np.nan, Kind.MISSING
-    return clean, PoseSequence(
-        t_ns=clean.t_ns,
-        skeleton=clean.skeleton,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=clean.reproj_px,
-        n_views=clean.n_views,
-        kind=kind,
-    )
+    return clean, dataclasses.replace(clean, xyz_world=xyz, cov_world=cov, kind=kind)
 
 
 @pytest.fixture(scope="module")
@@ -178,16 +169,7 @@ def test_an_outlier_moves_the_fit_little(noisy, fitted):
     clean, seen = noisy
     xyz, knee = seen.xyz_world.copy(), seen.skeleton.index("right_knee")
     xyz[40, 0, knee] += [0.4, -0.3, 0.2]
-    spoiled = PoseSequence(
-        t_ns=seen.t_ns,
-        skeleton=seen.skeleton,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=seen.cov_world,
-        reproj_px=seen.reproj_px,
-        n_views=seen.n_views,
-        kind=seen.kind,
-    )
+    spoiled = dataclasses.replace(seen, xyz_world=xyz)
     error = {}
     for dof in (5.0, 1e6):
         fit = fit_poses(spoiled, BodySettings(noise_memory_s=0.0, robust_dof=dof), fitted.bodies)

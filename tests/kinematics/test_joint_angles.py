@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import SKELETONS, InputError, PoseSequence, ShapeError
+from posefuse.core import SKELETONS, InputError, ShapeError
 from posefuse.kinematics import (
     JOINT_NAMES,
     JointSettings,
@@ -74,15 +74,8 @@ def test_shoulder_sequence_agrees_with_scipy(posed):
 def test_moving_the_world_changes_only_the_pelvis(posed):
     sequence = posed([BENT])
     turn = Rotation.from_euler("xyz", [40, -150, 75], degrees=True).as_matrix()
-    moved = PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=sequence.person_id,
-        xyz_world=sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0],
-        cov_world=turn @ sequence.cov_world @ turn.T,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
+    moved = replace(
+        sequence, xyz_world=sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0], cov_world=turn @ sequence.cov_world @ turn.T
     )
     before, after = joints_from_poses(sequence), joints_from_poses(moved)
     np.testing.assert_allclose(after.angle_rad[:, :, 1:], before.angle_rad[:, :, 1:], atol=1e-9)
@@ -93,16 +86,7 @@ def test_moving_the_world_changes_only_the_pelvis(posed):
 def test_mirroring_the_subject_swaps_the_sides(posed):
     sequence = posed([BENT])
     xyz = sequence.xyz_world[:, :, sequence.skeleton.mirror] * [1, -1, 1]
-    mirrored = PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=sequence.person_id,
-        xyz_world=xyz,
-        cov_world=sequence.cov_world,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
-    )
+    mirrored = replace(sequence, xyz_world=xyz)
     before, after = joints_from_poses(sequence, EXACT), joints_from_poses(mirrored, EXACT)
     for name in JOINT_NAMES:
         if name.startswith("left_"):
@@ -153,16 +137,7 @@ def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
     frames = [{"left_knee": (60.0 if i < 30 else 0.5, 0, 0), "left_hip": (20, 0, 10)} for i in range(90)]
     clean = posed(frames, sigma_m=0.01)
     xyz = clean.xyz_world + rng.normal(size=clean.xyz_world.shape) * 0.01
-    noisy = PoseSequence(
-        t_ns=clean.t_ns,
-        skeleton=clean.skeleton,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=clean.cov_world,
-        reproj_px=clean.reproj_px,
-        n_views=clean.n_views,
-        kind=clean.kind,
-    )
+    noisy = replace(clean, xyz_world=xyz)
     tracker = JointTracker(clean.skeleton)
     live = [tracker.step(noisy.at(i)) for i in range(90)]
     turn = np.array([degrees_of(j, "left_hip")[2] for j in live])
@@ -207,16 +182,7 @@ def test_a_missing_keypoint_takes_only_what_needs_it(posed):
     sequence = posed([BENT])
     xyz = sequence.xyz_world.copy()
     xyz[:, :, sequence.skeleton.index("left_ankle")] = np.nan
-    holed = PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=sequence.cov_world,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
-    )
+    holed = replace(sequence, xyz_world=xyz)
     joints, reasons = reasons_from_poses(holed, EXACT)
     knee, hip = joints.joints.index("left_knee"), joints.joints.index("left_hip")
     assert reasons[0, 0, knee, 0] == Reason.MISSING
@@ -241,16 +207,7 @@ def test_an_upside_down_person_has_the_same_angles(posed):
 
 def test_swapped_sides_are_refused(posed):
     sequence = posed([BENT] * 10)
-    swapped = PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=[7],
-        xyz_world=sequence.xyz_world[:, :, sequence.skeleton.mirror],
-        cov_world=sequence.cov_world,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
-    )
+    swapped = replace(sequence, person_id=[7], xyz_world=sequence.xyz_world[:, :, sequence.skeleton.mirror])
     with pytest.raises(InputError, match="person 7: left and right look swapped"):
         joints_from_poses(swapped)
     assert np.isfinite(joints_from_poses(swapped, JointSettings(sides_checked=False)).angle_rad).any()
@@ -258,16 +215,7 @@ def test_swapped_sides_are_refused(posed):
 
 def test_no_person_and_all_missing_give_empty_and_nan(posed):
     sequence = posed([BENT] * 3)
-    nan = PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=[0],
-        xyz_world=sequence.xyz_world * np.nan,
-        cov_world=sequence.cov_world * np.nan,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
-    )
+    nan = replace(sequence, xyz_world=sequence.xyz_world * np.nan, cov_world=sequence.cov_world * np.nan)
     assert np.isnan(joints_from_poses(nan).angle_rad).all()
     planes = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     nobody = replace(sequence, person_id=[], **{name: getattr(sequence, name)[:, :0] for name in planes})

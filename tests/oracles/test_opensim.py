@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,16 +48,7 @@ def solved(osim, tmp_path_factory):
     sequence = figures()
     xyz = sequence.xyz_world.copy()
     xyz[10:14, :, sequence.skeleton.index("left_ear")] = np.nan
-    holed = PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=sequence.cov_world,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
-    )
+    holed = replace(sequence, xyz_world=xyz)
     return folder, sequence, opensim_motion(holed, folder)
 
 

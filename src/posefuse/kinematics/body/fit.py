@@ -161,14 +161,5 @@ def _fit(
                 fitted.angles,
                 fitted.sigmas,
             )
-    poses = PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=sequence.person_id,
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=kind,
-    )
+    poses = replace(sequence, xyz_world=xyz, cov_world=cov, kind=kind)
     return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), bodies)

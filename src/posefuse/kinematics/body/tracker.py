@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -111,16 +112,7 @@ class BodyTracker:
             kind[n, at] = np.where(np.isfinite(seen.xyz[:, 0]), Kind.SMOOTHED, Kind.PREDICTED)
             rotation[0, n], origin[0, n] = fitted.rotation, fitted.origin
             angles[0, n], sigmas[0, n] = fitted.angles, fitted.sigmas
-        out = Pose3D(
-            t_ns=pose.t_ns,
-            skeleton=pose.skeleton,
-            person_id=pose.person_id,
-            xyz_world=xyz,
-            cov_world=cov,
-            reproj_px=pose.reproj_px,
-            n_views=pose.n_views,
-            kind=kind,
-        )
+        out = replace(pose, xyz_world=xyz, cov_world=cov, kind=kind)
         return out, joints_value(np.array([pose.t_ns]), pose.person_id, rotation, origin, angles, sigmas)
 
 
