@@ -90,7 +90,7 @@ ACCEPTED = {
     ),
     "report RESULT": (
         "",
-        "--json, --out text, --fit rays, --opensim, --title text",
+        "--json, --out text, --fit rays, --opensim, --opensim-model text, --title text",
     ),
     "batch STUDY": (
         "--out text",

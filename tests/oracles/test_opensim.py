@@ -1,5 +1,6 @@
 """Our files and angles before OpenSim: it reads them without a warning, and its own inverse kinematics agrees."""
 
+import dataclasses
 import importlib.util
 import sys
 from dataclasses import replace
@@ -8,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.core import DependencyError, PoseSequence
+from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.formats.mot import motion_from_joints, read_mot, write_mot
 from posefuse.kinematics import joints_from_poses
-from posefuse.kinematics.opensim_path import LOG_FILE, MODEL_FILE, opensim_motion
+from posefuse.kinematics.body import bodies_from_poses
+from posefuse.kinematics.opensim_path import LOG_FILE, MODEL_FILE, opensim_motion, write_opensim_model
+from posefuse.kinematics.opensim_scale import CENTRES_FILE, FACTORS_FILE, SCALED_FILE, scale_factors, write_scaled_model
 
 OURS = {
     "hip_flexion_r": ("right_hip", 0), "hip_adduction_l": ("left_hip", 1), "knee_angle_l": ("left_knee", 0),
@@ -93,6 +96,61 @@ def test_its_motion_comes_back_as_it_wrote_it(solved, osim):
     again = read_mot(folder / "inverse_kinematics.mot")
     assert again.in_degrees
     np.testing.assert_array_equal(again.values, motion.values)
+
+
+def stretched(body, factor: float):
+    """The same skeleton with limbs longer by a factor, and hips and shoulders that stay."""
+    offset = np.array(
+        [
+            o * (factor if n.offset.endswith(("elbow", "wrist", "knee", "ankle")) else 1.0)
+            for n, o in zip(body.nodes, body.offset, strict=True)
+        ]
+    )
+    limbs = ("upper_arm", "forearm", "thigh", "shank")
+    lengths = {
+        name: dataclasses.replace(one, value_m=one.value_m * factor) if name.endswith(limbs) else one
+        for name, one in body.lengths.items()
+    }
+    return dataclasses.replace(body, offset=offset, lengths=lengths)
+
+
+def test_a_users_own_model_gets_the_persons_lengths(osim, tmp_path):
+    """Somebody else's model, scaled to a person: OpenSim itself then measures the person's lengths, and joints where we say."""
+    person = bodies_from_poses(figures())[0]
+    write_opensim_model(tmp_path / "other.osim", stretched(person, 1.2))
+    before = (tmp_path / "other.osim").read_bytes()
+    found = write_scaled_model(tmp_path / "other.osim", tmp_path, person)
+    assert (tmp_path / "other.osim").read_bytes() == before
+    np.testing.assert_allclose(found.bodies["femur_r"], 1 / 1.2, rtol=1e-6)
+    np.testing.assert_allclose(found.bodies["pelvis"], 1.0, rtol=1e-6)
+    again = scale_factors(tmp_path / SCALED_FILE, person)
+    assert len(again.lengths_m) == 11
+    for name, (model_m, person_m) in again.lengths_m.items():
+        assert model_m == pytest.approx(person_m, abs=1e-6), name
+    scales = osim.ScaleSet(str(tmp_path / FACTORS_FILE))
+    assert {scales.get(i).getSegmentName() for i in range(scales.getSize())} == set(found.bodies)
+    model = osim.Model(str(tmp_path / SCALED_FILE))
+    model.updMarkerSet().clearAndDestroy()
+    markers = osim.MarkerSet(str(tmp_path / CENTRES_FILE))
+    for i in range(markers.getSize()):
+        model.addMarker(markers.get(i).clone())
+    state = model.initSystem()
+    knee = (
+        next(joint for joint in model.getJointSet() if joint.getName() == "tibia_l_joint")
+        .getChildFrame()
+        .getPositionInGround(state)
+    )
+    marker = model.getMarkerSet().get("left_knee").getLocationInGround(state)
+    assert [marker.get(i) for i in range(3)] == pytest.approx([knee.get(i) for i in range(3)], abs=1e-9)
+
+
+def test_what_is_no_model_is_refused_in_a_line(osim, tmp_path):
+    person = bodies_from_poses(figures())[0]
+    (tmp_path / "no.osim").write_text("<nothing/>")
+    with pytest.raises(InputError, match=r"no\.osim: expected"):
+        scale_factors(tmp_path / "no.osim", person)
+    with pytest.raises(InputError, match="expected an existing folder"):
+        write_scaled_model(tmp_path / "no.osim", tmp_path / "none", person)
 
 
 def test_without_the_package_it_says_what_to_install(monkeypatch, tmp_path):

@@ -19,9 +19,10 @@ from posefuse.formats.mot import motion_from_joints, write_mot
 from posefuse.foundation.settings import settings, settings_from_mapping
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
-from posefuse.kinematics.body import BodySettings, fit_poses, fit_views
+from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
+from posefuse.kinematics.opensim_scale import write_scaled_model
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import person_suffix
 from posefuse.tracking import JointCentres, views_at_joint_centres
@@ -41,11 +42,13 @@ class BiomechanicsSettings:
         fit: ``points`` fits one skeleton per person to the 3D points; ``rays`` to what the views saw, brought to joint centres
             (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points.
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
+        opensim_model: an .osim of the user's own that is scaled to each person; needs the extra ``biomech``.
         joints, body: see `JointSettings`, `BodySettings`.
     """
 
     fit: Literal["none", "points", "rays"] = "points"
     opensim: bool = False
+    opensim_model: Path | None = None
     joints: JointSettings = field(default_factory=JointSettings)
     body: BodySettings = field(default_factory=BodySettings)
 
@@ -109,8 +112,8 @@ def write_biomechanics(
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
             made += _person_files(poses, joints, n, folder, ending)
-            if chosen.opensim:
-                made += _opensim_files(poses, n, folder / f"opensim{ending}")
+            if chosen.opensim or chosen.opensim_model:
+                made += _opensim_files(poses, n, folder / f"opensim{ending}", chosen)
     progress("report", 2, _STAGES, "gait cycles and the page")
     cycles = _cycles(poses, joints)
     if cycles:
@@ -162,10 +165,14 @@ def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
     return tuple(f"{joints.joints[q]}_angles" for q in kept), np.where(ever, angle, 0.0)[:, kept]
 
 
-def _opensim_files(poses: PoseSequence, n: int, folder: Path) -> list[Path]:
+def _opensim_files(poses: PoseSequence, n: int, folder: Path, chosen: BiomechanicsSettings) -> list[Path]:
     folder.mkdir(exist_ok=True)
     try:
-        opensim_motion(poses, folder, n)
+        body = bodies_from_poses(poses, chosen.body)[int(poses.person_id[n])]
+        if chosen.opensim:
+            opensim_motion(poses, folder, n, body)
+        if chosen.opensim_model:
+            write_scaled_model(chosen.opensim_model, folder, body)
     except DependencyError:
         folder.rmdir()
         raise

@@ -91,7 +91,7 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
         DependencyError: the `opensim` package is missing.
         InputError: the person has no skeleton, or OpenSim fails; names its log.
     """
-    osim = _opensim()
+    osim = opensim_library()
     if not folder.is_dir():
         raise InputError(f"{folder}: expected an existing folder for OpenSim's files")
     body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
@@ -122,7 +122,7 @@ def write_opensim_model(path: Path, body: BodyModel) -> None:
 
     Pelvis tilt and lumbar flexion are one freedom here: hips and shoulders do not tell them apart.
     """
-    osim = _opensim()
+    osim = opensim_library()
     model = osim.Model()
     model.setName("posefuse")
     bodies: dict[str, Any] = {"pelvis": _body(osim, model, "pelvis", 0.15)}
@@ -144,7 +144,8 @@ def write_opensim_model(path: Path, body: BodyModel) -> None:
     model.printToXML(str(path))
 
 
-def _opensim() -> Any:
+def opensim_library() -> Any:
+    """The `opensim` package; raises DependencyError if it is missing."""
     try:
         import opensim
     except ImportError as error:

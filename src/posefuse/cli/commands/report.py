@@ -18,6 +18,7 @@ def report(
     fit: Literal["none", "points", "rays"] = "points",
     title: Annotated[str | None, Parameter(metavar="TEXT")] = None,
     opensim: bool = False,
+    opensim_model: Annotated[Path | None, Parameter(metavar="OSIM")] = None,
     terminal: Shown,
 ) -> Figures:
     """Compute joint angles of a result: one HTML page, and files for OpenSim, Visual3D, Mokka, Blender and spreadsheets.
@@ -28,6 +29,7 @@ def report(
         fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
         title: Title of the page (default: Motion report).
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
+        opensim_model: Scale this OpenSim model to each person: scaled.osim, scale factors, joint centres (extra: biomech).
     """
     from posefuse.evaluation.biomechanics import BiomechanicsSettings
     from posefuse.foundation.compiled import compiling
@@ -36,7 +38,7 @@ def report(
 
     recording = read_result(result, terminal.warn)
     folder = out or report_folder(result)
-    settings = BiomechanicsSettings(fit=fit, opensim=opensim)
+    settings = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=opensim_model)
     with compiling("joint angles", terminal.note), terminal.stages() as progress:
         made = write_report_folder(recording, result, folder, settings, title=title, progress=progress, warn=terminal.warn)
     names = [path.relative_to(folder).as_posix() for path in made]
