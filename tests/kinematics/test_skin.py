@@ -8,6 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.formats.gltf import write_gltf
+from posefuse.formats.page import Player, PlayerMesh
+from posefuse.formats.page.player import player_content
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints
 from posefuse.kinematics.skin import skin_of, skinned_vertices
@@ -121,3 +123,29 @@ def test_the_file_moves_as_we_do(moving, tmp_path) -> None:
     np.testing.assert_allclose(moved, skinned_vertices(moving, skin)[frame], atol=1e-5)
     assert values(mesh["indices"]).max() == len(rest) - 1
     np.testing.assert_allclose(np.linalg.norm(values(mesh["attributes"]["NORMAL"]), axis=1), 1.0, atol=1e-5)
+
+
+def test_a_page_moves_as_we_do(moving) -> None:
+    """From the packed numbers of the page alone, to the millimetres that it keeps."""
+    skin, (rotation, position) = skin_of(moving), moving.world()
+    count = len(rotation)
+    mesh = PlayerMesh(skin=skin, rotation=rotation, position=position)
+    player = Player(
+        np.arange(count) / 30, np.zeros((count, 1, 1, 3)), bones=np.zeros((0, 2), int), sides=(), people=("a",), meshes=(mesh,)
+    )
+    content = player_content(player)["meshes"][0]
+
+    def numbers(steps: list[int], step: list[int]) -> np.ndarray:
+        return np.cumsum(steps) * step[0] / 10.0 ** step[1]
+
+    vertices = numbers(content["vertices"], content["step"]).reshape(-1, 3)
+    bind = np.array(content["bind"]).reshape(-1, 3, 4)
+    turn = np.array([[numbers(one, content["turn_step"]) for one in parts] for parts in content["turn"]])
+    place = np.array([[numbers(one, content["step"]) for one in axes] for axes in content["place"]])
+    joint, weight = (np.array(content[name]).reshape(len(vertices), -1) for name in ("joint", "weight"))
+    assert (weight.sum(axis=1) == 255).all()
+    frame = 1
+    matrices = Rotation.from_quat(turn[:, :, frame]).as_matrix() @ bind
+    matrices[:, :, 3] += place[:, :, frame]
+    moved = np.einsum("vk,vkij,vj->vi", weight / 255, matrices[joint], np.c_[vertices, np.ones(len(vertices))])
+    assert np.linalg.norm(moved - skinned_vertices(moving, skin)[frame], axis=-1).max() < 0.004

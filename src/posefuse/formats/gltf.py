@@ -64,7 +64,7 @@ def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0, sk
         children = [int(c) for c in np.flatnonzero(np.asarray(data.parent) == j)]
         node: dict[str, Any] = {"name": name, "translation": [float(v) for v in offset[j]]}
         if children:
-            _animate(channels, samplers, j, "rotation", time, buffer.add(_quaternions(data.rotation[:, j]), "VEC4"))
+            _animate(channels, samplers, j, "rotation", time, buffer.add(smooth_quaternions(data.rotation[:, j]), "VEC4"))
             node["children"] = children
         if children and skin is None:
             lines = np.stack([np.zeros((len(children), 3)), offset[children]], axis=1).reshape(-1, 3)
@@ -157,8 +157,8 @@ def _animate(channels: list[Any], samplers: list[Any], node: int, what: str, tim
     samplers.append({"input": time, "output": values, "interpolation": "LINEAR"})
 
 
-def _quaternions(rotation: Array) -> Array:
-    """(T, 4) xyzw, neighbours on the same side so that viewers turn the short way."""
+def smooth_quaternions(rotation: Array) -> Array:
+    """(T, 4) xyzw of rotations (T, 3, 3), neighbours on the same side so that viewers turn the short way."""
     xyzw = Rotation.from_matrix(rotation).as_quat()
     flips = np.cumprod(np.where((xyzw[1:] * xyzw[:-1]).sum(-1) < 0, -1.0, 1.0))
     xyzw[1:] *= flips[:, None]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import InputError, JointAngles, Recording
+from posefuse.core import InputError, JointAngles, PoseSequence, Recording
 from posefuse.evaluation.gait_cycles import gait_cycles, side_of
 from posefuse.formats.page import (
     Block,
@@ -23,12 +23,15 @@ from posefuse.formats.page import (
     Note,
     Page,
     Player,
+    PlayerMesh,
     Plots,
     Side,
     Table,
     write_page,
 )
+from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
 from posefuse.kinematics.gait import gait_from_poses
+from posefuse.kinematics.skin import skin_of
 
 from .angles import cycle_plots, range_table, time_plots
 from .parameters import parameter_blocks
@@ -74,7 +77,7 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
     if images:
         blocks.append(Images(images))
     if len(poses) and np.isfinite(poses.xyz_world).any():
-        blocks += [Heading("The recording in 3D"), _player(recording)]
+        blocks += [Heading("The recording in 3D"), _player(recording, joints)]
     for n in range(len(poses.person_id)):
         blocks += _person(recording, joints, n)
     if recording.provenance:
@@ -121,7 +124,7 @@ def _cards(recording: Recording) -> Cards:
     return Cards(values)
 
 
-def _player(recording: Recording) -> Player:
+def _player(recording: Recording, joints: JointAngles) -> Player:
     poses = recording.poses
     names = poses.skeleton.keypoints
     pairs = [(f"right_{part}", f"left_{part}") for part in _PAIRS]
@@ -135,7 +138,18 @@ def _player(recording: Recording) -> Player:
         sides=sides,
         people=list(recording.person_names),
         right_left=[(names.index(a), names.index(b)) for a, b in pairs if a in names and b in names],
+        meshes=[_mesh(poses, joints, n) for n in range(len(poses.person_id))],
     )
+
+
+def _mesh(poses: PoseSequence, joints: JointAngles, n: int) -> PlayerMesh | None:
+    """The person as a mesh that moves with the segment frames; None where these have gaps."""
+    if animation_gap(joints, n) is not None:
+        return None
+    skeleton = animation_from_joints(poses, joints, n)
+    rotation, position = skeleton.world()
+    turn = FILE_FROM_WORLD.T
+    return PlayerMesh(skin=skin_of(skeleton), rotation=turn @ rotation, position=position @ FILE_FROM_WORLD)
 
 
 def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:

@@ -1,6 +1,6 @@
 """Feet that stand: which points of them are at rest on the floor when, and where.
 
-A point of a foot stands while it is slow and as low as it ever stands. During one stance it neither moves nor sinks: its place is
+A point of a foot stands while it is slow, as low as it ever stands, and does not drift. During one stance it neither moves nor sinks: its place is
 the mean over the stance, its height the mean of that and of all stances of the person, which share one floor.
 """
 
@@ -21,6 +21,8 @@ _SLOW_M_S = 0.25
 _LEAST_S = 0.15
 # of the height of a point: what counts as its lowest, and how much higher it may stand
 _LOWEST_PERCENT, _AS_LOW_M = 5.0, 0.03
+# from the first to the last third of a stance: what goes farther is a foot that moves slowly
+_MOST_DRIFT_M, _MOST_DRIFT_M_S = 0.04, 0.15
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,5 +77,8 @@ def _stances(t_s: Array, xyz: Array) -> Iterator[slice]:
     low = xyz[:, 2] < np.nanpercentile(xyz[:, 2], _LOWEST_PERCENT) + _AS_LOW_M
     stands = known & low & (np.nan_to_num(speed, nan=np.inf) < _SLOW_M_S)
     for begin, end in np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]]))).reshape(-1, 2):
-        if t_s[end - 1] - t_s[begin] >= _LEAST_S:
+        third = max(1, (end - begin) // 3)
+        drift = np.linalg.norm(xyz[end - third : end].mean(axis=0) - xyz[begin : begin + third].mean(axis=0))
+        lasts_s = t_s[end - 1] - t_s[begin]
+        if lasts_s >= _LEAST_S and drift < min(_MOST_DRIFT_M, _MOST_DRIFT_M_S * lasts_s * 2 / 3):
             yield slice(int(begin), int(end))
