@@ -1,7 +1,7 @@
 """Feet that stand: which points of them are at rest on the floor when, and where.
 
-A point of a foot stands while it is slow, as low as it ever stands, and does not drift. During one stance it neither moves nor sinks: its place is
-the mean over the stance, its height the mean of that and of all stances of the person, which share one floor.
+A point of a foot stands while it is slow, as low as it ever stands, and does not drift. During one stance it neither moves nor
+sinks: its place is the mean over the stance, its height the mean of that and of all stances of the person, which share one floor.
 """
 
 from __future__ import annotations
