@@ -18,7 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,7 +57,10 @@ LATE_S = 0.06
 FIT_BODIES, FIT_SEED, FIT_FRAMES, FIT_HZ = 3, 8100, 6, 3.0
 SURE_SCORE, HIDDEN_SCORE, HIDDEN_FACTOR = 0.9, 0.4, 3.0
 WARM_UP_S = 0.5
+MODES = ("recorded", "live")
 NO_NOISE = {"disparity_sigma_px": 0.0, "step_px": 0.0, "floor_m": 0.0, "lateral_px": 0.0, "edge_loss": 0.0}
+
+Row = dict[str, object]
 
 
 def scene(seed: int, frames: int, depth: dict[str, float], rate_hz: float = RATE_HZ) -> Scene:
@@ -156,18 +159,19 @@ def figures(poses: Sequence[Pose3D], truth: Truth) -> dict[str, float]:
     }  # fmt: skip
 
 
-def fast_rows(paths: SessionPaths, seed: int) -> list[dict[str, object]]:
+def fast_rows(paths: SessionPaths, seed: int) -> Iterator[Row]:
     truth, frames = erring_frames(paths, seed)
-    rows: list[dict[str, object]] = []
-    for count, places in CAMERAS.items():
-        rig = truth.rig.only([truth.rig.names[c] for c in places])
-        for depth in (False, True):
-            mine = of_cameras(frames, rig, depth)
-            recorded = recorded_poses(mine, rig, truth)
-            sequence = [recorded.at(i) for i in range(len(recorded))]
-            rows.append({"mode": "recorded", "cameras": count, "depth": depth} | figures(sequence, truth))
-            rows.append({"mode": "live", "cameras": count, "depth": depth} | figures(live_poses(mine, rig), truth))
-    return rows
+    for mode in MODES:
+        for count, places in CAMERAS.items():
+            rig = truth.rig.only([truth.rig.names[c] for c in places])
+            for depth in (False, True):
+                mine = of_cameras(frames, rig, depth)
+                poses = sequence(recorded_poses(mine, rig, truth)) if mode == "recorded" else live_poses(mine, rig)
+                yield {"mode": mode, "cameras": count, "depth": depth} | figures(poses, truth)
+
+
+def sequence(poses: PoseSequence) -> list[Pose3D]:
+    return [poses.at(i) for i in range(len(poses))]
 
 
 def without_depth(paths: SessionPaths) -> Path:
@@ -180,36 +184,33 @@ def without_depth(paths: SessionPaths) -> Path:
     return folder
 
 
-def network_rows(paths: SessionPaths) -> list[dict[str, object]]:
+def network_rows(paths: SessionPaths) -> Iterator[Row]:
     """The whole pipeline of a recording with the bundled network, and the live tracker over what it detected."""
     truth = read_truth(paths.truth)
-    rows: list[dict[str, object]] = []
     for count, places in CAMERAS.items():
         used = [truth.rig.names[c] for c in places]
         for depth in (False, True):
             about = {"cameras": count, "depth": depth}
             if count == 1 and not depth:
                 # refused by the pipeline: one camera without depth gives no 3D
-                rows += [{"mode": mode} | about | {"known": 0.0} for mode in ("recorded", "live")]
+                yield from ({"mode": mode} | about | {"known": 0.0} for mode in MODES)
                 continue
             skipped = {name: {"skip": True} for name in truth.rig.names if name not in used}
             config = settings_from_mapping({"cameras": skipped}, TrackConfig, "bench")
             session = find_session(paths.folder if depth else without_depth(paths), config)
             done = track_session(session, config, StageClock(), lambda *_: None, _told, _told).recording
-            poses = [done.poses.at(i) for i in range(len(done.poses))]
-            rows.append({"mode": "recorded"} | about | figures(poses, truth))
+            yield {"mode": "recorded"} | about | figures(sequence(done.poses), truth)
             frames = [done.observations.detections(i) for i in range(len(done.observations.frame_t_ns))]
             seen = sorted((one for one in frames if len(one)), key=lambda one: one.t_ns)
             table = joint_centres_of(build_detector(config.detector, done.rig), proportions=False)
-            rows.append({"mode": "live"} | about | figures(live_poses(seen, done.rig, table), truth))
-    return rows
+            yield {"mode": "live"} | about | figures(live_poses(seen, done.rig, table), truth)
 
 
 def _told(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def below_the_skin(out: Path) -> list[dict[str, object]]:
+def below_the_skin(out: Path) -> list[Row]:
     """By keypoint: median and spread of how much deeper than the skin it lies along its ray, where it is in sight."""
     found: dict[str, list[float]] = {}
     for body in range(FIT_BODIES):
@@ -240,7 +241,7 @@ def below_the_skin(out: Path) -> list[dict[str, object]]:
     ]  # fmt: skip
 
 
-def shown(rows: Sequence[dict[str, object]], title: str) -> None:
+def shown(rows: Sequence[Row], title: str) -> None:
     table = Table(title=title)
     for column in rows[0] if len(rows[0]) > len(rows[-1]) else rows[-1]:
         table.add_column(str(column), justify="right")
@@ -263,7 +264,10 @@ def main() -> None:
         shown(rows, "below the skin")
     else:
         paths = rendered(asked.out / f"scene{asked.seed}", scene(asked.seed, asked.frames, {}))
-        rows = fast_rows(paths, asked.seed) if asked.fast else network_rows(paths)
+        rows = []
+        for row in fast_rows(paths, asked.seed) if asked.fast else network_rows(paths):
+            print(row, file=sys.stderr, flush=True)
+            rows.append(row)
         shown(rows, f"{'exact keypoints with the error of a network' if asked.fast else 'bundled network'}, body {asked.seed}")
     json.dump(rows, sys.stdout, indent=1)
 
