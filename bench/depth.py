@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.association import AssociateSettings, associate
-from posefuse.core import Detections2D, Observations, Pose3D, PoseSequence, Rig, Truth
+from posefuse.core import Detections2D, Pose3D, PoseSequence, Rig, Truth
 from posefuse.core.live_observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.core.views_over_time import views_over_time
@@ -57,7 +57,7 @@ LATE_S = 0.06
 FIT_BODIES, FIT_SEED, FIT_FRAMES, FIT_HZ = 3, 8100, 6, 3.0
 SURE_SCORE, HIDDEN_SCORE, HIDDEN_FACTOR = 0.9, 0.4, 3.0
 WARM_UP_S = 0.5
-MODES = ("recorded", "live")
+MODES = ("fused", "recorded", "live")
 NO_NOISE = {"disparity_sigma_px": 0.0, "step_px": 0.0, "floor_m": 0.0, "lateral_px": 0.0, "edge_loss": 0.0}
 
 Row = dict[str, object]
@@ -109,12 +109,15 @@ def of_cameras(frames: Sequence[Detections2D], rig: Rig, depth: bool) -> list[De
     return mine if depth else [replace(one, depth_m=None) for one in mine]
 
 
-def recorded_poses(frames: Sequence[Detections2D], rig: Rig, truth: Truth) -> PoseSequence:
-    """Both passes of a recording over one person's views."""
+def poses_of(mode: str, frames: Sequence[Detections2D], rig: Rig, truth: Truth) -> list[Pose3D]:
+    """One person's views, each time step by itself (fused), over all of time (recorded), or live."""
+    if mode == "live":
+        return live_poses(frames, rig)
     log = on_time_steps(observations_from_frames(truth.skeleton, rig.names, frames), truth.t_ns)
-    person = np.where(log.frame_step[log.detection_frame] >= 0, 0, -1)
-    views = views_over_time(Observations.with_person_ids(log, person), [0])
-    return poses_over_time(views, rig, FuseSettings(), SmoothSettings())
+    views = views_over_time(log.with_person_ids(np.where(log.frame_step[log.detection_frame] >= 0, 0, -1)), [0])
+    if mode == "fused":
+        return [fuse(views.at(i), rig, FuseSettings()) for i in range(len(views.t_ns))]
+    return sequence(poses_over_time(views, rig, FuseSettings(), SmoothSettings()))
 
 
 def live_poses(frames: Sequence[Detections2D], rig: Rig, table: JointCentres | None = None) -> list[Pose3D]:
@@ -166,8 +169,7 @@ def fast_rows(paths: SessionPaths, seed: int) -> Iterator[Row]:
             rig = truth.rig.only([truth.rig.names[c] for c in places])
             for depth in (False, True):
                 mine = of_cameras(frames, rig, depth)
-                poses = sequence(recorded_poses(mine, rig, truth)) if mode == "recorded" else live_poses(mine, rig)
-                yield {"mode": mode, "cameras": count, "depth": depth} | figures(poses, truth)
+                yield {"mode": mode, "cameras": count, "depth": depth} | figures(poses_of(mode, mine, rig, truth), truth)
 
 
 def sequence(poses: PoseSequence) -> list[Pose3D]:
@@ -193,7 +195,7 @@ def network_rows(paths: SessionPaths) -> Iterator[Row]:
             about = {"cameras": count, "depth": depth}
             if count == 1 and not depth:
                 # refused by the pipeline: one camera without depth gives no 3D
-                yield from ({"mode": mode} | about | {"known": 0.0} for mode in MODES)
+                yield from ({"mode": mode} | about | {"known": 0.0} for mode in MODES[1:])
                 continue
             skipped = {name: {"skip": True} for name in truth.rig.names if name not in used}
             config = settings_from_mapping({"cameras": skipped}, TrackConfig, "bench")
