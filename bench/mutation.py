@@ -130,11 +130,12 @@ def page(results: dict[str, dict[str, Any]], seed: int) -> str:
         "condition; a random sample of each package's mutants is tested, one at a time, and the first failing test kills a "
         f"mutant. Made by `make mutation` (`bench/mutation.py`, seed {seed}).",
         "",
-        "| package | mutants tested | killed | score |",
-        "|---|---|---|---|",
-        *(f"| {name} | {one['tested']} | {one['killed']} | {one['score']:.0%} |" for name, one in results.items()),
+        "| package | mutants drawn | tested | killed | score |",
+        "|---|---|---|---|---|",
+        *(f"| {name} | {one['drawn']} | {one['tested']} | {one['killed']} | {_score(one)} |" for name, one in results.items()),
         "",
-        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger).",
+        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger). Mutants that "
+        "are drawn and not tested were left when the time was over; the same command goes on with them.",
         "",
     ]
     for name, one in results.items():
@@ -142,6 +143,10 @@ def page(results: dict[str, dict[str, Any]], seed: int) -> str:
             rows = [f"| `{each['place']}` | `{each['change']}` |" for each in one["survivors"]]
             lines += [f"## Survivors in {name}", "", "| place | change |", "|---|---|", *rows, ""]
     return "\n".join(lines)
+
+
+def _score(result: dict[str, Any]) -> str:
+    return f"{result['score']:.0%}" if result["tested"] else ""
 
 
 def main() -> None:
