@@ -134,8 +134,8 @@ def page(results: dict[str, dict[str, Any]], seed: int) -> str:
         "|---|---|---|---|---|",
         *(f"| {name} | {one['drawn']} | {one['tested']} | {one['killed']} | {_score(one)} |" for name, one in results.items()),
         "",
-        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger). Mutants that "
-        "are drawn and not tested were left when the time was over; the same command goes on with them.",
+        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger). Mutants "
+        "that are drawn and not tested were left when the time was over; the same command goes on with them.",
         "",
     ]
     for name, one in results.items():
