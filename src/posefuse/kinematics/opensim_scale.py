@@ -19,7 +19,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .body.model import Body
+from .body.model import BodyModel
 from .opensim_path import opensim_library
 
 SCALED_FILE, FACTORS_FILE, CENTRES_FILE = "scaled.osim", "scale_factors.xml", "joint_centres.xml"
@@ -48,7 +48,7 @@ class ScaleFactors:
     joints: Mapping[str, tuple[str, Array]]
 
 
-def scale_factors(model_path: Path, body: Body) -> ScaleFactors:
+def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
     """Factors that give a model the person's segment lengths.
 
     Raises:
@@ -82,7 +82,7 @@ def scale_factors(model_path: Path, body: Body) -> ScaleFactors:
     return ScaleFactors(factors, lengths, placed)
 
 
-def write_scaled_model(model_path: Path, folder: Path, body: Body) -> ScaleFactors:
+def write_scaled_model(model_path: Path, folder: Path, body: BodyModel) -> ScaleFactors:
     """Write ``scaled.osim``, ``scale_factors.xml`` (a ScaleSet for OpenSim's scale tool) and ``joint_centres.xml`` (a MarkerSet).
 
     The markers are named as the keypoints of our TRC, so that inverse kinematics can be run on the user's model.
@@ -142,7 +142,7 @@ def _joints(model: Any) -> dict[str, Any]:
     return found
 
 
-def _lengths(centres: Mapping[str, Array], body: Body) -> dict[str, tuple[float, float]]:
+def _lengths(centres: Mapping[str, Array], body: BodyModel) -> dict[str, tuple[float, float]]:
     """Segment -> metres of the model and of the person."""
 
     def apart(a: str, b: str) -> float | None:
