@@ -63,7 +63,8 @@ def simulated() -> dict:
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
         films = {camera.name: paths.video(camera.name) for camera in rig}
-        views, cameras, _ = person_in_videos(films, rig, length, DetectorChoice(), TIME_STEPS)
+        seen = person_in_videos(films, rig, length, DetectorChoice(), TIME_STEPS)
+        views, cameras = seen.views, seen.cameras
         for seconds in (s for s in SECONDS if s <= longest_s):
             figures[f"seed {seed}, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)
     return figures
@@ -123,10 +124,11 @@ def folders_of(data: Path, rig: Rig) -> dict[str, Path]:
 
 def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[PersonViews, tuple[Camera, ...]]]:
     films = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
-    found = {
-        network: person_in_videos(films, lenses, length, DetectorChoice(options={"landmarks": network}), TIME_STEPS)[:2]
+    seen = {
+        network: person_in_videos(films, lenses, length, DetectorChoice(options={"landmarks": network}), TIME_STEPS)
         for network in NETWORKS
     }
+    found = {network: (one.views, one.cameras) for network, one in seen.items()}
     folders = folders_of(data, lenses)
     poses = {name: list(read_openpose_folder(folder, name).frames(REAL_RATE_HZ)) for name, folder in folders.items()}
     return {**found, "OpenPose": (person_views(person_tracks(poses)), lenses.cameras)}

@@ -18,7 +18,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage, coverage_picture
 from posefuse.calibration.targets.detection import TargetDetector, observe, why_nothing
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
-from posefuse.calibration.targets.printing import board_sheet, cube_sheets, write_pdf
+from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig
@@ -29,7 +29,7 @@ BOARD = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
 
 def picture(target: Charuco | ArucoBoard, px_per_m: float, path: Path) -> np.ndarray:
     """The printed page as a picture, by a renderer of its own."""
-    write_pdf(path / "board.pdf", [board_sheet(target, "a3")])
+    write_pdf(path / "board.pdf", board_sheets(target, "a3"))
     dpi = round(px_per_m * 0.0254)
     subprocess.run(
         ["pdftoppm", "-r", str(dpi), "-png", "-gray", str(path / "board.pdf"), str(path / "board")], check=True, timeout=120
@@ -88,7 +88,7 @@ def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
 
 def test_a_target_that_does_not_fit_the_page_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"page a4: a drawing of 250 x 350 mm does not fit"):
-        board_sheet(BOARD, "a4")
+        board_sheets(BOARD, "a4")
     with pytest.raises(ConfigError, match="there are: DICT_4X4_100"):
         Markers(0.1, "DICT_9X9")
 

@@ -178,10 +178,8 @@ def solved_freely(views: CornerObservations, lenses: Rig, board: Charuco) -> tup
     options, cameras = Options(clocks="offset"), lenses.cameras
     delay_s = starting_clocks(views, cameras, board, options)
     seen = key_snapshots(views, options, delay_s)
-    links, in_images = link(views, cameras, board, seen)
-    state = solve_linked(
-        views, cameras, board, options=options, seen=seen, links=links, in_images=in_images, delay_s=delay_s
-    ).solution.state
+    links = link(cameras, board, seen)
+    state = solve_linked(views, cameras, board, options, links, delay_s).solution.state
     return with_poses(lenses, state.cam_from_world), state.delay_s[:, 0]
 
 

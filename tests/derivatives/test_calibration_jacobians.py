@@ -19,14 +19,14 @@ STEP = 1e-6
 def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
     rig, target = ring_rig(3, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.01)), Markers(0.24)
     seen = key_snapshots(observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults()), Options(instants=8), np.zeros((3, 2)))
-    links, _ = link(observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults()), rig.cameras, target, seen)
+    links = link(rig.cameras, target, seen)
     patches = len(seen.patches)
     poses = [links.shape.prop_from_patch.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(patches)]
     random = np.random.default_rng(0)
     world = Waving(seconds=4).pose(seen.t_s + 2)
     cameras = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
     state = PropState(cameras, Poses.from_se3(world), stacked(poses), np.zeros((3, 2)), random.normal(0, 1e-3, (3, 6)))
-    freedom = Freedom(reference=0, patch=0, offset=True, drift=True, lens_sigma=np.ones(6))
+    freedom = Freedom(reference=0, held_patches=(0,), offset=True, drift=True, lens_sigma=np.ones(6))
     model = _Model(seen, patch_corners(target, seen.patches), rig.cameras, np.zeros((3, 2)), freedom, Noise(0.5, 0.004))
     linear = model.linearise(state)
     zeros = [np.zeros((block.count, block.jacobian.shape[2])) for block in linear.blocks]

@@ -102,6 +102,12 @@ def test_json_leaves_out_what_is_missing(standing, some_joints):
     assert (content["person"], content["t_ns"], content["angles_rad"]) == (1, 5_000_000_000, {})
 
 
+def test_json_carries_the_names_of_people_who_have_one(standing):
+    (named,), (unnamed,) = (json_from_pose(standing(), None, "z_up", names) for names in (("Ada", "Ben"), ("Ada",)))
+    assert json.loads(named)["name"] == "Ben"
+    assert "name" not in json.loads(unnamed)
+
+
 def test_unknown_axes(standing):
     with pytest.raises(ConfigError, match="z_up, y_up"):
         osc_from_pose(standing(), None, "x_up")

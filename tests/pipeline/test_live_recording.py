@@ -118,6 +118,15 @@ def rig(ring_rig: Callable[..., Rig]) -> Rig:
     return replace(made, cameras=tuple(replace(one, readout_s=0.01 / 3) for one in made), residual_px=1 / 3)
 
 
+def test_people_keep_the_names_of_the_session(tmp_path: Path, rig: Rig) -> None:
+    poses = poses_of(3)
+    names = ("a", "b", "c", "d", "Ada")
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 20, lost=0.2), poses, replace(CONFIG, names=names))
+    ids = read_result(tmp_path / "a.mcap", pytest.fail)
+    assert ids.person_names[0] == "Ada"
+    assert ids.person_names[1:] == tuple(f"person {i}" for i in ids.poses.person_id[1:])
+
+
 def test_reading_is_lossless(tmp_path: Path, rig: Rig) -> None:
     frames, poses = frames_of(rig, 20, lost=0.2), poses_of(60, absent=(0, 1, 30))
     record(tmp_path / "a.mcap", rig, frames, poses)

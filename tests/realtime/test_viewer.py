@@ -38,7 +38,8 @@ def test_people_pictures_and_faulty_cameras_are_logged(tmp_path, ring_rig) -> No
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     k, now_ns = len(skeleton), clock.now_ns()
     sink = RerunLiveConfig(file=tmp_path / "live.rrd").build()
-    sink.take(LiveStart(t_ns=now_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns))
+    names = tuple(f"Person {letter}" for letter in "abcdefgh")
+    sink.take(LiveStart(t_ns=now_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns, names=names))
     xyz = np.random.default_rng(0).normal(size=(1, k, 3)) * 0.3 + [0, 0, 1.0]
     cov, every = np.tile(np.eye(3), (1, k, 1, 1)), np.ones((1, k))
     pose = Pose3D(
@@ -84,6 +85,7 @@ def test_people_pictures_and_faulty_cameras_are_logged(tmp_path, ring_rig) -> No
     logged = ("people/7/bones", "cameras/cam01/detections", "cameras/cam02/image")
     for entity in (*(f"world/{name}" for name in logged), "plots/latency_p95_ms/cam00"):
         assert f"/{entity}" in listing
+    assert "Person h" in listing
     assert "Clear" in listing
     assert "TextDocument:text" in listing
     table = health_table(cameras, dict.fromkeys(rig.names, 29.7))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from posefuse.core.duplicates import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
 
 # metres from the origin of the world; no place of a recording is farther
 _FARTHEST_M = 10_000.0
+PeopleNames = Annotated[tuple[Annotated[str, MinLen(1), MaxLen(64)], ...], MaxLen(64)]
 Place = Annotated[float, Ge(-_FARTHEST_M), Le(_FARTHEST_M)]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
-from posefuse.cli.options.shared import Ros2Options
+from posefuse.cli.options.shared import Ros2Options, names_from_text
 from posefuse.core import LiveOutputConfig, Rig
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_placed_rig, refusal_note
@@ -130,6 +130,7 @@ def settled_config(settings: LiveSettingsOptions) -> LiveConfig:
         "--groups": ("groups", settings.groups),
         "--tracker": ("track.tracker", settings.tracker),
         "--people": ("track.max_people", settings.people),
+        "--names": ("names", names_from_text(settings.names)),
         "--camera-info": ("camera_info", settings.camera_info),
     }
     return read_overridden(settings.config, settings.overrides, LiveConfig, on_top)

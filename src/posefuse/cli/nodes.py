@@ -101,7 +101,9 @@ def fusion_node(
     if config.camera_info == "use":
         rig = rig_of_nodes(rig, network, terminal.note, duration_s)
     clock = SessionClock.begin()
-    plan = OutputPlan(rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config))
+    plan = OutputPlan(
+        rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config), names=config.names
+    )
     views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, terminal.note)
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
     terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {ros_2.domain}")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.networks import fetch_networks
-from posefuse.cli.options.shared import SettingsOptions
+from posefuse.cli.options.shared import SettingsOptions, names_from_text
 from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.evaluation.metrics import JointErrors, joint_errors
@@ -74,7 +74,6 @@ def settled_config(folder: Path, options: TrackOptions, settings: SettingsOption
 def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
     """Options of the command line about all that follows detection."""
     outputs = None if options.outputs is None else tuple(name for name in options.outputs.split(",") if name)
-    names = None if options.names is None else tuple(name.strip() for name in options.names.split(","))
     return {
         "--start": ("start_s", options.start),
         "--end": ("end_s", options.end),
@@ -83,7 +82,7 @@ def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
         "--weights": ("fuse.weights", options.weights),
         "--body": ("body", options.body),
         "--people": ("associate.max_people", options.people),
-        "--names": ("names", names),
+        "--names": ("names", names_from_text(options.names)),
         "--person": ("associate.near_xy_m", options.person),
         "--outputs": ("outputs", outputs),
     }

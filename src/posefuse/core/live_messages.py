@@ -21,7 +21,7 @@ class LiveStart:
     Attributes:
         t_ns: when the session began. rig: its cameras. rate_hz: output rate, poses per second.
         clock_offset_ns: session time minus `time.monotonic_ns()` of this machine.
-        notes: how the session was made, texts for a file.
+        notes: how the session was made, texts for a file. names: of the people, in the order of their ids.
         part: 1; one more each time an output goes on after a failure.
     """
 
@@ -30,6 +30,7 @@ class LiveStart:
     rate_hz: float
     clock_offset_ns: int
     notes: Mapping[str, str] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
     part: int = 1
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -87,7 +87,7 @@ class Recording:
         ``person 0`` and so on."""
         config = self.provenance.get("config") or {}
         names = (config.get("names") or ()) if isinstance(config, Mapping) else ()
-        return tuple(names[i] if 0 <= i < len(names) else f"person {i}" for i in self.poses.person_id.tolist())
+        return tuple(person_name(names, i) for i in self.poses.person_id.tolist())
 
     @property
     def is_live(self) -> bool:
@@ -98,3 +98,8 @@ class Recording:
     def views(self) -> ViewSequence:
         """What each camera saw of the people at the times of the poses, see `views_over_time`."""
         return views_over_time(self.observations, self.poses.person_id.tolist(), self.poses.t_ns if self.is_live else None)
+
+
+def person_name(names: Sequence[str], person: int) -> str:
+    """The name of a person by its id; ``person 3`` where there is none."""
+    return names[person] if 0 <= person < len(names) else f"person {person}"

@@ -6,8 +6,8 @@ OSC, one bundle per person (split where it would not fit one network packet), ti
     /posefuse/<id>/<keypoint>      f f f f  x y z in metres, standard deviation in metres (0 when unknown)
     /posefuse/<id>/<joint>/<angle> f        joint angle in rad
 
-JSON, one object per person and datagram: t_ns, person, skeleton, axes, keypoints {name: [x, y, z]}, sigma_m {name: s},
-angles_rad {joint/angle: value}. What is missing is left out.
+JSON, one object per person and datagram: t_ns, person, name (where the session names the person), skeleton, axes,
+keypoints {name: [x, y, z]}, sigma_m {name: s}, angles_rad {joint/angle: value}. What is missing is left out.
 """
 
 from __future__ import annotations
@@ -76,14 +76,15 @@ def osc_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[b
     return datagrams
 
 
-def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[bytes]:
-    """Datagrams of one time step, one per person; `axes` is one of `AXES`."""
+def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str, names: Sequence[str] = ()) -> list[bytes]:
+    """Datagrams of one time step, one per person; `axes` is one of `AXES`, `names` those of the people by id."""
     datagrams = []
     for n, person in enumerate(int(person) for person in pose.person_id):
         keypoints = list(_keypoints(pose, n, _turn(axes)))
         content = {
             "t_ns": pose.t_ns,
             "person": person,
+            **({"name": names[person]} if 0 <= person < len(names) else {}),
             "skeleton": pose.skeleton.name,
             "axes": axes,
             "keypoints": {name: [round(v, 5) for v in xyz] for name, xyz, _ in keypoints},

@@ -9,9 +9,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
 
-from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, Lt
 
 from posefuse.association import AssociateSettings
+from posefuse.association.settings import PeopleNames
 from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
@@ -20,7 +21,6 @@ from posefuse.kinematics.body import BodySettings
 from posefuse.tracking import SmoothSettings
 
 T = TypeVar("T")
-PeopleNames = Annotated[tuple[Annotated[str, MinLen(1), MaxLen(64)], ...], MaxLen(64)]
 Options = Mapping[str, tuple[str, Any]]
 CONFIG_FILE = "posefuse.toml"
 # times and offsets are int64 nanoseconds: a hundred years leave room for sums

@@ -29,5 +29,6 @@ def track_config_of_live(settings: Mapping[str, Any], where: str) -> TrackConfig
         detector=settings_from_mapping(settings.get("detector", {}), DetectorChoice, where=f"{where}: detector"),
         associate=replace(associate, max_people=people),
         fuse=settings_from_mapping(settings.get("fuse", {}), FuseSettings, where=f"{where}: fuse"),
+        names=tuple(settings.get("names", ())),
         joint_centres=bool(settings.get("joint_centres", True)),
     )

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
+from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
+from posefuse.calibration.person.several_people import ChosenPerson, choose_person
 from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.report import Check, RefusedCalibration
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
@@ -48,6 +50,7 @@ class PersonSeen:
     Attributes:
         tracks: at each camera's own frame times. views: at common time steps. cameras: as their images were.
         clocks: found first; None where the cameras are synchronised. corrected: the tracks' times are corrected by them already.
+        several_in: cameras that see further people.
     """
 
     tracks: tuple[PersonTrack, ...]
@@ -55,6 +58,7 @@ class PersonSeen:
     cameras: tuple[Camera, ...]
     clocks: ClockEstimate | None
     corrected: bool
+    several_in: tuple[str, ...] = ()
 
 
 def check_recordings(paths: Mapping[str, Path]) -> None:
@@ -83,15 +87,29 @@ def find_person(
     """
     videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
     if len(videos) == len(paths):
-        views, seen_by, clocks = person_in_videos(
+        one = person_in_videos(
             paths, Rig(cameras), length, search.detector, search.time_steps, progress, clocks=search.clocks, most_s=search.most_s
         )
-        return PersonSeen(tracks=views.tracks(), views=views, cameras=seen_by, clocks=clocks, corrected=True)
+        return PersonSeen(
+            tracks=one.views.tracks(),
+            views=one.views,
+            cameras=one.cameras,
+            clocks=one.clocks,
+            corrected=True,
+            several_in=one.several_in,
+        )
     if videos:
         raise InputError(f"person: expected videos or 2D poses for all cameras, got both: {choices(map(str, paths.values()))}")
-    tracks = _tracks_from_files(paths, cameras, search.rate_hz)
-    clocks = unplaced_clocks(tracks, cameras, length, search.clocks, search.most_s)
-    return PersonSeen(tracks=tracks, views=person_views(tracks), cameras=cameras, clocks=clocks, corrected=False)
+    chosen = _person_in_files(paths, cameras, search.rate_hz)
+    clocks = unplaced_clocks(chosen.tracks, cameras, length, search.clocks, search.most_s)
+    return PersonSeen(
+        tracks=chosen.tracks,
+        views=person_views(chosen.tracks),
+        cameras=cameras,
+        clocks=clocks,
+        corrected=False,
+        several_in=chosen.several_in,
+    )
 
 
 def solve_person(
@@ -100,8 +118,29 @@ def solve_person(
     """The rig, and the clocks where the cameras are not synchronised.
 
     Raises:
-        RefusedCalibration: a check fails; it carries the report.
+        RefusedCalibration: a check fails; it carries the report, which says where several people were in view.
     """
+    try:
+        found, clocks = _solve(seen, length, with_drift=with_drift, upside_down=upside_down)
+    except RefusedCalibration as refused:
+        if not seen.several_in:
+            raise
+        report = refused.report
+        words = f"several people are in view of {', '.join(seen.several_in)}, and another one may be followed in one camera"
+        alone = Check("one person in view", False, words, "record one person alone")
+        raise RefusedCalibration(replace(report, checks=(*report.checks, alone)), refused.kept) from None
+    if not seen.several_in:
+        return found, clocks
+    note = (
+        f"several people are in view of {', '.join(seen.several_in)}: the one whom most cameras see together was taken,"
+        " and the height has to be theirs"
+    )
+    return replace(found, report=replace(found.report, notes=(*found.report.notes, note))), clocks
+
+
+def _solve(
+    seen: PersonSeen, length: KnownLength, *, with_drift: bool, upside_down: Sequence[str]
+) -> tuple[PersonCalibration, ClockEstimate | None]:
     hung, clocks = tuple(upside_down), seen.clocks
     if clocks is None:
         return calibrate_from_person(seen.views, seen.cameras, length, hung), None
@@ -125,8 +164,8 @@ def frame_period_s(times_ns: Array) -> float:
     return float(np.median(np.diff(times_ns))) / 1e9 if len(times_ns) > 1 else float("nan")
 
 
-def _tracks_from_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> tuple[PersonTrack, ...]:
+def _person_in_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> ChosenPerson:
     if rate_hz is None:
         raise InputError("person: 2D poses do not state their frame rate: add --rate-hz")
     poses = {camera.name: read_pose2d(paths[camera.name], camera.name, size_wh=camera.size_wh) for camera in cameras}
-    return person_tracks({name: list(frames.frames(rate_hz)) for name, frames in poses.items()})
+    return choose_person({name: list(frames.frames(rate_hz)) for name, frames in poses.items()}, cameras)

@@ -7,23 +7,23 @@ as `posefuse track` does, so that the second pass misses no frame and takes no o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
 from posefuse.association import AssociateSettings
-from posefuse.calibration.clocks.person_tracks import person_tracks, prominent
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import unplaced_clocks
+from posefuse.calibration.person.several_people import choose_person
 from posefuse.calibration.person.solve import rough_rig
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.core import (
     Camera,
     Detections2D,
     Detector,
-    Frame,
     Progress,
     Region,
     Rig,
@@ -33,6 +33,7 @@ from posefuse.core import (
     views_over_time,
 )
 from posefuse.core.arrays import Array
+from posefuse.core.duplicates import DUPLICATE_SHARE, duplicates
 from posefuse.detection import region_from_keypoints
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.detection.downloading import fetch_networks
@@ -45,9 +46,25 @@ from posefuse.pipeline.session import Input, fitted_camera
 from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, VideoSource, frame_sets
 from posefuse.tracking import SmoothSettings, sides_like
 
-# frames between two searches of whole images for a lost person
-_SEARCH_EVERY = 5
+# frames between two searches of whole images: for a lost person, and for further people
+_SEARCH_EVERY, _LOOK_ROUND_EVERY = 5, 15
+_MOST_PEOPLE = 3
 _APART, _TOGETHER = "finding the person", "finding the person again, with all cameras"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PersonInVideos:
+    """One person in videos.
+
+    Attributes:
+        views: at common time steps. cameras: as they apply to the videos' images.
+        clocks: that the views were read by; None where the cameras are synchronised. several_in: cameras that see further people.
+    """
+
+    views: PersonViews
+    cameras: tuple[Camera, ...]
+    clocks: ClockEstimate | None
+    several_in: tuple[str, ...]
 
 
 def person_in_videos(
@@ -59,8 +76,8 @@ def person_in_videos(
     progress: Progress = silent,
     clocks: str = "together",
     most_s: float = 10.0,
-) -> tuple[PersonViews, tuple[Camera, ...], ClockEstimate | None]:
-    """The person in every video, the cameras as they apply to the videos' images, and the clocks that the views were read by.
+) -> PersonInVideos:
+    """The person in every video; of several people the one whom most cameras see together.
 
     Args:
         paths: video of each camera. lenses: a camera for each of them; its pose is not used.
@@ -78,14 +95,18 @@ def person_in_videos(
     timeline = timeline_of(sources, time_steps)
     fetch_networks(choice, progress)
     detector = build_detector(choice, Rig(cameras))
-    apart = person_tracks(poses_apart(sources, detector, timeline, progress))
+    chosen = choose_person(poses_apart(sources, detector, timeline, progress), cameras)
+    apart = chosen.tracks
     found = unplaced_clocks(apart, cameras, length, clocks, most_s)
     if found is not None:
         progress(_APART, timeline.count, timeline.count, "the cameras are not synchronised; going on with the offsets found")
         sources = [VideoConfig(path, name, *found.correction(c)).build() for c, (name, path) in enumerate(paths.items())]
         timeline = timeline_of(sources, time_steps)
-    rig = rough_rig(person_views(apart, found), cameras, length)
-    return poses_together(sources, detector, timeline, rig, progress), cameras, found
+    alone = person_views(apart, found)
+    rig = rough_rig(alone, cameras, length)
+    people = _MOST_PEOPLE if chosen.several_in else 1
+    views = poses_together(sources, detector, timeline, rig, alone, people, progress)
+    return PersonInVideos(views=views, cameras=cameras, clocks=found, several_in=chosen.several_in)
 
 
 def timeline_of(sources: Sequence[VideoSource], time_steps: int) -> Timeline:
@@ -99,7 +120,7 @@ def timeline_of(sources: Sequence[VideoSource], time_steps: int) -> Timeline:
 def poses_apart(
     sources: Sequence[Source], detector: Detector, timeline: Timeline, progress: Progress = silent
 ) -> dict[str, list[Detections2D]]:
-    """The most prominent person of each camera at the time steps of the timeline, followed from frame to frame."""
+    """The people of each camera at the time steps of the timeline, followed from frame to frame."""
     streams = {source.camera: FramesAhead(source) for source in sources}
     followed = {source.camera: _Followed() for source in sources}
     end_ns = timeline.start_ns + (timeline.count - 1) * timeline.period_ns
@@ -108,7 +129,7 @@ def poses_apart(
             frames = [frame for frame in one.frames if frame is not None and followed[frame.camera].wants()]
             regions = [followed[frame.camera].regions() for frame in frames]
             for frame, found in zip(frames, detector.detect(frames, regions), strict=True):
-                followed[frame.camera].take(frame, found)
+                followed[frame.camera].take(found)
             progress(_APART, done, timeline.count)
     finally:
         for stream in streams.values():
@@ -117,43 +138,60 @@ def poses_apart(
 
 
 class _Followed:
-    """One camera's person."""
+    """One camera's people."""
 
     def __init__(self) -> None:
         self.poses: list[Detections2D] = []
-        self._region: Region | None = None
-        self._middle: Array | None = None
-        self._rest = 0
+        self._regions: list[Region] = []
+        self._rest, self._look_round = 0, 0
 
     def wants(self) -> bool:
         """Whether the next frame is worth a look: a search without success pauses for a while."""
         self._rest -= 1
-        return self._region is not None or self._rest < 0
+        self._look_round -= 1
+        return bool(self._regions) or self._rest < 0
 
     def regions(self) -> list[Region] | None:
         """Where to look; None is everywhere."""
-        return None if self._region is None else [self._region]
+        if self._look_round < 0 or not self._regions:
+            self._look_round = _LOOK_ROUND_EVERY
+            return None
+        return self._regions
 
-    def take(self, frame: Frame, found: Detections2D) -> None:
-        """Keep the person among those found."""
+    def take(self, found: Detections2D) -> None:
+        """Keep the people among those found, the largest first."""
         self._rest = _SEARCH_EVERY
-        person = prominent(found, self._middle)
-        self._region = None if person is None else region_from_keypoints(found.xy_img[person], found.skeleton)
-        if person is not None:
-            self._middle = np.nanmedian(found.xy_img[person], axis=0)
-            self.poses.append(found)
+        there = np.isfinite(found.xy_img).all(axis=-1).any(axis=-1)
+        people = found.people(there & ~duplicates(found, DUPLICATE_SHARE))
+        people = people.people(np.argsort(-_heights_px(people.xy_img), kind="stable")[:_MOST_PEOPLE])
+        regions = [region_from_keypoints(xy, found.skeleton) for xy in people.xy_img]
+        self._regions = [region for region in regions if region is not None]
+        if len(people):
+            self.poses.append(people)
+
+
+def _heights_px(xy_img: Array) -> Array:
+    """(P,) longer side of what is seen of each person."""
+    return np.array([float((np.nanmax(xy, axis=0) - np.nanmin(xy, axis=0)).max()) for xy in xy_img])
 
 
 def poses_together(
-    sources: Sequence[RecordedSource], detector: Detector, timeline: Timeline, rig: Rig, progress: Progress
-) -> PersonViews:
-    """The same person in every camera, each view predicted by the others; `rig` is in metres, and may be rough.
+    sources: Sequence[RecordedSource], detector: Detector, timeline: Timeline, rig: Rig, alone: PersonViews, people: int,
+    progress: Progress,
+) -> PersonViews:  # fmt: skip
+    """The same person in every camera, each view predicted by the others.
+
+    Args:
+        rig: in metres, and may be rough. alone: the person as each camera followed them by itself.
+        people: followed at most, so that other people are not taken for the person.
 
     Raises:
         InputError: no person could be followed. SourceError: a video breaks off.
     """
     instants, followed = ImageInstants(rig, sources, detector, timeline, _raise), []
-    follower = PeopleFollower(skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(), fusing=FuseSettings())
+    follower = PeopleFollower(
+        skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings()
+    )
     try:
         for one in follower.follow(instants.steps()):
             followed.append(one)
@@ -165,8 +203,18 @@ def poses_together(
     # a view that takes left for right for a while is wrong in all its limbs at once
     steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())
     named = sides_like(steadied, rig, views)
-    by_camera = [np.moveaxis(values[:, 0], 1, 0) for values in (named.xy_img, named.score, named.sigma_px)]
+    person = _nearest_person(views.t_ns, views.xy_img, alone)
+    by_camera = [np.moveaxis(values[:, person], 1, 0) for values in (named.xy_img, named.score, named.sigma_px)]
     return PersonViews(rig.names, views.skeleton, views.t_ns, *by_camera)
+
+
+def _nearest_person(t_ns: Array, xy_img: Array, alone: PersonViews) -> int:
+    """Which of the people (T, N, C, K, 2) the cameras followed by themselves; those absent are infinitely far."""
+    at = np.searchsorted(alone.t_ns, t_ns).clip(0, len(alone.t_ns) - 1)
+    away = np.linalg.norm(xy_img - np.moveaxis(alone.xy_img[:, at], 0, 1)[:, None], axis=-1)
+    shared = np.isfinite(away).sum(axis=(0, 2, 3))
+    usual = [float(np.nanmedian(away[:, n])) if shared[n] else np.inf for n in range(away.shape[1])]
+    return int(np.argmin(usual))
 
 
 def _raise(camera: str, error: SourceError) -> NoReturn:

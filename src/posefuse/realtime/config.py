@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from annotated_types import Ge, Gt, Le
 
 from posefuse.association import AssociateSettings
+from posefuse.association.settings import PeopleNames
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion import FuseSettings
@@ -27,6 +28,7 @@ class LiveConfig:
 
     Attributes:
         rate_hz: poses per second.
+        names: of the people, in the order of their ids; for viewers, JSON datagrams and what is made of a recording.
         groups: number of camera processes; left out: one per two cameras, at most one per core.
         search_every_s: while fewer people are followed than requested, search the whole image of every camera this often.
         preview_hz: images per second and camera for the viewer.
@@ -45,6 +47,7 @@ class LiveConfig:
     """
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0
+    names: PeopleNames = ()
     groups: Annotated[int, Ge(1)] | None = None
     search_every_s: Annotated[float, Gt(0)] = 0.5
     preview_hz: Annotated[float, Ge(0)] = 8.0

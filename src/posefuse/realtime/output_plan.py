@@ -19,7 +19,7 @@ class OutputPlan:
 
     Attributes:
         rig: the cameras. clock: of the session. rate_hz: output rate. configs: of the outputs, by name.
-        notes: how the session was made, see `provenance`.
+        notes: how the session was made, see `provenance`. names: of the people, in the order of their ids.
     """
 
     rig: Rig
@@ -27,6 +27,7 @@ class OutputPlan:
     rate_hz: float = 100.0
     configs: Mapping[str, LiveOutputConfig] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
 
     def wants(self, kind: type[LiveMessage]) -> bool:
         """Whether any output takes such messages."""
@@ -40,6 +41,7 @@ class OutputPlan:
             rate_hz=self.rate_hz,
             clock_offset_ns=self.clock.offset_ns,
             notes=self.notes,
+            names=self.names,
         )
 
 

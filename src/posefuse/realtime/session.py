@@ -68,7 +68,7 @@ def run_live(
     rig = rig.only(entry.camera for entry in inputs)
     detector, chooser = settled_network(config.detector, len(inputs), say)
     config = replace(config, detector=detector)
-    plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config))
+    plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
     plans = group_plans(rig, inputs, config, plan, videos)
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
     return run_session(whole, lambda board: GroupViews(plans, board, chooser, say), say, controls)

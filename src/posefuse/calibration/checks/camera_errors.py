@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.extrinsics.bootstrap import PropShape, prop_track, prop_views
+from posefuse.calibration.extrinsics.bootstrap import prop_track, prop_views
 from posefuse.calibration.extrinsics.planar import planar_views
+from posefuse.calibration.extrinsics.prop_shape import one_patch
 from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, PropState, solve_prop
 from posefuse.calibration.extrinsics.snapshots import Snapshots
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
@@ -156,7 +157,7 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolut
         SE3(np.stack([one.cam_from_world.wxyz for one in rig]), np.stack([one.cam_from_world.xyz for one in rig]))
     )
     trusted = seen.rows(seen.camera != c)
-    shape = PropShape({0: Poses(np.eye(3), np.zeros(3))}, {}, 0)
+    shape = one_patch()
     in_images = prop_views(trusted, planar_views(trusted, corners, lenses), shape, corners, lenses)
     track = prop_track(trusted, in_images, shape, corners, lenses, pose)
     known = np.asarray(np.isfinite(track.t).all(axis=1))
@@ -172,7 +173,7 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolut
         corners,
         cameras,
         state,
-        Freedom(reference=None, patch=None, offset=True, drift=False, lens_sigma=sigma, lens_of=(c,), moving=(c,)),
+        Freedom(reference=None, held_patches=None, offset=True, drift=False, lens_sigma=sigma, lens_of=(c,), moving=(c,)),
     ), seen
 
 

@@ -54,7 +54,7 @@ def best_deformation(solved: Solved, cameras: tuple[Camera, ...], deformation: D
 
     def solution_at(share: float) -> PropSolution:
         bent = replace(solved, corners=corners + share * half * way)
-        freedom = Freedom(reference=solved.links.reference, patch=solved.links.shape.root)
+        freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held)
         return solve_prop(bent.seen, bent.corners, cameras, solved.solution.state, freedom)
 
     share, sigma = 0.0, 0.0

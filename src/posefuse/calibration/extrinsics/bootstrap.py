@@ -1,4 +1,4 @@
-"""A first, rough answer for cameras that watch one prop: who is where, with the planar ambiguity decided by votes.
+"""A first, rough answer for cameras that watch a prop: where each is, with the planar ambiguity decided by votes.
 
 Sarmadi et al. (2019): pairwise poses of markers seen together, then of cameras that see the prop together, each pair
 settled by the candidate that agrees with most of the others, then the strongest paths through the two graphs.
@@ -15,30 +15,14 @@ from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.core.arrays import Array
 
 from .planar import PlanarViews
+from .prop_shape import PropShape
 from .snapshots import Snapshots
-from .voting import Edge, tree, vote
+from .voting import Edge
 
-_MARKER_ANGLE_RAD = np.deg2rad(8)
-_MARKER_DISTANCE = 0.35
 _CAMERA_ANGLE_RAD = np.deg2rad(6)
 _CAMERA_DISTANCE = 0.06
-_LEAST_AGREEING, _LEAST_MARKER_SHARE, _LEAST_CAMERA_SHARE = 4, 0.5, 0.3
+_LEAST_AGREEING, _LEAST_CAMERA_SHARE = 4, 0.3
 _REPROJECTION_CUT_NORM = 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class PropShape:
-    """Markers that belong to one rigid prop.
-
-    Attributes:
-        prop_from_patch: by index of the patch; the root is at the origin.
-        edges: agreement per pair of patches seen in one image.
-        root: patch held on the prop.
-    """
-
-    prop_from_patch: dict[int, Poses]
-    edges: dict[tuple[int, int], Edge]
-    root: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,43 +36,6 @@ class PropViews:
     camera: Array
     instant: Array
     cam_from_prop: Poses
-
-
-def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape:
-    """Where the markers sit on the prop, from images that show two of them or more."""
-    edges: dict[tuple[int, int], Edge] = {}
-    for (i, j), (first, second) in _together(views.camera, views.instant, views.patch, patch_count).items():
-        candidates = _relative(views.cam_from_patch[first], views.cam_from_patch[second])
-        edge = vote(candidates, _MARKER_ANGLE_RAD, np.full(len(first), _MARKER_DISTANCE * side_m))
-        edges[(i, j)] = edge
-    strong = {k: e for k, e in edges.items() if e.agreeing >= _LEAST_AGREEING and e.share >= _LEAST_MARKER_SHARE}
-    seen = np.bincount(views.patch, minlength=patch_count)
-    root, placed = tree(patch_count, strong, None if strong else int(np.argmax(seen)))
-    return PropShape(placed, edges, root)
-
-
-def _together(camera: Array, instant: Array, patch: Array, count: int) -> dict[tuple[int, int], tuple[Array, Array]]:
-    """For each pair of patches i < j: the rows of both in images that show both."""
-    image = instant * (int(camera.max(initial=0)) + 1) + camera
-    images, image_no = np.unique(image, return_inverse=True)
-    row = np.full((len(images), count), -1, np.int64)
-    row[image_no, patch] = np.arange(len(patch))
-    pairs = {}
-    for i in range(count):
-        for j in range(i + 1, count):
-            both = (row[:, i] >= 0) & (row[:, j] >= 0)
-            if both.any():
-                pairs[(i, j)] = (row[both, i], row[both, j])
-    return pairs
-
-
-def _relative(cam_from_a: Poses, cam_from_b: Poses) -> Poses:
-    """(n, 4) a_from_b of all combinations of alternatives (n, 2) and (n, 2)."""
-    a_from_cam = cam_from_a.inverse()
-    left = Poses(a_from_cam.R[:, :, None], a_from_cam.t[:, :, None])
-    right = Poses(cam_from_b.R[:, None], cam_from_b.t[:, None])
-    both = left @ right
-    return Poses(both.R.reshape(len(both.R), 4, 3, 3), both.t.reshape(len(both.t), 4, 3))
 
 
 def prop_views(seen: Snapshots, views: PlanarViews, shape: PropShape, corners: Array, lenses: Lenses) -> PropViews:

@@ -24,7 +24,7 @@ from .clocks import rough_offsets
 from .lens_check import lens_change, lens_words
 from .pipeline import Solved
 from .prop_solve import Freedom, PropSolution
-from .solution_checks import let_lenses_free
+from .solution_checks import let_lenses_free, usual_distance_m
 
 _LONGEST_OFFSET_S = 2.0
 _LEAST_DRIFT = 1e-4
@@ -43,7 +43,9 @@ def intrinsics_wrong(trouble: Trouble) -> Iterator[CauseTrial]:
         return
     cameras, limits = trouble.cameras, trouble.options.limits
     free = let_lenses_free(cameras, solved, False)
-    excess = lens_change(cameras, solved.solution, free, solved.seen).excess(cameras, limits).max(axis=1)
+    excess = (
+        lens_change(cameras, solved.solution, free, solved.seen, usual_distance_m(solved)).excess(cameras, limits).max(axis=1)
+    )
     yield from _permuted(trouble, solved, free)
     worst = np.argsort(-excess)
     for some in {(int(worst[0]),), tuple(sorted(int(i) for i in worst[:2]))} if len(cameras) > 2 else set():
@@ -54,7 +56,7 @@ def intrinsics_wrong(trouble: Trouble) -> Iterator[CauseTrial]:
 
 def _lens_story(trouble: Trouble, solved: Solved, free: PropSolution, some: tuple[int, ...] | None) -> str:
     cameras, limits = trouble.cameras, trouble.options.limits
-    change = lens_change(cameras, solved.solution, free, solved.seen)
+    change = lens_change(cameras, solved.solution, free, solved.seen, usual_distance_m(solved))
     excess = change.excess(cameras, limits)
     of = range(len(cameras)) if some is None else some
     wrong = [i for i in of if excess[i].max() > 1] or list(of)
@@ -103,7 +105,7 @@ def image_turned(trouble: Trouble) -> Iterator[CauseTrial]:
             state = replace(solved.solution.state, cam_from_world=Poses(roll @ pose.R, (roll @ pose.t[..., None])[..., 0]))
             # the camera itself has to move: another one holds the world
             reference = solved.links.reference if solved.links.reference != c else int(c == 0)
-            freedom = Freedom(reference=reference, patch=solved.links.shape.root)
+            freedom = Freedom(reference=reference, held_patches=solved.links.shape.held)
             yield trial(words, remedy, turned, near_solve(turned, trouble.cameras, state, freedom), 0)
 
 
@@ -130,7 +132,7 @@ def clocks_near(trouble: Trouble) -> Iterator[CauseTrial]:
     solved = trouble.solved
     if solved is None:
         return
-    freedom = Freedom(reference=solved.links.reference, patch=solved.links.shape.root, offset=True)
+    freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
     free = near_solve(solved, trouble.cameras, solved.solution.state, freedom)
     words = _clock_story(trouble.cameras, replace(solved, solution=free))
     if words:

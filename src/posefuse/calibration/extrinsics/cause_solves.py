@@ -18,7 +18,7 @@ from .prop_solve import Freedom, PropSolution, PropState, solve_prop
 
 def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, freedom: Freedom | None = None) -> PropSolution:
     """The same corners with other cameras or another start."""
-    free = freedom or Freedom(reference=solved.links.reference, patch=solved.links.shape.root)
+    free = freedom or Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held)
     return solve_prop(solved.seen, solved.corners, cameras, state, free)
 
 
@@ -37,12 +37,10 @@ def solve_anew(
     seen = key_snapshots(observations, options, delay)
     if len(seen.camera) == 0:
         return None, 0
-    links, in_images = link(observations, cameras, target, seen)
+    links = link(cameras, target, seen)
     if len(links.placed) < len(cameras):
         return None, len(seen.camera)
-    solved = solve_linked(
-        observations, cameras, target, options=options, seen=seen, links=links, in_images=in_images, delay_s=delay
-    )
+    solved = solve_linked(observations, cameras, target, options, links, delay)
     return solved, max(len(seen.camera) - len(solved.seen.camera), 0)
 
 

@@ -140,7 +140,7 @@ def _solve_split(
         delay_s=delay, lens_delta=np.concatenate([state.lens_delta, state.lens_delta[c : c + 1]]),
     )  # fmt: skip
     apart = replace(solved, seen=seen)
-    freedom = Freedom(reference=solved.links.reference, patch=solved.links.shape.root, offset=True)
+    freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
     return apart, near_solve(apart, cameras, start, freedom)
 
 

@@ -11,12 +11,13 @@ from scipy.optimize import minimize_scalar
 
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Target, patch_corners, scale_m
+from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .bootstrap import prop_shape, prop_views
+from .bootstrap import prop_views
 from .planar import planar_views
+from .prop_shape import shape_of
 from .snapshots import snapshots
 
 _WINDOWS, _WINDOW_S, _RATE_HZ = 4, 10.0, 30.0
@@ -30,14 +31,14 @@ def rough_offsets(observations: CornerObservations, cameras: tuple[Camera, ...],
 
     NaN for cameras whose path overlaps with none of the others.
     """
-    paths = _paths(observations, cameras, target)
     count = len(cameras)
     edges: list[tuple[float, int, int, float]] = []
-    for a in range(count):
-        for b in range(a + 1, count):
-            found = _pair_offset(paths[a], paths[b], most_s)
-            if found is not None:
-                edges.append((found[1], a, b, found[0]))
+    for paths in _paths(observations, cameras, target):
+        for a in range(count):
+            for b in range(a + 1, count):
+                found = _pair_offset(paths[a], paths[b], most_s)
+                if found is not None:
+                    edges.append((found[1], a, b, found[0]))
     offset = np.full(count, np.nan)
     if not edges:
         return offset
@@ -53,8 +54,8 @@ def rough_offsets(observations: CornerObservations, cameras: tuple[Camera, ...],
             offset[a] = offset[b] - late
 
 
-def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[tuple[Array, Array]]:
-    """Per camera: times (n,) s and places of the prop in camera axes (n, 3) m, in a few windows of the recording."""
+def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[list[tuple[Array, Array]]]:
+    """Per prop and camera: times (n,) s and places of the prop in camera axes (n, 3) m, in a few windows of the recording."""
     first, last = int(observations.t_ns.min()), int(observations.t_ns.max())
     step = round(1e9 / _RATE_HZ)
     span, window = last - first, round(_WINDOW_S * 1e9)
@@ -66,9 +67,11 @@ def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target
     seen = snapshots(observations, instants, np.zeros((len(cameras), 2)))
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     planar = planar_views(seen, corners, lenses)
-    views = prop_views(seen, planar, prop_shape(planar, len(seen.patches), scale_m(target)), corners, lenses)
+    shape = shape_of(target, seen, planar)
+    props = [prop_views(seen, planar, shape.of_prop(k), corners, lenses) for k in range(shape.count)]
     return [
-        (seen.t_s[views.instant[views.camera == c]], views.cam_from_prop.t[views.camera == c, 0]) for c in range(len(cameras))
+        [(seen.t_s[views.instant[views.camera == c]], views.cam_from_prop.t[views.camera == c, 0]) for c in range(len(cameras))]
+        for views in props
     ]
 
 

@@ -132,8 +132,8 @@ def _solve_half(
     seen = key_snapshots(part, together, delay_s)
     if len(seen.camera) == 0:
         return None, "no shared views"
-    links, in_images = link(part, cameras, target, seen)
+    links = link(cameras, target, seen)
     if len(links.placed) < len(cameras):
         lost = [camera.name for i, camera in enumerate(cameras) if i not in links.placed]
         return None, f"{', '.join(lost)} not linked"
-    return solve_linked(part, cameras, target, options=together, seen=seen, links=links, in_images=in_images, delay_s=delay_s), ""
+    return solve_linked(part, cameras, target, together, links, delay_s), ""

@@ -13,12 +13,15 @@ from posefuse.core.arrays import Array
 
 from .limits import Limits
 from .prop_solve import PropSolution
+from .self_checks import camera_differences
 from .snapshots import Snapshots
 
 # what remains of the radius of a camera's image points when the farthest are left out
 _RIM_QUANTILE = 0.95
 # by so many standard errors each half must show a change, so that one bad stretch of time stamps does not make it
 _EACH_PART_SIGMA = 3.0
+# which of the lens parameters are the principal point
+_CENTRE = np.array([0, 0, 1, 1, 0, 0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -26,8 +29,9 @@ class LensChange:
     """Change of each camera's intrinsics (C,) when they are let free, with standard errors.
 
     Attributes:
-        focal: share of the focal length. centre_rad: shift of the principal point, as an angle. bend_px: shift of the image
-            points at the rim of what was seen, by distortion alone.
+        focal: share of the focal length. centre_rad: shift of the principal point, as an angle; most of it is taken up by the
+            camera's rotation. centre_effect: what is left: how far it moves a camera, as a share of the target's distance.
+            bend_px: shift of the image points at the rim of what was seen, by distortion alone.
         confirmed: (C, 3) whether focal length, principal point and distortion may be called wrong.
     """
 
@@ -35,6 +39,7 @@ class LensChange:
     focal_sigma: Array
     centre_rad: Array
     centre_sigma: Array
+    centre_effect: Array
     bend_px: Array
     bend_sigma: Array
     confirmed: Array
@@ -42,9 +47,11 @@ class LensChange:
     def excess(self, cameras: Sequence[Camera], limits: Limits) -> Array:
         """(C, 3) focal length, principal point and distortion over their limits: more than 1 is wrong."""
         width = np.array([max(camera.size_wh) for camera in cameras])
+        # the effect is known as well as the shift is, in shares of itself
+        effect_sigma = self.centre_effect * self.centre_sigma / np.maximum(self.centre_rad, 1e-12)
         pairs = (
             (self.focal, self.focal_sigma, limits.focal_share),
-            (self.centre_rad, self.centre_sigma, limits.centre_rad),
+            (self.centre_effect, effect_sigma, limits.centre_share),
             (self.bend_px, self.bend_sigma, limits.bend_px_per_1000 * width / 1000),
         )
         excess = np.stack([np.abs(v) / np.maximum(least, limits.lens_sigma * sigma) for v, sigma, least in pairs], axis=1)
@@ -63,8 +70,10 @@ class LensChange:
         return np.stack([value / np.maximum(sigma, 1e-12) for value, sigma in pairs], axis=1)
 
 
-def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolution, seen: Snapshots) -> LensChange:
-    """How the intrinsics of `free` differ from those of `held`."""
+def lens_change(
+    cameras: Sequence[Camera], held: PropSolution, free: PropSolution, seen: Snapshots, distance_m: float
+) -> LensChange:
+    """How the intrinsics of `free` differ from those of `held`; `distance_m`: usual distance of the target."""
     focal_px = np.array([camera.K[0, 0] for camera in cameras])
     delta = free.state.lens_delta - held.state.lens_delta
     covariance = free.lens_covariance
@@ -78,10 +87,18 @@ def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolutio
         focal_sigma=np.sqrt(np.einsum("i,cij,j->c", mean, covariance, mean)) / focal_px,
         centre_rad=np.linalg.norm(centre_px, axis=1) / focal_px,
         centre_sigma=np.linalg.norm(centre_sigma, axis=1) / focal_px,
+        centre_effect=np.array([_moved_m(free, c, delta[c] * _CENTRE).max() / distance_m for c in range(len(cameras))]),
         bend_px=(bend * delta).sum(axis=1),
         bend_sigma=np.sqrt(np.einsum("ci,cij,cj->c", bend, covariance, bend)),
         confirmed=np.ones((len(cameras), 3), bool),
     )
+
+
+def _moved_m(free: PropSolution, camera: int, change: Array) -> Array:
+    """(C,) how far each camera moves against the others when one camera's intrinsics change by `change` (6,) and are held."""
+    poses = free.state.cam_from_world
+    follow = free.pose_by_lens[:, :, camera] @ change
+    return camera_differences(poses, poses.stepped(follow))[0]
 
 
 def rim_radius(camera: Camera, xy_img: Array) -> float:
@@ -114,7 +131,8 @@ def lens_words(cameras: Sequence[Camera], change: LensChange, limits: Limits, ca
     if kind == 1:
         return (
             f"{name}'s principal point would rather be {np.rad2deg(change.centre_rad[camera]):.1f} deg elsewhere"
-            f" (standard error {np.rad2deg(change.centre_sigma[camera]):.1f} deg)"
+            f" (standard error {np.rad2deg(change.centre_sigma[camera]):.1f} deg), which moves a camera by"
+            f" {change.centre_effect[camera]:.1%} of the target's distance (limit {limits.centre_share:.1%})"
         )
     return (
         f"{name}'s distortion would rather move points at the rim by {change.bend_px[camera]:+.1f} px"

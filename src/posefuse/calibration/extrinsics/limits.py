@@ -28,8 +28,8 @@ class Limits:
         certain_ratio, certain_sigma, certain_share, certain_rad: and so does a smaller spread ratio with poses that differ this
             clearly and by this much, which is what a camera that was moved does to a user. Bench: 1.1 in good sessions.
         focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
-        centre_rad: and the principal point by this angle. Judgement: a smaller one is taken up by the
-            camera's rotation; good webcams of `caliscope` show up to 2.2 deg.
+        centre_share: and the principal point by what moves a camera by this share of the target's distance, as that change of the
+            focal length does. The angle itself is taken up by the camera's rotation.
         bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.
         stretch_share: a board may be longer in one direction by this: printers are true to 0.5 %.
         lens_sigma: none of the four refuses below so many standard errors.
@@ -63,7 +63,7 @@ class Limits:
     certain_share: float = 0.0025
     certain_rad: float = float(np.deg2rad(0.1))
     focal_share: float = 0.005
-    centre_rad: float = float(np.deg2rad(3.0))
+    centre_share: float = 0.005
     bend_px_per_1000: float = 1.0
     stretch_share: float = 0.01
     lens_sigma: float = 6.0

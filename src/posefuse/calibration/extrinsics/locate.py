@@ -13,8 +13,9 @@ from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.core.arrays import Array
 
-from .bootstrap import PropShape, prop_track, prop_views
+from .bootstrap import prop_track, prop_views
 from .planar import planar_views
+from .prop_shape import one_patch
 from .prop_solve import Freedom, PropState, solve_prop
 from .snapshots import Snapshots, snapshots
 
@@ -114,7 +115,7 @@ def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
 def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
     corners, lenses = patch_corners(target, seen.patches), Lenses(tuple(rig))
     views = planar_views(seen, corners, lenses)
-    shape = PropShape({0: Poses(np.eye(3), np.zeros(3))}, {}, 0)
+    shape = one_patch()
     in_images = prop_views(seen, views, shape, corners, lenses)
     cameras = Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]), np.stack([c.cam_from_world.xyz for c in rig])))
     track = prop_track(seen, in_images, shape, corners, lenses, cameras)
@@ -126,6 +127,6 @@ def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
         cameras, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)),
         np.zeros((len(rig), len(LENS_PARAMETERS))),
     )  # fmt: skip
-    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(reference=None, patch=None))
+    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(reference=None, held_patches=None))
     poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
     return Located(times, poses.se3(), seen, solution.residual_px)

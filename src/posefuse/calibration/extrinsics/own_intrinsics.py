@@ -56,13 +56,11 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
     seen = key_snapshots(observations, free, delay_s)
     if len(seen.camera) == 0:
         return cameras
-    links, in_images = link(observations, cameras, target, seen)
+    links = link(cameras, target, seen)
     if len(links.placed) < len(cameras):
         # the calibration itself says which camera, and why
         return cameras
-    solved = solve_linked(
-        observations, cameras, target, options=free, seen=seen, links=links, in_images=in_images, delay_s=delay_s
-    )
+    solved = solve_linked(observations, cameras, target, free, links, delay_s)
     lenses = Lenses(cameras, solved.solution.state.lens_delta)
     return tuple(replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(cameras))
 

@@ -9,16 +9,17 @@ import numpy as np
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Target, patch_corners, scale_m
+from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
-from .bootstrap import PropShape, PropViews, camera_edges, prop_shape, prop_track, prop_views, strong_camera_edges
+from .bootstrap import PropViews, camera_edges, prop_track, prop_views, strong_camera_edges
 from .clocks import rough_offsets
 from .limits import LIMITS, Limits
 from .planar import planar_views
+from .prop_shape import PropShape, shape_of
 from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened
-from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
+from .snapshots import Snapshots, apart, middle_ns, pick_instants, snapshots
 from .voting import Edge, tree
 
 LEAST_INSTANTS = 8
@@ -66,13 +67,16 @@ class Links:
     Attributes:
         edges: per camera pair i < j, how well single time steps agree. placed: cameras reached from the reference.
         reference: the camera with most agreement.
-        shape: markers on the prop.
+        shape: markers on the props.
+        seen: the corners of these markers, with time steps of its own for each prop. in_images: the props in single images.
     """
 
     edges: dict[tuple[int, int], Edge]
     placed: dict[int, Poses]
     reference: int
     shape: PropShape
+    seen: Snapshots
+    in_images: PropViews
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,17 +109,18 @@ def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
     return np.asarray(worst <= _INLIER_SIGMA**2)
 
 
-def link(
-    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, seen: Snapshots
-) -> tuple[Links, PropViews]:
-    """The rough answer: markers on the prop, prop in every image, cameras to each other."""
+def link(cameras: tuple[Camera, ...], target: Target, seen: Snapshots) -> Links:
+    """The rough answer: markers on the props, the props in every image, cameras to each other."""
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     views = planar_views(seen, corners, lenses)
-    shape = prop_shape(views, len(seen.patches), scale_m(target))
+    shape = shape_of(target, seen, views)
+    if shape.count > 1:
+        seen = apart(seen, shape.prop_of_patches(len(seen.patches)))
+        views = planar_views(seen, corners, lenses)
     in_images = prop_views(seen, views, shape, corners, lenses)
     edges = camera_edges(in_images, len(cameras))
     reference, placed = tree(len(cameras), strong_camera_edges(edges))
-    return Links(edges, placed, reference, shape), in_images
+    return Links(edges, placed, reference, shape, seen, in_images)
 
 
 def key_snapshots(observations: CornerObservations, options: Options, delay_s: Array) -> Snapshots:
@@ -134,13 +139,13 @@ def starting_clocks(observations: CornerObservations, cameras: tuple[Camera, ...
 
 
 def solve_linked(
-    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, seen: Snapshots,
-    links: Links, in_images: PropViews, delay_s: Array,
-) -> Solved:  # fmt: skip
+    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, links: Links, delay_s: Array
+) -> Solved:
     """Bundle adjustment from the rough answer, all cameras being linked; patches that disagree are left out by name."""
+    seen = links.seen
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     cam_from_world = stacked([links.placed[i] for i in range(len(cameras))]).inverse()
-    track = prop_track(seen, in_images, links.shape, corners, lenses, cam_from_world)
+    track = prop_track(seen, links.in_images, links.shape, corners, lenses, cam_from_world)
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     placed = links.shape.prop_from_patch
     dropped = {
@@ -155,7 +160,7 @@ def solve_linked(
     lens_sigma = None if options.lens_sigma is None else np.array(options.lens_sigma)
     freedom = Freedom(
         reference=links.reference,
-        patch=links.shape.root,
+        held_patches=links.shape.held,
         offset=options.clocks != "together",
         drift=options.clocks == "drift",
         lens_sigma=lens_sigma,
@@ -163,7 +168,7 @@ def solve_linked(
     use = known[seen.instant] & np.isin(seen.patch, list(placed))
     seen = seen.rows(use)
     solution = solve_prop(seen, corners, cameras, state, freedom)
-    bad = _disagreeing_patches(seen, solution, keep=links.shape.root)
+    bad = _disagreeing_patches(seen, solution, links.shape)
     if bad:
         dropped |= {int(seen.patches[p]): f"{1 - share:.0%} of its views disagree with the prop" for p, share in bad.items()}
         seen = seen.rows(~np.isin(seen.patch, list(bad)))
@@ -172,22 +177,33 @@ def solve_linked(
     return _settle_clocks(observations, cameras, solved, freedom) if freedom.offset else solved
 
 
-def _disagreeing_patches(seen: Snapshots, solution: PropSolution, keep: int) -> dict[int, float]:
-    """Patches of which most views do not fit, with the share that does."""
+def _disagreeing_patches(seen: Snapshots, solution: PropSolution, shape: PropShape) -> dict[int, float]:
+    """Patches of which most views do not fit, with the share that does; of a further prop, all when its held one is among them.
+
+    The held patch of the first prop stays: without it there is nothing to calibrate from.
+    """
     patch = seen.patch[seen.group_starts()]
     inlier = inlier_groups(seen, solution)
     count = np.bincount(patch, minlength=len(seen.patches))
     share = np.bincount(patch, inlier, len(seen.patches)) / np.maximum(count, 1)
-    return {int(p): float(share[p]) for p in np.flatnonzero((count > 0) & (share < _LEAST_PATCH_SHARE)) if p != keep}
+    bad = (count > 0) & (share < _LEAST_PATCH_SHARE)
+    prop_of = shape.prop_of_patches(len(seen.patches))
+    for held in shape.held:
+        if prop_of[held] > 0 and bad[held]:
+            bad |= (count > 0) & (prop_of == prop_of[held])
+    return {int(p): float(share[p]) for p in np.flatnonzero(bad) if p != shape.held[0]}
 
 
 def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], solved: Solved, freedom: Freedom) -> Solved:
     """Read the corners again at the clocks found and solve again, until the clocks stay."""
-    instants_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
+    shape = solved.links.shape
+    prop_of = shape.prop_of_patches(len(solved.seen.patches))
+    t_s = solved.seen.t_s[: len(solved.seen.t_s) // shape.count]
+    instants_ns = np.round(t_s * 1e9).astype(np.int64) + middle_ns(observations)
     patches, instants = np.unique(solved.seen.patch), np.unique(solved.seen.instant)
     for _ in range(_MOST_CLOCK_ROUNDS):
         state = solved.solution.state
-        seen = snapshots(observations, instants_ns, state.delay_s)
+        seen = apart(snapshots(observations, instants_ns, state.delay_s), prop_of)
         seen = seen.rows(np.isin(seen.patch, patches) & np.isin(seen.instant, instants))
         solved = replace(solved, seen=seen, solution=solve_prop(seen, solved.corners, cameras, state, freedom))
         if np.abs(solved.solution.state.delay_s[:, 0] - state.delay_s[:, 0]).max() < _CLOCK_SETTLED_S:

@@ -1,7 +1,7 @@
-"""Bundle adjustment of cameras that watch one moving rigid prop (after Sarmadi et al. 2019, section 3.4).
+"""Bundle adjustment of cameras that watch moving rigid props (after Sarmadi et al. 2019, section 3.4).
 
 Unknown: the pose of every patch (marker) on the prop, of the prop at every time step, of every camera; on request each
-camera's clock (offset and drift) and lens. Held: the first camera at the origin and one patch on the prop.
+camera's clock (offset and drift) and lens. Held: the first camera at the origin and one patch on each prop.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class PropState:
     """All unknowns.
 
     Attributes:
-        cam_from_world: (C,). world_from_prop: (T,). prop_from_patch: (M,).
+        cam_from_world: (C,). world_from_prop: (T,), each of one prop. prop_from_patch: (M,).
         delay_s: (C, 2) clock offset in s and drift in s/s, as in `snapshots`.
         lens_delta: (C, 6) correction of `LENS_PARAMETERS`.
     """
@@ -51,14 +51,15 @@ class Freedom:
 
     Attributes:
         reference: camera whose pose and clock are held; None holds all cameras.
-        patch: patch that is held on the prop; None holds all patches.
-        offset, drift: clocks of the other cameras. lens_sigma: (6,) standard errors of the given intrinsics, None holds them.
+        held_patches: patches that are held on their prop; None holds all.
+        offset, drift: clocks of the other cameras.
+        lens_sigma: (6,) standard errors of the given intrinsics, 0 holds one of them, None holds all.
         lens_of: cameras whose intrinsics move, None for all.
         moving: cameras whose poses and clocks move, instead of all but the reference.
     """
 
     reference: int | None
-    patch: int | None
+    held_patches: tuple[int, ...] | None
     offset: bool = False
     drift: bool = False
     lens_sigma: Array | None = None
@@ -78,6 +79,8 @@ class PropSolution:
             like all standard errors here as large as stretches of the recording scatter, where that is more than the noise says.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
+        pose_by_lens: (C, 6, C, 6) how much the poses follow, per unit of `LENS_PARAMETERS`, when intrinsics are changed and held,
+            in the order and units of `camera_covariance`; 0 where intrinsics are held.
         iterations: steps tried.
     """
 
@@ -89,6 +92,7 @@ class PropSolution:
     camera_covariance: Array
     delay_sigma_s: Array
     lens_covariance: Array
+    pose_by_lens: Array
     iterations: int
 
     @property
@@ -188,8 +192,23 @@ def _summary(
         camera_covariance=cameras,
         delay_sigma_s=np.sqrt(variance) * _DELAY_SCALE_S,
         lens_covariance=lenses,
+        pose_by_lens=_pose_by_lens(solution.covariance, free, 6 * count, first).reshape(count, 6, count, size),
         iterations=solution.iterations,
     )
+
+
+def _pose_by_lens(covariance: Array, free: Array, poses: int, first_lens: int) -> Array:
+    """(poses, lens parameters) slope of the poses over one intrinsic while all others are held: their regression on them."""
+    out, place = np.zeros((poses, len(free) - first_lens)), np.flatnonzero(free)
+    pose, lens = np.flatnonzero(place < poses), np.flatnonzero(place >= first_lens)
+    if len(lens) == 0:
+        return out
+    # the parameters have units that differ by orders of magnitude
+    scale = np.sqrt(np.diag(covariance)[lens])
+    correlation = covariance[np.ix_(lens, lens)] / np.outer(scale, scale)
+    slope = np.linalg.solve(correlation, (covariance[np.ix_(pose, lens)] / scale).T).T / scale
+    out[np.ix_(place[pose], place[lens] - first_lens)] = slope
+    return out
 
 
 def _time_block(t_s: Array) -> Array:
@@ -206,9 +225,11 @@ def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
         if freedom.moving is not None:
             others = np.isin(np.arange(len(cameras)), freedom.moving)
         cameras[others], clocks[others] = True, (freedom.offset, freedom.drift)
-    if freedom.patch is not None:
-        patches[np.arange(len(patches)) != freedom.patch] = True
-    lens = np.full((len(cameras), len(LENS_PARAMETERS)), freedom.lens_sigma is not None)
+    if freedom.held_patches is not None:
+        patches[~np.isin(np.arange(len(patches)), freedom.held_patches)] = True
+    lens = np.zeros((len(cameras), len(LENS_PARAMETERS)), bool)
+    if freedom.lens_sigma is not None:
+        lens[:] = freedom.lens_sigma > 0
     if freedom.lens_of is not None:
         lens &= np.isin(np.arange(len(cameras)), freedom.lens_of)[:, None]
     return cameras, patches, clocks, lens
@@ -246,8 +267,8 @@ class _Model:
         self._seen, self._cameras, self._freedom, self._noise = seen, cameras, freedom, noise
         self._xyz_patch = corners[seen.patch, seen.corner]
         self._delay_s = delay_s
-        lens_sigma = freedom.lens_sigma
-        self._lens_prior = np.zeros(len(LENS_PARAMETERS)) if lens_sigma is None else 1 / lens_sigma**2
+        lens_sigma = np.zeros(len(LENS_PARAMETERS)) if freedom.lens_sigma is None else freedom.lens_sigma
+        self._lens_prior = np.divide(1.0, lens_sigma**2, out=np.zeros(len(LENS_PARAMETERS)), where=lens_sigma > 0)
 
     def _white(self, values: Array) -> Array:
         return whitened(values, self._seen.velocity_px_s, self._noise)

@@ -53,7 +53,7 @@ def solution_checks(
     if isinstance(target, Charuco | ArucoBoard):
         done.append(check_board_shape(thinned(solved), cameras, limits))
     if options.clocks == "together":
-        freedom = Freedom(reference=solved.links.reference, patch=solved.links.shape.root, offset=True)
+        freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
         free = solve_prop(solved.seen, solved.corners, cameras, state, freedom)
         done.append(checks.check_clocks(cameras, free.state.delay_s[:, 0], free.delay_sigma_s[:, 0], limits))
     return done
@@ -65,7 +65,8 @@ def _lens_change(cameras: tuple[Camera, ...], solved: Solved, halves: Halves, op
 
 
 def _change_of(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> LensChange:
-    return lens_change(cameras, solved.solution, let_lenses_free(cameras, solved, offset), solved.seen)
+    free = let_lenses_free(cameras, solved, offset)
+    return lens_change(cameras, solved.solution, free, solved.seen, usual_distance_m(solved))
 
 
 def let_lenses_free(cameras: tuple[Camera, ...], solved: Solved, offset: bool, of: tuple[int, ...] | None = None) -> PropSolution:
@@ -73,7 +74,12 @@ def let_lenses_free(cameras: tuple[Camera, ...], solved: Solved, offset: bool, o
     focal_px = _FREE_FOCAL * float(focal_lengths_px(cameras).mean())
     sigma = np.array([focal_px, focal_px, *_FREE_LENS])
     freedom = Freedom(
-        reference=solved.links.reference, patch=solved.links.shape.root, offset=offset, drift=False, lens_sigma=sigma, lens_of=of
+        reference=solved.links.reference,
+        held_patches=solved.links.shape.held,
+        offset=offset,
+        drift=False,
+        lens_sigma=sigma,
+        lens_of=of,
     )
     return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
 

@@ -11,7 +11,7 @@ from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import TargetCoverage, coverage
-from posefuse.calibration.targets.kinds import Chessboard, Target
+from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
@@ -51,7 +51,8 @@ class Calibration:
         delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) and their standard errors: a frame that camera c
             stamped s was taken at s - offset - drift * (s - middle).
         middle_ns: middle of the recording, from which drift counts.
-        t_ns: (T,) key time steps. world_from_prop: (T,) the prop there. prop_from_patch: per marker id.
+        t_ns: (T,) key time steps. world_from_prop: (T,) the prop there; prop: (T,) number of that prop, usually 0.
+        prop_from_patch: per marker id. prop_of_patch: number of its prop.
         camera, xy_img, residual_px: (N,), (N, 2), (N, 2) corners used and predicted minus observed.
     """
 
@@ -65,7 +66,9 @@ class Calibration:
     middle_ns: int
     t_ns: Array
     world_from_prop: SE3
+    prop: Array
     prop_from_patch: dict[int, SE3]
+    prop_of_patch: dict[int, int]
     camera: Array
     xy_img: Array
     residual_px: Array
@@ -214,15 +217,13 @@ def _solve(
         alone = Check("cameras are linked", False, "no two cameras ever see the target at the same time",
                       "hold it where two cameras see it; are the recordings on one clock?")  # fmt: skip
         raise RefusedCalibration(CalibrationReport("extrinsics", (*done, alone)))
-    links, in_images = link(observations, cameras, target, seen)
-    present = np.zeros((len(seen.t_s), len(cameras)), np.int64)
-    present[seen.instant, seen.camera] = 1
+    links = link(cameras, target, seen)
+    present = np.zeros((len(links.seen.t_s), len(cameras)), np.int64)
+    present[links.seen.instant, links.seen.camera] = 1
     linked = checks.check_links(observations.cameras, links, present.T @ present)
     done.append(linked)
     _stop_if_failed(done)
-    solved = solve_linked(
-        observations, cameras, target, options=options, seen=seen, links=links, in_images=in_images, delay_s=delay_s
-    )
+    solved = solve_linked(observations, cameras, target, options, links, delay_s)
     enough = checks.check_amount(solved)
     done.append(enough)
     _stop_if_failed(done)
@@ -258,8 +259,15 @@ def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), l
     return done
 
 
-def _notes(solved: Solved) -> tuple[str, ...]:
-    notes = [f"marker {patch} left out: {reason}" for patch, reason in sorted(solved.dropped.items())]
+def _notes(solved: Solved, target: Target) -> tuple[str, ...]:
+    named = "marker {}" if isinstance(target, Markers) else "side {} of the board"
+    notes = [f"{named.format(patch)} left out: {reason}" for patch, reason in sorted(solved.dropped.items())]
+    used = np.unique(solved.seen.patch)
+    prop_of = solved.links.shape.prop_of_patches(len(solved.seen.patches))[used]
+    if len(np.unique(prop_of)) > 1:
+        whose = sorted(solved.seen.patches[used[prop_of == k]].tolist() for k in np.unique(prop_of))
+        words = "; ".join(", ".join(map(str, patches)) for patches in whose)
+        notes.append(f"{len(whose)} props that move independently: markers {words}")
     share = float(solved.inlier.mean())
     if share < 1:
         notes.append(f"{1 - share:.1%} of the marker views disagree and count little")
@@ -285,7 +293,9 @@ def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tu
     failed = [check.name for check in done if not check.passed]
     if failed:
         rig = replace(rig, refused=", ".join(failed))
-    report = CalibrationReport("extrinsics", done, (*_notes(solved), *notes), _numbers(solved, rig, usual_distance_m(solved)))
+    report = CalibrationReport(
+        "extrinsics", done, (*_notes(solved, task.target), *notes), _numbers(solved, rig, usual_distance_m(solved))
+    )
     state, seen, middle = solved.solution.state, solved.seen, middle_ns(task.observations)
     used = np.unique(seen.instant)
     moved = Poses.from_se3(new_from_old)
@@ -302,9 +312,11 @@ def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tu
         middle_ns=middle,
         t_ns=np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle,
         world_from_prop=prop.se3(),
+        prop=used // (len(seen.t_s) // solved.links.shape.count),
         prop_from_patch={
             int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches
         },
+        prop_of_patch={int(seen.patches[p]): solved.links.shape.prop_of[int(p)] for p in patches},
         camera=seen.camera,
         xy_img=seen.xy_img,
         residual_px=solved.solution.residual_px,

@@ -28,6 +28,7 @@ class TargetDescription:
         square_mm, marker_mm, gap_mm: edge of a square, of a marker's black square, and the white between two markers.
         dictionary: OpenCV's name of the marker dictionary. ids: markers of the target; of an aruco-board the first.
         inverted: black and white are exchanged. legacy: ChArUco layout of OpenCV before 4.6.
+        thickness_mm: distance of the prints of a board that is printed on both sides.
     """
 
     kind: TargetKind
@@ -36,6 +37,7 @@ class TargetDescription:
     square_mm: float | None = None
     marker_mm: float | None = None
     gap_mm: float | None = None
+    thickness_mm: float | None = None
     dictionary: str = "DICT_4X4_50"
     ids: tuple[int, ...] = ()
     inverted: bool = False
@@ -55,6 +57,9 @@ def described_target(said: TargetDescription, missing: Callable[[list[str]], Pos
             raise missing(absent)
         return [getattr(said, name) / _MM if name.endswith("_mm") else getattr(said, name) for name in names]
 
+    if said.thickness_mm is not None and said.kind not in ("charuco", "aruco-board"):
+        raise ConfigError(f"target: thickness_mm: only a charuco or an aruco-board has a back of its own, this is {said.kind}")
+    thickness = None if said.thickness_mm is None else said.thickness_mm / _MM
     if said.kind == "markers":
         (side,) = need("marker_mm")
         return Markers(side, said.dictionary, said.ids, said.inverted)
@@ -68,6 +73,7 @@ def described_target(said: TargetDescription, missing: Callable[[list[str]], Pos
             dictionary=said.dictionary,
             inverted=said.inverted,
             legacy=said.legacy,
+            thickness_m=thickness,
         )
     if said.kind == "chessboard":
         columns, rows, square = need("columns", "rows", "square_mm")
@@ -81,6 +87,7 @@ def described_target(said: TargetDescription, missing: Callable[[list[str]], Pos
         dictionary=said.dictionary,
         first_id=said.ids[0] if said.ids else 0,
         inverted=said.inverted,
+        thickness_m=thickness,
     )
 
 
@@ -105,6 +112,7 @@ def description_of(target: Target) -> TargetDescription:
                 dictionary=target.dictionary,
                 inverted=target.inverted,
                 legacy=target.legacy,
+                thickness_mm=_thickness_mm(target),
             )
         case Chessboard():
             return TargetDescription(kind="chessboard", columns=target.columns, rows=target.rows, square_mm=_mm(target.square_m))
@@ -118,6 +126,7 @@ def description_of(target: Target) -> TargetDescription:
                 dictionary=target.dictionary,
                 ids=(target.first_id,) if target.first_id else (),
                 inverted=target.inverted,
+                thickness_mm=_thickness_mm(target),
             )
 
 
@@ -148,6 +157,10 @@ def write_target(path: Path, target: Target) -> None:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def _thickness_mm(target: Charuco | ArucoBoard) -> float | None:
+    return None if target.thickness_m is None else _mm(target.thickness_m)
 
 
 def _mm(metres: float) -> float:

@@ -14,7 +14,7 @@ from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
 from .corners import CornerObservations, joined
-from .kinds import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of
+from .kinds import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of, sides
 from .marker_fit import fit_marker
 
 # a step that is wider than this in every image is out of focus or moved
@@ -226,28 +226,38 @@ def _marker_finder(target: Markers) -> Callable[[Array], Corners]:
 
 
 def _charuco_finder(target: Charuco) -> Callable[[Array], Corners]:
-    detector = cv2.aruco.CharucoDetector(target.board())
+    detectors = {side: cv2.aruco.CharucoDetector(target.board(side)) for side in sides(target)}
 
     def find(grey: Array) -> Corners:
-        xy, ids, _, _ = detector.detectBoard(grey)
-        ids = _or_empty(ids).ravel().astype(np.int64)
-        if len(ids) < _MIN_CHARUCO_CORNERS:
-            ids = ids[:0]
-        points = np.asarray(xy, np.float64).reshape(-1, 2) if len(ids) else np.zeros((0, 2))
-        return Corners(np.full(len(ids), BOARD_PATCH), ids, points)
+        return _joined([_charuco_side(grey, detector, side) for side, detector in detectors.items()])
 
     return find
 
 
+def _charuco_side(grey: Array, detector: Any, side: int) -> Corners:
+    xy, ids, _, _ = detector.detectBoard(grey)
+    ids = _or_empty(ids).ravel().astype(np.int64)
+    if len(ids) < _MIN_CHARUCO_CORNERS:
+        ids = ids[:0]
+    points = np.asarray(xy, np.float64).reshape(-1, 2) if len(ids) else np.zeros((0, 2))
+    return Corners(np.full(len(ids), side), ids, points)
+
+
+def _joined(parts: list[Corners]) -> Corners:
+    return Corners(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("patch", "corner", "xy_img")))
+
+
 def _aruco_board_finder(target: ArucoBoard) -> Callable[[Array], Corners]:
     detector = cv2.aruco.ArucoDetector(dictionary_of(target.dictionary), _parameters())
+    count = len(sides(target)) * target.markers
 
     def find(grey: Array) -> Corners:
         ids, xy, twice = _markers(grey, detector)
         place = ids - target.first_id
-        mine = (place >= 0) & (place < target.columns * target.rows)
-        corner = (4 * place[mine, None] + np.arange(4)).ravel()
-        return Corners(np.full(len(corner), BOARD_PATCH), corner, xy[mine].reshape(-1, 2), twice)
+        mine = (place >= 0) & (place < count)
+        side, place = np.divmod(place[mine], target.markers)
+        corner = (4 * place[:, None] + np.arange(4)).ravel()
+        return Corners(np.repeat(side, 4), corner, xy[mine].reshape(-1, 2), twice)
 
     return find
 

@@ -1,7 +1,8 @@
 """What is held in front of the cameras: markers and boards, and where their corners lie.
 
 A target is made of patches, each a rigid flat piece with numbered corners. Loose square markers are one patch each,
-named by their id, and where they sit on the prop is unknown; a board is a single patch, number 0, of known geometry.
+named by their id, and where they sit on the prop is unknown; a board is a patch of known geometry, number 0, and where it is
+printed on both sides, its back is patch 1, with the marker ids that follow those of the front.
 Patch axes: x right, y up, z out of the printed face, metres.
 """
 
@@ -13,12 +14,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.core import ConfigError
+from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
 DICTIONARIES = tuple(sorted(name for name in vars(cv2.aruco) if name.startswith("DICT_") and name == name.upper()))
-BOARD_PATCH = 0
+BOARD_PATCH, BACK_PATCH = 0, 1
 # corners of a marker of side 1: top left, top right, bottom right, bottom left
 _MARKER = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
 
@@ -69,6 +70,7 @@ class Charuco:
         columns, rows: squares across and down.
         square_m, marker_m: edges of a square and of a marker.
         inverted: colours exchanged. legacy: OpenCV's layout before version 4.6 (matters for an even number of rows).
+        thickness_m: distance of the prints of a board that is printed on both sides, tops together; None has one side.
     """
 
     columns: int
@@ -78,20 +80,32 @@ class Charuco:
     dictionary: str = "DICT_4X4_50"
     inverted: bool = False
     legacy: bool = False
+    thickness_m: float | None = None
 
     def __post_init__(self) -> None:
         _check_positive("charuco", square_m=self.square_m, marker_m=self.marker_m, columns=self.columns - 1, rows=self.rows - 1)
         if self.marker_m >= self.square_m:
             raise ConfigError(f"charuco: marker_m: expected less than square_m {self.square_m}, got {self.marker_m}")
-        dictionary_of(self.dictionary)
+        _check_sides("charuco", self.dictionary, self.thickness_m, 2 * self.markers)
+
+    @property
+    def markers(self) -> int:
+        """Markers on one side."""
+        return self.columns * self.rows // 2
+
+    @property
+    def width_m(self) -> float:
+        """Distance along x of the origins of the front and of the back."""
+        return self.columns * self.square_m
 
     def corners(self, patch: int) -> Array:
         """((columns-1)*(rows-1), 3) inner corners, row by row from the top left; the origin is the bottom left of the board."""
         return np.asarray(_grid(self.columns - 1, self.rows - 1, self.square_m) + np.array([self.square_m, self.square_m, 0]))
 
-    def board(self) -> Any:
-        """OpenCV's description of the same board."""
-        made = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary_of(self.dictionary))
+    def board(self, patch: int = BOARD_PATCH) -> Any:
+        """OpenCV's description of one side of the same board."""
+        size, ids = (self.columns, self.rows), np.arange(self.markers) + patch * self.markers
+        made = cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, dictionary_of(self.dictionary), ids)
         made.setLegacyPattern(self.legacy)
         return made
 
@@ -122,6 +136,7 @@ class ArucoBoard:
     Attributes:
         columns, rows: markers across and down. side_m: edge of a marker. gap_m: white between two.
         first_id: id of the top left marker.
+        thickness_m: distance of the prints of a board that is printed on both sides, tops together; None has one side.
     """
 
     columns: int
@@ -131,10 +146,21 @@ class ArucoBoard:
     dictionary: str = "DICT_4X4_50"
     first_id: int = 0
     inverted: bool = False
+    thickness_m: float | None = None
 
     def __post_init__(self) -> None:
         _check_positive("aruco board", side_m=self.side_m, gap_m=self.gap_m, columns=self.columns, rows=self.rows)
-        dictionary_of(self.dictionary)
+        _check_sides("aruco board", self.dictionary, self.thickness_m, self.first_id + 2 * self.markers)
+
+    @property
+    def markers(self) -> int:
+        """Markers on one side."""
+        return self.columns * self.rows
+
+    @property
+    def width_m(self) -> float:
+        """Distance along x of the origins of the front and of the back, the middles of a marker each."""
+        return (self.columns - 1) * (self.side_m + self.gap_m)
 
     def corners(self, patch: int) -> Array:
         """(4*columns*rows, 3) corners, four per marker, markers row by row from the top left."""
@@ -144,6 +170,29 @@ class ArucoBoard:
 
 
 Target = Markers | Charuco | Chessboard | ArucoBoard
+
+
+def _check_sides(owner: str, dictionary: str, thickness_m: float | None, ids_end: int) -> None:
+    known = dictionary_of(dictionary)
+    if thickness_m is None:
+        return
+    _check_positive(owner, thickness_m=thickness_m)
+    if ids_end > len(known.bytesList):
+        raise ConfigError(
+            f"{owner}: {dictionary} has {len(known.bytesList)} markers, both sides together need {ids_end};"
+            " take a larger dictionary"
+        )
+
+
+def sides(target: Target) -> dict[int, SE3]:
+    """front_from_side of each side of a board; of loose markers none, since their places are unknown."""
+    if isinstance(target, Markers):
+        return {}
+    front = {BOARD_PATCH: SE3.identity()}
+    if isinstance(target, Chessboard) or target.thickness_m is None:
+        return front
+    turned = SE3.from_matrix(np.diag([-1.0, 1.0, -1.0]), np.array([target.width_m, 0.0, -target.thickness_m]))
+    return front | {BACK_PATCH: turned}
 
 
 def scale_m(target: Target) -> float:

@@ -13,7 +13,7 @@ from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.result_files import coverage_path, write_coverage
 from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
-from posefuse.calibration.targets.printing import board_sheet, cube_sheets, marker_sheets, write_pdf
+from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
 from posefuse.calibration.targets.recordings import check_seen, open_sources
 from posefuse.cli.options.calibration import (
     TARGET_SUFFIX,
@@ -158,7 +158,7 @@ def print_target(target: TargetOptions, options: PrintOptions, terminal: Termina
     elif isinstance(kind, Markers):
         sheets = marker_sheets(kind, kind.ids or (0,), options.page)
     else:
-        sheets = [board_sheet(kind, options.page)]
+        sheets = board_sheets(kind, options.page)
     keep_copy(options.out)
     with atomic_file(options.out) as temporary:
         write_pdf(temporary, sheets)

@@ -62,6 +62,8 @@ class TargetOptions:
     """Edge of a marker's black square."""
     gap_mm: Millimetres = None
     """White gap between two markers (aruco-board)."""
+    thickness_mm: Millimetres = None
+    """Board printed on both sides, tops together: distance of the two prints."""
     dictionary: Annotated[str, Parameter(metavar="NAME")] = "DICT_4X4_50"
     """OpenCV's name of the marker dictionary."""
     ids: Annotated[tuple[int, ...], Parameter(metavar="ID", consume_multiple=True)] = ()

@@ -100,6 +100,8 @@ class LiveSettingsOptions(SettingsOptions):
     """How views become poses (default asynchronous)."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
     """How many people to follow, the best seen ones: a number, or all (default 1)."""
+    names: Annotated[str | None, Parameter(metavar="A,B,...")] = None
+    """Names of the people in the order of their ids, for viewers, JSON datagrams and what is made of a recording."""
     rate: Annotated[float | None, Parameter(metavar="HZ")] = None
     """Output rate in poses per second (default 100)."""
     groups: Annotated[int | None, Parameter(metavar="N")] = None

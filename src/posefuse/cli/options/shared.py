@@ -138,6 +138,11 @@ def people_from_text(_: object, tokens: Any) -> int:
     raise ValueError(f"expected a whole number from 1 to {_MOST_PEOPLE}, or all, got {text!r}")
 
 
+def names_from_text(text: str | None) -> tuple[str, ...] | None:
+    """The value of ``--names``."""
+    return None if text is None else tuple(name.strip() for name in text.split(","))
+
+
 def xy_from_text(_: object, tokens: Any) -> tuple[float, float]:
     """Metres from ``X,Y``."""
     text = tokens[0].value

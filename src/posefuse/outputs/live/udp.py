@@ -12,7 +12,7 @@ from posefuse.foundation.settings import settings
 from posefuse.messages.osc import json_from_pose, osc_from_pose
 
 Axes = Literal["z_up", "y_up", "y_up_left_handed"]
-Packets = Callable[[Pose3D, JointAngles | None, str], list[bytes]]
+Packets = Callable[[Pose3D, JointAngles | None, str, tuple[str, ...]], list[bytes]]
 
 
 @settings
@@ -30,7 +30,7 @@ class OscConfig:
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
-        return UdpOutput("osc", self.to, self.axes, osc_from_pose)
+        return UdpOutput("osc", self.to, self.axes, lambda pose, joints, axes, _: osc_from_pose(pose, joints, axes))
 
 
 @settings
@@ -57,6 +57,7 @@ class UdpOutput:
     def __init__(self, name: str, addresses: tuple[str, ...], axes: str, packets: Packets) -> None:
         self.name, self._addresses, self._axes, self._packets = name, addresses, axes, packets
         self._stream: Any = None
+        self._person_names: tuple[str, ...] = ()
 
     @property
     def where(self) -> str:
@@ -69,9 +70,9 @@ class UdpOutput:
 
         match message:
             case LiveStart():
-                self._stream = UdpStream(self._addresses)
+                self._stream, self._person_names = UdpStream(self._addresses), message.names
             case LivePose():
-                self._stream.send(self._packets(message.pose, message.joints, self._axes))
+                self._stream.send(self._packets(message.pose, message.joints, self._axes, self._person_names))
 
     def close(self) -> None:
         """Close the socket."""

@@ -21,6 +21,7 @@ from posefuse.core import (
     LiveStart,
     Pose3D,
 )
+from posefuse.core.recording import person_name
 from posefuse.foundation.settings import settings
 from posefuse.outputs.rerun_scene import (
     SPAWN,
@@ -29,6 +30,7 @@ from posefuse.outputs.rerun_scene import (
     check_rerun,
     log_cameras,
     log_detections,
+    log_name,
     log_person,
     log_projection,
     opened_stream,
@@ -79,6 +81,7 @@ class RerunLiveOutput:
         self._shown_ns: dict[str, int] = {}
         self._captured: dict[str, tuple[int, float]] = {}
         self._people: set[int] = set()
+        self._names: tuple[str, ...] = ()
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
@@ -103,7 +106,7 @@ class RerunLiveOutput:
         if self._config.file is not None:
             self.where = str(part_path(self._config.file, start.part))
         place = SPAWN if self._config.file is None else self.where
-        self._rig, self._zero_ns = start.rig, start.t_ns
+        self._rig, self._zero_ns, self._names = start.rig, start.t_ns, start.names
         self._stream = opened_stream("posefuse live", place, session_blueprint(start.rig.names, _below()))
         log_cameras(self._stream, start.rig.cameras, _GOOD_RGB)
         self._name_plots()
@@ -128,6 +131,7 @@ class RerunLiveOutput:
 
         for person, xyz in zip(pose.person_id.tolist(), pose.xyz_world, strict=True):
             log_person(self._stream, f"world/people/{person}", pose.skeleton, xyz)
+            log_name(self._stream, f"world/people/{person}", person_name(self._names, person), xyz)
         for gone in self._people - set(pose.person_id.tolist()):
             self._stream.log(f"world/people/{gone}", rr.Clear(recursive=True))
         self._people = set(pose.person_id.tolist())

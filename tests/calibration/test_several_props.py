@@ -1,0 +1,190 @@
+"""Props that move independently, boards printed on both sides, and inverted prints: against the simulated truth."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link
+from posefuse.calibration.extrinsics.self_checks import camera_differences
+from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.description import TargetDescription, described_target
+from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Markers, sides
+from posefuse.calibration.targets.printing import board_sheets
+from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
+from posefuse.core import SE3, ConfigError, Rig
+
+MARKERS = Markers(0.24)
+OPTIONS = Options(instants=50, clocks="together")
+SECOND_ID, SECONDS = 6, 20.0
+TWO_SIDED = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09, thickness_m=0.01)
+
+
+def worst_mm_and_deg(rig: Rig, found: Rig) -> tuple[float, float]:
+    """Of the worst camera; where the world lies does not count, its scale does."""
+    true, ours = (stacked([Poses.from_se3(camera.cam_from_world) for camera in one]) for one in (rig, found))
+    metres, radians = camera_differences(true, ours)
+    return float(metres.max() * 1e3), float(np.rad2deg(radians.max()))
+
+
+def motion_of(prop: int) -> Waving:
+    return Waving(seconds=SECONDS, rate_hz=12.0, seed=40 + prop)
+
+
+def seen_of_prop(rig: Rig, prop: int, cameras: tuple[int, ...], delay_s: tuple[float, ...] = ()) -> Observations:
+    """One of two boxes of markers, each moved in its own way, as some of the cameras see it."""
+    faults = Faults(seed=prop, delay_s=delay_s)
+    seen = observe_prop(rig, cube(0.3, first_id=SECOND_ID * prop), MARKERS, motion_of(prop), faults)
+    return seen.rows(np.isin(seen.camera, cameras))
+
+
+def put_together(one: Observations, other: Observations) -> Observations:
+    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+    return replace(one, **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in names})
+
+
+def held_marker(found: Calibration, prop: int) -> int:
+    """The marker whose frame is that of its prop."""
+    mine = [patch for patch, of in found.prop_of_patch.items() if of == prop]
+    return next(patch for patch in mine if np.linalg.norm(found.prop_from_patch[patch].xyz) == 0)
+
+
+@pytest.fixture(scope="module")
+def rig(ring_rig: Callable[..., Rig]) -> Rig:
+    return ring_rig(3, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.0))
+
+
+@pytest.fixture(scope="module")
+def two_props(rig: Rig) -> Calibration:
+    """Only the second camera sees both boxes, so neither box alone links all cameras."""
+    seen = put_together(seen_of_prop(rig, 0, (0, 1)), seen_of_prop(rig, 1, (1, 2)))
+    return calibrate_extrinsics(seen, rig.cameras, MARKERS, OPTIONS)
+
+
+def test_two_props_link_cameras_that_neither_links_alone(rig: Rig, two_props: Calibration) -> None:
+    millimetres, degrees = worst_mm_and_deg(rig, two_props.rig)
+    assert millimetres < 8
+    assert degrees < 0.08
+    assert millimetres < 5e3 * two_props.position_sigma_m.max()
+    assert "2 props that move independently: markers 0, 1, 2, 3, 4, 5; 6, 7, 8, 9, 10, 11" in " ".join(two_props.report.notes)
+    with pytest.raises(RefusedCalibration, match="cam02"):
+        calibrate_extrinsics(seen_of_prop(rig, 0, (0, 1)), rig.cameras, MARKERS, OPTIONS)
+
+
+def test_each_prop_has_its_own_way(two_props: Calibration) -> None:
+    """The distance of the two boxes does not depend on the world frame."""
+    place = {}
+    for prop in (0, 1):
+        mine = two_props.prop == prop
+        place[prop] = dict(zip(two_props.t_ns[mine].tolist(), two_props.world_from_prop.xyz[mine], strict=True))
+    common = sorted(set(place[0]) & set(place[1]))
+    assert len(common) > 10
+    measured = [np.linalg.norm(place[0][t] - place[1][t]) for t in common]
+    t_s, true = np.array(common) / 1e9, []
+    for prop in (0, 1):
+        marker = cube(0.3, first_id=SECOND_ID * prop)[held_marker(two_props, two_props.prop_of_patch[SECOND_ID * prop])]
+        true.append(motion_of(prop).pose(t_s) @ np.tile(marker.xyz, (len(t_s), 1)))
+    np.testing.assert_allclose(measured, np.linalg.norm(true[0] - true[1], axis=1), atol=0.012)
+
+
+@pytest.mark.slow
+def test_clocks_are_found_from_two_props(rig: Rig) -> None:
+    late = (0.0, 0.11, -0.07)
+    seen = put_together(seen_of_prop(rig, 0, (0, 1), late), seen_of_prop(rig, 1, (1, 2), late))
+    found = calibrate_extrinsics(seen, rig.cameras, MARKERS, replace(OPTIONS, clocks="offset"))
+    offset = found.delay_s[:, 0] - found.delay_s[0, 0]
+    np.testing.assert_allclose(offset, late, atol=1e-3)
+    assert worst_mm_and_deg(rig, found.rig)[0] < 6
+
+
+@pytest.fixture(scope="module")
+def facing(ring_rig: Callable[..., Rig]) -> Rig:
+    """Two cameras that face each other: they never see the same side of a board."""
+    return ring_rig(2, radius_m=3.0, height_m=1.0, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.0))
+
+
+def two_sided(rig: Rig, glued: SE3) -> Observations:
+    motion = Waving(seconds=40.0, rate_hz=6.0, centre_m=(0, 0, 1.0), seed=7, reach_m=(0.6, 0.6, 0.4))
+    front, back = sides(TWO_SIDED).values()
+    return observe_prop(rig, {0: front, 1: back @ glued}, TWO_SIDED, motion, Faults(seed=3))
+
+
+def test_the_back_of_a_board_links_cameras_that_face_each_other(facing: Rig) -> None:
+    seen = two_sided(facing, SE3.identity())
+    for target, views, linked in (
+        (TWO_SIDED, seen, 2),
+        (replace(TWO_SIDED, thickness_m=None), seen.of_patches([0]), 1),
+    ):
+        key = key_snapshots(views, replace(OPTIONS, instants=20), np.zeros((2, 2)))
+        assert len(link(facing.cameras, target, key).placed if len(key.camera) else [0]) == linked
+
+
+@pytest.mark.slow
+def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
+    """It is glued on 3 mm and 0.5 deg beside where its thickness says, which the solve finds out."""
+    glued = SE3.from_rotvec(np.deg2rad([0.0, 0.2, 0.5]), np.array([0.003, -0.001, 0.002]))
+    seen = two_sided(facing, glued)
+    found = calibrate_extrinsics(seen, facing.cameras, TWO_SIDED, OPTIONS)
+    millimetres, degrees = worst_mm_and_deg(facing, found.rig)
+    assert millimetres < 5
+    assert degrees < 0.06
+    off = sides(TWO_SIDED)[1].inverse() @ found.prop_from_patch[0].inverse() @ found.prop_from_patch[1]
+    np.testing.assert_allclose(off.xyz, glued.xyz, atol=1.5e-3)
+
+
+@pytest.mark.parametrize("target", [TWO_SIDED, ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.01, thickness_m=0.005)])
+def test_the_sides_of_a_board_are_told_by_their_markers(target: Charuco | ArucoBoard) -> None:
+    found = [TargetDetector(target).detect(drawn(sheet)) for sheet in board_sheets(target, "a0")]
+    assert [set(one.patch.tolist()) for one in found] == [{0}, {1}]
+    np.testing.assert_array_equal(found[0].corner, found[1].corner)
+    assert sorted(set(found[0].corner.tolist())) == list(range(len(target.corners(0))))
+    # behind the same place of the board there is the same place seen from behind
+    front, back = (sides(target)[side] @ target.corners(side) for side in (0, 1))
+    assert front[:, 0].mean() == pytest.approx(back[:, 0].mean())
+    np.testing.assert_allclose(front[:, 1], back[:, 1])
+    np.testing.assert_allclose(back[:, 2], -(target.thickness_m or 0))
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09),
+        ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.01),
+    ],
+)
+def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them(target: Charuco | ArucoBoard) -> None:
+    inverted = replace(target, inverted=True)
+    (grey,) = (drawn(sheet) for sheet in board_sheets(target, "a0"))
+    usual, other = TargetDetector(target).detect(grey), TargetDetector(inverted).detect(255 - grey)
+    np.testing.assert_array_equal(usual.corner, other.corner)
+    np.testing.assert_allclose(usual.xy_img, other.xy_img, atol=0.05)
+    printed = TargetDetector(inverted).detect(drawn(board_sheets(inverted, "a0")[0]))
+    assert len(printed.xy_img) == len(usual.xy_img)
+    shift = printed.xy_img - usual.xy_img
+    np.testing.assert_allclose(shift, np.broadcast_to(shift.mean(axis=0), shift.shape), atol=0.6)
+    assert len(TargetDetector(inverted).detect(grey).xy_img) == 0
+
+
+def test_a_back_that_cannot_be_is_refused() -> None:
+    with pytest.raises(ConfigError, match="DICT_4X4_50 has 50 markers, both sides together need 70"):
+        Charuco(columns=7, rows=10, square_m=0.05, marker_m=0.03, thickness_m=0.005)
+    with pytest.raises(ConfigError, match="thickness_mm: only a charuco or an aruco-board"):
+        described_target(
+            TargetDescription(kind="markers", marker_mm=100.0, thickness_mm=3.0), lambda names: ConfigError(str(names))
+        )
+
+
+def drawn(sheet: object, px_per_m: float = 800.0) -> np.ndarray:
+    """A page as an image, white where nothing is printed."""
+    width, height = (round(side * px_per_m) for side in sheet.size_m)  # type: ignore[attr-defined]
+    scale = 8
+    page = np.full((height * scale // 4, width * scale // 4), 255, np.uint8)
+    for x, y, w, h in np.array(sheet.black_m) * px_per_m * scale / 4:  # type: ignore[attr-defined]
+        page[round(len(page) - y - h) : round(len(page) - y), round(x) : round(x + w)] = 0
+    return cv2.resize(page, (width, height), interpolation=cv2.INTER_AREA)
