@@ -2,7 +2,7 @@
 
 Run: python bench/calibrate.py [--seeds N]                markers projected, noise added
      python bench/calibrate.py --rendered [SESSION]       real detection in rendered videos; renders the scene when it is missing
-     python bench/calibrate.py --person                   from a walking person alone, the real 2D network on rendered videos
+     python bench/calibrate.py --person [SEED]            from a walking person alone, the real 2D network on rendered videos
      python bench/calibrate.py --person-real [DATA]       the same on pose2sim_single: estimates against each other
 """
 
@@ -120,13 +120,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--rendered", type=Path, nargs="?", const=RENDERED, metavar="SESSION", help=f"default {RENDERED}")
-    parser.add_argument("--person", action="store_true", help="a walking person alone, rendered")
+    parser.add_argument("--person", type=int, nargs="?", const=-1, metavar="SEED", help="a walking person alone; of all seeds")
     parser.add_argument("--person-real", type=Path, nargs="?", const=REAL, metavar="DATA", help=f"default {REAL}")
     args = parser.parse_args()
-    if args.person or args.person_real:
+    if args.person is not None or args.person_real:
         import calibrate_person
 
-        figures = calibrate_person.simulated() if args.person else calibrate_person.real(args.person_real)
+        only = None if args.person in (None, -1) else args.person
+        figures = calibrate_person.real(args.person_real) if args.person_real else calibrate_person.simulated(only)
         print(json.dumps(figures, indent=2))
         return
     if args.rendered:

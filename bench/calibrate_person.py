@@ -26,8 +26,8 @@ from posefuse.simulation import SessionPaths, simulate
 
 # where `python -m paper` keeps its own: the first walk is the one it reports
 SESSIONS = Path("out/paper/sessions")
-# seed, seconds, frames per second; bodies and ways that are in no fit
-WALKS = ((1, 60.0, 30.0), (41, 30.0, 6.0), (42, 30.0, 6.0))
+# seed, seconds, frames per second, cameras; bodies and ways that are in no fit
+WALKS = ((1, 60.0, 30.0, 4), (41, 30.0, 6.0, 4), (42, 30.0, 6.0, 4), (43, 30.0, 6.0, 8))
 SECONDS = (20.0, 30.0, 60.0)
 STATURE_M = 1.75
 REAL_RATE_HZ = 60.0
@@ -47,26 +47,29 @@ def after_similarity(reference: Rig, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     return metres * 1e3, np.rad2deg(radians)
 
 
-def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0) -> Path:
-    """A session with the videos of a walk, rendered when it is not there."""
+def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0, cameras: int = 4) -> Path:
+    """A session with the videos of a walk, rendered when it is not there; a body for each seed."""
     scene = replace(walking_scene(seed, seconds), rate_hz=rate_hz)
+    scene = replace(scene, cameras=replace(scene.cameras, count=cameras))
     paths = SessionPaths(SESSIONS / scene_name(f"walking-{seed}", scene))
     if not paths.rig.exists() or paths.incomplete.exists():
         simulate(scene, paths.folder)
     return paths.folder
 
 
-def simulated() -> dict:
-    """Worst camera against the truth, for walks of some lengths; the real network on rendered videos."""
+def simulated(only: int | None = None) -> dict:
+    """Worst camera against the truth, for walks of some lengths; the real network on rendered videos; `only` one seed."""
     figures: dict = {}
-    for seed, longest_s, rate_hz in WALKS:
-        paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz))
+    for seed, longest_s, rate_hz, count in WALKS:
+        if only is not None and seed != only:
+            continue
+        paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz, count))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
         films = {camera.name: paths.video(camera.name) for camera in rig}
         seen = person_in_videos(films, rig, length, DetectorChoice(), TIME_STEPS)
         views, cameras = seen.views, seen.cameras
         for seconds in (s for s in SECONDS if s <= longest_s):
-            figures[f"seed {seed}, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)
+            figures[f"seed {seed}, {count} cameras, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)
     return figures
 
 
