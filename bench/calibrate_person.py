@@ -69,7 +69,8 @@ def simulated(only: int | None = None) -> dict:
         seen = person_in_videos(films, rig, length, DetectorChoice(), TIME_STEPS)
         views, cameras = seen.views, seen.cameras
         for seconds in (s for s in SECONDS if s <= longest_s):
-            figures[f"seed {seed}, {count} cameras, {seconds:.0f} s"] = outcome(rig, views.at(views.t_ns < seconds * 1e9), cameras, length)
+            part = views.at(views.t_ns < seconds * 1e9)
+            figures[f"seed {seed}, {count} cameras, {seconds:.0f} s"] = outcome(rig, part, cameras, length)
     return figures
 
 

@@ -14,7 +14,7 @@ from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import Observations
 from posefuse.calibration.targets.description import TargetDescription, described_target
-from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.detection import Corners, TargetDetector
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Markers, sides
 from posefuse.calibration.targets.printing import board_sheets
 from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
@@ -140,7 +140,7 @@ def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
 
 @pytest.mark.parametrize("target", [TWO_SIDED, ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.01, thickness_m=0.005)])
 def test_the_sides_of_a_board_are_told_by_their_markers(target: Charuco | ArucoBoard) -> None:
-    found = [TargetDetector(target).detect(drawn(sheet)) for sheet in board_sheets(target, "a0")]
+    found = [detected(target, drawn(sheet)) for sheet in board_sheets(target, "a0")]
     assert [set(one.patch.tolist()) for one in found] == [{0}, {1}]
     np.testing.assert_array_equal(found[0].corner, found[1].corner)
     assert sorted(set(found[0].corner.tolist())) == list(range(len(target.corners(0))))
@@ -161,14 +161,14 @@ def test_the_sides_of_a_board_are_told_by_their_markers(target: Charuco | ArucoB
 def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them(target: Charuco | ArucoBoard) -> None:
     inverted = replace(target, inverted=True)
     (grey,) = (drawn(sheet) for sheet in board_sheets(target, "a0"))
-    usual, other = TargetDetector(target).detect(grey), TargetDetector(inverted).detect(255 - grey)
+    usual, other = detected(target, grey), detected(inverted, 255 - grey)
     np.testing.assert_array_equal(usual.corner, other.corner)
     np.testing.assert_allclose(usual.xy_img, other.xy_img, atol=0.05)
-    printed = TargetDetector(inverted).detect(drawn(board_sheets(inverted, "a0")[0]))
+    printed = detected(inverted, drawn(board_sheets(inverted, "a0")[0]))
     assert len(printed.xy_img) == len(usual.xy_img)
     shift = printed.xy_img - usual.xy_img
     np.testing.assert_allclose(shift, np.broadcast_to(shift.mean(axis=0), shift.shape), atol=0.6)
-    assert len(TargetDetector(inverted).detect(grey).xy_img) == 0
+    assert len(detected(inverted, grey).xy_img) == 0
 
 
 def test_a_back_that_cannot_be_is_refused() -> None:
@@ -178,6 +178,13 @@ def test_a_back_that_cannot_be_is_refused() -> None:
         described_target(
             TargetDescription(kind="markers", marker_mm=100.0, thickness_mm=3.0), lambda names: ConfigError(str(names))
         )
+
+
+def detected(target: Charuco | ArucoBoard, grey: np.ndarray) -> Corners:
+    """By the number of the corner: OpenCV finds markers in any order."""
+    found = TargetDetector(target).detect(grey)
+    order = np.argsort(found.corner, kind="stable")
+    return Corners(found.patch[order], found.corner[order], found.xy_img[order])
 
 
 def drawn(sheet: object, px_per_m: float = 800.0) -> np.ndarray:
