@@ -5,11 +5,14 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import ezc3d
 import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
 import pytest
 
 from posefuse.cli.main import main
-from posefuse.core import SKELETONS, Rig
+from posefuse.core import SKELETONS, Rig, Skeleton
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
 
@@ -125,6 +128,25 @@ def test_a_table_per_camera_is_data_as_well(project: Path, tmp_path: Path, ring_
     assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - body, axis=-1)) < 1e-3
 
 
+def in_files(out: Path, skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """(T, K, 3) m of the one person as each file has them, by readers that are not ours."""
+    c3d = ezc3d.c3d(str(out / "pose.c3d"))
+    parameters = c3d["parameters"]["POINT"]
+    place = [parameters["LABELS"]["value"].index(name) for name in skeleton.keypoints]
+    scale = {"mm": 1e-3, "m": 1.0}[parameters["UNITS"]["value"][0]]
+    steps = json.loads((out / "pose.json").read_text())["time_steps"]
+    columns = ("x_m", "y_m", "z_m")
+    tables = {"csv": pyarrow.csv.read_csv(out / "pose.csv"), "parquet": pyarrow.parquet.read_table(out / "pose.parquet")}
+    return {
+        "c3d": scale * np.moveaxis(c3d["data"]["points"][:3, place], 0, -1).swapaxes(0, 1),
+        "json": np.array([[k[:3] for k in step["people"]["0"]] for step in steps]),
+        **{
+            name: np.stack([table[column].to_numpy() for column in columns], axis=-1).reshape(len(steps), -1, 3)
+            for name, table in tables.items()
+        },
+    }
+
+
 def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     whole = SKELETONS["coco_wholebody_133"]
     body = {name: person()[0, k] for k, name in enumerate(HALPE.keypoints)}
@@ -145,6 +167,9 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
     assert np.isfinite(poses.xyz_world).all()
     written = (out / "pose.trc").read_text()
     assert "left_pinky4" in written and "chin" in written
+    for name, of_file in in_files(out, whole).items():
+        # a file keeps tenths of millimetres
+        np.testing.assert_allclose(of_file, poses.xyz_world[:, 0], atol=2e-4, err_msg=name)
     from posefuse.outputs.drawing import LEFT_RGB, RIGHT_RGB, bone_colours
 
     colours = dict(zip(whole.bones, bone_colours(whole), strict=True))

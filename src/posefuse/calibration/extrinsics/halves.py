@@ -92,6 +92,8 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float
 
     wrong = (ratio > limits.spread_ratio) & moved(limits.moved_sigma, limits.moved_share, limits.moved_rad)
     wrong |= (ratio > limits.certain_ratio) & moved(limits.certain_sigma, limits.certain_share, limits.certain_rad)
+    # a camera that turns all the time makes stretches scatter, and standard errors large with them
+    wrong |= (ratio > limits.spread_ratio) & moved(0.0, limits.effect_share, limits.effect_share)
     c = int(np.argmax(np.where(wrong, 1e3, 1.0) * ratio))
     return Check(
         "one place per camera", not wrong.any(),

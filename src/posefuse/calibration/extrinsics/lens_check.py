@@ -112,8 +112,9 @@ def check_lenses(cameras: Sequence[Camera], change: LensChange, limits: Limits) 
     """The intrinsics, when they are let free, stay."""
     excess = change.excess(cameras, limits)
     worst, kind = (int(i) for i in np.unravel_index(np.argmax(excess), excess.shape))
+    unsure = "" if change.confirmed[worst, kind] else "; the halves of the recording do not both show it"
     return Check(
-        "intrinsics fit", bool(excess[worst, kind] <= 1), lens_words(cameras, change, limits, worst, kind),
+        "intrinsics fit", bool(excess[worst, kind] <= 1), lens_words(cameras, change, limits, worst, kind) + unsure,
         "focus or zoom has changed since they were calibrated, or they belong to another camera or image size:"
         " calibrate them again, or let them move with --refine-lenses 3",
     )  # fmt: skip
