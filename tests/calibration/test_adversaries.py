@@ -168,6 +168,16 @@ def test_intrinsics_of_another_zoom_are_refused(lab: Any, plain: CornerObservati
 
 
 @pytest.mark.slow
+def test_a_principal_point_is_refused_by_how_far_it_moves_cameras(lab: Any, plain: Observations) -> None:
+    """20 px are 2 deg, most of which the camera's rotation takes up; what is left is 40 mm."""
+    cameras = list(lab.rig.cameras)
+    cameras[1] = replace(cameras[1], K=cameras[1].K + np.array([[0, 0, 20.0], [0, 0, 0], [0, 0, 0]]))
+    words = r"cam01's principal point would rather be \d\.\d deg elsewhere .*moves a camera by \d\.\d% of the target's distance"
+    with pytest.raises(RefusedCalibration, match=words):
+        calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
+
+
+@pytest.mark.slow
 def test_synchronised_is_not_taken_on_trust_and_offsets_are_found(lab: Any) -> None:
     late_s = (0.0, 0.1, -0.05, 0.2)
     seen = lab.watch(Faults(delay_s=late_s))

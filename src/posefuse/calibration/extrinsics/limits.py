@@ -28,7 +28,8 @@ class Limits:
         certain_ratio, certain_sigma, certain_share, certain_rad: and so does a smaller spread ratio with poses that differ this
             clearly and by this much, which is what a camera that was moved does to a user. Bench: 1.1 in good sessions.
         effect_share: a spread ratio above its limit refuses without regard to standard errors where poses differ by what moves
-            points at the target's distance by this share. Judgement: as focal_share. The webcams differ by 0.007, with a ratio of 1.24.
+            points at the target's distance by this share. Judgement: as focal_share. The webcams differ by 0.007, their ratio is
+            1.24.
         focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
         centre_share: and the principal point by what moves a camera by this share of the target's distance, as that change of the
             focal length does. The angle itself is taken up by the camera's rotation.
