@@ -12,7 +12,7 @@ from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.targets.corners import Observations
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import TargetDescription, described_target
 from posefuse.calibration.targets.detection import Corners, TargetDetector
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Markers, sides
@@ -37,14 +37,14 @@ def motion_of(prop: int) -> Waving:
     return Waving(seconds=SECONDS, rate_hz=12.0, seed=40 + prop)
 
 
-def seen_of_prop(rig: Rig, prop: int, cameras: tuple[int, ...], delay_s: tuple[float, ...] = ()) -> Observations:
+def seen_of_prop(rig: Rig, prop: int, cameras: tuple[int, ...], delay_s: tuple[float, ...] = ()) -> CornerObservations:
     """One of two boxes of markers, each moved in its own way, as some of the cameras see it."""
     faults = Faults(seed=prop, delay_s=delay_s)
     seen = observe_prop(rig, cube(0.3, first_id=SECOND_ID * prop), MARKERS, motion_of(prop), faults)
     return seen.rows(np.isin(seen.camera, cameras))
 
 
-def put_together(one: Observations, other: Observations) -> Observations:
+def put_together(one: CornerObservations, other: CornerObservations) -> CornerObservations:
     names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
     return replace(one, **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in names})
 
@@ -109,7 +109,7 @@ def facing(ring_rig: Callable[..., Rig]) -> Rig:
     return ring_rig(2, radius_m=3.0, height_m=1.0, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.0))
 
 
-def two_sided(rig: Rig, glued: SE3) -> Observations:
+def two_sided(rig: Rig, glued: SE3) -> CornerObservations:
     motion = Waving(seconds=40.0, rate_hz=6.0, centre_m=(0, 0, 1.0), seed=7, reach_m=(0.6, 0.6, 0.4))
     front, back = sides(TWO_SIDED).values()
     return observe_prop(rig, {0: front, 1: back @ glued}, TWO_SIDED, motion, Faults(seed=3))
