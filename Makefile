@@ -70,7 +70,7 @@ calibration-faults: setup
 
 mutation: EXTRAS := $(EXTRAS),mutation
 mutation: setup
-	nice $(BIN)/python bench/mutation.py --count 60 --survivors --page docs/mutation.md
+	nice $(BIN)/python bench/mutation.py --count 20 --minutes 60 --survivors --page docs/mutation.md
 
 bench-live: setup
 	$(BIN)/python bench/run.py live live_tracking live_faults
