@@ -78,7 +78,7 @@ def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
                 continue
             for name in _chain(model, last, _child(joints[f"{side}_{begin}"])):
                 factors[name] = np.full(3, ratio[key])
-    placed = {name: (_parent(joint), _place(joint, state)) for name, joint in joints.items()}
+    placed = {name: (_parent(joint), _place(joint)) for name, joint in joints.items()}
     return ScaleFactors(factors, lengths, placed)
 
 
@@ -179,7 +179,7 @@ def _chain(model: Any, joint: Any, first: str) -> list[str]:
     return names if names[-1] == first else [first]
 
 
-def _place(joint: Any, state: Any) -> Array:
+def _place(joint: Any) -> Array:
     """(3,) where a joint begins on the body above it."""
     frame = joint.getParentFrame()
     return _xyz(frame.findTransformInBaseFrame().p())
