@@ -118,7 +118,7 @@ def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
 def member_points(candidates: Candidates, members: Array, tolerance_m: float) -> Array:
     """`joint_points`; of a single detection with depth its own points, at their depth."""
     if len(members) == 1 and candidates.deep_world is not None:
-        return candidates.deep_world[members[0]]
+        return np.asarray(candidates.deep_world[members[0]])
     return joint_points(candidates, members, tolerance_m)
 
 
