@@ -1,7 +1,8 @@
-"""Take the pictures of the studio: python docs/make_studio_pictures.py [RESULT]. Needs Chromium, playwright, extra `studio`.
+"""Take the pictures of the studio's recordings: python docs/make_studio_pictures.py [RESULT]. Needs Chromium and playwright.
 
-RESULT is a result of `posefuse track examples/demo`; left out, the first seconds of the bundled clip are tracked. Every page is
-opened at 1280 x 800 and at 390 x 844; a request to another host, or an error on a page, ends the command with exit code 1.
+RESULT is a result of `posefuse track examples/demo`; left out, the first seconds of the bundled clip are tracked. The pages
+Recordings (the list, and one recording) and Simulate are opened at 1280 x 800 and at 390 x 844. A request to another host, an
+error on a page, or a page that is wider than the window ends the command with exit code 1.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import cv2
 from playwright.sync_api import Browser, sync_playwright
 
 import posefuse
-from posefuse.studio.pages import PAGES
 
 _ROOT = Path(__file__).resolve().parents[1]
 _IMAGES = _ROOT / "docs" / "images"
@@ -28,9 +28,12 @@ _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _SIZES = {"": (1280, 800), "_phone": (390, 844)}
 _GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _RECORDING = "results/demo"
+_PAGES = {"recordings": "/recordings", "recording": f"/recordings?open={_RECORDING}", "simulate": "/simulate"}
 # a page has drawn everything after so long, also on a busy machine; that of a recording works out angles first
-_SETTLED_MS, _LONG_SETTLED_MS = 6_000, 20_000
-_PATIENCE_S = 60
+_SETTLED_MS, _ANGLES_MS = 6_000, 400_000
+_PATIENCE_S = 180
+# that of a recording is shown with its angles, below the videos
+_TALL_PX = 1340
 
 
 def main() -> None:
@@ -77,14 +80,20 @@ def photograph(browser: Browser, port: int, ending: str, size_wh: tuple[int, int
         if not request.url.startswith((base, base.replace("http", "ws"), "data:", "blob:")):
             problems.append(f"request to another host: {request.url}")
 
-    addresses = {page.module: page.path for page in PAGES} | {"recording": f"/recordings?open={_RECORDING}"}
-    for name, address in addresses.items():
+    for name, address in _PAGES.items():
         page = browser.new_page(viewport={"width": size_wh[0], "height": size_wh[1]})
         page.on("request", asked)
         page.on("pageerror", lambda error, name=name: problems.append(f"{name}: {error}"))
         page.goto(base + address)
-        page.wait_for_timeout(_LONG_SETTLED_MS if name == "recording" else _SETTLED_MS)
+        if name == "recording":
+            page.get_by_text("left_knee flexion").first.wait_for(timeout=_ANGLES_MS)
+        page.wait_for_timeout(_SETTLED_MS)
+        if name == "recording" and not ending:
+            page.set_viewport_size({"width": size_wh[0], "height": _TALL_PX})
+            page.wait_for_timeout(_SETTLED_MS)
         path = _IMAGES / f"studio_{name}{ending}.png"
+        if page.evaluate("document.documentElement.scrollWidth") > size_wh[0]:
+            problems.append(f"{name}: wider than {size_wh[0]} px")
         page.screenshot(path=path)
         image = cv2.imread(str(path))
         cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])

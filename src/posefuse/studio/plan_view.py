@@ -53,8 +53,8 @@ def heat_picture(plan: RigPlan, room: RoomMap) -> str:
     """The expected error over the floor as a PNG, as the address of itself; grey where fewer than two cameras see."""
     error = plan.error_map_mm
     share = np.clip((error - BEST_MM) / (WORST_MM - BEST_MM), 0, 1)
-    colours = cv2.applyColorMap(np.uint8(np.nan_to_num(255 * (1 - share))), cv2.COLORMAP_VIRIDIS)
-    colours = np.where(np.isfinite(error)[..., None], colours, np.uint8(_UNSEEN_BGR))[::-1]
+    colours = cv2.applyColorMap(np.nan_to_num(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    colours = np.where(np.isfinite(error)[..., None], colours, np.array(_UNSEEN_BGR, np.uint8))[::-1]
     width, height = room.size_px
     picture = np.full((height, width, 4), 0, np.uint8)
     left, top = (round(value) for value in room.px(-room.size_m[0] / 2, room.size_m[1] / 2))

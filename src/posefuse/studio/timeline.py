@@ -45,11 +45,11 @@ class Span:
         return self.begin_s + float(np.clip(share, 0, 1)) * (self.end_s - self.begin_s)
 
 
-def picture(t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str) -> str:
+def picture(t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = "") -> str:
     """An SVG image as the address of itself: curves over time, foot strikes as ticks at the bottom.
 
     Args:
-        t_s: (T,) session seconds. strikes: by side, session seconds.
+        t_s: (T,) session seconds. strikes: by side, session seconds. empty: what to say where there is no curve.
     """
     span = Span(float(t_s[0]), float(t_s[-1]))
     low, high = _range(curves)
@@ -58,7 +58,7 @@ def picture(t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], u
     parts += [_ticks(span, times, COLOURS[side]) for side, times in strikes.items()]
     names = " ".join(
         f'<tspan fill="{COLOURS[one.side]}" dx="14">{escape(one.name)}</tspan>' for one in curves
-    ) or '<tspan fill="#78909c">no angle chosen</tspan>'  # fmt: skip
+    ) or f'<tspan fill="#78909c" dx="14">{escape(empty)}</tspan>'  # fmt: skip
     parts.append(f'<text x="{_LEFT}" y="{_TOP + 8}" font-size="15" font-weight="600">{names}</text>')
     width, height = SIZE_PX
     text = (

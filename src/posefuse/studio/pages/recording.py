@@ -72,6 +72,7 @@ class _Recording:
         self._span = Span(player.begin_s, player.end_s)
         self._drawn: object = None
         self._joints: JointAngles | None = None
+        self._worked_out = False
         with ui.element("div").classes("pf-split"):
             self._videos(stream)
             with card("3D") as head:
@@ -139,7 +140,7 @@ class _Recording:
 
     def show_angles(self, joints: JointAngles | None) -> None:
         """Take the angles when they are there."""
-        self._joints = joints
+        self._joints, self._worked_out = joints, True
         names = [] if joints is None else [f"{j} {a}" for q, j in enumerate(joints.joints) for a in joints.angle_names[q]]
         self._chosen.set_options(names, value=_first(names))
         self._redraw()
@@ -151,7 +152,8 @@ class _Recording:
         gait = opened.gaits.get(n)
         strikes = {} if gait is None else {side: times + self._span.begin_s for side, times in gait.strike_s.items()}
         curves = [] if self._joints is None else [_curve(self._joints, n, text) for text in self._chosen.value]
-        self._plot.set_source(picture(opened.t_s, curves, strikes, "°"))
+        empty = "" if self._worked_out else "Angles are being worked out ..."
+        self._plot.set_source(picture(opened.t_s, curves, strikes, "°", empty))
 
     def _pointed(self, event: events.MouseEventArguments) -> None:
         if event.type == "mousedown" or event.buttons:
