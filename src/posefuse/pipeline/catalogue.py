@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -218,7 +218,7 @@ def _looked_at(path: Path) -> Listed:
     )
 
 
-def _recorded(made: dict[str, Any]) -> str:
+def _recorded(made: Mapping[str, Any]) -> str:
     """The time that the camera stated, or at which the live session began, in UTC; empty where neither is known."""
     if "recorded" in made:
         return str(made["recorded"])

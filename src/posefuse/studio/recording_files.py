@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import mimetypes
 from typing import Any
 
 from fastapi import Response
 from fastapi.responses import FileResponse
-from nicegui import run
 
 from posefuse.core import PosefuseError
 from posefuse.pipeline.catalogue import thumbnail
@@ -21,15 +21,13 @@ _SANDBOX = {"Content-Security-Policy": "sandbox allow-scripts; default-src 'unsa
 def add_routes(app: Any, workspace: StudioWorkspace) -> None:
     """Serve ``/studio/thumbnail?name=RECORDING`` and ``/studio/file?name=FILE``."""
 
-    @app.get("/studio/thumbnail")
     async def small_picture(name: str) -> Response:
         try:
-            picture = await run.io_bound(thumbnail, workspace.existing(name), workspace.root)
+            picture = await asyncio.to_thread(thumbnail, workspace.existing(name), workspace.root)
         except PosefuseError as error:
             return Response(str(error), status_code=404, media_type="text/plain")
         return Response(picture, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=60"})
 
-    @app.get("/studio/file")
     def file(name: str) -> Response:
         try:
             path = workspace.existing(name)
@@ -42,3 +40,6 @@ def add_routes(app: Any, workspace: StudioWorkspace) -> None:
             return FileResponse(path, media_type="text/html", headers=_SANDBOX)
         kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
         return FileResponse(path, media_type=kind, filename=path.name)
+
+    app.get("/studio/thumbnail")(small_picture)
+    app.get("/studio/file")(file)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import PurePosixPath
 
 import numpy as np
-from nicegui import events, run, ui
+from nicegui import events, ui
 
 from posefuse.core import JointAngles, PosefuseError
 from posefuse.studio.edit_card import EditCard
@@ -37,7 +38,7 @@ def build(studio: Studio, name: str) -> None:
     async def load() -> None:
         try:
             path = studio.workspace.existing(name)
-            opened = await run.io_bound(open_recording, path, studio.workspace.root)
+            opened = await asyncio.to_thread(open_recording, path, studio.workspace.root)
         except PosefuseError as error:
             waiting.clear()
             refused(error)
@@ -76,11 +77,11 @@ class _Recording:
         with ui.element("div").classes("pf-split"):
             self._videos(stream)
             with card("3D") as head:
+                scene = RigScene(stream, trails=False)
                 with head:
                     ui.space()
                     for where in ("home", "top", "front", "side"):
                         ui.button(where, on_click=lambda w=where: scene.look(w)).props("flat dense no-caps")
-                scene = RigScene(stream, trails=False)
         self._transport()
         self._angles()
         with ui.element("div").classes("pf-split"):
@@ -93,9 +94,14 @@ class _Recording:
     def _videos(self, stream: str) -> None:
         with card("Videos") as head:
             tiles: list[CameraTile] = []
+
+            def show(overlay: bool) -> None:
+                for tile in tiles:
+                    tile.show(overlay)
+
             with head:
                 ui.space()
-                ui.switch("Overlay", value=True, on_change=lambda e: [tile.show(e.value) for tile in tiles])
+                ui.switch("Overlay", value=True, on_change=lambda e: show(e.value))
             with ui.element("div").classes("pf-player-tiles"):
                 for c, camera in enumerate(self._opened.recording.rig):
                     with ui.column().classes("pf-tile-box"):

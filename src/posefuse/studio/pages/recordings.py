@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import time
 from datetime import datetime
 from urllib.parse import urlencode
 
-from nicegui import run, ui
+from nicegui import ui
 
 from posefuse.core import InputError
 from posefuse.pipeline.catalogue import Listed, find_recordings, listed
@@ -60,21 +61,21 @@ class _List:
 
     async def _load(self) -> None:
         root = self._studio.workspace.root
-        paths = await run.io_bound(find_recordings, root)
+        paths = await asyncio.to_thread(find_recordings, root)
         self._names = [self._studio.workspace.name_of(path) for path in paths]
         known = {one.path: one for one in self._found}
         self._found = [known.get(path) or Listed(path=path, live=path.suffix == ".mcap") for path in paths]
         self._show()
         shown_s = time.monotonic()
         for place, path in enumerate(paths):
-            self._found[place] = await run.io_bound(listed, path)
+            self._found[place] = await asyncio.to_thread(listed, path)
             if time.monotonic() - shown_s > _SHOW_EVERY_S:
                 self._show()
                 shown_s = time.monotonic()
         self._show()
 
     async def _look_again(self) -> None:
-        paths = await run.io_bound(find_recordings, self._studio.workspace.root)
+        paths = await asyncio.to_thread(find_recordings, self._studio.workspace.root)
         if [self._studio.workspace.name_of(path) for path in paths] != self._names:
             await self._load()
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
 import posefuse as pf
 from posefuse.core import PosefuseError
@@ -176,8 +177,8 @@ class _Plan:
             return
         camera = camera_of(self._scene, self._chosen)
         image = replace(camera.image, size_px=tuple(self._size.value), horizontal_fov_deg=float(values[0]))
-        place, look = tuple(map(float, values[1:4])), tuple(map(float, values[4:7]))
-        changed = replace(camera, position_m=place, look_at_m=look, image=image)
+        x, y, z, to_x, to_y, to_z = map(float, values[1:])
+        changed = replace(camera, position_m=(x, y, z), look_at_m=(to_x, to_y, to_z), image=image)
         if changed != camera and self._name.value == camera.name:
             self._try(lambda: with_camera(self._scene, changed))
 
@@ -214,7 +215,7 @@ class _Plan:
             self._map.set_content(cameras_svg(self._cameras, self._chosen, room))
             self._stream.publish("setup", setup_message(scene_setup(rig_of_scene(scene))), keep=True)
             step_m = _COARSE_M if self._dragged else _FINE_M
-            plan = await run.io_bound(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
+            plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
             self._map.set_source(heat_picture(plan, room))
             self._show_figures(plan)
         except PosefuseError as error:

@@ -16,5 +16,5 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.P
     progress("read", 0, None, f"reading {arguments['result']}")
     recording = pf.read(result)
     session = None if recording.is_live else nearby_session(recording, result, workspace.root)
-    made = recording.export(out, arguments["formats"], session=session and session.folder, progress=progress)
+    made = recording.export(out, arguments["formats"], session=None if session is None else session.folder, progress=progress)
     return {"files": [workspace.name_of(path) for path in made]}
