@@ -7,7 +7,7 @@ from pathlib import Path
 
 from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
-from posefuse.calibration.targets.printing import board_sheet, cube_sheets, write_pdf
+from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
 from posefuse.foundation.atomic import atomic_file
 
 from .workspace import StudioWorkspace
@@ -45,7 +45,7 @@ def targets(workspace: StudioWorkspace) -> list[str]:
 
 
 def _printed(workspace: StudioWorkspace, stem: str, kind: Target, page: str) -> Printed:
-    sheets = [board_sheet(kind, page)] if isinstance(kind, Charuco) else cube_sheets(kind, page=page)  # type: ignore[arg-type]
+    sheets = board_sheets(kind, page) if isinstance(kind, Charuco) else cube_sheets(kind, page=page)  # type: ignore[arg-type]
     described = f"{FOLDER}/{stem}.toml"
     pdf = workspace.folder(FOLDER) / Path(f"{stem}.pdf")
     with atomic_file(pdf) as temporary:
