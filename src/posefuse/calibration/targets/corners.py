@@ -94,7 +94,7 @@ class CornerObservations:
 
 
 def joined(parts: Sequence[CornerObservations]) -> CornerObservations:
-    """CornerObservations of different cameras as one value; raises InputError when a camera comes twice."""
+    """Observations of different cameras as one value; raises InputError when a camera comes twice."""
     names = tuple(name for part in parts for name in part.cameras)
     if len(set(names)) != len(names):
         raise InputError(f"observations: a camera comes twice among {choices(names)}")

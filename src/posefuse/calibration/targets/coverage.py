@@ -84,7 +84,7 @@ def coverage_sheet(found: TargetCoverage, sizes_wh: Sequence[tuple[int, int]], w
 
 
 def coverage(observations: CornerObservations) -> TargetCoverage:
-    """TargetCoverage of all observations; cameras count as together when they saw the target within `SAME_MOMENT_NS`."""
+    """Coverage of all observations; cameras count as together when they saw the target within `SAME_MOMENT_NS`."""
     columns, rows = CELLS_WH
     count = len(observations.cameras)
     cells = np.zeros((count, rows, columns), np.int64)
