@@ -1,15 +1,17 @@
 """A session for bench/studio.py that costs no detector: the bundled clip with its exact truth, over the same host as a live one.
 
-    python -m bench.studio_source WORKSPACE CAMERAS
+    python bench/studio_source.py WORKSPACE CAMERAS
 
 What a server and a page do with it is what they do with a real session; how the poses came about makes no difference to them.
 """
 
 from __future__ import annotations
 
+import atexit
 import itertools
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ from posefuse.studio.jobs import JOBS_FOLDER, write_json
 from posefuse.studio.live_host import Host
 from posefuse.studio.scene.messages import image_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
+from posefuse.studio.work.live import plot_names
 from posefuse.studio.workspace import StudioWorkspace
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
@@ -47,7 +50,7 @@ def main() -> None:
     clip = clip_folder()
     truth = read_truth(clip / "truth" / "truth.npz")
     rig, poses = truth.rig, truth
-    jpegs = [images_of(path, 60) for path in sorted((clip / "videos").glob("*.mp4"))]
+    jpegs = [images_of(path, len(poses.t_ns)) for path in sorted((clip / "videos").glob("*.mp4"))]
     folder = workspace.folder(f"{JOBS_FOLDER}/{time.strftime('%Y%m%d-%H%M%S')}-live")
     write_json(
         folder / "job.json", {"id": folder.name, "work": "live", "title": "Bench", "arguments": {}, "begun_s": time.time()}
@@ -56,11 +59,13 @@ def main() -> None:
     report.publish(address=host.address)
     names = [f"cam{number:02d}" for number in range(cameras)]
     lenses = [rig.cameras[number % len(rig)] for number in range(cameras)]
-    host.publish(
-        "setup", setup_message(scene_setup(rig, poses.skeleton, plots=["left_knee flexion", "right_knee flexion"])), keep=True
-    )
+    joints = truth.joints
+    assert joints is not None, "the clip of a checkout has joint angles; that of a wheel has no truth"
+    plots = plot_names(joints)
+    host.publish("setup", setup_message(scene_setup(rig, poses.skeleton, plots=plots)), keep=True)
     cov = np.broadcast_to(np.diag([1.0, 1.0, 4.0]) * _SIGMA_M**2, (*poses.xyz_world.shape[1:3], 3, 3))
     begun, sent = time.monotonic(), [0.0, 0.0, 0.0]
+    atexit.register(report.end, state="cancelled")
     while not report.cancelled.is_set():
         t_s = time.monotonic() - begun
         frame = int(t_s * 30) % len(poses.t_ns)
@@ -68,24 +73,25 @@ def main() -> None:
         if host.watched and t_s - sent[0] >= 1 / POSES_HZ:
             sent[0] = t_s
             host.publish("poses", poses_message(t_s, poses.person_id, xyz, cov))
-            host.publish("values", values_message(t_s, 30 + 30 * np.sin([3 * t_s, 3 * t_s + np.pi]), np.full(2, 2.0)))
+            degrees = np.degrees(joints.angle_rad[frame, 0]).ravel()
+            host.publish("values", values_message(t_s, degrees, np.full(len(degrees), np.nan)))
         if host.watched and t_s - sent[1] >= 1 / IMAGES_HZ:
             sent[1] = t_s
             for number, lens in enumerate(lenses):
                 scale = np.divide(_SHOWN_WH, lens.size_wh)
                 fused = lens.project(xyz) * scale
-                jpeg = jpegs[number % len(jpegs)][frame % 60]
+                jpeg = jpegs[number % len(jpegs)][frame]
                 message = image_message(
                     t_s, number, jpeg, _SHOWN_WH, detected_px=fused, projected_px=fused, rgba=[(38, 166, 154, 255)]
                 )
                 host.publish(("image", number), message)
         if t_s - sent[2] >= 0.25:
             sent[2] = t_s
-            host.status(_status(names, lenses, poses.person_id.tolist(), t_s))
+            host.status(_status(names, lenses, truth.person_id.tolist(), t_s, plots))
         time.sleep(0.004)
 
 
-def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float) -> dict[str, Any]:
+def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float, plots: tuple[str, ...]) -> dict[str, Any]:
     camera = {"state": "ok", "text": "", "rate_hz": 30.0, "replaced": 0.0, "captured": 30 * t_s}
     return {
         "cameras": dict.fromkeys(names, camera),
@@ -95,7 +101,7 @@ def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float) 
         "people": people,
         "names": {},
         "person": None,
-        "plots": ["left_knee flexion", "right_knee flexion"],
+        "plots": list(plots),
         "latency_p95_ms": float("nan"),
         "recording": None,
         "begun_s": 0.0,
@@ -105,4 +111,6 @@ def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float) 
 
 
 if __name__ == "__main__":
-    main()
+    # a request to end it comes as an interrupt, see `posefuse.studio.job_process`
+    with suppress(KeyboardInterrupt):
+        main()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from posefuse.api.calibrate import calibrate_extrinsics
-from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
+from posefuse.calibration.extrinsics.own_intrinsics import in_a_plane, starting_cameras
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import CalibrationError, InputError
 
@@ -35,3 +35,9 @@ def test_a_recording_that_does_not_carry_them_is_refused_by_name(lab: Any) -> No
         calibrate_extrinsics(few, target=lab.target, clocks="together")
     with pytest.raises(InputError, match="needs intrinsics to refine"):
         calibrate_extrinsics(lab.watch(), target=lab.target, focal_known_to_percent=1.0)
+
+
+def test_corners_of_one_row_of_a_board_are_no_view() -> None:
+    grid = np.array([[x, y, 0.0] for y in range(3) for x in range(4)]) * 0.054
+    assert in_a_plane(grid) and in_a_plane(grid[[0, 1, 4, 5]])
+    assert not in_a_plane(grid[:4]) and not in_a_plane(grid[[0, 5, 10]])

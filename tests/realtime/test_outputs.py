@@ -246,6 +246,32 @@ def test_a_healthy_session_has_no_failure(fed: Fed, tmp_path: Path) -> None:
     assert {topics.POSE.name, topics.DETECTIONS.name, topics.DIAGNOSTICS.name} <= recorded
 
 
+def test_an_output_is_added_and_removed_while_the_session_runs(fed: Fed, tmp_path: Path) -> None:
+    second = tmp_path / "second.mcap"
+    until(lambda: fed.taken() > 0, fed.feed)
+    fed.outputs.add("second", RecordConfig(path=second))
+    until(lambda: fed.outputs.health["second"].taken > 20, fed.feed)
+    fed.outputs.remove("second")
+    # it stays in the list until its file is whole
+    until(lambda: "second" not in fed.outputs.health, fed.feed)
+    taken = fed.taken()
+    until(lambda: fed.taken() > taken + 5, fed.feed)
+    said: list[str] = []
+    assert len(list(read_poses(second, warn=said.append))) > 20 and said == []
+    # what a recording must have seen before all poses came to the later one, too
+    assert next(read_mcap(second, {topics.JOINT_CENTRES.name})).topic == topics.JOINT_CENTRES.name
+    assert not fed.outputs.failed and fed.state() == OK
+
+
+def test_an_added_output_that_cannot_be_opened_fails_alone(fed: Fed, tmp_path: Path) -> None:
+    until(lambda: fed.taken() > 0, fed.feed)
+    fed.outputs.add("second", RecordConfig(path=tmp_path / "nowhere" / "second.mcap"))
+    until(lambda: fed.outputs.health["second"].state == FAILED, fed.feed)
+    assert "nowhere" in fed.outputs.health["second"].text and fed.state() == OK
+    fed.outputs.remove("second")
+    until(lambda: "second" not in fed.outputs.health, fed.feed)
+
+
 def test_what_cannot_be_opened_is_reported_before_the_session_begins(tmp_path: Path) -> None:
     pytest.importorskip("mcap", reason="the extra ros is not installed")
     outputs = OutputProcess(plan(tmp_path / "no" / "live.mcap"))

@@ -1,6 +1,7 @@
 """Jobs run in processes of their own; their state is in files that any server of the workspace reads."""
 
 import json
+import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -59,6 +60,19 @@ def test_a_cancelled_job_is_interrupted(workspace: StudioWorkspace, monkeypatch:
         return {}
 
     assert done(workspace, run, monkeypatch).state == "cancelled"
+
+
+def test_a_job_whose_workspace_was_deleted_ends(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    went_on = []
+
+    def run(*_: Any) -> Mapping[str, Any]:
+        shutil.rmtree(workspace.path(f"{JOBS_FOLDER}/one"))
+        threading.Event().wait(20.0)
+        went_on.append(True)
+        return {}
+
+    done(workspace, run, monkeypatch)
+    assert not went_on
 
 
 def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: StudioWorkspace) -> None:

@@ -9,7 +9,7 @@ from posefuse.core.arrays import Array
 
 # blurring by one pixel takes most of the fine detail of a sharp image, and little of one that is blurred already
 _BLUR_PX = 1.0
-# share of the Laplacian's energy that such a blur leaves; `python -m bench.studio focus` measures it for known blurs
+# share of the Laplacian's energy that such a blur leaves; `python bench/studio.py focus` measures it for known blurs
 _MOST_LEFT = 0.35
 # parts of an image without edges say nothing
 _LEAST_EDGE_DN = 12.0

@@ -11,12 +11,13 @@ import time
 import traceback
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import PosefuseError
+from posefuse.core import InputError, PosefuseError
 
 from .jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
 from .workspace import StudioWorkspace
@@ -71,9 +72,13 @@ class JobReporter:
 
     def _run(self) -> None:
         while not self._over.wait(_EVERY_S):
-            if (self._folder / "cancel").exists() and not self.cancelled.is_set():
+            gone = not self._folder.is_dir()
+            if (gone or (self._folder / "cancel").exists()) and not self.cancelled.is_set():
                 self.cancelled.set()
                 _thread.interrupt_main()
+            if gone:
+                # a workspace that was deleted: no one can ask for the result, or for the end, any more
+                return
             if self._report != self._written or time.time() - self._written_s > _ALIVE_S:
                 self._write()
 
@@ -81,7 +86,9 @@ class JobReporter:
         with self._lock:
             report, self._written_s = self._report, time.time()
             self._written = report
-        write_json(self._folder / "state.json", asdict(replace(report, told_s=self._written_s)))
+        # a full disk must not end the work: its next report may find room
+        with suppress(InputError, OSError):
+            write_json(self._folder / "state.json", asdict(replace(report, told_s=self._written_s)))
 
 
 def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None:

@@ -19,7 +19,7 @@ _LOOK_S = 0.7
 
 
 class LiveLink:
-    """Follows whatever session of a kind runs in the workspace, whoever started it.
+    """Follows whatever session of a kind runs in the workspace, whichever server started it.
 
     Args:
         work: `LIVE` or `WATCH`.

@@ -95,13 +95,20 @@ def check_carried(cameras: Sequence[Camera], observations: CornerObservations, s
     )  # fmt: skip
 
 
+def in_a_plane(points: Array) -> bool:
+    """Whether corners (n, 3) of a target span a plane; those of one row of a board have no pose."""
+    return bool(np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-9) >= 2)
+
+
 def _start(observations: CornerObservations, c: int, target: Target) -> Camera:
     name, size = observations.cameras[c], observations.sizes_wh[c]
     mine = observations.rows(observations.camera == c)
     key = np.stack([mine.t_ns, mine.patch], axis=1)
     place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(place)
-    views = np.flatnonzero(count >= _LEAST_CORNERS)
+    many = np.flatnonzero(count >= _LEAST_CORNERS)
+    corners = {view: target.corners(int(mine.patch[place == view][0]))[mine.corner[place == view]] for view in many.tolist()}
+    views = np.array([view for view, points in corners.items() if in_a_plane(points)], np.intp)
     if len(views) < _LEAST_VIEWS:
         raise CalibrationError(f"camera {name}: {len(views)} views of the target, its intrinsics need at least {_LEAST_VIEWS}")
     # large views know more of the perspective
@@ -110,7 +117,7 @@ def _start(observations: CornerObservations, c: int, target: Target) -> Camera:
     points, pixels = [], []
     for view in chosen:
         rows = place == view
-        points.append(target.corners(int(mine.patch[rows][0]))[mine.corner[rows]].astype(np.float32))
+        points.append(corners[int(view)].astype(np.float32))
         pixels.append(mine.xy_img[rows].astype(np.float32))
     K = np.array([[0.9 * size[0], 0, (size[0] - 1) / 2], [0, 0.9 * size[0], (size[1] - 1) / 2], [0, 0, 1]])
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO

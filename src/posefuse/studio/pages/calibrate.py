@@ -25,7 +25,7 @@ _REFRESH_S = 0.7
 _LARGER = 50.0
 _BUTTONS: Mapping[str, tuple[str, str]] = {
     "print": ("Print targets", "print"),
-    "film": ("Start filming", "fiber_manual_record"),
+    "film": ("Start recording", "fiber_manual_record"),
     "solve": ("Calibrate", "play_arrow"),
     "use": ("Use this rig", "check"),
 }
@@ -109,11 +109,8 @@ class _Guide:
             ui.space()
             ui.switch("Sound", on_change=lambda event: setattr(self, "_sound", bool(event.value)))
         self._tiles = ui.column().classes("w-full gap-3")
-        with ui.element("div").classes("pf-split"):
-            with ui.element("div").classes("pf-column"):
-                self._results = ui.column().classes("w-full gap-4")
-            with ui.element("div").classes("pf-column"):
-                self._lights = ui.column().classes("w-full")
+        self._lights = ui.column().classes("w-full")
+        self._results = ui.element("div").classes("pf-halves")
         self._refresh()
         ui.timer(_REFRESH_S, self._refresh)
 
@@ -125,14 +122,15 @@ class _Guide:
         )
         solving = next((one for one in studio.jobs.running("calibrate")
                         if one.arguments["folder"] == self._project.folder), None)  # fmt: skip
-        state = (watching and watching.id, solving and solving.id, known, bool(studio.watch.status.get("cameras")))
+        sizes = [one["size_wh"] for one in studio.watch.status.get("cameras", {}).values()]
+        state = (watching and watching.id, solving and solving.id, known, sizes)
         if state != self._state:
             self._state = state
             self._rebuild(known, watching is not None, solving)
         if watching is not None and studio.watch.status:
             words = studio.watch.status["words"]
             self._words.set_text(words[:1].upper() + words[1:])
-            self._why.set_text(f"filming {studio.watch.status['record']}: {studio.watch.status['seconds']:.0f} s")
+            self._why.set_text(f"recording {studio.watch.status['record']}: {studio.watch.status['seconds']:.0f} s")
         if solving is not None:
             self._bar.clear()
             with self._bar:
@@ -147,7 +145,7 @@ class _Guide:
         self._tiles.clear()
         if watching:
             with self._bar:
-                ui.button("Stop filming", icon="stop", on_click=self._stop).props("unelevated no-caps color=negative").classes(
+                ui.button("Stop recording", icon="stop", on_click=self._stop).props("unelevated no-caps color=negative").classes(
                     "self-start"
                 )
             self._watch_tiles()
@@ -169,7 +167,9 @@ class _Guide:
             if text:
                 ui.button(text, icon=icon, on_click=lambda: self._act(step)).props("unelevated no-caps size=lg")
             if step.action == "solve":
-                ui.button("Film again", icon="fiber_manual_record", on_click=lambda: self._film(step.step)).props("flat no-caps")
+                ui.button("Record again", icon="fiber_manual_record", on_click=lambda: self._film(step.step)).props(
+                    "flat no-caps"
+                )
             if step.action == "film" and step.why.startswith("Refused"):
                 ui.button("Calculate again", icon="refresh", on_click=lambda: self._solve(step.step)).props("flat no-caps")
             if step.action != "print":
@@ -200,7 +200,7 @@ class _Guide:
         arguments = {
             "setup": self._project.setup, "target": self._project.target(step), "record": name, "project": self._project.name
         }  # fmt: skip
-        self._studio.jobs.start(WATCH, f"Filming {name}", arguments, page="/calibrate")
+        self._studio.jobs.start(WATCH, f"Recording {name}", arguments, page="/calibrate")
 
     def _stop(self) -> None:
         if self._studio.watch.job is not None:

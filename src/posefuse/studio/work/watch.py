@@ -8,8 +8,9 @@ with a target, when enough is covered.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -23,6 +24,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.realtime.camera_feed import CameraFeed, FedFrame
 from posefuse.realtime.recorder import exposure_warning
+from posefuse.realtime.video_keeping import read_counts
 from posefuse.studio.focus import focus_warning
 from posefuse.studio.jobs import write_json
 from posefuse.studio.live_host import Host, Pace, status_pace
@@ -33,6 +35,7 @@ from posefuse.studio.workspace import StudioWorkspace
 
 IMAGES_HZ = 15.0
 _JUDGE_S, _REST_S, _IDLE_S = 1.0, 0.005, 0.1
+_FINISH_S = 90.0
 _SHOWN_PX, _QUALITY = 480, 70
 
 
@@ -45,7 +48,10 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     target = str(arguments.get("target") or "")
     detector = TargetDetector(read_target(workspace.existing(target))) if target else None
     record = str(arguments.get("record") or "")
-    with CameraFeed(inputs_of_setup(workspace, setup), packets=bool(record)) as feed:
+    inputs = inputs_of_setup(workspace, setup)
+    # packets of files come in any encoding, and again from the start where a video begins again: they are encoded anew
+    packets = bool(record) and all(entry.kind != "video" for entry in inputs)
+    with CameraFeed(inputs, packets=packets) as feed:
         videos = None
         if record:
             if workspace.path(record).exists():
@@ -58,10 +64,22 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         with suppress(KeyboardInterrupt):
             watched.run(stop_when_enough=bool(target))
     state = watched.guidance
-    if record:
+    if videos is not None:
+        progress("finish the videos", 0, None)
+        _wait_finished(videos, feed.cameras)
         covered = {"covered": state.covered.tolist(), "linked": state.linked.tolist(), "cells": state.coverage.cells.tolist()}
         write_json(workspace.path(f"{record}/coverage.json"), {"cameras": list(feed.cameras), "enough": state.enough, **covered})
     return {"record": record, "enough": state.enough, "words": state.words if detector else ""}
+
+
+def _wait_finished(videos: Path, cameras: Sequence[str]) -> None:
+    """On a machine with little time to spare, frames are still being encoded when the cameras are closed."""
+    end_s = time.monotonic() + _FINISH_S
+    while time.monotonic() < end_s and not all((videos / f"{camera}.json").is_file() for camera in cameras):
+        time.sleep(_IDLE_S)
+    for name, one in read_counts(videos, cameras).items():
+        if not one.finished:
+            raise InputError(f"{videos.parent.name}: the video of {name} is not complete ({one.fault}); record again")
 
 
 class _Watch:
