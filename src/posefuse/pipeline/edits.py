@@ -8,13 +8,14 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Le
 
+from posefuse.association.settings import PeopleNames
 from posefuse.core import InputError, Observations, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.settings import settings
 
-from .config import FARTHEST_S, PeopleNames
+from .config import FARTHEST_S
 
 SessionSeconds = Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)]
 
