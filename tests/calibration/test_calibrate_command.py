@@ -139,11 +139,11 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
             "--out",
             str(refused),
             "--report",
-            str(page),
+            str(refused.with_suffix(".html")),
             *videos,
         )
     assert not refused.exists()
-    assert "extrinsics: refused: cause" in page.read_text()
+    assert "extrinsics: refused: cause" in refused.with_suffix(".html").read_text()
 
 
 @pytest.mark.parametrize(("late_s", "settings"), [((0.0, 0.0, 0.0, 0.0), False), ((0.0, 0.12, -0.05, 0.031), True)])
