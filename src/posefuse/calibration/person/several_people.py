@@ -98,7 +98,7 @@ def _follow(going: list[_Going], i: int, frame: Detections2D) -> None:
     size = np.array([np.ptp(frame.xy_img[p][np.isfinite(frame.xy_img[p, :, 0])], axis=0).max() for p in seen])
     expected = np.array([one.expected(frame.t_ns) for one in going]).reshape(-1, 2)
     away = np.linalg.norm(middle[:, None] - expected[None], axis=-1) / np.maximum(size, 1.0)[:, None]
-    taken = set()
+    taken: set[int] = set()
     for p, g in zip(*linear_sum_assignment(np.minimum(away, 10 * _SAME_PERSON)), strict=True):
         if away[p, g] <= _SAME_PERSON:
             one, passed_s = going[g], (frame.t_ns - going[g].last_ns) / 1e9

@@ -244,7 +244,11 @@ def _charuco_side(grey: Array, detector: Any, side: int) -> Corners:
 
 
 def _joined(parts: list[Corners]) -> Corners:
-    return Corners(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("patch", "corner", "xy_img")))
+    return Corners(
+        patch=np.concatenate([part.patch for part in parts]),
+        corner=np.concatenate([part.corner for part in parts]),
+        xy_img=np.concatenate([part.xy_img for part in parts]),
+    )
 
 
 def _aruco_board_finder(target: ArucoBoard) -> Callable[[Array], Corners]:
