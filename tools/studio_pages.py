@@ -82,6 +82,7 @@ class Watched:
         page = self._browser.new_page(viewport={"width": size[0], "height": size[1]})
         page.on("request", lambda request: self._asked(request.url))
         page.on("websocket", lambda socket: self._asked(socket.url.replace("ws://", "http://", 1)))
+        page.on("response", lambda answer: self.errors.append(f"{answer.status} {answer.url}") if answer.status >= 500 else None)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         return page
 

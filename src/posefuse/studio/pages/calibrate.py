@@ -247,5 +247,8 @@ class _Guide:
         rig = read_rig(self._studio.workspace.existing(f"{self._project.folder}/rig.toml"))
         cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in result.get("position_cov_m2", {}).items()}
         self._studio.stream(name).publish("setup", setup_message(scene_setup(rig, centre_cov=cov)), keep=True)
-        with card(f"The rig; errors of positions (95 %) drawn {_LARGER:.0f} times larger"), ui.element("div").classes("pf-stage"):
+        with (
+            card(f"The rig; errors of positions (2 standard deviations) drawn {_LARGER:.0f} times larger"),
+            ui.element("div").classes("pf-stage"),
+        ):
             RigScene(name)
