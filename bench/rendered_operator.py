@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.api.detector import detector
-from posefuse.core import Detections2D, Frame, Rig
+from posefuse.core import Detections2D, Frame, InputError, Rig
 from posefuse.detection import region_from_pose
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.settings import settings_from_mapping
@@ -22,7 +22,7 @@ from posefuse.realtime.gate import KeypointGate
 from posefuse.realtime.joint_centres import Centring
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.session import ready_tracker
-from posefuse.simulation.scene import Scene
+from posefuse.simulation.scene import Scene, read_scene
 from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources.video import VideoConfig
 from posefuse.teleoperation.hands import operator_view
@@ -52,8 +52,17 @@ def scene_of_task(boxes: int, rate_hz: float, seed: int) -> Scene:
 
 
 def rendered(folder: Path, boxes: int, rate_hz: float, seed: int, progress=None) -> SessionPaths:
-    """The session of the task; one that was interrupted is continued."""
-    return simulate(scene_of_task(boxes, rate_hz, seed), folder, progress or (lambda done, total: None), None)
+    """The session of the task; one that was interrupted is continued, one that is finished is used as it is.
+
+    Raises:
+        InputError: the folder holds anything else, or the session of another task.
+    """
+    scene, paths = scene_of_task(boxes, rate_hz, seed), SessionPaths(folder)
+    if not paths.truth.exists() or (folder / "INCOMPLETE").exists():
+        return simulate(scene, folder, progress or (lambda done, total: None), None)
+    if read_scene(paths.scene) != scene:
+        raise InputError(f"{folder}: holds the session of another task; choose another folder")
+    return paths
 
 
 @dataclass(frozen=True)
