@@ -22,7 +22,7 @@ from posefuse.tracking.stand_in import made_up_detections
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 DOMAIN = 14 + os.getpid() % 80
-LATENCY_S, AFTER_S, PATIENCE_S = 0.03, 6.0, 180.0
+LATENCY_S, AFTER_S, PATIENCE_S = 0.03, 6.0, 400.0
 COUNT = 10_000
 
 
@@ -45,7 +45,8 @@ def test_ten_thousand_messages_do_not_harm_a_running_fusion_node(demo_session: P
                     time.sleep(max(0.0, (view.t_ns - time.time_ns()) / 1e9 + LATENCY_S))
                     stages = {"received": view.t_ns + 10_000_000}
                     node.publish(topics.DETECTIONS, message_from_detections(view, stages), view.t_ns)
-                    sent[view.camera] += 1
+                    # those before the session began are not tracked
+                    sent[view.camera] += heard > 0
                 now_s, heard = time.monotonic(), heard + len(poses.take())
                 # under way for some seconds
                 if flooder is None and heard > 300:
