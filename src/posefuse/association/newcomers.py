@@ -72,7 +72,7 @@ def _of_pairs(candidates: Candidates, free: Array, settings: AssociateSettings) 
     seen = np.isfinite(gap).sum(axis=1)
     near = (gap < 2 * settings.tolerance_m).sum(axis=1)
     keep = (near >= LEAST_POINTS) & (near >= settings.min_share * seen)
-    return poses[keep]
+    return np.asarray(poses[keep])
 
 
 def _most_convincing(

@@ -40,8 +40,8 @@ def pose2d_rate_hz(session: Session, frames: Sequence[Pose2DFrames], config: Tra
             f"or rate_hz = HZ to {session.folder / 'posefuse.toml'}"
         )
     if max(rates.values()) > min(rates.values()) * (1 + _SAME_SHARE):
-        stated = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
-        raise InputError(f"{session.folder}: expected one frame rate, got {stated}; add --rate HZ")
+        different = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
+        raise InputError(f"{session.folder}: expected one frame rate, got {different}; add --rate HZ")
     return float(np.median(list(rates.values())))
 
 

@@ -12,6 +12,7 @@ from posefuse.foundation.platform import peak_memory_mb
 
 from .clock import SessionClock
 from .config import LiveConfig
+from .controls import KeepVideos, ShowImages
 from .messages import Centres, SeenView
 from .network_intake import NetworkIntake
 from .news import Say
@@ -58,6 +59,9 @@ class NetworkViews:
     def start(self, clock: SessionClock) -> int:
         """They come already; the session counts from when it began to wait for them."""
         return self._begun_ns
+
+    def control(self, request: ShowImages | KeepVideos) -> None:
+        """Cameras of other machines take no requests: images and videos are switched by their own nodes' options."""
 
     def channels(self) -> list[Channel]:
         """For `select`."""

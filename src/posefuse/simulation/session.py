@@ -162,8 +162,8 @@ def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Prog
     if not isinstance(live.scene.record, H264Settings):
         for camera in live.rig:
             (paths.videos / camera.name).mkdir(exist_ok=True)
-    for camera in cameras_with_depth(live):
-        paths.depth(camera).mkdir(parents=True, exist_ok=True)
+    for name in cameras_with_depth(live):
+        paths.depth(name).mkdir(parents=True, exist_ok=True)
     total = sum(len(shots) for shots in live.shots)
     missing = [run for run in runs if not run.done.is_file()]
     done = total - sum(run.frames.stop - run.frames.start for run in missing)

@@ -71,4 +71,4 @@ def steadied(steady: Steady | None, view: OperatorView, noise_m: float) -> Stead
 
 
 def _length(vectors: Array) -> Array:
-    return np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(np.linalg.norm(vectors, axis=-1, keepdims=True))

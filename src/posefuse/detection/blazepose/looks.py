@@ -11,9 +11,10 @@ import numpy as np
 from posefuse.core import SKELETONS, ModelError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.detection.models import LandmarkDecoding, ModelCard
+from posefuse.detection.openvino_cpu import Precision
 
 from .landmarks import landmarks_from_outputs
-from .network import BlazePoseNetwork, Precision
+from .network import BlazePoseNetwork
 from .noise import NoiseModel, read_noise
 
 # a network whose presence is below this says nothing about where keypoints are

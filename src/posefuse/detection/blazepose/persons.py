@@ -15,9 +15,10 @@ import numpy as np
 from posefuse.core import ModelError, Region
 from posefuse.core.arrays import Array
 from posefuse.detection.models import ModelCard, PersonDecoding
+from posefuse.detection.openvino_cpu import Precision
 from posefuse.detection.regions import img_from_crop
 
-from .network import BlazePoseNetwork, Precision
+from .network import BlazePoseNetwork
 
 # the circle is tight; the landmark network was trained on squares this much larger
 _ROOM = 1.25
