@@ -28,7 +28,7 @@ from playwright.sync_api import Error as PlaywrightError
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZES = {"": (1280, 800), "_phone": (390, 844)}
-_GL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _PATIENCE_S = 240.0
 _PERSON_MS = 30_000.0
 
@@ -169,7 +169,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
         workspace, port = Path(place), free_port()
         base = f"http://127.0.0.1:{port}"
-        browser = playwright.chromium.launch(executable_path=options.chromium, args=["--no-sandbox", *_GL])
+        browser = playwright.chromium.launch(executable_path=options.chromium, args=["--no-sandbox", *GRAPHICS])
         watched = Watched(browser, base)
         with server(workspace, port):
             if options.stand_in:

@@ -1,11 +1,15 @@
 """Tokens, hosts and origins: checked before the application sees a request or a websocket."""
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from posefuse.studio.access import Access, AccessMiddleware, is_loopback, may_view
+from posefuse.studio.pages.phone import record_or_stop
+from posefuse.studio.state import Studio
+from posefuse.studio.workspace import StudioWorkspace
 
 LOCAL = Access.of("127.0.0.1", 8765)
 OPEN = Access(
@@ -93,3 +97,18 @@ def test_loopback_addresses_are_known() -> None:
     assert [is_loopback(host) for host in ("127.0.0.1", "127.8.9.1", "localhost", "::1", "0.0.0.0", "192.168.1.7", "lab")] == [
         True, True, True, True, False, False, False,
     ]  # fmt: skip
+
+
+def test_a_phone_records_only_where_the_owner_allows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    studio, asked = Studio.of(StudioWorkspace(tmp_path), OPEN), list[str]()
+    monkeypatch.setattr(studio.live, "ask", lambda request, **values: asked.append(request))
+    record_or_stop(studio)
+    assert asked == []
+    studio.phone_may_record = True
+    record_or_stop(studio)
+    studio.live.status = {"recording": {"folder": "recordings/walk"}}
+    record_or_stop(studio)
+    assert asked == ["record", "stop_recording"]
+    studio.phone_may_record = False
+    record_or_stop(studio)
+    assert asked == ["record", "stop_recording"]

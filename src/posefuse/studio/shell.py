@@ -34,7 +34,9 @@ def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
         with ui.button(icon="qr_code_2", on_click=lambda: _phone(studio)).props('flat round dense aria-label="Phone"'):
             ui.tooltip("On a phone")
         _jobs_menu(studio)
-        with ui.button(icon="contrast", on_click=lambda: dark.set_value(not dark.value)).props("flat round dense"):
+        with ui.button(icon="contrast", on_click=lambda: dark.set_value(not dark.value)).props(
+            'flat round dense aria-label="Light or dark"'
+        ):
             ui.tooltip("Light or dark")
     with ui.footer().classes("pf-bottom").props('role="navigation" aria-label="Pages"'):
         for page in PAGES:
@@ -67,9 +69,14 @@ def _phone(studio: Studio) -> None:
         def show(name: str) -> None:
             address = access.phone_address(name)
             picture.set_content(segno.make(address, error="m").svg_inline(scale=6, border=3, light="#fff"))
-            line.set_text(f"http://{name}:{access.port}/phone with a token that allows looking and recording only")
+            line.set_text(f"http://{name}:{access.port}/phone with a token that opens this page only")
+
+        def allow(on: bool) -> None:
+            studio.phone_may_record = on
 
         ui.select(access.network_names, value=access.network_names[0], label="Address", on_change=lambda event: show(event.value))
+        ui.switch("The phone may start and stop recordings", value=studio.phone_may_record,
+                  on_change=lambda event: allow(bool(event.value)))  # fmt: skip
         show(access.network_names[0])
 
 

@@ -19,6 +19,7 @@ class Studio:
     Attributes:
         workspace: the files. access: who may look. jobs: long work. streams: what pages draw, by name.
         live: the live session that runs, if any. watch: the same of cameras that are watched without tracking.
+        phone_may_record: whether the phone page may begin and end a recording; the owner allows it, until the server ends.
     """
 
     workspace: StudioWorkspace
@@ -27,6 +28,7 @@ class Studio:
     live: LiveLink
     watch: LiveLink
     streams: dict[str, Stream] = field(default_factory=dict)
+    phone_may_record: bool = False
 
     @classmethod
     def of(cls, workspace: StudioWorkspace, access: Access) -> Studio:

@@ -12,13 +12,13 @@ from urllib.parse import quote
 import numpy as np
 from nicegui import ui
 
+from posefuse.calibration.targets.printing import PAGES_M
 from posefuse.core import PosefuseError
 from posefuse.studio.calibrations import LIGHTS, Known, Project, lights
 from posefuse.studio.shell import card, light, refused
 from posefuse.studio.state import Studio
 from posefuse.studio.targets import print_board, print_cube, targets
 
-_PAGES = ("a4", "a3", "a2", "a1", "letter")
 _REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "verified.html"}
 _TITLES = {"intrinsics": "Lenses", "extrinsics": "Positions", "verify": "Verification"}
 _FULL_COUNT = 12
@@ -85,7 +85,7 @@ async def print_dialog(studio: Studio, project: Project) -> Project | None:
     known = targets(studio.workspace)
     with ui.dialog() as dialog, ui.card().classes("gap-3"):
         ui.label("Targets").classes("pf-h2")
-        page = ui.select(list(_PAGES), value="a4", label="Paper").classes("w-32")
+        page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
         with ui.row().classes("items-end gap-3"):
             marker = ui.number("Cube: black square, mm", value=120, min=20, max=500).classes("w-44")
         with ui.row().classes("items-end gap-3"):

@@ -1,4 +1,4 @@
-"""Phone: the session to look at, read-only, and the button that records."""
+"""Phone: the session to look at, read-only; with the button that records where the owner allows it."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ def _session(studio: Studio, status: Mapping[str, Any]) -> list[Any]:
     refreshers = []
     with ui.element("div").classes("pf-stage"):
         RigScene(LIVE, ellipsoids=False)
-    record = (
-        ui.button("Record", on_click=lambda: _record(studio)).props("unelevated size=lg color=negative no-caps").classes("w-full")
-    )
+    record = ui.button("Record", on_click=lambda: record_or_stop(studio)).classes("w-full")
+    record.props("unelevated size=lg color=negative no-caps")
 
     def refresh(now: Mapping[str, Any]) -> None:
+        record.set_visibility(studio.phone_may_record)
         record.set_text("Stop recording" if now.get("recording") else "Record")
 
     with ui.element("div").classes("pf-grid"):
@@ -76,7 +76,13 @@ def _session(studio: Studio, status: Mapping[str, Any]) -> list[Any]:
     return [refresh, *refreshers]
 
 
-def _record(studio: Studio) -> None:
+def record_or_stop(studio: Studio) -> None:
+    """Begin a recording, or end the one that runs; nothing where the owner does not allow it.
+
+    A hidden button is no lock: a phone can send a click for it all the same, so that it is asked here, too.
+    """
+    if not studio.phone_may_record:
+        return
     if studio.live.status.get("recording"):
         studio.live.ask("stop_recording")
     else:

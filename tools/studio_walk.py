@@ -1,0 +1,256 @@
+"""The whole way through the studio in real Chromium, by clicking: from nothing to a verified rig, a live recording, its report.
+
+    python tools/studio_walk.py --pictures out/walk
+
+The cameras are simulated: `tools/studio_walk.yaml`, a cube and a board that are moved before four cameras, is rendered first
+(``--session DIR`` takes a rendered one); the person is the bundled clip, in which the same four cameras stand in the same places.
+All videos are played at their own pace, again and again, as if they came from cameras.
+
+It prints the time of each step and counts requests to other hosts, errors of pages and lines of the browser's console. It ends
+with 1 where there was one, where a step failed, or where the way took longer than `LIMIT_S`.
+Needs Chromium (``--chromium PATH``) and the extras `dev` and `sim`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Page, expect, sync_playwright
+from studio_pages import GRAPHICS, ROOT, SIZES, Watched, free_port, server
+
+LIMIT_S = 300.0
+_PATIENCE_MS = 240_000.0
+_CAMERAS = ("cam00", "cam01", "cam02", "cam03")
+_RECORD_S = 12.0
+_RIG = "calibrations/room/rig.toml"
+# as in the scene
+_TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "5", "down": "4", "square, mm": "140"}
+
+
+class Walk:
+    """One visitor with one tab, a clock and a camera for screenshots."""
+
+    def __init__(self, page: Page, base: str, pictures: Path | None) -> None:
+        self.page, self._base, self._pictures = page, base, pictures
+        self.took_s: dict[str, float] = {}
+
+    @contextmanager
+    def step(self, what: str) -> Iterator[None]:
+        """Time it, and take a picture of how it ended, also where it failed."""
+        begun_s, good = time.monotonic(), False
+        try:
+            yield
+            good = True
+        finally:
+            self.took_s[what] = time.monotonic() - begun_s
+            print(f"{'ok  ' if good else 'FAIL'}  {self.took_s[what]:6.1f} s  {what}", flush=True)
+            self.picture(f"{len(self.took_s):02d} {what}".replace(" ", "_"))
+
+    def picture(self, name: str, page: Page | None = None) -> None:
+        """A screenshot of this tab or another one, where pictures are wanted."""
+        if self._pictures is not None:
+            (page or self.page).screenshot(path=self._pictures / f"{name}.png")
+
+    def open(self) -> None:
+        """The first page, as the browser of a newcomer opens it."""
+        self.page.goto(self._base)
+
+    def go(self, name: str) -> None:
+        """Another page, by the navigation."""
+        self.page.locator(".pf-nav").get_by_role("link", name=name).click()
+        self.see(self.page.get_by_role("heading", name=name, level=1))
+
+    def press(self, name: str) -> None:
+        """A button, when it is there."""
+        self.page.get_by_role("button", name=name, exact=True).first.click(timeout=_PATIENCE_MS)
+
+    def fill(self, label: str, text: str) -> None:
+        """A field."""
+        field = self.page.get_by_label(label, exact=True)
+        field.fill(text)
+        field.blur()
+
+    def choose(self, label: str, option: str) -> None:
+        """An entry of a list."""
+        self.page.get_by_label(label, exact=True).first.click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+
+    def see(self, what: object) -> None:
+        """Wait until it is shown."""
+        expect(what if not isinstance(what, str) else self.page.get_by_text(what).first).to_be_visible(timeout=_PATIENCE_MS)  # type: ignore[call-overload]
+
+
+def walk(way: Walk) -> None:
+    """All of it."""
+    _cameras(way, "targets", "targets", rig="")
+    _calibrate(way)
+    _cameras(way, "person", "person", rig=_RIG)
+    _live(way)
+    _report(way)
+
+
+def _cameras(way: Walk, folder: str, preset: str, *, rig: str) -> None:
+    with way.step(f"cameras of {preset}"):
+        way.open() if not rig else way.go("Cameras")
+        for camera in _CAMERAS:
+            way.press(f"Add {folder}/{camera}.mp4")
+        way.press("Show images")
+        expect(way.page.get_by_text("640x480")).to_have_count(len(_CAMERAS), timeout=_PATIENCE_MS)
+    with way.step(f"preset {preset}"):
+        way.press("Save as preset")
+        way.fill("Name of the preset", preset)
+        if rig:
+            way.choose("Rig file, if calibrated already", rig)
+        way.press("Save")
+        way.see(f"Saved as {preset}")
+
+
+def _calibrate(way: Walk) -> None:
+    with way.step("new calibration"):
+        way.go("Calibrate")
+        way.press("New calibration")
+        way.page.get_by_role("checkbox", name="Calibrate the lenses first").click()
+        way.press("Begin")
+        way.see("Print a cube and a board")
+    with way.step("targets to print"):
+        way.press("Print targets")
+        way.choose("Paper", "a0")
+        for label, text in _TARGETS.items():
+            way.fill(label, text)
+        way.press("Make PDF files")
+        way.see("Print at 100 %")
+        way.picture("targets")
+        way.press("Use these")
+        way.see("Move the cube where two cameras see it")
+    with way.step("the cube is recorded"):
+        way.press("Start recording")
+        way.see("Covered so far")
+        way.page.wait_for_timeout(4000)
+        way.picture("cube_while_recording")
+        way.see("Find where the cameras stand")
+    with way.step("positions"):
+        way.press("Calibrate")
+        way.see("Show the board to two cameras at once")
+    with way.step("the board is recorded"):
+        way.press("Start recording")
+        way.see("Verify the rig")
+    with way.step("verification"):
+        way.press("Calibrate")
+        way.see("The rig is verified")
+    with way.step("the rig is used"):
+        way.press("Use this rig")
+        way.see("Start a session")
+
+
+def _live(way: Walk) -> None:
+    page = way.page
+    with way.step("live session, until a person is seen in 3D"):
+        way.go("Live")
+        way.choose("Cameras", "person")
+        way.press("Start")
+        page.locator(".pf-person").first.wait_for(state="visible", timeout=_PATIENCE_MS)
+    with way.step("a name for the person"):
+        page.get_by_label("Name", exact=True).last.fill("Ada")
+        page.get_by_label("Name", exact=True).last.press("Enter")
+        way.see(page.locator(".pf-person", has_text="Ada").first)
+    with way.step("poses to another program"), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
+        taker.bind(("127.0.0.1", 9001))
+        taker.settimeout(20.0)
+        page.get_by_role("switch", name="JSON over UDP").click()
+        if b"left_knee" not in taker.recv(65536):
+            raise AssertionError("no pose in the first message")
+        way.see("messages to")
+        page.get_by_role("switch", name="JSON over UDP").click()
+        expect(page.get_by_text("messages to")).to_have_count(0, timeout=_PATIENCE_MS)
+    with way.step(f"a recording of {_RECORD_S:.0f} s"):
+        page.get_by_label("Name", exact=True).first.fill("walk")
+        way.press("Record")
+        way.see("● recordings/walk")
+        page.wait_for_timeout(1e3 * _RECORD_S)
+        way.picture("live_while_recording")
+        way.press("Stop")
+        expect(page.get_by_text("● recordings/walk")).to_have_count(0, timeout=_PATIENCE_MS)
+    with way.step("the session ends"):
+        way.press("End session")
+        way.press("End it")
+        way.see("Start a session")
+
+
+def _report(way: Walk) -> None:
+    page = way.page
+    with way.step("the recording in the list"):
+        way.go("Recordings")
+        page.get_by_role("link", name="recordings/walk/recording.mcap", exact=True).click(timeout=_PATIENCE_MS)
+        way.see("Angles and gait events")
+    with way.step("its angles"):
+        way.see("left_knee flexion")
+    with way.step("its report"):
+        way.press("Make the report")
+        with page.context.expect_page() as opened:
+            page.get_by_role("link", name="Open the page").click(timeout=_PATIENCE_MS)
+        opened.value.wait_for_load_state()
+        way.picture("report", opened.value)
+        if "left knee" not in opened.value.inner_text("body").lower().replace("_", " "):
+            raise AssertionError("the report says nothing about knees")
+
+
+def render(folder: Path) -> Path:
+    """The session of cube and board."""
+    scene = ROOT / "tools" / "studio_walk.yaml"
+    subprocess.run([sys.executable, "-m", "posefuse", "simulate", str(scene), "--out", str(folder)], check=True)
+    return folder
+
+
+def fill(workspace: Path, session: Path) -> None:
+    """What stands for cameras: videos."""
+    for name, videos in (("targets", session / "videos"), ("person", ROOT / "examples" / "demo" / "videos")):
+        shutil.copytree(videos, workspace / name)
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--session", type=Path, metavar="DIR", help="a rendered tools/studio_walk.yaml; one is made otherwise")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write a screenshot of each step here")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for the workspace, which stays")
+    parser.add_argument("--chromium", default="/usr/bin/chromium")
+    options = parser.parse_args()
+    if options.pictures is not None:
+        options.pictures.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
+        workspace, port = options.keep or Path(place) / "lab", free_port()
+        workspace.mkdir()
+        fill(workspace, options.session or render(Path(place) / "session"))
+        base = f"http://127.0.0.1:{port}"
+        browser = playwright.chromium.launch(executable_path=options.chromium, args=["--no-sandbox", *GRAPHICS])
+        watched = Watched(browser, base)
+        failed = ""
+        with server(workspace, port):
+            way = Walk(watched.page(SIZES[""]), base, options.pictures)
+            try:
+                walk(way)
+            except Exception as error:  # noqa: BLE001 - whatever ended the way is reported with its figures
+                failed = str(error)
+            finally:
+                for folder in (workspace / ".posefuse-studio" / "jobs").glob("*"):
+                    (folder / "cancel").touch()
+        browser.close()
+    total_s = sum(way.took_s.values())
+    print(f"{total_s:.0f} s in all; {watched.requests} requests, {len(watched.elsewhere)} elsewhere: {watched.elsewhere[:5]}")
+    print(f"errors of pages: {watched.errors[:5]}")
+    if failed:
+        print(f"failed: {failed}")
+    return int(bool(failed or watched.elsewhere or watched.errors or total_s > LIMIT_S))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
