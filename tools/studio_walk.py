@@ -33,7 +33,7 @@ _CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 _RECORD_S = 12.0
 _RIG = "calibrations/room/rig.toml"
 # as in the scene
-_TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "5", "down": "4", "square, mm": "140"}
+_TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "200"}
 
 
 class Walk:
@@ -58,7 +58,7 @@ class Walk:
     def picture(self, name: str, page: Page | None = None) -> None:
         """A screenshot of this tab or another one, where pictures are wanted."""
         if self._pictures is not None:
-            (page or self.page).screenshot(path=self._pictures / f"{name}.png")
+            (page or self.page).screenshot(path=self._pictures / f"{name}.png", full_page=True)
 
     def open(self) -> None:
         """The first page, as the browser of a newcomer opens it."""
@@ -144,7 +144,7 @@ def _calibrate(way: Walk) -> None:
         way.press("Start recording")
         way.see("Verify the rig")
     with way.step("verification"):
-        way.press("Calibrate")
+        way.press("Verify")
         way.see("The rig is verified")
     with way.step("the rig is used"):
         way.press("Use this rig")

@@ -39,7 +39,7 @@ def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together(
     for k in range(40):
         state = seen(state, 2, k * 10**9 + 5 * 10**8, everywhere(), SIZE)
     assert not state.enough
-    assert state.words == "show the target to one of a, b and one of c at the same time"
+    assert state.words == "show the target to one of a, b and to c at the same time"
     for k in range(40, 80):
         state = seen(seen(state, 0, k * 10**9, everywhere(), SIZE), 2, k * 10**9, everywhere(), SIZE)
     assert state.enough
@@ -85,7 +85,7 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     assert sorted(look.camera for look in looks) == [0, 1]
     assert looks[-1].state is found
     assert looks[0].corners.patch.tolist() == [3, 3, 3, 3]
-    assert told == ["show the target to one of a and one of b at the same time"]
+    assert told == ["show the target to a and to b at the same time"]
     broken = LiveInput("b", "film", Film(None, "b"), reopen=False)
     with CameraFeed([inputs[0], broken]) as feed, pytest.raises(SourceError, match="camera b: unplugged"):
         guide(feed, Markers(0.1), lambda state: None, lambda look: None, 5.0)

@@ -4,10 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
 from posefuse.core import InputError
 from posefuse.studio.calibrations import Known, Project, Step, known_of, lights, next_step, projects, save_project
+from posefuse.studio.guiding import advice_for, enough_for
 from posefuse.studio.jobs import write_json
 from posefuse.studio.workspace import StudioWorkspace
 
@@ -84,3 +87,20 @@ def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> N
     assert not known.passed("verify") and known.cameras == ("left",)
     with pytest.raises(InputError):
         save_project(workspace, replace(READY, name="../x"))
+
+
+def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
+    rng = np.random.default_rng(3)
+    names = ("a", "b", "c")
+    for _ in range(200):
+        cells = rng.integers(0, 2, (3, 6, 8)) * (rng.random((3, 1, 1)) < 0.8)
+        together = np.triu(rng.integers(0, 2 * ENOUGH_TOGETHER, (3, 3)))
+        found = TargetCoverage(names, cells, together + np.triu(together, 1).T)
+        ready = {step: enough_for(step, found) for step in STEPS}
+        assert not ready["extrinsics"] or (ready["intrinsics"] and ready["verify"])
+        assert all(advice_for(step, found).startswith("enough") == ready[step] for step in STEPS)
+        # lenses: pairs do not matter; verification: images do not
+        alone = replace(found, together=np.diag(np.diag(found.together)))
+        assert enough_for("intrinsics", alone) == ready["intrinsics"] and not enough_for("verify", alone)
+        assert "same time" not in advice_for("intrinsics", alone)
+        assert enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]

@@ -21,7 +21,7 @@ from posefuse.studio.setups import (
     setups,
     source_text,
 )
-from posefuse.studio.targets import print_board, print_cube, targets
+from posefuse.studio.targets import print_board, print_cube, targets, without_floor
 from posefuse.studio.workspace import StudioWorkspace
 
 CAMERAS = {"left": "usb:/dev/video0", "right": "rtsp://camera/stream"}
@@ -76,7 +76,9 @@ def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace
     board = print_board(workspace, columns=5, rows=7, square_mm=36, page="a4")
     cube = print_cube(workspace, marker_mm=120, page="a4")
     assert read_target(workspace.existing(board.target)) == Charuco(columns=5, rows=7, square_m=0.036, marker_m=0.027)
-    assert read_target(workspace.existing(cube.target)) == Markers(side_m=0.12, ids=(44, 45, 46, 47, 48, 49))
+    assert read_target(workspace.existing(cube.target)) == Markers(side_m=0.12, ids=(43, 44, 45, 46, 47, 48, 49))
+    assert without_floor(read_target(workspace.existing(cube.target))) == Markers(side_m=0.12, ids=(44, 45, 46, 47, 48, 49))
+    assert without_floor(read_target(workspace.existing(board.target))) == read_target(workspace.existing(board.target))
     assert workspace.existing(cube.pdf).read_bytes().startswith(b"%PDF")
     assert targets(workspace) == sorted([board.target, cube.target])
 

@@ -14,7 +14,7 @@ from .workspace import StudioWorkspace, check_name
 
 FOLDER = "calibrations"
 LIGHTS = ("intrinsics", "overlap", "extrinsics", "clocks", "scale", "verified")
-Action = Literal["print", "film", "solve", "use", "done"]
+Action = Literal["print", "film", "solve", "use"]
 Step = Literal["intrinsics", "extrinsics", "verify"]
 _COVERAGE = "coverage.json"
 
@@ -90,7 +90,7 @@ def next_step(project: Project, known: Known) -> Next:
     if not project.cube or not project.board:
         return Next(
             words="Print a cube and a board",
-            why="Glue the six markers on a stiff box and the board on a flat plate; measure the printed ruler.",
+            why="Glue six markers on a stiff box and the board on a flat plate; marker 43 is for the floor. Measure the ruler.",
             action="print",
         )
     steps: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify") if project.lenses else ("extrinsics", "verify")
@@ -108,7 +108,10 @@ def next_step(project: Project, known: Known) -> Next:
 
 _FILM: Mapping[Step, tuple[str, str]] = {
     "intrinsics": ("Show the board to each camera", "Near and far, tilted, into every corner of each image."),
-    "extrinsics": ("Move the cube where two cameras see it", "Slowly through the whole volume, turning it."),
+    "extrinsics": (
+        "Move the cube where two cameras see it",
+        "Slowly through the whole volume, turning it; marker 43 lies on the floor, face up, where two cameras see it.",
+    ),
     "verify": ("Show the board to two cameras at once", "A target that the rig was not made from tells its true error."),
 }
 _SOLVE: Mapping[Step, str] = {

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
-from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, cube_sheets, write_pdf
+from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
 from posefuse.foundation.atomic import atomic_file
 
 from .workspace import StudioWorkspace
@@ -15,6 +15,8 @@ from .workspace import StudioWorkspace
 FOLDER = "targets"
 # the last of the 50 markers of the dictionary; a board takes the first ones, so that it can lie in view of a cube's recording
 _FIRST_CUBE_ID = 50 - CUBE_IDS
+FLOOR_ID = _FIRST_CUBE_ID - 1
+"""Marker that is printed with a cube and lies on the floor: the world's origin, and what is up."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,13 +38,20 @@ def print_board(workspace: StudioWorkspace, *, columns: int, rows: int, square_m
 
 
 def print_cube(workspace: StudioWorkspace, *, marker_mm: float, page: str) -> Printed:
-    """Six markers for the faces of a cube; none of them is on a board of up to 44 markers.
+    """Six markers for the faces of a cube, and one for the floor; none of them is on a board of up to 43 markers.
 
     Raises:
         ConfigError: markers that do not fit on the page.
     """
-    ids = tuple(range(_FIRST_CUBE_ID, _FIRST_CUBE_ID + CUBE_IDS))
+    ids = (FLOOR_ID, *range(_FIRST_CUBE_ID, _FIRST_CUBE_ID + CUBE_IDS))
     return _printed(workspace, f"cube {marker_mm:g} mm", Markers(side_m=marker_mm / 1e3, ids=ids), page)
+
+
+def without_floor(target: Target) -> Target:
+    """What of a target is moved."""
+    if isinstance(target, Markers) and FLOOR_ID in target.ids:
+        return replace(target, ids=tuple(one for one in target.ids if one != FLOOR_ID))
+    return target
 
 
 def targets(workspace: StudioWorkspace) -> list[str]:
@@ -51,8 +60,8 @@ def targets(workspace: StudioWorkspace) -> list[str]:
     return [f"{FOLDER}/{path.name}" for path in sorted(folder.glob("*.toml"))] if folder.is_dir() else []
 
 
-def _printed(workspace: StudioWorkspace, stem: str, kind: Target, page: str) -> Printed:
-    sheets = board_sheets(kind, page) if isinstance(kind, Charuco) else cube_sheets(kind, _FIRST_CUBE_ID, page)  # type: ignore[arg-type]
+def _printed(workspace: StudioWorkspace, stem: str, kind: Charuco | Markers, page: str) -> Printed:
+    sheets = board_sheets(kind, page) if isinstance(kind, Charuco) else marker_sheets(kind, kind.ids, page)
     described = f"{FOLDER}/{stem}.toml"
     pdf = workspace.folder(FOLDER) / Path(f"{stem}.pdf")
     with atomic_file(pdf) as temporary:

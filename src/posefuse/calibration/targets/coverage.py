@@ -57,8 +57,8 @@ class TargetCoverage:
             return f"show the target to {', '.join(hidden)}"
         groups = linked_groups(self.together >= ENOUGH_TOGETHER)
         if len(groups) > 1:
-            first, second = (", ".join(self.cameras[i] for i in group) for group in groups[:2])
-            return f"show the target to one of {first} and one of {second} at the same time"
+            first, second = ("one of " * (len(group) > 1) + ", ".join(self.cameras[i] for i in group) for group in groups[:2])
+            return f"show the target to {first} and to {second} at the same time"
         poorest = int(np.argmin(self.share))
         row, column = np.unravel_index(np.argmin(self.cells[poorest]), self.cells[poorest].shape)
         height = ("top", "middle", "bottom")[int(3 * row / self.cells.shape[1])]

@@ -17,12 +17,17 @@ from posefuse.studio.scene.messages import setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.scene.view import CameraTile, RigScene
 from posefuse.studio.setups import DEMO, Setup, save_setup, setup_named, setups
-from posefuse.studio.shell import card, job_line, refused, title
+from posefuse.studio.shell import card, job_line, light, refused, title
 from posefuse.studio.state import Studio
+from posefuse.studio.targets import FLOOR_ID
 
 _REFRESH_S = 0.7
 # errors of millimetres would not be seen in a room
 _LARGER = 50.0
+_NO_FLOOR = (
+    f"No marker {FLOOR_ID} was seen on the floor: up is estimated from the cameras, and the height of the floor is not known. Lay"
+    " it down and record again, so that people stand on the floor."
+)
 _BUTTONS: Mapping[str, tuple[str, str]] = {
     "print": ("Print targets", "print"),
     "film": ("Start recording", "fiber_manual_record"),
@@ -162,10 +167,9 @@ class _Guide:
         self._show_results(known)
 
     def _buttons(self, step: Next) -> None:
-        text, icon = _BUTTONS.get(step.action, ("", ""))
+        text, icon = ("Verify", "verified") if (step.action, step.step) == ("solve", "verify") else _BUTTONS[step.action]
         with self._bar, ui.row().classes("gap-3 items-center"):
-            if text:
-                ui.button(text, icon=icon, on_click=lambda: self._act(step)).props("unelevated no-caps size=lg")
+            ui.button(text, icon=icon, on_click=lambda: self._act(step)).props("unelevated no-caps size=lg")
             if step.action == "solve":
                 ui.button("Record again", icon="fiber_manual_record", on_click=lambda: self._film(step.step)).props(
                     "flat no-caps"
@@ -198,7 +202,8 @@ class _Guide:
             self._studio.jobs.cancel(self._studio.watch.job.id)
         name = self._studio.workspace.free_name(self._project.folder, f"{step}-1").replace(f"{step}-1-", f"{step}-")
         arguments = {
-            "setup": self._project.setup, "target": self._project.target(step), "record": name, "project": self._project.name
+            "setup": self._project.setup, "target": self._project.target(step), "record": name, "project": self._project.name,
+            "step": step,
         }  # fmt: skip
         self._studio.jobs.start(WATCH, f"Recording {name}", arguments, page="/calibrate")
 
@@ -247,8 +252,11 @@ class _Guide:
         rig = read_rig(self._studio.workspace.existing(f"{self._project.folder}/rig.toml"))
         cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in result.get("position_cov_m2", {}).items()}
         self._studio.stream(name).publish("setup", setup_message(scene_setup(rig, centre_cov=cov)), keep=True)
-        with (
-            card(f"The rig; errors of positions (2 standard deviations) drawn {_LARGER:.0f} times larger"),
-            ui.element("div").classes("pf-stage"),
-        ):
-            RigScene(name)
+        with card("The rig"):
+            with ui.element("div").classes("pf-stage"):
+                RigScene(name)
+            ui.label(f"Ellipsoids: errors of positions, two standard deviations, {_LARGER:.0f} times larger.").classes("pf-small")
+            if result.get("world"):
+                light("good", f"origin and floor {result['world']}")
+            else:
+                light("doubt", _NO_FLOOR)

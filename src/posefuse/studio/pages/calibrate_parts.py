@@ -17,7 +17,7 @@ from posefuse.core import PosefuseError
 from posefuse.studio.calibrations import LIGHTS, Known, Project, lights
 from posefuse.studio.shell import card, light, refused
 from posefuse.studio.state import Studio
-from posefuse.studio.targets import print_board, print_cube, targets
+from posefuse.studio.targets import FLOOR_ID, print_board, print_cube, targets
 
 _REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "verified.html"}
 _TITLES = {"intrinsics": "Lenses", "extrinsics": "Positions", "verify": "Verification"}
@@ -110,7 +110,9 @@ async def print_dialog(studio: Studio, project: Project) -> Project | None:
             with made:
                 ui.link(f"Open {cube.pdf}", f"/studio/file?name={quote(cube.pdf)}", new_tab=True)
                 ui.link(f"Open {board.pdf}", f"/studio/file?name={quote(board.pdf)}", new_tab=True)
-                ui.label("Print at 100 %, then measure the ruler on the sheet.").classes("pf-small")
+                ui.label(f"Print at 100 %, then measure the ruler on the sheet. Marker {FLOOR_ID} is for the floor.").classes(
+                    "pf-small"
+                )
 
         ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline no-caps")
         cubes = ui.select(known, value=project.cube or None, label="Cube in use").classes("w-72")

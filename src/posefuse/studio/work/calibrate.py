@@ -11,11 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, verify
+from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, observe_target, verify
 from posefuse.api.calibration_results import IntrinsicsCalibration, RigCalibration, RigVerification
+from posefuse.calibration.extrinsics.floor import FloorMarker
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
+from posefuse.calibration.targets.description import read_target
+from posefuse.calibration.targets.recordings import check_seen, open_sources
 from posefuse.core import InputError
 from posefuse.studio.jobs import write_json
+from posefuse.studio.targets import FLOOR_ID, without_floor
 from posefuse.studio.workspace import StudioWorkspace
 
 LENSES, RIG, CLOCKS = "lenses.toml", "rig.toml", "posefuse.toml"
@@ -60,11 +64,15 @@ def _extrinsics(
 ) -> dict[str, Any]:
     folder = workspace.existing(str(arguments["folder"]))
     lenses = folder / LENSES
+    kind = read_target(target)
+    seen = observe_target(videos, target=kind, every=_EVERY, progress=progress)
+    check_seen(seen.rows(seen.patch != FLOOR_ID), open_sources(videos), without_floor(kind))
+    on_floor = len(seen.of_patches([FLOOR_ID])) > 0 and without_floor(kind) != kind
     found: RigCalibration = calibrate_extrinsics(
-        videos,
+        seen,
         intrinsics=lenses if lenses.is_file() else None,
-        target=target,
-        every=_EVERY,
+        target=kind,
+        floor=FloorMarker(FLOOR_ID) if on_floor else None,
         clocks=arguments.get("clocks") or "auto",
         progress=progress,
     )
@@ -75,6 +83,7 @@ def _extrinsics(
         "passed": True,
         "cameras": list(found.rig.names),
         "reports": [_report(found.report)],
+        "world": "from the marker on the floor" if on_floor else "",
         "clocks": "offsets found" if found.clocks is not None else "synchronised",
         "cells": {name: np.asarray(cells).tolist() for name, cells in found.cells.items()},
         "position_cov_m2": {name: np.asarray(cov).tolist() for name, cov in found.position_cov_m2.items()},

@@ -1,8 +1,8 @@
 """Cameras without tracking: images with what is wrong in them, and with a target also what is covered so far; videos on request.
 
 Arguments: ``setup`` (a preset) or ``sources`` (by camera name); ``target`` (a target file of the workspace; empty: none);
-``record`` (a new folder of the workspace for the videos; empty: none). It ends when it is cancelled, when its sources end, or,
-with a target, when enough is covered.
+``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for. It ends when
+it is cancelled, when its sources end, or, with a target, when enough is covered.
 """
 
 from __future__ import annotations
@@ -25,12 +25,15 @@ from posefuse.core.arrays import Array
 from posefuse.realtime.camera_feed import CameraFeed, FedFrame
 from posefuse.realtime.recorder import exposure_warning
 from posefuse.realtime.video_keeping import read_counts
+from posefuse.studio.calibrations import Step
 from posefuse.studio.focus import focus_warning
+from posefuse.studio.guiding import advice_for, enough_for
 from posefuse.studio.jobs import write_json
 from posefuse.studio.live_host import Host, Pace, status_pace
 from posefuse.studio.scene.messages import image_message, setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.setups import Setup, inputs_of_setup, setup_named
+from posefuse.studio.targets import without_floor
 from posefuse.studio.workspace import StudioWorkspace
 
 IMAGES_HZ = 15.0
@@ -46,7 +49,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     else:
         setup = Setup(name="cameras", sources={str(name): str(what) for name, what in arguments["sources"].items()})
     target = str(arguments.get("target") or "")
-    detector = TargetDetector(read_target(workspace.existing(target))) if target else None
+    detector = TargetDetector(without_floor(read_target(workspace.existing(target)))) if target else None
     record = str(arguments.get("record") or "")
     inputs = inputs_of_setup(workspace, setup)
     # packets of files come in any encoding, and again from the start where a video begins again: they are encoded anew
@@ -57,19 +60,19 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
             if workspace.path(record).exists():
                 raise InputError(f"{record}: exists already; choose another name")
             videos = workspace.folder(f"{record}/videos")
-        watched = _Watch(feed, detector, record)
+        watched = _Watch(feed, detector, record, arguments.get("step") or "extrinsics")
         progress.publish(address=watched.host.address)
         feed.begin(videos)
         # a user who has seen enough ends it: what was recorded is complete then, too
         with suppress(KeyboardInterrupt):
             watched.run(stop_when_enough=bool(target))
-    state = watched.guidance
+    state, enough = watched.guidance, watched.enough
     if videos is not None:
         progress("finish the videos", 0, None)
         _wait_finished(videos, feed.cameras)
         covered = {"covered": state.covered.tolist(), "linked": state.linked.tolist(), "cells": state.coverage.cells.tolist()}
-        write_json(workspace.path(f"{record}/coverage.json"), {"cameras": list(feed.cameras), "enough": state.enough, **covered})
-    return {"record": record, "enough": state.enough, "words": state.words if detector else ""}
+        write_json(workspace.path(f"{record}/coverage.json"), {"cameras": list(feed.cameras), "enough": enough, **covered})
+    return {"record": record, "enough": enough}
 
 
 def _wait_finished(videos: Path, cameras: Sequence[str]) -> None:
@@ -85,10 +88,10 @@ def _wait_finished(videos: Path, cameras: Sequence[str]) -> None:
 class _Watch:
     """The loop over the newest frames."""
 
-    def __init__(self, feed: CameraFeed, detector: TargetDetector | None, record: str) -> None:
+    def __init__(self, feed: CameraFeed, detector: TargetDetector | None, record: str, step: Step) -> None:
         self.host = Host(lambda name, values: None, lambda on: None)
         self.guidance: Guidance = start(feed.cameras)
-        self._feed, self._detector, self._record = feed, detector, record
+        self._feed, self._detector, self._record, self._step = feed, detector, record, step
         self._paces = [Pace(1 / IMAGES_HZ) for _ in feed.cameras]
         self._judged_s = [0.0] * len(feed.cameras)
         self._warnings: dict[str, str] = {}
@@ -98,10 +101,15 @@ class _Watch:
         self._begun_s = time.time()
         self.host.publish("setup", setup_message(scene_setup()), keep=True)
 
+    @property
+    def enough(self) -> bool:
+        """Whether what is covered is enough for the step."""
+        return enough_for(self._step, self.guidance.coverage)
+
     def run(self, *, stop_when_enough: bool) -> None:
         """Until the sources end, or enough is covered; an interrupt ends it, too."""
         pace = Pace(status_pace(True))
-        while not (stop_when_enough and self.guidance.enough):
+        while not (stop_when_enough and self.enough):
             over = self._feed.over
             self._feed.check()
             for fed in self._feed.newest():
@@ -152,8 +160,8 @@ class _Watch:
                 for state in self._feed.states()
             },
             "target": self._detector is not None,
-            "words": self.guidance.words,
-            "enough": self.guidance.enough,
+            "words": advice_for(self._step, covered),
+            "enough": self.enough,
             "covered": self.guidance.covered.tolist(),
             "linked": self.guidance.linked.tolist(),
             "together": covered.together.tolist(),
