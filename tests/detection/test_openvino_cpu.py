@@ -44,4 +44,4 @@ def test_no_thread_is_pinned_to_a_core_while_it_infers(slow_network: ov.Model) -
                 assert os.sched_getaffinity(int(task.name)) == allowed
             except ProcessLookupError:
                 continue
-    thread.join()
+    thread.join(60.0)

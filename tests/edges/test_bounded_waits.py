@@ -19,7 +19,11 @@ SAYS_AND_STAYS = [sys.executable, "-u", "-c", "import time; print('hello'); time
 def unbounded(path: Path) -> list[str]:
     """Calls that may wait for ever, with their lines."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    limited = {id(call.args[0]) for call in ast.walk(tree) if isinstance(call, ast.Call) and _is_wait_for(call)}
+    for node in ast.walk(tree):
+        if id(node) in limited:
+            continue
         if isinstance(node, ast.For | ast.comprehension):
             waits = isinstance(node.iter, ast.Attribute) and node.iter.attr in STREAMS
             node = node.iter
@@ -28,6 +32,10 @@ def unbounded(path: Path) -> list[str]:
         if waits:
             found.append(f"{path.name}:{node.lineno}: {ast.unparse(node)[:80]}")
     return found
+
+
+def _is_wait_for(call: ast.Call) -> bool:
+    return ast.unparse(call.func) == "asyncio.wait_for" and len(call.args) + len(call.keywords) > 1 and bool(call.args)
 
 
 def waits_for_ever(call: ast.Call) -> bool:

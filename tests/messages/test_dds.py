@@ -115,7 +115,7 @@ def test_strangers_messages_are_refused_and_counted_and_the_good_ones_kept(local
         xy_px=np.array([1, 2, 3, 4], np.float32), score=np.array([0.5, 1], np.float32),
         sigma_px=np.array([1, 1], np.float32), box_px=np.array([0, 0, 9, 9], np.float32),
         clothing_lab=np.zeros(0, np.float32), depth_m=np.zeros(0, np.float32),
-        stages=[message("posefuse_msgs/msg/Stage", name="captured", stamp=stamp)],
+        stages=[message("posefuse_msgs/msg/Stage", name="captured", stamp=stamp)], captured=0, used=0, showing_ns=0,
     )  # fmt: skip
     # byte for byte what Cyclone DDS makes of the hand-written type
     assert encode(same) in raws

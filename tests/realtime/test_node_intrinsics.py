@@ -40,7 +40,7 @@ def test_the_fusion_works_with_the_intrinsics_of_the_nodes(ring_rig):
         timer = threading.Timer(2.0, tell_intrinsics, (b, theirs, ["cam01"], time.time_ns()))
         timer.start()
         found = rig_of_nodes(rig, NETWORK, said.append, 30.0)
-        timer.join()
+        timer.join(30.0)
     for camera in found:
         np.testing.assert_array_equal(camera.K, theirs[camera.name].K)
         np.testing.assert_array_equal(camera.cam_from_world.matrix4(), rig[camera.name].cam_from_world.matrix4())

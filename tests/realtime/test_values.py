@@ -200,7 +200,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
 
 def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, said.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, said.append)
     for second in range(1200):
         monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
         news.tell(second * S)

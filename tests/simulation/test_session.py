@@ -238,7 +238,7 @@ def test_a_file_of_the_user_among_the_parts_stays(tmp_path):
     paths = sessions.SessionPaths(tmp_path)
     paths.parts.mkdir()
     run = FrameRun(0, slice(0, 1), paths.parts / "cam00-00000.mp4", paths.parts / "cam00-00000.npz")
-    for path in (run.film, run.done, paths.parts / "notes.txt"):
+    for path in (run.video, run.done, paths.parts / "notes.txt"):
         path.touch()
     remove_parts([run], paths)
     assert [path.name for path in paths.parts.iterdir()] == ["notes.txt"]

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import signal
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -27,7 +28,12 @@ def done(workspace: StudioWorkspace, run: Callable[..., Mapping[str, Any]], monk
     folder = workspace.folder(f"{JOBS_FOLDER}/one")
     job = Job(id="one", work="made_up", title="Made up", arguments={"n": 3}, begun_s=time.time())
     monkeypatch.setattr(job_process, "import_module", lambda name: SimpleNamespace(run=run))
-    job_process.run_job(workspace, job, job_process.JobReporter(folder))
+    # a test runner may ignore interrupts; a job's process does not
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        job_process.run_job(workspace, job, job_process.JobReporter(folder))
+    finally:
+        signal.signal(signal.SIGINT, before)
     return Jobs(workspace).report("one")
 
 

@@ -14,11 +14,11 @@ class Page:
         self.open, self.gone = asyncio.Event(), asyncio.Event()
 
     async def send_bytes(self, message: bytes) -> None:
-        await self.open.wait()
+        await asyncio.wait_for(self.open.wait(), 30.0)
         self.taken.append(message)
 
     async def receive(self) -> dict[str, Any]:
-        await self.gone.wait()
+        await asyncio.wait_for(self.gone.wait(), 30.0)
         return {"type": "websocket.disconnect"}
 
 

@@ -105,7 +105,7 @@ def person_in_videos(
     alone = person_views(apart, found)
     rig = rough_rig(alone, cameras, length)
     people = _MOST_PEOPLE if chosen.several_in else 1
-    views = poses_together(sources, detector, timeline, rig, alone, people, progress)
+    views = poses_together(sources, detector, timeline, rig, alone, people=people, progress=progress)
     return PersonInVideos(views=views, cameras=cameras, clocks=found, several_in=chosen.several_in)
 
 
@@ -176,7 +176,7 @@ def _heights_px(xy_img: Array) -> Array:
 
 
 def poses_together(
-    sources: Sequence[RecordedSource], detector: Detector, timeline: Timeline, rig: Rig, alone: PersonViews, people: int,
+    sources: Sequence[RecordedSource], detector: Detector, timeline: Timeline, rig: Rig, alone: PersonViews, *, people: int,
     progress: Progress,
 ) -> PersonViews:  # fmt: skip
     """The same person in every camera, each view predicted by the others.

@@ -75,7 +75,7 @@ class JobReporter:
             gone = not self._folder.is_dir()
             if (gone or (self._folder / "cancel").exists()) and not self.cancelled.is_set():
                 self.cancelled.set()
-                _thread.interrupt_main()
+                interrupt_main_thread()
             if gone:
                 # a workspace that was deleted: no one can ask for the result, or for the end, any more
                 return
@@ -111,8 +111,19 @@ def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None
         reporter.end(state="failed", error=f"{type(error).__name__}: {error} (the log has the trace)")
 
 
+def interrupt_main_thread() -> None:
+    """Raise KeyboardInterrupt in the main thread, also while it waits for something."""
+    main_thread = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and main_thread is not None:
+        # a signal wakes a thread that waits; an interrupt by the interpreter alone does not
+        signal.pthread_kill(main_thread, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
+
+
 def main() -> None:
     """Entry point."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # an interrupt from a terminal is for the server; a job is ended by `cancel`, a machine that shuts down by SIGTERM
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     workspace = StudioWorkspace(Path(sys.argv[1]))
