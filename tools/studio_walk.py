@@ -159,8 +159,9 @@ def _live(way: Walk) -> None:
         way.press("Start")
         page.locator(".pf-person").first.wait_for(state="visible", timeout=_PATIENCE_MS)
     with way.step("a name for the person"):
-        page.get_by_label("Name", exact=True).last.fill("Ada")
-        page.get_by_label("Name", exact=True).last.press("Enter")
+        name = page.get_by_label("Name of person").first
+        name.fill("Ada", timeout=_PATIENCE_MS)
+        name.press("Enter")
         way.see(page.locator(".pf-person", has_text="Ada").first)
     with way.step("poses to another program"), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("127.0.0.1", 9001))

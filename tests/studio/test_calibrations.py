@@ -4,13 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
 from posefuse.core import InputError
 from posefuse.studio.calibrations import Known, Project, Step, known_of, lights, next_step, projects, save_project
-from posefuse.studio.guiding import advice_for, enough_for
+from posefuse.studio.guiding import NEAR_FAR, advice_for, enough_for, near_far_of, size_of
 from posefuse.studio.jobs import write_json
 from posefuse.studio.workspace import StudioWorkspace
 
@@ -104,3 +105,22 @@ def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
         assert enough_for("intrinsics", alone) == ready["intrinsics"] and not enough_for("verify", alone)
         assert "same time" not in advice_for("intrinsics", alone)
         assert enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]
+
+
+def test_lenses_from_a_cube_need_it_near_and_far() -> None:
+    found = TargetCoverage(("a", "b"), np.ones((2, 6, 8)), np.full((2, 2), ENOUGH_TOGETHER))
+    assert enough_for("extrinsics", found) and enough_for("extrinsics", found, np.full(2, NEAR_FAR))
+    assert not enough_for("extrinsics", found, np.array([9.0, 1.1]))
+    assert "near b" in advice_for("extrinsics", found, np.array([9.0, 1.1]))
+
+
+def test_sizes_in_an_image_tell_the_range_of_distances() -> None:
+    square, focal_px = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * 0.1, 500.0
+    sizes = []
+    for distance_m in np.linspace(2.0, 4.0, 100):
+        turn, _ = cv2.Rodrigues(np.array([0.0, 0.7, 0.0]))
+        xyz = square @ turn.T + [0, 0, distance_m]
+        sizes.append(size_of(focal_px * xyz[:, :2] / xyz[:, 2:], np.zeros(4)))
+    near, far = np.quantile(np.linspace(2.0, 4.0, 100), [0.05, 0.95])
+    assert near_far_of([sizes, []]) == pytest.approx([far / near, 1.0], rel=0.05)
+    assert np.isnan(size_of(np.zeros((3, 2)), np.zeros(3)))

@@ -1,9 +1,11 @@
 """Newest wins: a slow page misses messages and delays no other; what stays is given to pages that come later."""
 
 import asyncio
+from types import SimpleNamespace
 from typing import Any
 
 from posefuse.studio.streams import Stream
+from posefuse.studio.work.live import nearest_pose
 
 
 class Page:
@@ -66,3 +68,9 @@ def test_a_page_that_comes_later_gets_what_stays_and_is_counted() -> None:
         assert counts == [1, 0] and not stream.watched
 
     asyncio.run(scenario())
+
+
+def test_an_image_shows_the_pose_of_its_own_time() -> None:
+    past: Any = [SimpleNamespace(t_ns=t_ns) for t_ns in (10, 20, 30)]
+    assert [nearest_pose(past, t_ns).t_ns for t_ns in (0, 14, 16, 99)] == [10, 10, 20, 30]  # type: ignore[union-attr]
+    assert nearest_pose([], 5) is None

@@ -203,7 +203,7 @@ class _Guide:
         name = self._studio.workspace.free_name(self._project.folder, f"{step}-1").replace(f"{step}-1-", f"{step}-")
         arguments = {
             "setup": self._project.setup, "target": self._project.target(step), "record": name, "project": self._project.name,
-            "step": step,
+            "step": step, "lenses": step == "extrinsics" and not self._project.lenses,
         }  # fmt: skip
         self._studio.jobs.start(WATCH, f"Recording {name}", arguments, page="/calibrate")
 
@@ -215,6 +215,7 @@ class _Guide:
         known = known_of(self._studio.workspace, self._project, tuple(self._setup.sources))
         arguments = {
             "step": step,
+            "lenses": step == "extrinsics" and not self._project.lenses,
             "folder": self._project.folder,
             "recording": known.recordings[step],
             "target": self._project.target(step),

@@ -12,6 +12,7 @@ from posefuse.outputs.drawing import person_rgb
 from posefuse.studio.shell import card, light
 from posefuse.studio.state import Studio
 
+_MOST_ROWS = 8
 Refresh = Callable[[Mapping[str, Any]], None]
 
 # what can be switched on: plug-in, words, option of the address, its usual value
@@ -80,37 +81,43 @@ def record_card(studio: Studio) -> Refresh:
 
 
 def people_card(studio: Studio) -> Refresh:
-    """Ids, colours and names; the one whose angles are shown."""
+    """Ids, colours and names; the one whose angles are shown.
+
+    A row stays where its person is lost for a while: what is being typed must not vanish with it.
+    """
     with card("People"):
-        rows = ui.column().classes("gap-2 w-full")
-    shown: list[Any] = []
+        place = ui.column().classes("gap-2 w-full")
+        none_seen = ui.label("No person is seen by two cameras.").classes("pf-small")
+    rows: dict[int, tuple[ui.row, ui.button]] = {}
 
     def refresh(status: Mapping[str, Any]) -> None:
-        state = [status["people"], status["person"]]
-        if state == shown:
-            return
-        shown[:] = state
-        rows.clear()
-        with rows:
-            for person in status["people"]:
-                _person_row(studio, person, status)
-            if not status["people"]:
-                ui.label("No person is seen by two cameras.").classes("pf-small")
+        seen = status["people"]
+        for person in seen:
+            if person not in rows:
+                with place:
+                    rows[person] = _person_row(studio, person, status["names"].get(person, ""))
+        for person in [one for one in rows if one not in seen][: max(len(rows) - _MOST_ROWS, 0)]:
+            rows.pop(person)[0].delete()
+        for person, (row, button) in rows.items():
+            row.classes(**{"remove" if person in seen else "add": "pf-absent"})
+            button.set_visibility(len(rows) > 1)
+            button.props("unelevated" if status["person"] == person else "flat")
+            button.props(remove="flat" if status["person"] == person else "unelevated")
+        none_seen.set_visibility(not rows)
 
     return refresh
 
 
-def _person_row(studio: Studio, person: int, status: Mapping[str, Any]) -> None:
+def _person_row(studio: Studio, person: int, called: str) -> tuple[ui.row, ui.button]:
     red, green, blue = person_rgb(person)
-    with ui.row().classes("items-center gap-3 no-wrap w-full"):
-        ui.element("div").style(f"width:14px;height:14px;border-radius:50%;background:rgb({red},{green},{blue})")
+    with ui.row().classes("items-center gap-3 no-wrap w-full") as row:
+        ui.element("div").classes("pf-dot").style(f"background:rgb({red},{green},{blue})")
         ui.label(f"id {person}").classes("pf-small")
-        name = ui.input("Name", value=status["names"].get(person, "")).props("dense").classes("w-36")
+        name = ui.input("Name", value=called).props(f'dense aria-label="Name of person {person}"').classes("w-36")
         name.on("blur", lambda: studio.live.ask("name", person=person, text=name.value or ""))
         name.on("keydown.enter", lambda: studio.live.ask("name", person=person, text=name.value or ""))
-        if len(status["people"]) > 1:
-            button = ui.button("Angles", on_click=lambda: studio.live.ask("person", person=person)).props("dense no-caps size=sm")
-            button.props("unelevated" if status["person"] == person else "flat")
+        button = ui.button("Angles", on_click=lambda: studio.live.ask("person", person=person)).props("dense no-caps size=sm")
+    return row, button
 
 
 def outputs_card(studio: Studio) -> Refresh:

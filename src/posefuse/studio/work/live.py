@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ from posefuse.studio.workspace import StudioWorkspace, check_name
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
 _MOST_NEWS = 30
+# more than the latency of a busy machine, at up to 100 poses a second
+_MOST_PAST = 100
 _WAIT_S = 0.1
 
 
@@ -64,6 +66,7 @@ class _Shown:
         self._rates: dict[str, float] = {}
         self._begun_s = time.time()
         self._setup_of: tuple[Skeleton, tuple[str, ...], tuple[str, ...]] | None = None
+        self._past: tuple[Pose3D, ...] = ()
         self.recordings: list[str] = []
 
     def run(self) -> None:
@@ -77,6 +80,7 @@ class _Shown:
             newest = self._session.newest()
             if newest is not None:
                 t_ns = newest.message.pose.t_ns
+                self._past = (*self._past[1 - _MOST_PAST :], newest.message.pose)
                 self._set_up(newest.message.pose.skeleton, newest.message.joints)
                 if host.watched and pose_pace.due():
                     self._publish(host, newest.message.pose, newest.message.joints)
@@ -93,13 +97,14 @@ class _Shown:
 
     def image(self, preview: LivePreview, view: Detections2D | None) -> None:
         """See `LiveSession.on_image`."""
-        host, newest = self._host, self._session.newest()
+        host = self._host
         if host is None or not host.watched:
             return
         camera = self._rig[preview.camera]
         scale = np.divide(preview.size_wh, camera.size_wh)
         seen = None if view is None else np.where(view.score[..., None] > 0, view.xy_img, np.nan) * scale
-        pose = None if newest is None else newest.message.pose
+        # the image is older than the newest pose, the more the busier the machine
+        pose = nearest_pose(self._past, preview.t_ns)
         fused = None if pose is None or not len(pose.person_id) else camera.project(pose.xyz_world) * scale
         message = image_message(
             preview.t_ns / 1e9 - self._begun_s,
@@ -223,6 +228,11 @@ class _Shown:
             self._session.switch_off("record")
         if recording["videos"]:
             self._session.keep_videos(None)
+
+
+def nearest_pose(past: Sequence[Pose3D], t_ns: int) -> Pose3D | None:
+    """The one whose time is nearest; None where there is none."""
+    return min(past, key=lambda pose: abs(pose.t_ns - t_ns), default=None)
 
 
 def plot_names(joints: JointAngles) -> tuple[str, ...]:

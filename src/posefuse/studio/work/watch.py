@@ -1,8 +1,8 @@
 """Cameras without tracking: images with what is wrong in them, and with a target also what is covered so far; videos on request.
 
 Arguments: ``setup`` (a preset) or ``sources`` (by camera name); ``target`` (a target file of the workspace; empty: none);
-``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for. It ends when
-it is cancelled, when its sources end, or, with a target, when enough is covered.
+``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for, and ``lenses``:
+whether they are to come from it, too. It ends when it is cancelled, when its sources end, or, with a target, when enough is covered.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from posefuse.realtime.recorder import exposure_warning
 from posefuse.realtime.video_keeping import read_counts
 from posefuse.studio.calibrations import Step
 from posefuse.studio.focus import focus_warning
-from posefuse.studio.guiding import advice_for, enough_for
+from posefuse.studio.guiding import advice_for, enough_for, near_far_of, size_of
 from posefuse.studio.jobs import write_json
 from posefuse.studio.live_host import Host, Pace, status_pace
 from posefuse.studio.scene.messages import image_message, setup_message
@@ -60,7 +60,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
             if workspace.path(record).exists():
                 raise InputError(f"{record}: exists already; choose another name")
             videos = workspace.folder(f"{record}/videos")
-        watched = _Watch(feed, detector, record, arguments.get("step") or "extrinsics")
+        watched = _Watch(feed, detector, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
         progress.publish(address=watched.host.address)
         feed.begin(videos)
         # a user who has seen enough ends it: what was recorded is complete then, too
@@ -88,10 +88,11 @@ def _wait_finished(videos: Path, cameras: Sequence[str]) -> None:
 class _Watch:
     """The loop over the newest frames."""
 
-    def __init__(self, feed: CameraFeed, detector: TargetDetector | None, record: str, step: Step) -> None:
+    def __init__(self, feed: CameraFeed, detector: TargetDetector | None, record: str, step: Step, lenses: bool) -> None:
         self.host = Host(lambda name, values: None, lambda on: None)
         self.guidance: Guidance = start(feed.cameras)
         self._feed, self._detector, self._record, self._step = feed, detector, record, step
+        self._sizes_px: list[list[float]] | None = [[] for _ in feed.cameras] if lenses else None
         self._paces = [Pace(1 / IMAGES_HZ) for _ in feed.cameras]
         self._judged_s = [0.0] * len(feed.cameras)
         self._warnings: dict[str, str] = {}
@@ -104,7 +105,11 @@ class _Watch:
     @property
     def enough(self) -> bool:
         """Whether what is covered is enough for the step."""
-        return enough_for(self._step, self.guidance.coverage)
+        return enough_for(self._step, self.guidance.coverage, self._near_far)
+
+    @property
+    def _near_far(self) -> Array | None:
+        return None if self._sizes_px is None else near_far_of(self._sizes_px)
 
     def run(self, *, stop_when_enough: bool) -> None:
         """Until the sources end, or enough is covered; an interrupt ends it, too."""
@@ -129,6 +134,8 @@ class _Watch:
         if self._detector is not None:
             corners = self._detector.detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
             xy = corners.xy_img
+            if self._sizes_px is not None and np.isfinite(size_px := size_of(xy, corners.patch)):
+                self._sizes_px[fed.camera].append(size_px)
             self.guidance = seen(self.guidance, fed.camera, fed.t_ns, xy, fed.frame.size_wh)
         if self.host.watched and now_s - self._judged_s[fed.camera] >= _JUDGE_S:
             self._judged_s[fed.camera] = now_s
@@ -160,7 +167,7 @@ class _Watch:
                 for state in self._feed.states()
             },
             "target": self._detector is not None,
-            "words": advice_for(self._step, covered),
+            "words": advice_for(self._step, covered, self._near_far),
             "enough": self.enough,
             "covered": self.guidance.covered.tolist(),
             "linked": self.guidance.linked.tolist(),
