@@ -33,7 +33,7 @@ _CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 _RECORD_S = 12.0
 _RIG = "calibrations/room/rig.toml"
 # as in the scene
-_TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "200"}
+_TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "220"}
 
 
 class Walk:

@@ -256,7 +256,11 @@ class _Guide:
         with card("The rig"):
             with ui.element("div").classes("pf-stage"):
                 RigScene(name)
-            ui.label(f"Ellipsoids: errors of positions, two standard deviations, {_LARGER:.0f} times larger.").classes("pf-small")
+            reference = [camera for camera in rig.names if not np.any(cov.get(camera, 0.0))]
+            against = f", against {', '.join(reference)}" if reference else ""
+            ui.label(f"Ellipsoids: errors of positions{against}, two standard deviations, {_LARGER:.0f} times larger.").classes(
+                "pf-small"
+            )
             if result.get("world"):
                 light("good", f"origin and floor {result['world']}")
             else:

@@ -1,8 +1,9 @@
 """Cameras without tracking: images with what is wrong in them, and with a target also what is covered so far; videos on request.
 
 Arguments: ``setup`` (a preset) or ``sources`` (by camera name); ``target`` (a target file of the workspace; empty: none);
-``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for, and ``lenses``:
-whether they are to come from it, too. It ends when it is cancelled, when its sources end, or, with a target, when enough is covered.
+``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for;
+``lenses``: whether they are to come from it, too. It ends when it is cancelled, when its sources end, or, with a target, when
+enough is covered.
 """
 
 from __future__ import annotations
