@@ -1,6 +1,6 @@
 """The whole way through the studio in real Chromium, by clicking: from nothing to a verified rig, a live recording, its report.
 
-    python tools/studio_walk.py --pictures out/walk
+    python tools/studio_walk.py --pictures out/walk --docs
 
 The cameras are simulated: `tools/studio_walk.yaml`, a cube and a board that are moved before four cameras, is rendered first
 (``--session DIR`` takes a rendered one); the person is the bundled clip, in which the same four cameras stand in the same places.
@@ -36,11 +36,20 @@ _RIG = "calibrations/room/rig.toml"
 _TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "220"}
 
 
-class Walk:
-    """One visitor with one tab, a clock and a camera for screenshots."""
+# pictures of docs/studio.md, and what they show
+_DOCS = {
+    "studio_cameras": "cameras of targets",
+    "studio_calibrate": "verification",
+    "studio_live": "live while recording",
+    "studio_phone_phone": "phone",
+}
 
-    def __init__(self, page: Page, base: str, pictures: Path | None) -> None:
-        self.page, self._base, self._pictures = page, base, pictures
+
+class Walk:
+    """One visitor with one tab and a phone, a clock and a camera for screenshots."""
+
+    def __init__(self, watched: Watched, base: str, pictures: Path | None) -> None:
+        self.page, self._watched, self._base, self._pictures = watched.page(SIZES[""]), watched, base, pictures
         self.took_s: dict[str, float] = {}
 
     @contextmanager
@@ -63,6 +72,12 @@ class Walk:
     def open(self) -> None:
         """The first page, as the browser of a newcomer opens it."""
         self.page.goto(self._base)
+
+    def phone(self) -> Page:
+        """The phone page, in a tab of a phone's size."""
+        page = self._watched.page(SIZES["_phone"])
+        page.goto(f"{self._base}/phone")
+        return page
 
     def go(self, name: str) -> None:
         """Another page, by the navigation."""
@@ -172,6 +187,12 @@ def _live(way: Walk) -> None:
         way.see("messages to")
         page.get_by_role("switch", name="JSON over UDP").click()
         expect(page.get_by_text("messages to")).to_have_count(0, timeout=_PATIENCE_MS)
+    with way.step("the phone page, which is read-only"):
+        phone = way.phone()
+        phone.locator(".pf-person").first.wait_for(state="visible", timeout=_PATIENCE_MS)
+        expect(phone.get_by_role("button")).to_have_count(0)
+        way.picture("phone", phone)
+        phone.close()
     with way.step(f"a recording of {_RECORD_S:.0f} s"):
         page.get_by_label("Name", exact=True).first.fill("walk")
         way.press("Record")
@@ -222,6 +243,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--session", type=Path, metavar="DIR", help="a rendered tools/studio_walk.yaml; one is made otherwise")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write a screenshot of each step here")
+    parser.add_argument("--docs", action="store_true", help="replace the pictures of docs/studio.md by those of this walk")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for the workspace, which stays")
     parser.add_argument("--chromium", default="/usr/bin/chromium")
     options = parser.parse_args()
@@ -236,7 +258,7 @@ def main() -> int:
         watched = Watched(browser, base)
         failed = ""
         with server(workspace, port):
-            way = Walk(watched.page(SIZES[""]), base, options.pictures)
+            way = Walk(watched, base, options.pictures)
             try:
                 walk(way)
             except Exception as error:  # noqa: BLE001 - whatever ended the way is reported with its figures
@@ -250,6 +272,10 @@ def main() -> int:
     print(f"errors of pages: {watched.errors[:5]}")
     if failed:
         print(f"failed: {failed}")
+    elif options.docs and options.pictures is not None:
+        for name, what in _DOCS.items():
+            picture = next(options.pictures.glob(f"*{what.replace(' ', '_')}.png"))
+            shutil.copy(picture, ROOT / "docs" / "images" / f"{name}.png")
     return int(bool(failed or watched.elsewhere or watched.errors or total_s > LIMIT_S))
 
 
