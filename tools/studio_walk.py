@@ -67,7 +67,10 @@ class Walk:
     def picture(self, name: str, page: Page | None = None) -> None:
         """A screenshot of this tab or another one, where pictures are wanted."""
         if self._pictures is not None:
-            (page or self.page).screenshot(path=self._pictures / f"{name}.png", full_page=True)
+            page = page or self.page
+            # the header stays at the top of the window
+            page.evaluate("scrollTo(0, 0)")
+            page.screenshot(path=self._pictures / f"{name}.png", full_page=True)
 
     def open(self) -> None:
         """The first page, as the browser of a newcomer opens it."""
@@ -200,7 +203,7 @@ def _live(way: Walk) -> None:
         page.wait_for_timeout(1e3 * _RECORD_S)
         way.picture("live_while_recording")
         way.press("Stop")
-        expect(page.get_by_text("● recordings/walk")).to_have_count(0, timeout=_PATIENCE_MS)
+        expect(page.get_by_text("● recordings/walk")).to_be_hidden(timeout=_PATIENCE_MS)
     with way.step("the session ends"):
         way.press("End session")
         way.press("End it")
@@ -217,8 +220,10 @@ def _report(way: Walk) -> None:
         way.see("left_knee flexion")
     with way.step("its report"):
         way.press("Make the report")
+        link = page.get_by_role("link", name="Open the page")
+        way.see(link)
         with page.context.expect_page() as opened:
-            page.get_by_role("link", name="Open the page").click(timeout=_PATIENCE_MS)
+            link.click()
         opened.value.wait_for_load_state()
         way.picture("report", opened.value)
         if "left knee" not in opened.value.inner_text("body").lower().replace("_", " "):

@@ -244,9 +244,10 @@ class _Guide:
         with self._results:
             if "extrinsics" in known.results and known.results["extrinsics"]["passed"]:
                 self._scene(known.results["extrinsics"])
-            for step in ("verify", "extrinsics", "intrinsics"):
-                if step in known.results:
-                    result_card(self._studio, step, known.results[step], self._project.folder)
+            with ui.element("div").classes("pf-column"):
+                for step in ("verify", "extrinsics", "intrinsics"):
+                    if step in known.results:
+                        result_card(self._studio, step, known.results[step], self._project.folder)
 
     def _scene(self, result: Mapping[str, Any]) -> None:
         name = f"rig-{self._project.name}"

@@ -49,6 +49,12 @@ def result_card(studio: Studio, step: str, result: Mapping[str, Any], folder: st
                     with ui.row().classes("items-start gap-2 no-wrap"):
                         ui.icon("build").classes("text-primary")
                         ui.label(check["remedy"]).classes("font-medium")
+        for numbers in (one["numbers"] for one in result["reports"]):
+            if step == "verify" and "length_rms_mm" in numbers:
+                ui.label(
+                    f"{numbers['length_rms_mm']:.1f} mm rms error of {numbers['lengths']:.0f} lengths on the board;"
+                    f" they measure {numbers['scale']:.4f} of the truth"
+                )
         if "cells" in result:
             _coverage(result["cells"])
         with ui.expansion(f"{len(checks) - len(bad)} checks passed", icon="checklist").classes("w-full"):

@@ -19,6 +19,8 @@ from posefuse.studio.state import Studio
 from posefuse.studio.timeline import SIZE_PX, Curve, Span, cursor, picture
 
 _POLL_S = 0.1
+# kept videos run on the session's clock, a live recording begins at its own zero
+_NO_VIDEOS = "The videos of a live recording are not played here. `posefuse track` on its folder shows them with the poses."
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
 _SIDES = ("left", "right")
 _FIRST_ANGLES = (("knee", "flexion"), ("hip", "flexion"))
@@ -29,7 +31,8 @@ def build(studio: Studio, name: str) -> None:
     client = ui.context.client
     with ui.row().classes("pf-tools"):
         ui.link("All recordings", "/recordings")
-    title(PurePosixPath(name).name, name)
+    place_name = PurePosixPath(name)
+    title(place_name.parent.name if place_name.name == "recording.mcap" else place_name.name, name)
     place = ui.column().classes("pf-page-body")
     with place, ui.row().classes("pf-tools") as waiting:
         ui.spinner()
@@ -102,6 +105,9 @@ class _Recording:
             with head:
                 ui.space()
                 ui.switch("Overlay", value=True, on_change=lambda e: show(e.value))
+            if self._opened.recording.is_live:
+                ui.label(_NO_VIDEOS).classes("pf-small")
+                return
             with ui.element("div").classes("pf-player-tiles"):
                 for c, camera in enumerate(self._opened.recording.rig):
                     with ui.column().classes("pf-tile-box"):

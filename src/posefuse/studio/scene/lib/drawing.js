@@ -171,7 +171,8 @@ export class RigDrawing {
   }
 
   look(where) {
-    const [x, y] = this.setup.floor.centre, far = 1.2 * this.setup.floor.half_m + 1.3;
+    const [x, y] = this.setup.floor.centre, narrow = Math.max(1, 1.3 / (this.camera.aspect || 1));
+    const far = (1.2 * this.setup.floor.half_m + 1.3) * narrow;
     const from = { home: [0.75, -0.95, 0.75], top: [0, -0.001, 1.5], front: [0, -1.3, 0.25], side: [1.3, 0, 0.25] }[where];
     this.controls.target.set(x, y, 0.9);
     this.camera.position.set(x + from[0] * far, y + from[1] * far, 0.9 + from[2] * far);
