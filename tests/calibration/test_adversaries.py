@@ -153,6 +153,7 @@ def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: 
     assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(np.linalg.norm(true[0] - true[1]), abs=0.005)
 
 
+@pytest.mark.slow
 def test_a_mirrored_image_is_refused(lab: Any, plain: CornerObservations) -> None:
     width = lab.rig.cameras[1].size_wh[0]
     flipped = plain.xy_img * [-1, 1] + [width - 1, 0]

@@ -12,6 +12,7 @@ from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import CalibrationError, InputError
 
 
+@pytest.mark.slow
 def test_one_recording_gives_intrinsics_and_poses(lab: Any) -> None:
     seen = lab.watch()
     start = starting_cameras(seen, lab.target)

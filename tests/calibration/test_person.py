@@ -128,6 +128,7 @@ def test_a_person_who_stays_in_one_place_far_away_is_not_turned_inside_out(ring_
     assert np.rad2deg(radians.max()) < 5
 
 
+@pytest.mark.slow
 def test_mirrored_videos_are_refused_by_name(lab: Any) -> None:
     views, width = watched(lab.rig), lab.rig.cameras[0].size_wh[0]
     flipped = replace(views, xy_img=views.xy_img * [-1, 1] + [width - 1, 0])

@@ -99,6 +99,7 @@ def beside_px(rig: Rig, views: PersonViews) -> np.ndarray:
     return np.nanmedian(beside_others(rig, xy.reshape(len(rig), -1, 2)), axis=1)
 
 
+@pytest.mark.slow
 def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
     folder = shared_data / "pose2sim_single"
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")

@@ -121,6 +121,7 @@ def held(wall: Rig) -> Any:
     return observe_prop(wall, board(), TARGET, motion, Faults(noise_px=0.1))
 
 
+@pytest.mark.slow
 def test_the_camera_that_was_turned_is_named_with_its_turn(wall: Rig, held: Any) -> None:
     found = verify(wall, held, TARGET)
     assert [check.name for check in found.report.failed] == []
