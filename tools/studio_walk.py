@@ -28,6 +28,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 from studio_pages import GRAPHICS, ROOT, SIZES, Watched, free_port, server
 
 LIMIT_S = 300.0
+_MESSAGES = 500
 _PATIENCE_MS = 240_000.0
 _CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 _RECORD_S = 12.0
@@ -185,8 +186,9 @@ def _live(way: Walk) -> None:
         taker.bind(("127.0.0.1", 9001))
         taker.settimeout(20.0)
         page.get_by_role("switch", name="JSON over UDP").click()
-        if b"left_knee" not in taker.recv(65536):
-            raise AssertionError("no pose in the first message")
+        # where the clip begins again there is nobody for a moment
+        if not any(b"left_knee" in taker.recv(65536) for _ in range(_MESSAGES)):
+            raise AssertionError(f"nobody in the first {_MESSAGES} messages")
         way.see("messages to")
         page.get_by_role("switch", name="JSON over UDP").click()
         expect(page.get_by_text("messages to")).to_have_count(0, timeout=_PATIENCE_MS)
