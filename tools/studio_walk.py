@@ -186,9 +186,9 @@ def _live(way: Walk) -> None:
         taker.bind(("127.0.0.1", 9001))
         taker.settimeout(20.0)
         page.get_by_role("switch", name="JSON over UDP").click()
-        # where the clip begins again there is nobody for a moment
+        # where the clip begins again no person is tracked for a moment
         if not any(b"left_knee" in taker.recv(65536) for _ in range(_MESSAGES)):
-            raise AssertionError(f"nobody in the first {_MESSAGES} messages")
+            raise AssertionError(f"no person in the first {_MESSAGES} messages")
         way.see("messages to")
         page.get_by_role("switch", name="JSON over UDP").click()
         expect(page.get_by_text("messages to")).to_have_count(0, timeout=_PATIENCE_MS)
