@@ -65,8 +65,8 @@ def simulated(only: int | None = None) -> dict:
             continue
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz, count))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
-        films = {camera.name: paths.video(camera.name) for camera in rig}
-        seen = person_in_videos(films, rig, length, DetectorChoice(), TIME_STEPS)
+        videos = {camera.name: paths.video(camera.name) for camera in rig}
+        seen = person_in_videos(videos, rig, length, DetectorChoice(), TIME_STEPS)
         views, cameras = seen.views, seen.cameras
         for seconds in (s for s in SECONDS if s <= longest_s):
             part = views.at(views.t_ns < seconds * 1e9)
@@ -127,9 +127,9 @@ def folders_of(data: Path, rig: Rig) -> dict[str, Path]:
 
 
 def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[PersonViews, tuple[Camera, ...]]]:
-    films = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
+    videos = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
     seen = {
-        network: person_in_videos(films, lenses, length, DetectorChoice(options={"landmarks": network}), TIME_STEPS)
+        network: person_in_videos(videos, lenses, length, DetectorChoice(options={"landmarks": network}), TIME_STEPS)
         for network in NETWORKS
     }
     found = {network: (one.views, one.cameras) for network, one in seen.items()}

@@ -47,8 +47,8 @@ def render(out: Path) -> None:
 def keypoints(paths: SessionPaths) -> tuple[Skeleton, Array]:
     """The person's keypoints (T, K, 3) in the true rig, as the default network marks them."""
     rig = read_rig(paths.rig)
-    films = {camera.name: paths.video(camera.name) for camera in rig}
-    views = person_in_videos(films, rig, KnownLength(stature_m=1.7), DetectorChoice(), TIME_STEPS).views
+    videos = {camera.name: paths.video(camera.name) for camera in rig}
+    views = person_in_videos(videos, rig, KnownLength(stature_m=1.7), DetectorChoice(), TIME_STEPS).views
     xy = np.where(views.usable[..., None], views.xy_img, np.nan)
     xyz = triangulate(rig, xy.reshape(len(rig), -1, 2)).reshape(*xy.shape[1:3], 3)
     return views.skeleton, xyz

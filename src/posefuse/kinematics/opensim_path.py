@@ -9,6 +9,7 @@ Optional: needs ``pip install "posefuse[biomech]"``.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,10 +147,14 @@ def write_opensim_model(path: Path, body: BodyModel) -> None:
 
 def opensim_library() -> Any:
     """The `opensim` package; raises DependencyError if it is missing."""
+    loaded = "opensim" in sys.modules
     try:
         import opensim
     except ImportError as error:
         raise DependencyError(f'OpenSim is missing ({error}); install it with: pip install "posefuse[biomech]"') from None
+    if not loaded:
+        # by itself it writes opensim.log into the folder the program was started in
+        opensim.Logger.removeFileSink()
     return opensim
 
 
