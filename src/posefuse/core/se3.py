@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
@@ -67,14 +68,13 @@ class SE3:
         return SE3(wxyz_from_rotvec(np.asarray(rotvec_rad, np.float64)), xyz)
 
     def matrix(self) -> Array:
-        """(..., 3, 3) rotation matrices."""
-        w, x, y, z = np.moveaxis(self.wxyz, -1, 0)
-        rows = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        """(..., 3, 3) rotation matrices; read-only."""
+        return _matrices(self.wxyz) if self.batch else self._single_matrix
+
+    @cached_property
+    def _single_matrix(self) -> Array:
+        # a camera's pose is applied to points some hundred times a second
+        return _matrices(self.wxyz)
 
     def matrix4(self) -> Array:
         """(..., 4, 4) homogeneous matrices."""
@@ -123,6 +123,23 @@ class SE3:
             raise ShapeError("SE3[...]: a single transform has no axis to pick from")
         keys = index if isinstance(index, tuple) else (index,)
         return SE3(self.wxyz[(*keys, ..., slice(None))], self.xyz[(*keys, ..., slice(None))])
+
+
+def _matrices(wxyz: Array) -> Array:
+    """(..., 3, 3) rotation matrices of unit quaternions (..., 4); read-only."""
+    w, x, y, z = (wxyz[..., i] for i in range(4))
+    out = np.empty((*wxyz.shape[:-1], 3, 3))
+    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    out[..., 0, 1] = 2 * (x * y - w * z)
+    out[..., 0, 2] = 2 * (x * z + w * y)
+    out[..., 1, 0] = 2 * (x * y + w * z)
+    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    out[..., 1, 2] = 2 * (y * z - w * x)
+    out[..., 2, 0] = 2 * (x * z - w * y)
+    out[..., 2, 1] = 2 * (y * z + w * x)
+    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    out.setflags(write=False)
+    return out
 
 
 def quaternion_product(left: Array, right: Array) -> Array:

@@ -37,13 +37,14 @@ def region_from_keypoints(xy_img: Any, skeleton: Skeleton, up_img: Any = None) -
     known = np.isfinite(xy).all(-1)
     if known.sum() < _LEAST_KEYPOINTS:
         return None
-    hips = _middle(xy, skeleton, ("left_hip", "right_hip"))
-    shoulders = _middle(xy, skeleton, ("left_shoulder", "right_shoulder"))
-    centre = hips if np.isfinite(hips).all() else (xy[known].min(0) + xy[known].max(0)) / 2
-    up = shoulders - hips
-    if not np.isfinite(up).all() or not up.any():
+    hips = _middle(xy, known, skeleton, ("left_hip", "right_hip"))
+    shoulders = _middle(xy, known, skeleton, ("left_shoulder", "right_shoulder"))
+    seen = xy[known]
+    centre = (seen.min(0) + seen.max(0)) / 2 if hips is None else hips
+    up = None if hips is None or shoulders is None else shoulders - hips
+    if up is None or not up.any():
         up = np.array([0.0, -1.0]) if up_img is None else np.asarray(up_img, np.float64)
-    radius = max(float(np.linalg.norm(xy[known] - centre, axis=-1).max()), _LEAST_RADIUS_PX)
+    radius = max(float(np.linalg.norm(seen - centre, axis=-1).max()), _LEAST_RADIUS_PX)
     return Region(centre_img=centre, side_px=2 * REACH * radius, angle_rad=float(np.arctan2(up[0], -up[1])))
 
 
@@ -80,11 +81,10 @@ def up_angle_rad(camera: Camera) -> float:
     return float(np.arctan2(up_cam[0], -up_cam[1])) if np.hypot(up_cam[0], up_cam[1]) > _UP_STEP_M else 0.0
 
 
-def _middle(xy: Array, skeleton: Skeleton, names: tuple[str, str]) -> Array:
-    """(2,) middle of two keypoints, the one that is known, or NaN."""
-    pair = xy[skeleton.indices(names)]
-    known = np.isfinite(pair).all(-1)
-    return pair[known].mean(0) if known.any() else np.full(2, np.nan)
+def _middle(xy: Array, known: Array, skeleton: Skeleton, names: tuple[str, str]) -> Array | None:
+    """(2,) middle of two keypoints, or the one that is known, or None."""
+    there = [xy[i] for i in map(skeleton.index, names) if known[i]]
+    return sum(there[1:], there[0]) / len(there) if there else None
 
 
 def crop_from_img(region: Region, side_px: int) -> Array:
