@@ -2,9 +2,11 @@
 which.
 
     python bench/people_live.py [--scene returning] [--seed 483]
+    python bench/people_live.py --session FOLDER [--networks auto]
 
 The cameras play blank videos; `detection.oracle` answers from the truth of a scene of `bench/people.py` with 2 px of noise. So
-all but the network and its colours is the session that users run. One JSON object on stdout.
+all but the network and its colours is the session that users run. With ``--session``, a rendered one of two people (such as
+`bench/people_rendered.py` keeps), the network is in it, too. One JSON object on stdout.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.crowds import crowd_figures, frame_matches, person_distances, returned_right
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import write_truth
+from posefuse.formats.truth import read_truth, write_truth
 from posefuse.formats.video import VideoWriter
 from posefuse.pipeline.live_recording import read_live_recording
 
@@ -50,13 +52,22 @@ def write_session(truth: Truth, folder: Path) -> list[str]:
     return sources
 
 
-def session(folder: Path, sources: list[str]) -> dict:
-    """Run it; its figures."""
-    oracle = {"detector.name": "oracle", "detector.options.truth": folder / "truth" / "truth.npz",
-              "detector.options.noise.sigma_px": NOISE_PX}  # fmt: skip
-    changes = [word for key, value in oracle.items() for word in ("--set", f"{key}={value}")]
-    command = [sys.executable, "-m", "posefuse", "live", str(folder / "rig.toml"), *sources, *changes, "--people", str(PEOPLE)]
-    done = subprocess.run([*command, "--record", str(folder / "live.mcap"), "--json"], stdout=subprocess.PIPE, check=True)
+def oracle(truth: Path) -> list[str]:
+    """Options with which the truth stands in for the network."""
+    settings = {"detector.name": "oracle", "detector.options.truth": truth, "detector.options.noise.sigma_px": NOISE_PX}
+    return [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+
+
+def sources_of(session: Path) -> list[str]:
+    """The videos of a rendered session, for `posefuse live`."""
+    videos = sorted((session / "videos").glob("*.mp4"))
+    return [word for video in videos for word in ("--source", f"{video.stem}=video:{video}")]
+
+
+def run(rig: Path, sources: list[str], options: list[str], record: Path) -> dict:
+    """One session; its figures."""
+    command = [sys.executable, "-m", "posefuse", "live", str(rig), *sources, *options, "--people", str(PEOPLE)]
+    done = subprocess.run([*command, "--record", str(record), "--json"], stdout=subprocess.PIPE, check=True)
     return json.loads(done.stdout)
 
 
@@ -97,13 +108,22 @@ def main() -> None:
     parser.add_argument("--scene", default="returning")
     parser.add_argument("--seed", type=int, default=REPORTED_SEEDS[0])
     parser.add_argument("--kept", type=Path, default=Path(tempfile.gettempdir()) / "posefuse_crowds")
+    parser.add_argument("--session", type=Path, help="rendered instead, with the network")
+    parser.add_argument("--networks", default="auto", help="with --session: as of `posefuse live`")
     args = parser.parse_args()
-    truth = crowd(args.scene, PEOPLE, CAMERAS, args.seed, args.kept).truth
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "session"
-        ran = session(folder, write_session(truth, folder))
-        found = figures_of(truth, folder / "live.mcap")
-    about = {"scene": args.scene, "seed": args.seed, "load": os.getloadavg()[0], "poses_per_s": ran["poses_per_s"]}
+        record = Path(name) / "live.mcap"
+        if args.session:
+            truth = read_truth(args.session / "truth" / "truth.npz")
+            ran = run(args.session / "rig.toml", sources_of(args.session), ["--networks", args.networks], record)
+        else:
+            truth = crowd(args.scene, PEOPLE, CAMERAS, args.seed, args.kept).truth
+            folder = Path(name) / "session"
+            ran = run(folder / "rig.toml", write_session(truth, folder), oracle(folder / "truth" / "truth.npz"), record)
+        found = figures_of(truth, record)
+    what = {"session": args.session.name, "networks": args.networks} if args.session else {"scene": args.scene, "seed": args.seed}
+    latency = ran["latency"]["all_cameras_total_ms"]
+    about = {**what, "latency_ms": latency, "load": os.getloadavg()[0], "poses_per_s": ran["poses_per_s"]}
     print(json.dumps({**about, "frames_used": ran["used_share"], **found}, indent=1))
 
 

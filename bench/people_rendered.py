@@ -1,8 +1,9 @@
 """Two rendered people who cross at 0.28 m, five cameras, the bundled network: are they kept apart, and as exact as alone?
 
-    python bench/people_rendered.py [--seconds 4] [--alone]
+    python bench/people_rendered.py [--seconds 4] [--alone] [--kept FOLDER]
 
-Figures as in `bench/people.py`; `--alone` renders and tracks each person alone, too. A JSON object on stdout.
+Figures as in `bench/people.py`; `--alone` renders and tracks each person alone, too. What is rendered is kept between runs. A
+JSON object on stdout.
 """
 
 from __future__ import annotations
@@ -51,8 +52,9 @@ def scene(people: tuple[int, ...], seconds: float) -> Scene:
 
 
 def measured(people: tuple[int, ...], seconds: float, folder: Path) -> dict[str, float]:
-    session = folder / "_".join(str(n) for n in people)
-    simulate(scene(people, seconds), session)
+    session = folder / f"{'_'.join(str(n) for n in people)}-{seconds:g}s"
+    if not (session / "truth" / "truth.npz").exists() or (session / "INCOMPLETE").exists():
+        simulate(scene(people, seconds), session)
     config = settings_from_mapping({"associate": {"max_people": len(people)}}, TrackConfig, "bench")
 
     def note(line: str) -> None:
@@ -85,10 +87,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=4.0)
     parser.add_argument("--alone", action="store_true")
+    parser.add_argument("--kept", type=Path, default=Path(tempfile.gettempdir()) / "posefuse_rendered_people")
     args = parser.parse_args()
     cases = [(0, 1), (0,), (1,)] if args.alone else [(0, 1)]
-    with tempfile.TemporaryDirectory() as folder:
-        print(json.dumps({str(case): measured(case, args.seconds, Path(folder)) for case in cases}, indent=1))
+    print(json.dumps({str(case): measured(case, args.seconds, args.kept) for case in cases}, indent=1))
 
 
 if __name__ == "__main__":
