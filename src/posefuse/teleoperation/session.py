@@ -137,7 +137,7 @@ def run(
     period_s = 1.0 / settings.robot.rate_hz
     operator, summary, begun_s = Operator(), Summary(), time.monotonic()
     used_ns: int | None = None
-    waiting: dict[int, int] = {}
+    image_ns = 0
     try:
         while not until() and not feed.ended:
             feed.wait(period_s)
@@ -149,7 +149,7 @@ def run(
             used_ns = operator.view.t_ns if operator.view is not None else None
             if order is not None:
                 robot.send(order)
-            _count(summary, operator, robot, waiting)
+            image_ns = _count(summary, operator, robot, image_ns)
             if watch is not None:
                 watch(operator, order)
     except PosefuseError as error:
@@ -178,7 +178,8 @@ def _news(view: OperatorView | None, pressed: Pressed, feed: Feed, robot: RobotL
     )
 
 
-def _count(summary: Summary, operator: Operator, robot: RobotLink, waiting: dict[int, int]) -> None:
+def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int) -> int:
+    """Take a step in. image_ns: mid-exposure of the newest image the robot has heard of so far; returns the same, now."""
     gate = operator.gate
     summary.ticks[gate.phase.value] += 1
     summary.engagements += gate.engages
@@ -186,13 +187,12 @@ def _count(summary: Summary, operator: Operator, robot: RobotLink, waiting: dict
         summary.reasons[gate.reason] += 1
     state = robot.state
     if state is None:
-        return
+        return image_ns
     summary.robot_late = state.late
-    # the first command that used a new image
-    if not state.limited and state.order_measured_ns and state.order_measured_ns not in waiting:
-        waiting.clear()
-        waiting[state.order_measured_ns] = 1
+    # the first command that used a new image; one that was new while the robot held is old when it goes on
+    if state.order_measured_ns > image_ns and not state.limited:
         summary.latency_ms.append((state.sent_ns - state.order_measured_ns) / 1e6)
+    return max(image_ns, state.order_measured_ns)
 
 
 def camera_report(cameras: dict[str, CameraHealth], t_ns: int) -> CameraReport:

@@ -1,0 +1,75 @@
+"""The operator's loop with a robot that only answers."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.teleoperation.deadman import Pressed
+from posefuse.teleoperation.session import run
+from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import RobotState
+
+MS = 1_000_000
+STILL = RobotState(
+    sent_ns=0,
+    xyz_world=np.zeros((1, 3)),
+    wxyz=np.array([[1.0, 0, 0, 0]]),
+    velocity_world=np.zeros((1, 3)),
+    measured_xyz_world=np.zeros((1, 3)),
+    q_rad=np.zeros(7),
+    spheres_world=np.zeros((1, 4)),
+)
+
+
+class NoPoses:
+    ended = False
+
+    def wait(self, timeout_s):
+        pass
+
+    def newest(self):
+        return None
+
+    def cameras(self):
+        return None
+
+
+class NobodyPresses:
+    hint = ""
+
+    def poll(self, now_ns, view):
+        return Pressed()
+
+    def close(self):
+        pass
+
+
+class Answers:
+    """A robot that answers one state after the other, whatever it is told."""
+
+    def __init__(self, *states):
+        self.left, self.state = list(states), None
+
+    def poll(self):
+        self.state = self.left.pop(0)
+        return self.state
+
+    def send(self, order):
+        pass
+
+
+def latencies(*states):
+    robot = Answers(*states)
+    return list(run(NoPoses(), NobodyPresses(), robot, TeleoperationSettings(), until=lambda: not robot.left).latency_ms)
+
+
+def state(sent_ms, image_ms, limited=""):
+    return replace(STILL, sent_ns=sent_ms * MS, order_measured_ns=image_ms * MS, limited=limited)
+
+
+def test_the_latency_of_an_image_is_that_of_the_first_command_that_used_it():
+    assert latencies(state(130, 100), state(140, 100), state(165, 133), state(170, 133)) == [30.0, 32.0]
+
+
+def test_an_image_that_was_new_while_the_robot_held_has_no_latency():
+    assert latencies(state(130, 100, "hold"), state(300, 100), state(330, 300)) == [30.0]
