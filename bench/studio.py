@@ -11,7 +11,6 @@ on the processor here, where there is no graphics card: its rates are lower boun
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,10 +21,9 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
-from studio_pages import SIZES, free_port, server, session_of, start_session, until
+from studio_pages import start_session
+from studio_server import CHROMIUM, GRAPHICS, SIZES, free_port, server, session_of, stand_in, until
 
-CHROMIUM = "/usr/bin/chromium"
-_ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _CAMERAS, _SETTLE_S, _MEASURE_S = 8, 4.0, 15.0
 
 
@@ -60,10 +58,8 @@ def measure_pages() -> None:
     """Table: pages open, server, per tile, 3D."""
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
         workspace, port = Path(place), free_port()
-        source = subprocess.Popen([sys.executable, str(Path(__file__).with_name("studio_source.py")), place, str(_CAMERAS)])
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=_ARGUMENTS)
-        with server(workspace, port) as studio:
-            until(lambda: session_of(workspace)[0], "the source")
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
+        with stand_in(workspace, _CAMERAS), server(workspace, port) as studio:
             print(f"{_CAMERAS} cameras; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
             pages: list[Page] = []
             for count in (0, 1, 2):
@@ -73,7 +69,6 @@ def measure_pages() -> None:
                 share, drawn = rates(pages, studio.pid, _MEASURE_S)
                 shown = {name: round(value / (_CAMERAS if name == "tile" else 1), 1) for name, value in drawn.items()}
                 print(f"{count} pages: server {share:.1%} of a core; per second (one tile, 3D, all messages): {shown}")
-        source.terminate()
         browser.close()
 
 
@@ -81,7 +76,7 @@ def measure_latency() -> None:
     """p95 from exposure to output without and with a page."""
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
         workspace, port = Path(place), free_port()
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=_ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
         with server(workspace, port):
             page = browser.new_page()
             start_session(page, f"http://127.0.0.1:{port}")

@@ -11,9 +11,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import os
-import socket
-import subprocess
 import sys
 import tempfile
 import time
@@ -29,6 +26,10 @@ from posefuse.foundation.plain_values import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
 from posefuse.pipeline.session_images import session_of
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
+
+from studio_server import free_port, server
 
 DEMO = Path(__file__).resolve().parents[1] / "examples" / "demo"
 TILE_PX = 480
@@ -126,36 +127,26 @@ def in_browser(workspace: Path, browser: Path, seeks: int) -> dict[str, float]:
     """Milliseconds from a click on the timeline to the arrival of the last camera's image in the page."""
     from playwright.sync_api import sync_playwright
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open"]
-    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=os.environ)
-    taken: list[float] = []
-    try:
-        wait_for(port)
-        with sync_playwright() as play:
-            page = play.chromium.launch(executable_path=str(browser), args=["--no-sandbox"]).new_page()
-            arrived: list[tuple[float, int]] = []
-            page.on("websocket", lambda ws: ws.on("framereceived", lambda data: note(data, arrived)))
-            page.goto(f"http://127.0.0.1:{port}/recordings?open=result")
-            plot = page.locator(".pf-timeline")
-            plot.wait_for(timeout=120_000)
-            page.wait_for_timeout(8_000)
-            plot.scroll_into_view_if_needed()
-            box = plot.bounding_box()
-            assert box is not None
-            for share in np.random.default_rng(2).uniform(0.06, 0.98, seeks):
-                arrived.clear()
-                began = time.perf_counter()
-                # the bare click: the time until the element may be clicked is the tool's, not the page's
-                page.mouse.click(box["x"] + float(share) * box["width"], box["y"] + 60)
-                while {camera for _, camera in arrived} != set(range(4)) and time.perf_counter() - began < 5:
-                    page.wait_for_timeout(2)
-                taken.append(1000 * (arrived[-1][0] - began))
-    finally:
-        server.terminate()
-        server.wait(20)
+    port, taken = free_port(), list[float]()
+    with server(workspace, port), sync_playwright() as play:
+        page = play.chromium.launch(executable_path=str(browser), args=["--no-sandbox"]).new_page()
+        arrived: list[tuple[float, int]] = []
+        page.on("websocket", lambda ws: ws.on("framereceived", lambda data: note(data, arrived)))
+        page.goto(f"http://127.0.0.1:{port}/recordings?open=result")
+        plot = page.locator(".pf-timeline")
+        plot.wait_for(timeout=120_000)
+        page.wait_for_timeout(8_000)
+        plot.scroll_into_view_if_needed()
+        box = plot.bounding_box()
+        assert box is not None
+        for share in np.random.default_rng(2).uniform(0.06, 0.98, seeks):
+            arrived.clear()
+            began = time.perf_counter()
+            # the bare click: the time until the element may be clicked is the tool's, not the page's
+            page.mouse.click(box["x"] + float(share) * box["width"], box["y"] + 60)
+            while {camera for _, camera in arrived} != set(range(4)) and time.perf_counter() - began < 5:
+                page.wait_for_timeout(2)
+            taken.append(1000 * (arrived[-1][0] - began))
     return spread("browser_ms", taken)
 
 
@@ -163,18 +154,6 @@ def note(data: bytes | str, arrived: list[tuple[float, int]]) -> None:
     """Remember an image message (kind 3): when it came, of which camera."""
     if isinstance(data, bytes) and data[:2] == b"PF" and data[3] == 3:
         arrived.append((time.perf_counter(), int.from_bytes(data[16:18], "little")))
-
-
-def wait_for(port: int) -> None:
-    """Until the server answers."""
-    for _ in range(600):
-        try:
-            socket.create_connection(("127.0.0.1", port), timeout=1).close()
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    raise SystemExit("posefuse studio did not start")
 
 
 def spread(name: str, values: list[float]) -> dict[str, float]:

@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import socket
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +19,16 @@ from playwright.sync_api import Browser, sync_playwright
 
 import posefuse
 
-_ROOT = Path(__file__).resolve().parents[1]
-_IMAGES = _ROOT / "docs" / "images"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
+
+from studio_server import GRAPHICS, ROOT, SIZES, free_port, server
+
+_IMAGES = ROOT / "docs" / "images"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-_SIZES = {"": (1280, 800), "_phone": (390, 844)}
-_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _RECORDING = "results/demo"
 _PAGES = {"recordings": "/recordings", "recording": f"/recordings?open={_RECORDING}", "simulate": "/simulate"}
 # a page has drawn everything after so long, also on a busy machine; that of a recording works out angles first
 _SETTLED_MS, _ANGLES_MS = 6_000, 400_000
-_PATIENCE_S = 180
 # that of a recording is shown with its angles, below the videos
 _TALL_PX = 1340
 
@@ -47,16 +44,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         workspace = filled_workspace(Path(folder), args.result)
         port = free_port()
-        command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open"]
-        server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        try:
-            wait_for(port)
-            with sync_playwright() as play:
-                browser = play.chromium.launch(executable_path=executable, args=["--no-sandbox", *_GL])
-                problems = [line for name, size_wh in _SIZES.items() for line in photograph(browser, port, name, size_wh)]
-        finally:
-            server.terminate()
-            server.wait(_PATIENCE_S)
+        with server(workspace, port), sync_playwright() as play:
+            browser = play.chromium.launch(executable_path=executable, args=GRAPHICS)
+            problems = [line for name, size_wh in SIZES.items() for line in photograph(browser, port, name, size_wh)]
     for line in problems:
         print(line)
     raise SystemExit(bool(problems))
@@ -64,7 +54,7 @@ def main() -> None:
 
 def filled_workspace(folder: Path, result: Path | None) -> Path:
     """The bundled session and its result, as the studio keeps them."""
-    shutil.copytree(_ROOT / "examples" / "demo", folder / "sessions" / "demo")
+    shutil.copytree(ROOT / "examples" / "demo", folder / "sessions" / "demo")
     if result is not None:
         shutil.copytree(result, folder / _RECORDING)
     else:
@@ -100,26 +90,6 @@ def photograph(browser: Browser, port: int, ending: str, size_wh: tuple[int, int
         print(path.name, f"{path.stat().st_size // 1024} kB")
         page.close()
     return problems
-
-
-def free_port() -> int:
-    """A port of this machine that is free."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
-
-
-def wait_for(port: int) -> None:
-    """Until the server answers."""
-    end_s = time.monotonic() + _PATIENCE_S
-    while time.monotonic() < end_s:
-        try:
-            socket.create_connection(("127.0.0.1", port), timeout=1).close()
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    raise SystemExit("posefuse studio did not start")
 
 
 if __name__ == "__main__":

@@ -12,60 +12,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
-import socket
-import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from playwright.sync_api import Browser, Page, sync_playwright
 from playwright.sync_api import Error as PlaywrightError
+from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, free_port, server, session_of, stand_in, until
 
-ROOT = Path(__file__).resolve().parents[1]
-SIZES = {"": (1280, 800), "_phone": (390, 844)}
-GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-_PATIENCE_S = 240.0
 _PERSON_MS = 30_000.0
-
-
-def free_port() -> int:
-    """A port that no program has."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextmanager
-def server(workspace: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
-    """A studio that answers."""
-    command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        until(lambda: _answers(port), "the studio to answer")
-        yield process
-    finally:
-        process.terminate()
-        process.wait(20)
-
-
-def until(condition: Any, what: str, seconds: float = _PATIENCE_S) -> None:
-    """Wait; raises TimeoutError that says for what."""
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            raise TimeoutError(f"waited {seconds:g} s for {what}")
-        time.sleep(0.2)
-
-
-def _answers(port: int) -> bool:
-    with socket.socket() as probe:
-        probe.settimeout(1.0)
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 class Watched:
@@ -92,20 +47,11 @@ class Watched:
             self.elsewhere.append(url)
 
 
-def session_of(workspace: Path) -> tuple[str, int]:
-    """Job and process of the session that runs."""
-    for folder in sorted((workspace / ".posefuse-studio" / "jobs").glob("*-live"), reverse=True):
-        state = json.loads((folder / "state.json").read_text(encoding="utf-8"))
-        if state["state"] == "running":
-            return folder.name, int(state["pid"])
-    return "", 0
-
-
 def start_session(page: Page, base: str) -> None:
     """Play the bundled clip, by the buttons of the page."""
     page.goto(f"{base}/live")
     page.get_by_role("button", name="Start", exact=True).click()
-    page.locator(".pf-tile").first.wait_for(timeout=_PATIENCE_S * 1e3)
+    page.locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)
 
 
 def survived(workspace: Path, port: int, watched: Watched) -> list[str]:
@@ -114,7 +60,7 @@ def survived(workspace: Path, port: int, watched: Watched) -> list[str]:
 
     def drawn(page: Page) -> bool:
         page.goto(f"{base}/live")
-        page.locator(".pf-tile").first.wait_for(timeout=_PATIENCE_S * 1e3)
+        page.locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)
         first = page.evaluate("window.posefuseDrawn.messages")
         page.wait_for_timeout(4000)
         return bool(page.evaluate("window.posefuseDrawn.messages") > first)
@@ -161,20 +107,19 @@ def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write screenshots here")
-    parser.add_argument("--chromium", default="/usr/bin/chromium")
+    parser.add_argument("--chromium", default=CHROMIUM)
     parser.add_argument(
         "--stand-in", action="store_true", help="show the clip's exact truth instead of tracking: for a machine that is busy"
     )
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, contextlib.ExitStack() as session:
         workspace, port = Path(place), free_port()
         base = f"http://127.0.0.1:{port}"
-        browser = playwright.chromium.launch(executable_path=options.chromium, args=["--no-sandbox", *GRAPHICS])
+        browser = playwright.chromium.launch(executable_path=options.chromium, args=GRAPHICS)
         watched = Watched(browser, base)
         with server(workspace, port):
             if options.stand_in:
-                subprocess.Popen([sys.executable, str(ROOT / "bench" / "studio_source.py"), place, "4"])
-                until(lambda: session_of(workspace)[0], "the stand-in")
+                session.enter_context(stand_in(workspace, 4))
             else:
                 start_session(watched.page(SIZES[""]), base)
             failures = survived(workspace, port, watched)
@@ -184,7 +129,7 @@ def main() -> int:
         with server(workspace, port):
             page = watched.page(SIZES[""])
             page.goto(f"{base}/live")
-            page.locator(".pf-tile").first.wait_for(timeout=_PATIENCE_S * 1e3)
+            page.locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)
             if session_of(workspace) != before:
                 failures.append("another server")
             print(f"{'ok  ' if 'another server' not in failures else 'FAIL'}  another server finds the session again")

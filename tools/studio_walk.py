@@ -25,7 +25,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from playwright.sync_api import Page, expect, sync_playwright
-from studio_pages import GRAPHICS, ROOT, SIZES, Watched, free_port, server
+from studio_pages import Watched
+from studio_server import CHROMIUM, GRAPHICS, ROOT, SIZES, free_port, server
 
 LIMIT_S = 300.0
 _MESSAGES = 500
@@ -252,7 +253,7 @@ def main() -> int:
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write a screenshot of each step here")
     parser.add_argument("--docs", action="store_true", help="replace the pictures of docs/studio.md by those of this walk")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for the workspace, which stays")
-    parser.add_argument("--chromium", default="/usr/bin/chromium")
+    parser.add_argument("--chromium", default=CHROMIUM)
     options = parser.parse_args()
     if options.pictures is not None:
         options.pictures.mkdir(parents=True, exist_ok=True)
@@ -261,7 +262,7 @@ def main() -> int:
         workspace.mkdir()
         fill(workspace, options.session or render(Path(place) / "session"))
         base = f"http://127.0.0.1:{port}"
-        browser = playwright.chromium.launch(executable_path=options.chromium, args=["--no-sandbox", *GRAPHICS])
+        browser = playwright.chromium.launch(executable_path=options.chromium, args=GRAPHICS)
         watched = Watched(browser, base)
         failed = ""
         with server(workspace, port):

@@ -16,15 +16,18 @@ from typing import Any
 _STATUS_S = 0.25
 _IDLE_STATUS_S = 1.0
 
-Message = tuple[str, Hashable, Any]
-"""Kind (``stream``, ``kept`` or ``status``), key, and bytes or values."""
+SCENE, BODIES = "scene", "bodies"
+"""Channels: what all pages draw; meshes of people, for pages that show them."""
+
+Message = tuple[str, str, Hashable, Any]
+"""Kind (``stream``, ``kept`` or ``status``), channel, key, and bytes or values."""
 
 
 class Watcher:
     """One server. A thread sends to it, the newest of each key, so that one that hangs delays nothing."""
 
     def __init__(self, connection: Connection) -> None:
-        self.watching = False
+        self.wanted: frozenset[str] = frozenset()
         self._connection = connection
         self._pending: dict[Hashable, Message] = {}
         self._news = threading.Condition()
@@ -34,7 +37,7 @@ class Watcher:
     def put(self, message: Message) -> None:
         """Queue it in the place of an older one."""
         with self._news:
-            self._pending[message[:2]] = message
+            self._pending[message[:3]] = message
             self._news.notify()
 
     def _send(self) -> None:
@@ -53,7 +56,7 @@ class Host:
 
     Args:
         on_request: takes what a server asks for, by name and values; may raise anything, which is shown as a refusal.
-        on_watched: whether any page looks; called when that changes.
+        on_watched: whether any page looks at the scene; called when that changes.
     """
 
     def __init__(self, on_request: Callable[[str, Mapping[str, Any]], None], on_watched: Callable[[bool], None]) -> None:
@@ -62,7 +65,7 @@ class Host:
         self._watchers: list[Watcher] = []
         self._kept: dict[Hashable, Message] = {}
         self._on_request, self._on_watched = on_request, on_watched
-        self._watched = False
+        self._wanted: frozenset[str] = frozenset()
         self._lock = threading.RLock()
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -74,22 +77,26 @@ class Host:
     @property
     def watched(self) -> bool:
         """Whether any page looks."""
-        return self._watched
+        return self.wanted(SCENE)
 
-    def publish(self, key: Hashable, message: bytes, *, keep: bool = False) -> None:
+    def wanted(self, channel: str) -> bool:
+        """Whether any page shows what goes over this channel."""
+        return channel in self._wanted
+
+    def publish(self, key: Hashable, message: bytes, *, keep: bool = False, channel: str = SCENE) -> None:
         """To all servers whose pages look; with `keep` to all, also to those that come later."""
-        self._put(("kept" if keep else "stream", key, message), keep)
+        self._put(("kept" if keep else "stream", channel, key, message), keep)
 
     def status(self, values: Mapping[str, Any]) -> None:
         """To all servers."""
-        self._put(("status", "", dict(values)), True)
+        self._put(("status", SCENE, "", dict(values)), True)
 
     def _put(self, message: Message, keep: bool) -> None:
         with self._lock:
             if keep:
-                self._kept[message[:2]] = message
+                self._kept[message[:3]] = message
             for watcher in self._watchers:
-                if keep or watcher.watching:
+                if keep or message[1] in watcher.wanted:
                     watcher.put(message)
 
     def _accept(self) -> None:
@@ -110,7 +117,7 @@ class Host:
             while True:
                 name, values = connection.recv()
                 if name == "watch":
-                    watcher.watching = bool(values["on"])
+                    watcher.wanted = frozenset(values["channels"])
                     self._count()
                 else:
                     self._on_request(name, values)
@@ -121,9 +128,9 @@ class Host:
 
     def _count(self) -> None:
         with self._lock:
-            watched = any(watcher.watching for watcher in self._watchers)
-            changed, self._watched = watched != self._watched, watched
-        if changed:
+            before, self._wanted = self._wanted, frozenset[str]().union(*(watcher.wanted for watcher in self._watchers))
+            watched = SCENE in self._wanted
+        if watched != (SCENE in before):
             self._on_watched(watched)
 
 

@@ -11,10 +11,13 @@ from multiprocessing.connection import Client, Connection
 from typing import Any
 
 from .jobs import Job, Jobs
+from .live_host import BODIES, SCENE
 from .streams import Stream
 
 LIVE, WATCH = "live", "watch"
 """Kinds of work that pages follow, and the names of their streams."""
+LIVE_BODIES = "live-bodies"
+"""Name of the stream of meshes."""
 _LOOK_S = 0.7
 
 
@@ -25,17 +28,17 @@ class LiveLink:
         work: `LIVE` or `WATCH`.
 
     Attributes:
-        stream: what the pages draw. status: the newest values of the work; empty while no session runs.
+        stream: what the pages draw. bodies: meshes of people, for pages that show them.
+        status: the newest values of the work; empty while no session runs.
         job: of the session; None while none runs.
     """
 
     def __init__(self, jobs: Jobs, work: str = LIVE) -> None:
-        self.stream = Stream(self._watched)
+        self.stream, self.bodies = Stream(self._watched), Stream(self._watched)
         self.status: Mapping[str, Any] = {}
         self.job: Job | None = None
         self._jobs, self._work = jobs, work
         self._connection: Connection | None = None
-        self._pages = 0
         self._lock = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -50,9 +53,10 @@ class LiveLink:
             if self._connection is not None:
                 self._connection.send((request, values))
 
-    def _watched(self, pages: int) -> None:
-        self._pages = pages
-        self.ask("watch", on=pages > 0)
+    def _watched(self, pages: int = 0) -> None:
+        """Say which streams any page shows."""
+        shown = {SCENE: self.stream, BODIES: self.bodies}
+        self.ask("watch", channels=[channel for channel, stream in shown.items() if stream.watched])
 
     def _run(self) -> None:
         while True:
@@ -70,18 +74,19 @@ class LiveLink:
         with Client(("127.0.0.1", port), authkey=key) as connection:
             self._connection = connection
             try:
-                self.ask("watch", on=self._pages > 0)
+                self._watched()
                 while True:
                     self._take(*connection.recv())
             finally:
                 with self._lock:
                     self._connection = None
 
-    def _take(self, kind: str, key: Any, content: Any) -> None:
+    def _take(self, kind: str, channel: str, key: Any, content: Any) -> None:
         if kind == "status":
             self.status = content
         elif self._loop is not None:
-            self._loop.call_soon_threadsafe(self._publish, kind, key, content)
+            self._loop.call_soon_threadsafe(self._publish, kind, channel, key, content)
 
-    def _publish(self, kind: str, key: Any, content: bytes) -> None:
-        self.stream.publish(key, content, keep=kind == "kept")
+    def _publish(self, kind: str, channel: str, key: Any, content: bytes) -> None:
+        stream = self.bodies if channel == BODIES else self.stream
+        stream.publish(key, content, keep=kind == "kept")

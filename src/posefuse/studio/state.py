@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from .access import Access
 from .jobs import Jobs
-from .live_link import LIVE, WATCH, LiveLink
+from .live_link import LIVE, LIVE_BODIES, WATCH, LiveLink
 from .streams import Stream
 from .workspace import StudioWorkspace
 
@@ -35,7 +35,7 @@ class Studio:
         """A new one."""
         jobs = Jobs(workspace)
         live, watch = LiveLink(jobs), LiveLink(jobs, WATCH)
-        streams = {LIVE: live.stream, WATCH: watch.stream}
+        streams = {LIVE: live.stream, LIVE_BODIES: live.bodies, WATCH: watch.stream}
         return cls(workspace=workspace, access=access, jobs=jobs, live=live, watch=watch, streams=streams)
 
     def stream(self, name: str, on_watched: Callable[[int], None] | None = None) -> Stream:

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from posefuse.core import PosefuseError
-from posefuse.studio.live_link import LIVE
+from posefuse.studio.live_link import LIVE, LIVE_BODIES
 from posefuse.studio.pages.live_parts import health_line, outputs_card, people_card, record_card
 from posefuse.studio.scene.view import CameraTile, RigScene, ValuePlot
 from posefuse.studio.setups import DEMO, setups
@@ -91,7 +91,7 @@ def _session(studio: Studio) -> None:
     refreshers: list[Callable[[Mapping[str, Any]], None]] = []
     with ui.element("div").classes("pf-split"):
         with ui.element("div").classes("pf-column"):
-            _scene_card()
+            _scene_card(bodies=bool(studio.live.status["plots"]))
             _tiles_card(sizes, refreshers)
         with ui.element("div").classes("pf-column"):
             _figures_card(studio, refreshers)
@@ -110,21 +110,28 @@ def _session(studio: Studio) -> None:
     ui.timer(_REFRESH_S, refresh)
 
 
-def _scene_card() -> None:
+def _scene_card(*, bodies: bool) -> None:
+    """`bodies`: whether there are joint angles to pose meshes with."""
     with card("3D") as head, ui.element("div").classes("pf-stage"):
-        scene = RigScene(LIVE, ellipsoids=True, trails=True)
+        scene = RigScene(LIVE, bodies=LIVE_BODIES, ellipsoids=True, trails=True)
         with ui.row().classes("pf-stage-views"):
             for where, text in _VIEWS.items():
                 ui.button(text, on_click=lambda where=where: scene.look(where)).props("flat dense no-caps size=sm")
     with head:
         ui.space()
         with ui.row().classes("gap-3"):
-            toggles = [ui.checkbox(text, value=on).props("dense") for text, on in _PARTS]
-    for box, name in zip(toggles, ("ellipsoids", "trails", "cameras"), strict=True):
+            boxes = {name: ui.checkbox(text, value=on).props("dense") for name, text, on in _PARTS}
+    for name, box in boxes.items():
         box.on_value_change(lambda event, name=name: scene.show(**{name: bool(event.value)}))
+    boxes["meshes"].set_enabled(bodies)
+    if not bodies:
+        boxes["meshes"].tooltip("No body: the network does not mark enough of it.")
 
 
-_PARTS = (("Uncertainty", True), ("Trails", True), ("Cameras", True))
+_PARTS = (
+    ("skeletons", "Skeleton", True), ("meshes", "Body", False), ("ellipsoids", "Uncertainty", True), ("trails", "Trails", True),
+    ("cameras", "Cameras", True),
+)  # fmt: skip
 
 
 def _tiles_card(sizes: Mapping[str, Any], refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:

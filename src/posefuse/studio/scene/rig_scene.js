@@ -1,8 +1,10 @@
-import { listen, SETUP, POSES, LABELS, RigDrawing } from "posefuse-studio";
+import { listen, SETUP, POSES, LABELS, MESH, BODIES, RigDrawing } from "posefuse-studio";
 
 export default {
   template: `<div><canvas></canvas><div class="pf-labels"></div></div>`,
-  props: { stream: String, ellipsoids: Boolean, trails: Boolean, cameras: Boolean },
+  props: {
+    stream: String, bodies: String, skeletons: Boolean, meshes: Boolean, ellipsoids: Boolean, trails: Boolean, cameras: Boolean,
+  },
   mounted() {
     try {
       this.drawing = new RigDrawing(this.$el, this.$el.children[0], this.$el.children[1]);
@@ -10,17 +12,25 @@ export default {
       this.$el.textContent = "This browser cannot draw in 3D (WebGL is off).";
       return;
     }
-    this.drawing.show({ ellipsoids: this.ellipsoids, trails: this.trails, cameras: this.cameras });
+    const { skeletons, meshes, ellipsoids, trails, cameras } = this;
+    this.drawing.show({ skeletons, meshes, ellipsoids, trails, cameras });
     this.connect();
+    this.connect_bodies();
   },
   beforeUnmount() {
     this.leave?.();
+    this.leave_bodies?.();
     this.drawing?.close();
   },
   watch: {
     stream() {
       this.leave?.();
       this.connect();
+    },
+    skeletons(on) { this.drawing?.show({ skeletons: on }); },
+    meshes(on) {
+      this.drawing?.show({ meshes: on });
+      this.connect_bodies();
     },
     ellipsoids(on) { this.drawing?.show({ ellipsoids: on }); },
     trails(on) { this.drawing?.show({ trails: on }); },
@@ -32,6 +42,19 @@ export default {
         if (message.kind === SETUP) this.drawing.take_setup(message.content);
         else if (message.kind === POSES) this.drawing.take_poses(message);
         else if (message.kind === LABELS) this.drawing.names = message.content;
+      });
+    },
+    // what is not shown is not sent
+    connect_bodies() {
+      this.leave_bodies?.();
+      this.leave_bodies = null;
+      if (!this.bodies || !this.meshes || !this.drawing) return;
+      this.leave_bodies = listen(this.bodies, (message) => {
+        if (message.kind === MESH) this.drawing.bodies.take_mesh(message);
+        else if (message.kind === BODIES) {
+          this.drawing.bodies.take_bodies(message);
+          this.drawing.changed();
+        }
       });
     },
     look(where) { this.drawing?.look(where); },

@@ -1,6 +1,7 @@
 // Draws one scene with three.js: instanced bones, joints and ellipsoids, so that a frame is a handful of draw calls.
 
 import { THREE, OrbitControls, CSS2DRenderer, CSS2DObject } from "nicegui-scene";
+import { Bodies } from "./bodies.js";
 
 const MOST_BONES = 2000, MOST_POINTS = 2000;
 const BONE_M = 0.016, JOINT_M = 0.024, TRAIL_S = 2.0;
@@ -26,13 +27,14 @@ export class RigDrawing {
     this.joints = instances(new THREE.SphereGeometry(1, 14, 10), new THREE.MeshStandardMaterial({ roughness: 0.4 }), MOST_POINTS);
     const glass = new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.28, depthWrite: false });
     this.ellipsoids = instances(new THREE.SphereGeometry(1, 18, 12), glass, MOST_POINTS);
+    this.bodies = new Bodies(this.scene);
     this.still = new THREE.Group();
     this.people = new Map();
     this.trails = new THREE.Group();
     this.past = new Map();
     this.scene.add(this.bones, this.joints, this.ellipsoids, this.still, this.trails);
     this.setup = { bones: [], bone_rgb: [], keypoint_rgb: [], trails: [], cameras: [], floor: { centre: [0, 0], half_m: 3 } };
-    this.shown = { ellipsoids: true, trails: false, cameras: true };
+    this.shown = { skeletons: true, meshes: false, ellipsoids: true, trails: false, cameras: true };
     this.names = {};
     this.waiting = false;
     this.observer = new ResizeObserver(() => this.resize());
@@ -165,6 +167,9 @@ export class RigDrawing {
   show(parts) {
     Object.assign(this.shown, parts);
     if (this.rig) this.rig.visible = this.shown.cameras;
+    this.bones.visible = this.joints.visible = this.shown.skeletons;
+    this.bodies.group.visible = this.shown.meshes;
+    this.bodies.set_clear(this.shown.skeletons);
     if (!this.shown.ellipsoids) finish(this.ellipsoids, 0);
     if (!this.shown.trails) dispose(this.trails);
     this.changed();
@@ -206,6 +211,7 @@ export class RigDrawing {
     this.controls.dispose();
     dispose(this.still);
     dispose(this.trails);
+    this.bodies.close();
     this.renderer.dispose();
   }
 }

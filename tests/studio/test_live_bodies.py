@@ -1,0 +1,116 @@
+"""Meshes of a live session: few slots, new meshes told once, nothing sent that no page shows."""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.core import Pose3D
+from posefuse.formats.truth import read_truth
+from posefuse.kinematics import JointTracker
+from posefuse.pipeline.demo_clip import clip_folder
+from posefuse.studio.jobs import Job, Report
+from posefuse.studio.live_bodies import LiveBodies
+from posefuse.studio.live_host import BODIES, SCENE, Host
+from posefuse.studio.live_link import LiveLink
+
+RGBA = [(1, 2, 3, 255)] * 4
+
+
+@pytest.fixture(scope="module")
+def poses() -> list[Pose3D]:
+    """The bundled clip's exact poses, ten a second."""
+    truth = read_truth(clip_folder() / "truth" / "truth.npz")
+    shape = truth.xyz_world.shape[1:3]
+    return [
+        Pose3D(
+            t_ns=k * 100_000_000,
+            skeleton=truth.skeleton,
+            person_id=truth.person_id,
+            xyz_world=truth.xyz_world[3 * k],
+            cov_world=np.tile(1e-4 * np.eye(3), (*shape, 1, 1)),
+            reproj_px=np.ones(shape),
+            n_views=np.full(shape, 4),
+            kind=np.ones(shape),
+        )
+        for k in range(24)
+    ]
+
+
+def played(bodies: LiveBodies, poses: list[Pose3D], person: int) -> list[tuple[dict[int, bytes], bytes]]:
+    poses = [replace(pose, person_id=np.array([person])) for pose in poses]
+    tracker = JointTracker(poses[0].skeleton)
+    return [bodies.step(pose.t_ns / 1e9, pose, tracker.step(pose), RGBA) for pose in poses]
+
+
+def test_a_mesh_is_sent_when_it_is_made_and_bodies_with_every_step(poses: list[Pose3D]) -> None:
+    found = played(LiveBodies(), poses, 3)
+    assert [i for i, (meshes, _) in enumerate(found) if meshes] == [9, 19]
+    counts = [int.from_bytes(message[16:20], "little") for _, message in found]
+    assert counts == [0] * 9 + [1] * 15
+    assert int.from_bytes(found[-1][1][20:24], "little") == 3
+    # the newest mesh is the one that is moved
+    assert found[19][0][0][16:20] == found[-1][1][24:28] != found[9][0][0][16:20]
+
+
+def test_a_slot_is_used_again_and_never_moves_the_former_mesh(poses: list[Pose3D]) -> None:
+    bodies = LiveBodies()
+    first = played(bodies, poses[:10], 1)[9]
+    later = [replace(pose, t_ns=pose.t_ns + 60_000_000_000) for pose in poses[:10]]
+    second = played(bodies, later, 2)[9]
+    assert list(first[0]) == list(second[0]) == [0]
+    assert first[1][24:26] == second[1][24:26] and first[1][26:28] != second[1][26:28]
+
+
+class OneJob:
+    """The jobs of a workspace in which one session runs."""
+
+    def __init__(self, address: dict[str, Any]) -> None:
+        self._address = address
+
+    def running(self, work: str) -> list[Job]:
+        return [Job(id="1", work=work, title="", arguments={}, begun_s=0.0)]
+
+    def report(self, job: str) -> Report:
+        return Report(extra={"address": self._address})
+
+
+class Page:
+    """Counts as one that shows a stream."""
+
+    def put(self, key: object, message: bytes) -> None:
+        """Nothing."""
+
+
+def test_a_session_is_told_what_pages_show() -> None:
+    host = Host(lambda name, values: None, lambda on: None)
+    link = LiveLink(OneJob(host.address))  # type: ignore[arg-type]
+
+    def until(condition: Any) -> None:
+        end_s = time.monotonic() + 20
+        while not condition():
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+
+    import asyncio
+
+    async def use() -> None:
+        link.begin(asyncio.get_running_loop())
+        await asyncio.to_thread(until, lambda: link._connection is not None)
+        page = Page()
+        for stream in (link.stream, link.bodies):
+            stream._subscribers.add(page)  # type: ignore[arg-type]
+            stream._tell()
+        await asyncio.to_thread(until, lambda: host.wanted(SCENE) and host.wanted(BODIES))
+        host.publish("mesh", b"kept", keep=True, channel=BODIES)
+        host.publish("pose", b"scene", keep=True)
+        await asyncio.to_thread(until, lambda: link.bodies._kept and link.stream._kept)
+        assert (link.bodies._kept, link.stream._kept) == ({"mesh": b"kept"}, {"pose": b"scene"})
+        link.bodies._subscribers.clear()
+        link.bodies._tell()
+        await asyncio.to_thread(until, lambda: not host.wanted(BODIES))
+        assert host.watched
+
+    asyncio.run(use())

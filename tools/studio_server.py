@@ -1,0 +1,79 @@
+"""A studio to try things on: for the tools, benches, pictures and tests that open its pages in a browser."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CHROMIUM = "/usr/bin/chromium"
+# windows of a desk and of a phone, by the ending of pictures
+SIZES = {"": (1280, 800), "_phone": (390, 844)}
+# WebGL on the processor, where there is no graphics card
+GRAPHICS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+PATIENCE_S = 240.0
+
+
+def free_port() -> int:
+    """A port that no program has."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def server(workspace: Path, port: int, *options: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A studio that answers; `options`: more of its command line."""
+    command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open", *options]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        until(lambda: _answers(port) or process.poll() is not None, "the studio to answer")
+        if process.poll() is not None:
+            raise RuntimeError(f"the studio ended with {process.returncode}: {' '.join(command)}")
+        yield process
+    finally:
+        process.terminate()
+        process.wait(20)
+
+
+@contextmanager
+def stand_in(workspace: Path, cameras: int) -> Iterator[None]:
+    """A live session that shows the clip's exact truth, for a machine that is too busy to track."""
+    process = subprocess.Popen([sys.executable, str(ROOT / "bench" / "studio_source.py"), str(workspace), str(cameras)])
+    try:
+        until(lambda: session_of(workspace)[0], "the stand-in")
+        yield
+    finally:
+        process.terminate()
+        process.wait(20)
+
+
+def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
+    """Wait; raises TimeoutError that says for what."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError(f"waited {seconds:g} s for {what}")
+        time.sleep(0.1)
+
+
+def session_of(workspace: Path) -> tuple[str, int]:
+    """Job and process of the session that runs."""
+    for folder in sorted((workspace / ".posefuse-studio" / "jobs").glob("*-live"), reverse=True):
+        file = folder / "state.json"
+        state = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+        if state.get("state") == "running":
+            return folder.name, int(state["pid"])
+    return "", 0
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.settimeout(1.0)
+        return probe.connect_ex(("127.0.0.1", port)) == 0
