@@ -1,5 +1,6 @@
 """Values are checked once at birth and cannot be written afterwards."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -122,3 +123,15 @@ def test_people_are_picked_by_mask_or_by_place() -> None:
     assert turned.person_id.tolist() == [2, 0]
     assert turned.xyz_world[:, 0, 0].tolist() == [2.0, 0.0]
     assert three.people(np.zeros(3, bool)).person_id.shape == (0,)
+
+
+def test_skeletons_are_the_same_one_after_a_journey_between_processes() -> None:
+    for known in SKELETONS.values():
+        assert pickle.loads(pickle.dumps(known)) is known
+        assert len(pickle.dumps(known)) < 100
+    own = Skeleton("own", ("a", "b"), (("a", "b"),))
+    one, other = (pickle.loads(pickle.dumps(own)) for _ in range(2))
+    assert one is other and one == own and hash(one) == hash(own)
+    # of a known name, but another
+    same_name = Skeleton(COCO17.name, COCO17.keypoints[:5])
+    assert pickle.loads(pickle.dumps(same_name)) == same_name != COCO17

@@ -5,7 +5,8 @@ import pytest
 
 from posefuse.core import SE3, Camera, MessageError
 from posefuse.messages import camera_messages as cm
-from posefuse.messages.intake import Intake, decode, encode
+from posefuse.messages.cdr import encode
+from posefuse.messages.intake import Intake, decode
 from posefuse.messages.types import message
 
 K = np.array([[500.0, 0.3, 319.5], [0, 510.0, 239.5], [0, 0, 1]])

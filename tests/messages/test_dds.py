@@ -17,9 +17,10 @@ import pytest
 
 from posefuse.core import ConfigError, DependencyError, SourceError
 from posefuse.messages import dds_domain, messages, topics
+from posefuse.messages.cdr import encode
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network, domain_xml
-from posefuse.messages.intake import Intake, encode
+from posefuse.messages.intake import Intake
 from posefuse.messages.ros_output import RosOutput
 from posefuse.messages.types import message, type_hash
 

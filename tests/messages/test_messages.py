@@ -5,7 +5,8 @@ import pytest
 
 from posefuse.core import MessageError, Skeleton
 from posefuse.messages import messages
-from posefuse.messages.intake import Intake, decode, encode
+from posefuse.messages.cdr import encode
+from posefuse.messages.intake import Intake, decode
 
 STAGES = {"captured": 1_700_000_000_000_000_001, "detected": 1_700_000_000_030_000_000}
 SEVEN = Skeleton("seven", tuple(f"k{i}" for i in range(7)))

@@ -12,8 +12,8 @@ import pytest
 
 from posefuse.core import SE3, DependencyError
 from posefuse.messages import topics
+from posefuse.messages.cdr import encode
 from posefuse.messages.frames import FrameReader
-from posefuse.messages.intake import encode
 from posefuse.messages.rclpy_node import RclpyNode, ros2_is_sourced
 from posefuse.messages.ros_output import RosOutput
 from posefuse.messages.types import message

@@ -192,7 +192,7 @@ def test_what_no_person_listens_to_is_not_made(kept, standing, some_joints, ring
     kept.unwanted = (of_body | {"/tf", "/posefuse/markers"}) - {"/humans/bodies/p1/joint_states"}
     monkeypatch.setattr("posefuse.messages.ros_output.person_markers", None)
     monkeypatch.setattr("posefuse.messages.person_output.parts_from_pose", None)
-    monkeypatch.setattr(RosOutput, "_links", None)
+    monkeypatch.setattr(RosOutput, "_frames", None)
     output.step(standing())
     assert {s.topic.name for s in kept.sent} == {"/humans/bodies/tracked", "/posefuse/pose", "/humans/bodies/p1/joint_states"}
     kept.unwanted |= {"/humans/bodies/p1/joint_states", "/posefuse/pose"}

@@ -59,9 +59,9 @@ def test_a_simulation_that_stands_still_or_begins_anew_is_believed_at_once():
 
 def test_a_node_that_hears_no_clock_says_so():
     pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+    from posefuse.messages.cdr import encode
     from posefuse.messages.dds import RosNode
     from posefuse.messages.dds_domain import Network
-    from posefuse.messages.intake import encode
     from posefuse.messages.sim_time import ClockReader
     from posefuse.messages.topics import CLOCK
     from posefuse.messages.types import message

@@ -10,7 +10,8 @@ from posefuse.cli.replay import difference_m, replayed
 from posefuse.core import Detections2D, LiveDetections, LiveJointCentres, LiveMessage, LivePose, LiveStart, MessageError, Pose3D
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
-from posefuse.messages.intake import decode, encode
+from posefuse.messages.cdr import encode
+from posefuse.messages.intake import decode
 from posefuse.outputs.live import RecordConfig
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig

@@ -9,7 +9,7 @@ import pytest
 from posefuse.core import SKELETONS, Detections2D, LiveHealth, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.health.cameras import Monitor, Verdict
-from posefuse.messages.intake import encode
+from posefuse.messages.cdr import encode
 from posefuse.messages.messages import SourceCounts, message_from_detections
 from posefuse.outputs.live.ros import health_lines
 from posefuse.realtime.config import LiveConfig

@@ -1,6 +1,7 @@
 """Outputs of a live session that fail: it is reported, they go on in a new file, and nothing is written over."""
 
 import os
+import pickle
 import signal
 import time
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from posefuse.outputs.live import RecordConfig, record
 from posefuse.outputs.live.ros import health_lines
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.output_plan import OutputPlan
-from posefuse.realtime.output_process import HANGS, Worker
+from posefuse.realtime.output_process import HANGS, Bundle, Worker
 from posefuse.realtime.outputs import OutputProcess
 
 MESSAGES = list(made_up_messages())
@@ -244,6 +245,31 @@ def test_a_healthy_session_has_no_failure(fed: Fed, tmp_path: Path) -> None:
     assert fed.events() == []
     recorded = {entry.topic for entry in read_mcap(tmp_path / "live.mcap")}
     assert {topics.POSE.name, topics.DETECTIONS.name, topics.DIAGNOSTICS.name} <= recorded
+
+
+@pytest.mark.parametrize("newest", [False, True])
+def test_messages_travel_together_where_no_output_waits_for_the_newest(fed: Fed, monkeypatch, newest: bool) -> None:
+    sent: list[list[LivePose]] = []
+
+    def send(bundle: Bundle, wait_s: float = 0.0) -> bool:
+        sent.append([pickle.loads(raw) for raw in bundle.messages])
+        return True
+
+    fed.outputs.poll()
+    monkeypatch.setattr(fed.outputs._channel, "send", send)
+    monkeypatch.setattr(OutputPlan, "wants_newest", newest)
+    now_s = time.monotonic()
+    for i in range(40):
+        monkeypatch.setattr(time, "monotonic", lambda i=i: now_s + 0.01 * i)
+        fed.outputs.offer(replace(POSE, stages_ns={"i": i}))
+    monkeypatch.undo()
+    monkeypatch.setattr(fed.outputs._channel, "send", send)
+    fed.outputs.poll()
+    monkeypatch.undo()
+    assert [message.stages_ns["i"] for bundle in sent for message in bundle] == list(range(40))
+    assert len(sent) == 40 if newest else len(sent) <= 10
+    # far below what a channel carries at once
+    assert max(sum(len(pickle.dumps(message)) for message in bundle) for bundle in sent) < 100_000
 
 
 def test_an_output_is_added_and_removed_while_the_session_runs(fed: Fed, tmp_path: Path) -> None:

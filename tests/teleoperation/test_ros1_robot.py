@@ -13,7 +13,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import MessageError
-from posefuse.messages.intake import encode
+from posefuse.messages.cdr import encode
 from posefuse.messages.messages import header
 from posefuse.messages.ros1_bytes import ros1_bytes, ros2_message
 from posefuse.messages.types import message

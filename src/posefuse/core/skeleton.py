@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,16 @@ class Skeleton:
     def __len__(self) -> int:
         return len(self.keypoints)
 
+    def __hash__(self) -> int:
+        # asked for with every pose: equal skeletons have equal names
+        return hash(self.name)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Between processes: one that everybody knows by its name; of all others one copy, however often they come."""
+        if SKELETONS.get(self.name) == self:
+            return _known, (self.name,)
+        return _received, (self.name, self.keypoints, self.bones)
+
     def index(self, keypoint: str) -> int:
         """Place of a keypoint on axis K; raises ConfigError for an unknown one."""
         try:
@@ -60,6 +71,15 @@ class Skeleton:
     def bone_indices(self) -> Array:
         """(B, 2) keypoint indices of the bones."""
         return np.array([[self.index(a), self.index(b)] for a, b in self.bones], dtype=np.intp).reshape(-1, 2)
+
+
+def _known(name: str) -> Skeleton:
+    return SKELETONS[name]
+
+
+@lru_cache(maxsize=16)
+def _received(name: str, keypoints: tuple[str, ...], bones: tuple[tuple[str, str], ...]) -> Skeleton:
+    return Skeleton(name, keypoints, bones)
 
 
 def mirror_name(keypoint: str) -> str:
@@ -213,15 +233,38 @@ def pick_keypoints(xyz: Array, skeleton: Skeleton, wanted: Sequence[str]) -> Arr
     A keypoint the skeleton lacks is taken from its synonym (toe tip), else from the midpoint that defines it
     (neck, mid_hip), else NaN.
     """
+    places = _places(skeleton, tuple(wanted))
+    picked = np.take(xyz, places.first, axis=-2)
+    if len(places.halves):
+        one, other = places.ends
+        picked[..., places.halves, :] = (xyz[..., one, :] + xyz[..., other, :]) / 2
+    if len(places.missing):
+        picked[..., places.missing, :] = np.nan
+    return picked
+
+
+class _Places(NamedTuple):
+    """Where wanted keypoints are on axis K.
+
+    Attributes:
+        first: (n,) of each; any where there is none. halves: (h,) those that lie in the middle of two others. ends: (2, h) these.
+        missing: (m,) those that the skeleton lacks.
+    """
+
+    first: Array
+    halves: Array
+    ends: Array
+    missing: Array
+
+
+@lru_cache(maxsize=256)
+def _places(skeleton: Skeleton, wanted: tuple[str, ...]) -> _Places:
     have = {_SYNONYMS.get(k, k): i for i, k in enumerate(skeleton.keypoints)}
-    columns = []
+    pairs = []
     for keypoint in wanted:
         name = _SYNONYMS.get(keypoint, keypoint)
-        if name in have:
-            columns.append(xyz[..., have[name], :])
-        elif name in _MIDPOINTS and all(part in have for part in _MIDPOINTS[name]):
-            left, right = (xyz[..., have[part], :] for part in _MIDPOINTS[name])
-            columns.append((left + right) / 2)
-        else:
-            columns.append(np.full_like(xyz[..., 0, :], np.nan))
-    return np.stack(columns, axis=-2)
+        pairs.append([have.get(end, -1) for end in ((name, name) if name in have else _MIDPOINTS.get(name, (name, name)))])
+    ends = np.array(pairs, np.intp).reshape(-1, 2).T
+    missing = (ends < 0).any(axis=0)
+    halves = np.flatnonzero((ends[0] != ends[1]) & ~missing)
+    return _Places(first=np.where(missing, 0, ends[0]), halves=halves, ends=ends[:, halves], missing=np.flatnonzero(missing))

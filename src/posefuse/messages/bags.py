@@ -20,7 +20,8 @@ from posefuse.core.errors import choices
 
 from . import topics
 from .camera_messages import CAMERA_INFO_TYPE, camera_from_info
-from .intake import decode, encode
+from .cdr import encode
+from .intake import decode
 from .mcap_records import mcap_records
 from .messages import detections_from_message, ns_from_time, optical_frame, pose_from_message
 from .topics import Topic

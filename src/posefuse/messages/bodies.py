@@ -32,9 +32,10 @@ JOINTS = (
     "l_y_hip", "r_y_hip", "l_p_hip", "r_p_hip", "l_r_hip", "r_r_hip", "l_knee", "r_knee",
 )  # fmt: skip
 _STRAIGHT = float(np.sin(np.deg2rad(10.0)))
-_PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "ear")
+# parts that there are two of, in the order of `POINTS`
+PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "ear")
 # keypoints that a body is made of
-POINTS = tuple(f"{side}_{part}" for part in _PARTS for side in ("left", "right")) + ("nose",)
+POINTS = tuple(f"{side}_{part}" for part in PARTS for side in ("left", "right")) + ("nose",)
 # +1 left, -1 right: the URDF's `reflect`
 _SIDE = np.array([1.0, -1.0])
 
@@ -59,7 +60,7 @@ def bodies_from_pose(pose: Pose3D) -> Bodies:
 
 def bodies_from_points(points: Array) -> Bodies:
     """The same from the keypoints (N, len(POINTS), 3) in the order of `POINTS`."""
-    at = {part: points[:, 2 * i : 2 * i + 2] for i, part in enumerate(_PARTS)}
+    at = {part: points[:, 2 * i : 2 * i + 2] for i, part in enumerate(PARTS)}
     middle = {part: at[part].mean(axis=1) for part in ("hip", "shoulder", "ear")}
     spine = middle["shoulder"] - middle["hip"]
     body = _axes(y=at["hip"][:, 0] - at["hip"][:, 1], z=spine)
@@ -75,7 +76,7 @@ def bodies_from_points(points: Array) -> Bodies:
         axis=1,
     )
     xyz = np.concatenate(
-        [np.stack([middle["hip"], middle["shoulder"], middle["ear"]], axis=1)] + [at[part] for part in _PARTS[:-1]], axis=1
+        [np.stack([middle["hip"], middle["shoulder"], middle["ear"]], axis=1)] + [at[part] for part in PARTS[:-1]], axis=1
     )
     whole = np.asarray(np.isfinite(body).all(axis=(-1, -2)))
     seen = np.asarray(np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(xyz).all(axis=-1) & whole[:, None])
@@ -94,21 +95,29 @@ def _cross(a: Array, b: Array) -> Array:
     """As `np.cross` of (..., 3), whose care for other shapes costs more than the product here."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    return _along_last(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+
+
+def _along_last(*parts: Array) -> Array:
+    """As `np.stack` along a new last axis, whose care for other cases costs more than the copies here."""
+    out = np.empty((*parts[0].shape, len(parts)))
+    for i, part in enumerate(parts):
+        out[..., i] = part
+    return out
 
 
 def _axes(y: Array, z: Array) -> Array:
     """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
     up = _unit(z)
     forward = _unit(_cross(y, up))
-    return np.stack([forward, _cross(up, forward), up], axis=-1)
+    return _along_last(forward, _cross(up, forward), up)
 
 
 def _head_axes(left: Array, nose: Array) -> Array:
     """(N, 3, 3): y along the ears, x towards the nose."""
     y = _unit(left)
     x = _unit(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
-    return np.stack([x, y, _cross(x, y)], axis=-1)
+    return _along_last(x, y, _cross(x, y))
 
 
 def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> tuple[Array, Array]:
@@ -121,7 +130,7 @@ def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> 
     across = bends * (v - along * u)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     x = _unit(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
-    frame = np.stack([x, _cross(-u, x), -u], axis=-1)
+    frame = _along_last(x, _cross(-u, x), -u)
     return frame, bends * np.arctan2(sine, along)[..., 0]
 
 
@@ -130,14 +139,14 @@ def _untwisted_forward(u: Array) -> Array:
     # first column of Rodrigues' rotation from -z to u; straight up it is the limit of swinging through the front
     x, y, z = u[..., 0], u[..., 1], u[..., 2]
     scale = 1 / np.maximum(1 - z, 1e-9)
-    return np.stack([1 - x * x * scale, -x * y * scale, x], axis=-1)
+    return _along_last(1 - x * x * scale, -x * y * scale, x)
 
 
 def _about_y(frame: Array, angle_rad: Array) -> Array:
     """`frame` (..., 3, 3) turned about its own y."""
     c, s = np.cos(angle_rad)[..., None], np.sin(angle_rad)[..., None]
     x, y, z = frame[..., 0], frame[..., 1], frame[..., 2]
-    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+    return _along_last(c * x - s * z, y, s * x + c * z)
 
 
 def _shoulder_angles(m: Array) -> list[Array]:
@@ -159,4 +168,4 @@ def _head_angles(body: Array, head: Array) -> Array:
     """r, y, p (N, 3) of body_from_head = Rx(r) Rz(y) Ry(-p)."""
     m = np.swapaxes(body, -1, -2) @ head
     yaw = np.arcsin(np.clip(-m[..., 0, 1], -1, 1))
-    return np.stack([np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0])], axis=-1)
+    return _along_last(np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0]))

@@ -25,20 +25,21 @@ _SKELETON2D = (
 
 def transform(t_ns: int, parent: str, child: str, parent_from_child: SE3) -> Any:
     """`geometry_msgs/TransformStamped`: where `child` is in `parent`."""
-    return _transform(t_ns, parent, child, parent_from_child.wxyz.tolist(), parent_from_child.xyz.tolist())
+    return _transform(header(t_ns, parent), child, parent_from_child.wxyz.tolist(), parent_from_child.xyz.tolist())
 
 
 def transforms_of_children(t_ns: int, parent: str, names: Sequence[str], parent_from_child: SE3) -> list[Any]:
     """One transform per name that is not NaN; `parent_from_child` has one batch axis."""
     seen = np.asarray(np.isfinite(parent_from_child.wxyz).all(axis=-1) & np.isfinite(parent_from_child.xyz).all(axis=-1))
-    poses = zip(names, parent_from_child.wxyz.tolist(), parent_from_child.xyz.tolist(), seen, strict=True)
-    return [_transform(t_ns, parent, name, wxyz, xyz) for name, wxyz, xyz, known in poses if known]
+    poses = zip(names, parent_from_child.wxyz.tolist(), parent_from_child.xyz.tolist(), seen.tolist(), strict=True)
+    of_all = header(t_ns, parent)
+    return [_transform(of_all, name, wxyz, xyz) for name, wxyz, xyz, known in poses if known]
 
 
-def _transform(t_ns: int, parent: str, child: str, wxyz: list[float], xyz: list[float]) -> Any:
+def _transform(stamped: Any, child: str, wxyz: list[float], xyz: list[float]) -> Any:
     return message(
         "geometry_msgs/msg/TransformStamped",
-        header=header(t_ns, parent),
+        header=stamped,
         child_frame_id=child,
         transform=message("geometry_msgs/msg/Transform", translation=_vector(xyz), rotation=_quaternion(wxyz)),
     )

@@ -17,9 +17,10 @@ import numpy as np
 
 from posefuse.core import SourceError
 
+from .cdr import encode
 from .dds_domain import Network, open_domain, require_tested_cyclonedds
 from .idl import idl_class
-from .intake import Intake, encode
+from .intake import Intake
 from .topics import Topic
 from .types import message, optional_module, type_hash
 

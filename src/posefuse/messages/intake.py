@@ -14,12 +14,6 @@ from .types import ros2_types
 T = TypeVar("T")
 
 
-def encode(msg: Any) -> bytes:
-    """CDR bytes (little endian, with encapsulation header) of a ROS 2 message; padded to 4 bytes as DDS wants."""
-    raw = bytes(ros2_types().serialize_cdr(msg, msg.__msgtype__, little_endian=True))
-    return raw + bytes(-len(raw) % 4)
-
-
 def decode(raw: bytes, type_name: str, max_bytes: int) -> Any:
     """The message in CDR bytes; raises MessageError when malformed or longer than `max_bytes`."""
     from rosbags.serde import SerdeError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,12 @@ _KEYPOINT_M, _BONE_M, _LINE_M, _TEXT_M = 0.045, 0.02, 0.006, 0.12
 _PYRAMID_DEPTH_M = 0.25
 _LEFT, _RIGHT, _MIDDLE = (0.16, 0.47, 0.84), (0.87, 0.33, 0.19), (0.93, 0.93, 0.93)
 _PREDICTED_ALPHA = 0.45
+# what a marker has one of each of, as arrays, see `cdr.encode`: (n, 3) points and (n, 4) colours
+_NO_POINTS, _NO_COLOURS = np.zeros((0, 3)), np.zeros((0, 4))
 
 
-def side_colours(keypoints: Sequence[str]) -> Array:
+@lru_cache(maxsize=16)
+def side_colours(keypoints: tuple[str, ...]) -> Array:
     """(K, 3) red, green, blue: left blue, right red, the middle light."""
     return np.array([_LEFT if n.startswith("left_") else _RIGHT if n.startswith("right_") else _MIDDLE for n in keypoints])
 
@@ -93,8 +96,8 @@ def solid_marker(
         kind=kind,
         scale=(scale[0], scale[1], scale[2]),
         xyz=xyz,
-        points=[],
-        colours=[],
+        points=_NO_POINTS,
+        colours=_NO_COLOURS,
         text="",
         forget=True,
     )
@@ -105,8 +108,6 @@ def solid_marker(
 def _marker(
     t_ns: int, frame: str, ns: str, number: int, kind: int, size_m: float, xyz: Array, rgba: Array, forget: bool = True
 ) -> Any:
-    points = [message("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in xyz.tolist()]
-    colours = [_colour(*row) for row in rgba.tolist()]
     return _plain(
         t_ns,
         frame,
@@ -115,8 +116,8 @@ def _marker(
         kind=kind,
         scale=(size_m,) * 3,
         xyz=np.zeros(3),
-        points=points,
-        colours=colours,
+        points=xyz,
+        colours=rgba,
         text="",
         forget=forget,
     )
@@ -131,8 +132,8 @@ def _text(t_ns: int, frame: str, ns: str, number: int, xyz: Array, text: str, fo
         kind=_TEXT,
         scale=(0.0, 0.0, _TEXT_M),
         xyz=xyz,
-        points=[],
-        colours=[],
+        points=_NO_POINTS,
+        colours=_NO_COLOURS,
         text=text,
         forget=forget,
     )
@@ -146,8 +147,8 @@ def _plain(
     kind: int,
     scale: tuple[float, float, float],
     xyz: Array,
-    points: list[Any],
-    colours: list[Any],
+    points: Array,
+    colours: Array,
     text: str,
     forget: bool,
 ) -> Any:

@@ -14,8 +14,8 @@ from typing import Any
 
 from posefuse.core import DependencyError
 
+from .cdr import encode
 from .dds import Sample
-from .intake import encode
 from .topics import Topic
 
 

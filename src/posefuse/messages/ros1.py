@@ -15,8 +15,8 @@ from typing import Any
 
 from posefuse.core import DependencyError, InputError, MessageError, SourceError
 
+from .cdr import encode
 from .dds import Sample
-from .intake import encode
 from .ros1_bytes import carrier_of, ros1_bytes, ros2_message
 from .topics import Topic
 from .types import optional_module, ros1_types

@@ -7,6 +7,8 @@ import struct
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from posefuse.core import MessageError
 
 from .types import message, ros1_types
@@ -54,9 +56,17 @@ def _converted(msg: Any, type_name: str) -> Any:
             continue
         value = getattr(msg, source)
         if inner is not None:
-            value = [_converted(v, inner) for v in value] if isinstance(value, list) else _converted(value, inner)
+            value = _converted_list(value, inner) if isinstance(value, (list, np.ndarray)) else _converted(value, inner)
         values[name] = value
     return store.types[type_name](**values)
+
+
+def _converted_list(values: Any, inner: str) -> list[Any]:
+    """Of messages, or of the rows of an array, see `cdr.encode`."""
+    if isinstance(values, np.ndarray):
+        kind = ros1_types().types[inner]
+        return [kind(*row) for row in values.tolist()]
+    return [_converted(value, inner) for value in values]
 
 
 def _converted_back(msg: Any, type_name: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from .velocities import Velocities, angle_difference
 
 CAMERA_MARKERS = Topic("/posefuse/cameras", "visualization_msgs/msg/MarkerArray", depth=1, latched=True)
 
+_ROOT = LINKS.index("body")
 _FORGOTTEN_AFTER_NS = 3_000_000_000
 # topics of a body that need no links
 _NOT_OF_LINKS = ("skeleton2d", "roi", "joint_angles", "urdf")
@@ -138,10 +140,7 @@ class RosOutput:
         self.people.step(pose, bodies, ids)
         if not frames:
             return
-        transforms = self._links(ids, bodies.world_from_link, pose.t_ns)
-        if joints is not None:
-            roots = {int(p): bodies.world_from_link[n, 0] for n, p in enumerate(pose.person_id)}
-            transforms += self._segments(joints, roots, pose.t_ns)
+        transforms = self._frames(pose, joints, ids, bodies.world_from_link)
         if transforms:
             self.outlet.publish(topics.TF, message("tf2_msgs/msg/TFMessage", transforms=transforms), pose.t_ns)
 
@@ -177,36 +176,40 @@ class RosOutput:
                 for part in topics.BODY_PARTS:
                     self.outlet.forget(topics.body(one, part).name)
 
-    def _links(self, ids: Sequence[str], world_from_link: SE3, t_ns: int) -> list[Any]:
-        root = LINKS.index("body")
-        # a batch of one root per person against all its links
-        body_from_world = world_from_link[:, [root] * len(LINKS)].inverse()
-        body_from_link = body_from_world @ world_from_link
-        found = []
-        for n, one in enumerate(ids):
-            if np.isfinite(world_from_link.xyz[n, root]).all():
-                found.append(transform(t_ns, self.world_frame, f"body_{one}", world_from_link[n, root]))
-                found += transforms_of_children(
-                    t_ns, f"body_{one}", [f"{name}_{one}" for name in LINKS[1:]], body_from_link[n, 1:]
-                )
-        return found
-
-    def _segments(self, joints: JointAngles, roots: Mapping[int, SE3], t_ns: int) -> list[Any]:
-        found = []
-        for n, person in enumerate(map(int, joints.person_id)):
-            root = roots.get(person)
-            if root is not None and np.isfinite(root.xyz).all():
-                one = body_id(person)
-                names = [f"segment_{topics.ros_name(name)}_{one}" for name in joints.segments]
-                body_from_world = root.inverse()
-                still = SE3(*(np.broadcast_to(a, (len(names), a.size)) for a in (body_from_world.wxyz, body_from_world.xyz)))
-                found += transforms_of_children(t_ns, f"body_{one}", names, still @ joints.world_from_segment[-1, n])
-        return found
+    def _frames(self, pose: Pose3D, joints: JointAngles | None, ids: Sequence[str], world_from_link: SE3) -> list[Any]:
+        """Transforms of everybody's links, then of everybody's segments; all are children of the body."""
+        places = {} if joints is None else {person: n for n, person in enumerate(joints.person_id.tolist())}
+        links, segments = [], []
+        for n, (one, person) in enumerate(zip(ids, pose.person_id.tolist(), strict=True)):
+            root = world_from_link[n, _ROOT]
+            if not np.isfinite(root.xyz).all():
+                continue
+            body, own, wxyz, xyz = f"body_{one}", places.get(person), [world_from_link.wxyz[n, 1:]], [world_from_link.xyz[n, 1:]]
+            link_names, segment_names = _frame_names(one, () if joints is None or own is None else joints.segments)
+            if joints is not None and own is not None:
+                wxyz.append(joints.world_from_segment.wxyz[-1, own])
+                xyz.append(joints.world_from_segment.xyz[-1, own])
+            world_from_child = SE3(np.concatenate(wxyz), np.concatenate(xyz))
+            back = root.inverse()
+            # a batch of one body against all its children
+            body_from_world = SE3(*(np.broadcast_to(a, (*world_from_child.batch, a.size)) for a in (back.wxyz, back.xyz)))
+            body_from_child, count = body_from_world @ world_from_child, len(link_names)
+            links.append(transform(pose.t_ns, self.world_frame, body, root))
+            links += transforms_of_children(pose.t_ns, body, link_names, body_from_child[:count])
+            segments += transforms_of_children(pose.t_ns, body, segment_names, body_from_child[count:])
+        return links + segments
 
     def _show_view(self, one: str, pose: Pose3D, n: int, camera: Camera) -> None:
         xy, inside = keypoints_seen(pose, n, camera)
         self.outlet.publish(topics.body(one, "skeleton2d"), skeleton2d(xy, inside, camera, pose.t_ns), pose.t_ns)
         self.outlet.publish(topics.body(one, "roi"), region_of_interest(xy[inside], camera, pose.t_ns), pose.t_ns)
+
+
+@lru_cache(maxsize=256)
+def _frame_names(one: str, segments: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """tf names of the links of a body, the root excepted, and of its segments."""
+    links = tuple(f"{name}_{one}" for name in LINKS if name != LINKS[_ROOT])
+    return links, tuple(f"segment_{topics.ros_name(name)}_{one}" for name in segments)
 
 
 def _at(pose: Pose3D, t_ns: int) -> Pose3D:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 from . import camera_messages, joint_centre_messages, messages
@@ -126,6 +127,7 @@ BODY_PARTS = {
 }
 
 
+@lru_cache(maxsize=1024)
 def body(body_id: str, part: str) -> Topic:
     """A topic of one body; `part` is one of `BODY_PARTS`."""
     name, latched = f"/humans/bodies/{body_id}/{part}", part == "urdf"

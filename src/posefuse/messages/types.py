@@ -81,7 +81,7 @@ def _store(name: str, texts: Mapping[str, str]) -> Typestore:
     return store
 
 
-def message(type_name: str, **fields: Any) -> Any:
+def message(type_name: str, /, **fields: Any) -> Any:
     """A ROS 2 message of `type_name` (``pkg/msg/Type``); raises TypeError for a field that is missing or unknown."""
     return ros2_types().types[type_name](**fields)
 

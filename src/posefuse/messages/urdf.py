@@ -6,21 +6,31 @@ Links and joints are named as in the reference model of the package `human_descr
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from posefuse.core.arrays import Array
 
-from .bodies import POINTS
+from .bodies import PARTS
 
 _LIMIT = '<limit lower="-6.2832" upper="6.2832" effort="10" velocity="50"/>'
 _RADIUS_M = 0.04
 
 
-@dataclass(frozen=True)
-class Sizes:
+def _ends(*pairs: tuple[str, str]) -> Array:
+    """(n, 2) places of the ends in `PARTS`."""
+    return np.array([[PARTS.index(part) for part in pair] for pair in pairs])
+
+
+# ends of the lengths of `Sizes`: between the middles of both sides, between the sides, and on each side
+_TRUNK = _ends(("shoulder", "hip"), ("ear", "shoulder"))
+_ACROSS = [PARTS.index("shoulder"), PARTS.index("hip")]
+_LIMBS = _ends(("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+
+
+class Sizes(NamedTuple):
     """Lengths of a person in metres.
 
     Attributes:
@@ -37,34 +47,23 @@ class Sizes:
     thigh: float
     shank: float
 
-    @property
-    def known(self) -> bool:
-        """Whether all of them are."""
-        return bool(np.isfinite(astuple(self)).all())
-
     def differs(self, other: Sizes, by_m: float) -> bool:
         """Whether any length is another by more than `by_m`."""
-        return bool(np.abs(np.subtract(astuple(self), astuple(other))).max() > by_m)
+        return any(abs(mine - theirs) > by_m for mine, theirs in zip(self, other, strict=True))
 
 
 def sizes_from_points(points: Array) -> Array:
     """(N, 8) lengths in the order of `Sizes` from keypoints (N, len(POINTS), 3); both sides' mean, NaN where not seen."""
-    at = {name: points[:, i] for i, name in enumerate(POINTS)}
-
-    def middle(part: str) -> Array:
-        return np.asarray((at[f"left_{part}"] + at[f"right_{part}"]) / 2)
-
-    def across(part: str) -> Array:
-        return np.asarray(np.linalg.norm(at[f"left_{part}"] - at[f"right_{part}"], axis=-1) / 2)
-
-    def limb(near: str, far: str) -> Array:
-        sides = [np.linalg.norm(at[f"{side}_{near}"] - at[f"{side}_{far}"], axis=-1) for side in ("left", "right")]
-        return np.asarray((sides[0] + sides[1]) / 2)
-
-    torso = np.linalg.norm(middle("shoulder") - middle("hip"), axis=-1)
-    head = np.linalg.norm(middle("ear") - middle("shoulder"), axis=-1)
-    limbs = [limb("shoulder", "elbow"), limb("elbow", "wrist"), limb("hip", "knee"), limb("knee", "ankle")]
-    return np.stack([torso, head, across("shoulder"), across("hip"), *limbs], axis=-1)
+    sides = points[:, : 2 * len(PARTS)].reshape(-1, len(PARTS), 2, 3)
+    left, right = sides[:, :, 0], sides[:, :, 1]
+    middle = (left + right) / 2
+    trunk = middle[:, _TRUNK[:, 0]] - middle[:, _TRUNK[:, 1]]
+    limbs = sides[:, _LIMBS[:, 0]] - sides[:, _LIMBS[:, 1]]
+    across = left[:, _ACROSS] - right[:, _ACROSS]
+    lengths = np.linalg.norm(np.concatenate([trunk, across, limbs[:, :, 0], limbs[:, :, 1]], axis=1), axis=-1)
+    # a half of what is across, and the mean of both sides
+    both = (lengths[:, 4:8] + lengths[:, 8:]) / 2
+    return np.concatenate([lengths[:, :2], lengths[:, 2:4] / 2, both], axis=-1)
 
 
 def urdf_text(body: str, sizes: Sizes) -> str:

@@ -33,6 +33,11 @@ class OutputPlan:
         """Whether any output takes such messages."""
         return any(kind in config.takes for config in self.configs.values())
 
+    @property
+    def wants_newest(self) -> bool:
+        """Whether any output is better off with a message now than with all of them later."""
+        return not all(config.keeps_all for config in self.configs.values())
+
     def start(self) -> LiveStart:
         """The first message."""
         return LiveStart(

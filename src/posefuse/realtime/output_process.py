@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import pickle
 import queue
 import signal
 import threading
@@ -53,6 +54,13 @@ class OutputsHealth:
 
     health: Mapping[str, OutputHealth]
     final: bool = False
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Messages for the outputs, each pickled, in their order."""
+
+    messages: Sequence[bytes]
 
 
 @dataclass(frozen=True)
@@ -118,9 +126,10 @@ def _hand_out(channel: Channel, workers: list[Worker]) -> None:
                     if worker.name == message.name:
                         worker.finish()
             else:
-                kept.keep(message)
-                for worker in workers:
-                    worker.put(message)
+                for one in map(pickle.loads, message.messages) if isinstance(message, Bundle) else (message,):
+                    kept.keep(one)
+                    for worker in workers:
+                        worker.put(one)
         workers[:] = [worker for worker in workers if not worker.finished]
         now_s, states = time.monotonic(), _states(workers)
         # a report there is no room for is sent again

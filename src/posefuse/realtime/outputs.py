@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import pickle
 import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from posefuse.core import InputError, LiveMessage, LiveOutputConfig, OutputHealth
+from posefuse.core import InputError, LiveDetections, LiveMessage, LiveOutputConfig, OutputHealth
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
 
@@ -18,6 +19,7 @@ from .output_plan import PROCESS, OutputEvent, OutputPlan
 from .output_process import (
     END_S,
     HANGS,
+    Bundle,
     OutputAdded,
     OutputRemoved,
     OutputsEnd,
@@ -34,6 +36,9 @@ _LONGEST_RETRY_S = 10.0
 # it reports four times a second: then it is said that it does not, then it is ended
 _SILENT_S = 2.0
 _HUNG_S = 10.0
+# messages travel in bundles, as every one that is sent wakes the other process: so long and so many bytes at most, far below what
+# a channel carries at once
+_BUNDLE_S, _BUNDLE_BYTES = 0.05, 1 << 16
 
 
 class OutputProcess:
@@ -54,6 +59,9 @@ class OutputProcess:
         # what former processes took, dropped and failed
         self._before = dict.fromkeys(plan.configs, OutputHealth())
         self._kept = KeptMessages()
+        # pickled messages that were not sent yet, and since when there are any
+        self._bundle: list[bytes] = []
+        self._bundled_s = 0.0
         self._deaths, self._retry_s, self._again_s = 0, _FIRST_RETRY_S, 0.0
         self._finished = self._ready = False
         self._heard_s = 0.0
@@ -87,23 +95,42 @@ class OutputProcess:
         self._take(message)
 
     def offer(self, message: LiveMessage) -> None:
-        """Hand a message on, if any output takes such."""
+        """Hand a message on, if any output takes such: with others, soon; a pose at once where an output wants the newest."""
         if not self._plan.wants(type(message)):
             return
         self._kept.keep(message)
         if not self._ready:
             self.lost += 1
             return
+        raw, now_s = pickle.dumps(message, pickle.HIGHEST_PROTOCOL), time.monotonic()
+        if sum(map(len, self._bundle)) + len(raw) > _BUNDLE_BYTES:
+            self._send_bundle()
+        if not self._bundle:
+            self._bundled_s = now_s
+        self._bundle.append(raw)
+        urgent = not isinstance(message, LiveDetections) and self._plan.wants_newest
+        if urgent or now_s - self._bundled_s >= _BUNDLE_S:
+            self._send_bundle()
+
+    def _send_bundle(self) -> None:
+        bundle, self._bundle = self._bundle, []
+        if not bundle:
+            return
         try:
-            self.lost += not self._channel.send(message)
+            sent = self._ready and self._channel.send(Bundle(bundle))
         except ChannelClosed:
+            sent = False
             self._died(death_of(self._process))
+        self.lost += 0 if sent else len(bundle)
 
     def poll(self) -> None:
         """Take in how the outputs fare, and start a process that died again."""
         if self._process is None:
             if time.monotonic() >= self._again_s:
                 self._begin()
+            return
+        self._send_bundle()
+        if self._process is None:
             return
         try:
             while (message := self._channel.receive()) is not None:
@@ -138,12 +165,14 @@ class OutputProcess:
         """Send what was changed, and what there was no room for before."""
         if change is not None:
             self._changes.append(change)
+            self._send_bundle()
         with contextlib.suppress(ChannelClosed):
             while self._ready and self._changes and self._channel.send(self._changes[0]):
                 self._changes.pop(0)
 
     def close(self) -> None:
         """Let it finish, files first; safe to call twice."""
+        self._send_bundle()
         if self._process is None:
             return
         with contextlib.suppress(ChannelClosed):
