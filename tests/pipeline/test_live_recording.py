@@ -13,6 +13,7 @@ from posefuse.core import (
     InputError,
     LiveDetections,
     LiveJointCentres,
+    LiveNames,
     LivePose,
     LiveStart,
     Pose3D,
@@ -260,6 +261,22 @@ def test_the_table_of_joint_centres_is_that_of_the_session(tmp_path: Path, rig: 
     moved = solve_again(found).poses.xyz_world
     plain = solve_again(found, replace(TrackConfig(), joint_centres=False)).poses.xyz_world
     assert np.nanmax(np.linalg.norm(moved - plain, axis=-1)) > 0.003
+
+
+def test_names_given_in_the_session_are_those_of_the_recording(tmp_path: Path, rig: Rig) -> None:
+    lines: list[str] = []
+    path = tmp_path / "a.mcap"
+    output = RecordConfig(path=path).build()
+    notes = notes_of(rig, LiveConfig(names=("first", "second")))
+    output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes))
+    for i, names in enumerate(({0: "Eva"}, {0: "Eva", 4: 'Äda "x"', 900: "late"}, {0: "", 4: "Ada", 900: "late"})):
+        output.take(LiveNames(t_ns=BEGIN_NS, names=names))
+        output.take(LivePose(pose=poses_of(3)[i]))
+    output.close()
+    found = read_live_recording(path, lines.append)
+    assert list(found.provenance["config"]["names"]) == ["person 0", "second", "person 2", "person 3", "Ada"]
+    assert found.person_names == ("Ada",)
+    assert len(lines) == 1 and "900" in lines[0]
 
 
 def test_what_is_no_live_recording_is_refused(tmp_path: Path, rig: Rig) -> None:

@@ -1,15 +1,22 @@
 """Any moment of a recording: the frame that was taken then, and the skeleton in its pixels."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from small_session import COUNT, PERIOD_NS, SIZE_WH, grey
+from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, walk
 
 import posefuse as pf
+from posefuse.api.recording import recording_of
+from posefuse.core import Frame
+from posefuse.core.live_observations import observations_from_frames
+from posefuse.formats.rig import write_rig
+from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback
 from posefuse.pipeline.session_images import nearby_session, session_of
+from posefuse.realtime.video_keeping import VideoKeeper
 
 Saved = tuple[Path, Path]
 
@@ -59,3 +66,49 @@ def test_without_videos_and_with_a_damaged_one_the_rest_is_shown(saved_walk: Sav
         assert list(playback.problems) == ["cam01"]
         assert playback.moment("cam01", 0, 480) is None
         assert playback.moment("cam02", 0, 480) is not None
+
+
+def live_walk(folder: Path, ring_rig, *, zero_ns: int, finished: bool = True) -> tuple[pf.Recording, Path]:
+    """A live recording with videos that were kept from five seconds after the session's zero on, and its file."""
+    recorded = walk(ring_rig(3, size_wh=SIZE_WH))
+    (folder / "videos").mkdir(parents=True)
+    write_rig(folder / "rig.toml", recorded.rig)
+    for c, camera in enumerate(recorded.rig.names):
+        keeper = VideoKeeper(folder / "videos", camera)
+        keeper.zero_ns = zero_ns
+        for i in range(COUNT):
+            image = np.full((SIZE_WH[1], SIZE_WH[0], 3), grey(c, i), np.uint8)
+            t_ns = 5_000_000_000 + i * PERIOD_NS
+            keeper.offer(Frame(camera=camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image), t_ns)
+        keeper.close()
+        if not finished:
+            (folder / "videos" / f"{camera}.json").unlink()
+    frames = [recorded.observations.detections(i) for i in range(len(recorded.observations.frame_t_ns))]
+    observations = observations_from_frames(recorded.poses.skeleton, recorded.rig.names, frames)
+    # the recording began with the fourth frame
+    start_ns = zero_ns + 5_000_000_000 + 3 * PERIOD_NS
+    made = {**recorded.provenance, "start_ns": start_ns}
+    return recording_of(replace(recorded, observations=observations, provenance=made)), folder / "recording.mcap"
+
+
+def test_videos_of_a_live_session_are_on_the_time_of_its_recording(tmp_path: Path, ring_rig) -> None:
+    recording, path = live_walk(tmp_path / "a", ring_rig, zero_ns=1_700_000_000_000_000_000)
+    assert recording.is_live
+    with Playback(recording, session_with_videos(recording, path, tmp_path)) as playback:
+        assert playback.has_images
+        for i in (0, 20, 7):
+            for c, camera in enumerate(playback.cameras):
+                step = playback.moment(camera, i * PERIOD_NS, 480)
+                assert step.t_ns == pytest.approx(i * PERIOD_NS, abs=2000)
+                assert abs(np.median(image_of(step.jpeg)) - grey(c, i + 3)) < 4
+    # kept in a folder next to the file
+    assert session_with_videos(recording, tmp_path / "recording.mcap") is not None
+    assert session_with_videos(recording, path, tmp_path / "other") is None
+
+
+def test_videos_of_another_time_or_unfinished_ones_are_not_those_of_the_recording(tmp_path: Path, ring_rig) -> None:
+    recording, path = live_walk(tmp_path / "a", ring_rig, zero_ns=1_700_000_000_000_000_000)
+    later = replace(recording, provenance={**recording.provenance, "start_ns": recording.provenance["start_ns"] + 2 * 10**9})
+    assert session_with_videos(later, path) is None
+    cut, path = live_walk(tmp_path / "b", ring_rig, zero_ns=1_700_000_000_000_000_000, finished=False)
+    assert session_with_videos(cut, path) is None

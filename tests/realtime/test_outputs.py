@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.core import InputError, LiveHealth, LiveJointCentres, LivePose, LiveStart
+from posefuse.core import InputError, LiveHealth, LiveJointCentres, LiveNames, LivePose, LiveStart
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.evaluation.live_session import made_up_messages, made_up_rig, made_up_start
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_poses
+from posefuse.messages.people_names import names_from_message
 from posefuse.outputs.live import RecordConfig, record
 from posefuse.outputs.live.ros import health_lines
 from posefuse.realtime.clock import SessionClock
@@ -274,6 +275,7 @@ def test_messages_travel_together_where_no_output_waits_for_the_newest(fed: Fed,
 
 def test_an_output_is_added_and_removed_while_the_session_runs(fed: Fed, tmp_path: Path) -> None:
     second = tmp_path / "second.mcap"
+    fed.outputs.offer(LiveNames(t_ns=POSE.pose.t_ns, names={0: "Ada"}))
     until(lambda: fed.taken() > 0, fed.feed)
     fed.outputs.add("second", RecordConfig(path=second))
     until(lambda: fed.outputs.health["second"].taken > 20, fed.feed)
@@ -286,6 +288,7 @@ def test_an_output_is_added_and_removed_while_the_session_runs(fed: Fed, tmp_pat
     assert len(list(read_poses(second, warn=said.append))) > 20 and said == []
     # what a recording must have seen before all poses came to the later one, too
     assert next(read_mcap(second, {topics.JOINT_CENTRES.name})).topic == topics.JOINT_CENTRES.name
+    assert names_from_message(next(read_mcap(second, {topics.NAMES.name})).msg) == {0: "Ada"}
     assert not fed.outputs.failed and fed.state() == OK
 
 

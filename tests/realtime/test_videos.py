@@ -2,15 +2,19 @@
 
 import json
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from live_session import until
 
+import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.core import Frame, InputError
 from posefuse.foundation.manifest import MANIFEST_FILE
 from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.video_keeping import VideoKeeper, read_counts
@@ -85,3 +89,35 @@ def test_a_session_kept_with_its_videos_can_be_tracked(
         assert len(found) >= counts["written"] > 0
         nearest = np.abs(original[None] - found[:, None]).min(axis=1)
         assert nearest.max() <= 1_000
+
+
+@pytest.mark.realtime
+def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_that_were_given(
+    tmp_path: Path, demo_session: Path
+) -> None:
+    """Every detection was made in a frame, so that the video has a frame at its time."""
+    pytest.importorskip("mcap")
+    oracle = {"detector.name": "oracle", "detector.options.truth": str(demo_session / "truth" / "truth.npz")}
+    videos, path = tmp_path / "videos", tmp_path / "recording.mcap"
+    videos.mkdir()
+    (tmp_path / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    with pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], record=path, settings=oracle) as session:
+        [person] = next(pose for pose in session if len(pose.person_id)).person_id.tolist()
+        session.keep_videos(videos)
+        session.name_person(person, "Ada")
+        time.sleep(2.0)
+        session.keep_videos(None)
+        until(lambda: len(list(videos.glob("*.json"))) == 4)
+        # the rest of a recording is written with the next messages
+        time.sleep(0.5)
+    recording = pf.read(path)
+    assert "Ada" in recording.person_names
+    shown = session_with_videos(recording, path)
+    assert shown is not None and len(shown.inputs) == 4
+    seen = recording.observations
+    for entry in shown.inputs:
+        times = VideoConfig(entry.path, entry.camera, entry.settings.offset_s).build().times_ns()
+        own = seen.frame_t_ns[seen.frame_camera == recording.rig.names.index(entry.camera)]
+        inside = own[(own >= times[0]) & (own <= times[-1])]
+        assert len(inside) > 3
+        assert np.abs(inside[:, None] - times[None]).min(axis=1).max() <= 1_000

@@ -3,16 +3,32 @@
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pytest
 
 from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
+from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import InputError
-from posefuse.studio.calibrations import Known, Project, Step, known_of, lights, next_step, projects, save_project
+from posefuse.formats.video import VideoWriter
+from posefuse.studio.calibrations import (
+    Known,
+    Project,
+    Step,
+    blamed_cameras,
+    known_of,
+    lights,
+    next_step,
+    projects,
+    save_project,
+)
+from posefuse.studio.camera_graph import graph_svg, graph_words, links
 from posefuse.studio.guiding import NEAR_FAR, advice_for, enough_for, near_far_of, size_of
 from posefuse.studio.jobs import write_json
+from posefuse.studio.refusal_pictures import refusal_pictures
 from posefuse.studio.workspace import StudioWorkspace
 
 BARE = Project(name="room", setup="webcams")
@@ -124,3 +140,43 @@ def test_sizes_in_an_image_tell_the_range_of_distances() -> None:
     near, far = np.quantile(np.linspace(2.0, 4.0, 100), [0.05, 0.95])
     assert near_far_of([sizes, []]) == pytest.approx([far / near, 1.0], rel=0.05)
     assert np.isnan(size_of(np.zeros((3, 2)), np.zeros(3)))
+
+
+def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:
+    check = {"subject": "rig", "detail": "cam1 and cam-2: seen 3 times", "remedy": "show it to cam3"}
+    assert blamed_cameras(check, ("cam1", "cam10", "cam", "cam-2", "cam3", "2")) == ("cam1", "cam-2")
+    assert blamed_cameras({"subject": "cam (left)", "detail": ""}, ("cam (left)",)) == ("cam (left)",)
+
+
+def test_the_graph_says_who_shares_views_and_who_shares_enough() -> None:
+    n = ENOUGH_TOGETHER
+    together = [[90, n, n - 1, 0], [n, 90, 0, 0], [n - 1, 0, 90, 0], [0, 0, 0, 5]]
+    assert [(one.a, one.b, one.enough) for one in links(together)] == [(0, 1, True), (0, 2, False)]
+    names = ("a", "b", "<c>", "d")
+    assert graph_words(names, together) == f"a and b {n}; a and <c> {n - 1}, too few; d shares none"
+    svg = graph_svg(names, together)
+    assert "<c>" not in svg and "&lt;c&gt;" in svg
+    assert svg.count("<line") == 2 and svg.count("stroke-dasharray") == 1 and svg.count("<circle") == 4
+    ElementTree.fromstring(svg)
+
+
+def test_a_refusal_has_a_picture_of_each_camera_that_it_names(tmp_path: Path) -> None:
+    board = Charuco(columns=4, rows=3, square_m=0.2, marker_m=0.15)
+    write_target(tmp_path / "board.toml", board)
+    page = np.asarray(board.board().generateImage((320, 240), marginSize=20))
+    videos = {}
+    for name, shown in (("left", page), ("right", np.full_like(page, 90)), ("other", page)):
+        videos[name] = tmp_path / f"{name}.mp4"
+        with VideoWriter(videos[name], (320, 240), 10.0) as video:
+            for i in range(12):
+                # the target is there in one frame of the first half
+                seen = shown if i in (3, 4) else np.full_like(page, 90)
+                video.write(np.repeat(seen[..., None], 3, axis=2), i * 100_000_000)
+    refusal = result("verify", False, detail="left and right: no common view")
+    coverage = {"cameras": ["left", "right", "other"], "cells": np.zeros((3, 6, 8), int).tolist()}
+    made = refusal_pictures(refusal, videos, tmp_path / "board.toml", tmp_path / "refused", coverage)
+    assert [(name, path.name) for name, path in made.items()] == [("left", "verify-left.jpg"), ("right", "verify-right.jpg")]
+    pictures = {name: cv2.imread(str(path)).astype(int) for name, path in made.items()}
+    marked = {name: ((one[..., 0] - one[..., 1] > 60) & (one[..., 2] - one[..., 1] > 60)).sum() for name, one in pictures.items()}
+    assert marked["left"] > 100 and marked["right"] == 0
+    assert refusal_pictures(result("verify", False, detail="nothing named"), videos, tmp_path / "board.toml", tmp_path, {}) == {}

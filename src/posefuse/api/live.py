@@ -19,6 +19,7 @@ from posefuse import core
 from posefuse.core import (
     CameraHealth,
     Detections2D,
+    InputError,
     JointAngles,
     LiveDetections,
     LiveHealth,
@@ -31,7 +32,7 @@ from posefuse.core import (
     Progress,
     SourceError,
 )
-from posefuse.realtime.controls import AddOutput, KeepVideos, RemoveOutput, Request, ShowImages
+from posefuse.realtime.controls import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages
 
 from .progress import shown
 
@@ -195,6 +196,18 @@ class LiveSession:
     def switch_off(self, output: str) -> None:
         """Finish and close an output; it is in `outputs` until that is done."""
         self._ask(RemoveOutput(output))
+
+    def name_person(self, person_id: int, name: str) -> None:
+        """Call a person so: recordings of this session, those that are open now included, have the name; empty: none.
+
+        Raises:
+            InputError: an id below 0, or a name of more than 64 characters.
+        """
+        from posefuse.association.settings import MOST_NAME
+
+        if person_id < 0 or len(name.strip()) > MOST_NAME:
+            raise InputError(f"person {person_id}: expected an id from 0 on and a name of at most {MOST_NAME} characters")
+        self._ask(NamePerson(person_id, name.strip()))
 
     def _ask(self, request: Request) -> None:
         from posefuse.realtime.serve import Change

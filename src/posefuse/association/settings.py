@@ -11,7 +11,9 @@ from posefuse.foundation.settings import settings
 
 # metres from the origin of the world; no place of a recording is farther
 _FARTHEST_M = 10_000.0
-PeopleNames = Annotated[tuple[Annotated[str, MinLen(1), MaxLen(64)], ...], MaxLen(64)]
+# people that can have names, and characters of each
+MOST_NAMES, MOST_NAME = 64, 64
+PeopleNames = Annotated[tuple[Annotated[str, MinLen(1), MaxLen(MOST_NAME)], ...], MaxLen(MOST_NAMES)]
 Place = Annotated[float, Ge(-_FARTHEST_M), Le(_FARTHEST_M)]
 
 

@@ -49,6 +49,18 @@ class LiveJointCentres:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class LiveNames:
+    """Names that people were given while the session runs.
+
+    Attributes:
+        t_ns: when. names: all that are known now, by person id.
+    """
+
+    t_ns: int
+    names: Mapping[int, str]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LiveDetections:
     """The people one camera saw in one frame.
 
@@ -132,4 +144,4 @@ class LiveHealth:
     cut_ns: int = 0
 
 
-LiveMessage = LiveStart | LiveJointCentres | LiveDetections | LivePose | LivePreview | LiveHealth
+LiveMessage = LiveStart | LiveJointCentres | LiveNames | LiveDetections | LivePose | LivePreview | LiveHealth

@@ -18,6 +18,7 @@ from posefuse.core import (
     LiveHealth,
     LiveJointCentres,
     LiveMessage,
+    LiveNames,
     LivePose,
     LivePreview,
     LiveStart,
@@ -59,6 +60,7 @@ def made_up_messages() -> Iterator[LiveMessage]:
     """Every kind of message after the first, in an order a session may have."""
     rig, angles = made_up_rig(), JointTracker(BLAZEPOSE33, JointSettings())
     yield LiveJointCentres(t_ns=_BEGIN_NS, cameras=rig.names, fields=_EMPTY_TABLE)
+    yield LiveNames(t_ns=_BEGIN_NS, names={7: "Ada"})
     for tick, people in enumerate(_PEOPLE_PER_TICK):
         pose = _pose(_BEGIN_NS + tick * _PERIOD_NS, people)
         for camera in rig:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from . import camera_messages, joint_centre_messages, messages
 from .annotations import ANNOTATIONS_TYPE
 from .parts import PARTS
+from .people_names import NAMES_TYPE
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class Several:
 DETECTIONS = Topic("/posefuse/detections", messages.DETECTIONS_TYPE, depth=64)
 # of the detections, each camera machine its own
 JOINT_CENTRES = Topic("/posefuse/joint_centres", joint_centre_messages.JOINT_CENTRES_TYPE, depth=1, latched=True)
+# of people, given while the session runs
+NAMES = Topic("/posefuse/names", NAMES_TYPE, depth=1, latched=True)
 POSE = Topic("/posefuse/pose", messages.POSE_TYPE, depth=4)
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", depth=20)
 TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", depth=1, latched=True)

@@ -25,7 +25,6 @@ from posefuse.foundation.user_cache import default_cache_dir
 
 from .batch.figures import quality_figures
 from .reading import LIVE_SUFFIX, is_live, is_result, read_result
-from .session_images import nearby_session
 
 CACHE_FOLDER = "recordings"
 # how deep recordings may lie below the folder: STUDY/P01/walk1/RESULT
@@ -240,11 +239,12 @@ def _picture(path: Path, within: Path | None) -> bytes:
     from posefuse.outputs.overview import best_instant
     from posefuse.outputs.stage3d import stage_picture
 
+    from .live_videos import session_with_videos
     from .playback import Playback
 
     recording = read_result(path, lambda line: None)
     i = best_instant(recording)
-    session = None if recording.is_live else nearby_session(recording, path, within)
+    session = session_with_videos(recording, path, within)
     if session is None:
         return jpeg_of(stage_picture(recording, i, _PICTURE_WH), _JPEG_QUALITY)
     seen = (recording.views.score[i] > 0).sum(axis=(0, 2))

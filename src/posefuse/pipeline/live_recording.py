@@ -10,9 +10,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from posefuse.association.settings import MOST_NAME, MOST_NAMES
 from posefuse.core import ConfigError, Detections2D, InputError, MessageError, Pose3D, PosefuseError, Recording, Rig, SourceError
+from posefuse.core.errors import choices
 from posefuse.core.live_observations import observations_from_frames
 from posefuse.core.pose_sequences import sequence_of_all
+from posefuse.core.recording import person_name
 from posefuse.formats.rig.values import rig_from_values
 from posefuse.foundation.parsing import one_line
 from posefuse.foundation.plain_values import plain
@@ -20,6 +23,7 @@ from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_rig
 from posefuse.messages.joint_centre_messages import joint_centres_from_message
 from posefuse.messages.messages import detections_from_message, pose_from_message
+from posefuse.messages.people_names import names_from_message
 from posefuse.outputs.live.record import NOTES
 from posefuse.tracking import JointCentres
 from posefuse.tracking.joint_centres import check_joint_centres
@@ -28,7 +32,7 @@ from .live_people import people_of_detections
 from .live_settings import track_config_of_live
 
 Warn = Callable[[str], None]
-_TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT_CENTRES)}
+_TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT_CENTRES, topics.NAMES)}
 
 
 @dataclass
@@ -38,6 +42,7 @@ class _Content:
     frames: list[Detections2D] = field(default_factory=list)
     poses: list[Pose3D] = field(default_factory=list)
     tables: dict[str, JointCentres | None] = field(default_factory=dict)
+    names: dict[int, str] = field(default_factory=dict)
 
 
 def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
@@ -81,6 +86,8 @@ def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
     observations = observations.with_person_ids(people_of_detections(observations, rig, poses))
     table = next((content.tables[name] for name in rig.names if content.tables.get(name) is not None), None)
     about = _provenance(parts, notes, rig, table, say) | {"start_ns": start_ns}
+    if about["config"] is not None:
+        about["config"]["names"] = _all_names(about["config"]["names"], content.names, say)
     return Recording(rig=rig, poses=poses, observations=observations, provenance=plain(about))
 
 
@@ -116,6 +123,8 @@ def _read_part(part: Path, content: _Content, say: Warn) -> None:
             pose, _ = pose_from_message(msg)
             if newest_ns is None or pose.t_ns > newest_ns:
                 content.poses.append(pose)
+        elif topic == topics.NAMES.name:
+            content.names = names_from_message(msg)
         else:
             content.tables.update(_tables_of(part, msg))
 
@@ -138,6 +147,15 @@ def _rig_of(path: Path, notes: Mapping[str, str]) -> Rig:
         return rig_from_values(json.loads(notes["rig"]))
     except (PosefuseError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: the rig in its notes cannot be read ({one_line(error)})") from None
+
+
+def _all_names(settled: Sequence[str], given: Mapping[int, str], say: Warn) -> tuple[str, ...]:
+    """Names in the order of ids: those of the settings, and over them those that were given in the session."""
+    if late := sorted(person for person, name in given.items() if name and person >= MOST_NAMES):
+        say(f"names of people {choices(map(str, late))} are left out: a recording names the first {MOST_NAMES} ids")
+    known = {**dict(enumerate(settled)), **{person: name[:MOST_NAME] for person, name in given.items()}}
+    last = max((person for person, name in known.items() if name and person < MOST_NAMES), default=-1)
+    return tuple(known.get(person) or person_name((), person) for person in range(last + 1))
 
 
 def _provenance(

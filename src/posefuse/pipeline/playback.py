@@ -62,6 +62,11 @@ class Playback:
         """Names in the order of the rig."""
         return self.recording.rig.names
 
+    @property
+    def has_images(self) -> bool:
+        """Whether there are images of any camera."""
+        return bool(self._seekers)
+
     def step_at(self, t_ns: int) -> int:
         """The time step nearest to a time."""
         return nearest(self.recording.poses.t_ns, t_ns)

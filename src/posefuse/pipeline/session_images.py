@@ -55,12 +55,13 @@ def nearby_session(recording: Recording, result: Path, within: Path | None = Non
             session = session_of(recording, folder)
         except PosefuseError:
             continue
-        if within is None or _lies_in(session, within):
+        if within is None or lies_in(session, within):
             return session
     return None
 
 
-def _lies_in(session: Session, folder: Path) -> bool:
+def lies_in(session: Session, folder: Path) -> bool:
+    """Whether all files of a session lie in a folder, links followed."""
     files = (session.folder, session.rig_path, *(entry.path for entry in session.inputs))
     return all(path.resolve().is_relative_to(folder.resolve()) for path in files)
 

@@ -85,7 +85,7 @@ class Capture:
         self, entry: LiveInput, camera: Camera | None, news: threading.Condition, keeper: VideoKeeper | None = None
     ) -> None:
         self.entry, self._camera, self._keeper = entry, camera, keeper
-        self._zero_ns = 0
+        self._zero_ns = self._session_zero_ns = 0
         self._news = news
         self._newest: Caught | None = None
         self._source: Source | None = None
@@ -105,13 +105,17 @@ class Capture:
 
     def exchange_keeper(self, keeper: VideoKeeper | None) -> None:
         """Give every frame to another video from now on, or to none; the former one is finished meanwhile."""
+        if keeper is not None:
+            keeper.zero_ns = self._session_zero_ns
         before, self._keeper = self._keeper, keeper
         if before is not None:
             threading.Thread(target=before.close, name=f"finish {self.entry.camera}", daemon=False).start()
 
     def begin(self, zero_ns: int, session_zero_ns: int = 0) -> None:
-        """Let frames come; `session_zero_ns`: `zero_ns` on the clock of sources that do not count from it, for videos."""
-        self._zero_ns = 0 if self.entry.from_zero else session_zero_ns
+        """Let frames come; `session_zero_ns`: `zero_ns` on the session's clock: for videos, and sources on it."""
+        self._zero_ns, self._session_zero_ns = 0 if self.entry.from_zero else session_zero_ns, session_zero_ns
+        if self._keeper is not None:
+            self._keeper.zero_ns = session_zero_ns
         self._thread = threading.Thread(target=self._run, args=(zero_ns,), name=f"capture {self.entry.camera}", daemon=True)
         self._thread.start()
 

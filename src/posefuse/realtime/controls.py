@@ -1,4 +1,4 @@
-"""What may be changed while a session runs: images for viewers, outputs, videos. Asked by any thread, done between ticks."""
+"""What may be changed while a session runs: images for viewers, outputs, videos, names. From any thread, done between ticks."""
 
 from __future__ import annotations
 
@@ -39,7 +39,15 @@ class RemoveOutput:
     name: str
 
 
-Request = ShowImages | KeepVideos | AddOutput | RemoveOutput
+@dataclass(frozen=True)
+class NamePerson:
+    """Call a person so from now on; empty: no longer."""
+
+    person: int
+    name: str
+
+
+Request = ShowImages | KeepVideos | AddOutput | RemoveOutput | NamePerson
 
 
 class Controls:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from posefuse.core import LiveJointCentres, LiveMessage
+from posefuse.core import LiveJointCentres, LiveMessage, LiveNames
 
 
 class KeptMessages:
-    """The newest `LiveJointCentres` of each set of cameras, in the order they came."""
+    """The newest `LiveJointCentres` of each set of cameras, in the order they came, and the newest `LiveNames`."""
 
     def __init__(self) -> None:
         self._centres: dict[tuple[str, ...], LiveJointCentres] = {}
+        self._names: LiveNames | None = None
 
-    def keep(self, message: LiveMessage) -> None:
-        """Remember it if it is one of those."""
+    def keep(self, message: LiveMessage) -> bool:
+        """Remember it if it is one of those; whether it is."""
         if isinstance(message, LiveJointCentres):
             self._centres.pop(message.cameras, None)
             self._centres[message.cameras] = message
+        elif isinstance(message, LiveNames):
+            self._names = message
+        else:
+            return False
+        return True
 
     def messages(self) -> list[LiveMessage]:
         """What to hand on first."""
-        return list(self._centres.values())
+        return [*self._centres.values(), *([self._names] if self._names is not None else [])]

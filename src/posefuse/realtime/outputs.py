@@ -95,10 +95,12 @@ class OutputProcess:
         self._take(message)
 
     def offer(self, message: LiveMessage) -> None:
-        """Hand a message on, if any output takes such: with others, soon; a pose at once where an output wants the newest."""
-        if not self._plan.wants(type(message)):
+        """Hand a message on, if any output takes such, or one that is opened later must have it.
+
+        It goes with others, soon; a pose at once where an output wants the newest.
+        """
+        if not self._kept.keep(message) and not self._plan.wants(type(message)):
             return
-        self._kept.keep(message)
         if not self._ready:
             self.lost += 1
             return

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
+from posefuse.core import LiveNames, LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.kinematics import JointTracker
@@ -24,7 +24,7 @@ from .assignment import dealt
 from .board import Board
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
-from .controls import AddOutput, Controls, KeepVideos, RemoveOutput, ShowImages
+from .controls import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages
 from .fusion import Fusion, build_solve
 from .gate import KeypointGate
 from .group import GroupPlan
@@ -146,6 +146,7 @@ def _controlled(
     over: Callable[[int], bool], controls: Controls, views: SessionViews, outputs: OutputProcess | NoOutputs
 ) -> Callable[[int], bool]:
     """`over`, which does what was asked for since the last tick first."""
+    names: dict[int, str] = {}
 
     def until(now_ns: int) -> bool:
         for request in controls.asked():
@@ -156,6 +157,9 @@ def _controlled(
                     outputs.add(name, config)
                 case RemoveOutput(name):
                     outputs.remove(name)
+                case NamePerson(person, name):
+                    names[person] = name
+                    outputs.offer(LiveNames(t_ns=now_ns, names=dict(names)))
         return over(now_ns)
 
     return until

@@ -30,7 +30,7 @@ class KeptCounts:
     Attributes:
         written, dropped: frames. how: ``copied`` (the camera's own packets) or ``encoded``. fault: why it ended early.
         finished: the file was closed. first_s, last_s: times of the first and the last frame written, from the session's zero.
-        longest_gap_s: longest time between two frames written in a row.
+        longest_gap_s: longest time between two frames written in a row. zero_ns: the session's zero on its clock.
     """
 
     written: int = 0
@@ -41,6 +41,7 @@ class KeptCounts:
     first_s: float = 0.0
     last_s: float = 0.0
     longest_gap_s: float = 0.0
+    zero_ns: int = 0
 
     @property
     def rate_hz(self) -> float:
@@ -65,6 +66,9 @@ class VideoKeeper:
     Args:
         folder: for ``CAMERA.mp4`` and, at the end, ``CAMERA.json`` with the counts. camera: its name.
 
+    Attributes:
+        zero_ns: the session's zero on its clock, as far as it is known; set before the first frame.
+
     Raises:
         InputError: the video cannot be made, or already exists.
     """
@@ -74,6 +78,7 @@ class VideoKeeper:
         self._about = folder / f"{camera}.json"
         self._queue: queue.Queue[tuple[Frame, int] | None] = queue.Queue(_QUEUE)
         self._dropped, self._counts = 0, KeptCounts()
+        self.zero_ns = 0
         self._thread = threading.Thread(target=self._run, name=f"video {camera}", daemon=True)
         self._thread.start()
 
@@ -88,7 +93,7 @@ class VideoKeeper:
 
     def counts(self) -> KeptCounts:
         """As of now."""
-        return replace(self._counts, dropped=self._counts.dropped + self._dropped, how=self._video.how)
+        return replace(self._counts, dropped=self._counts.dropped + self._dropped, how=self._video.how, zero_ns=self.zero_ns)
 
     def close(self, wait_s: float = FINISH_S) -> None:
         """Write what is queued and finish the file, within `wait_s`."""

@@ -5,6 +5,7 @@ A folder ``calibrations/NAME`` has ``project.json``, a folder of videos per reco
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -126,6 +127,12 @@ def failed_checks(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [{**check, "subject": one["subject"]} for one in result["reports"] for check in one["checks"] if not check["passed"]]
 
 
+def blamed_cameras(check: Mapping[str, Any], cameras: Sequence[str]) -> tuple[str, ...]:
+    """The cameras that a check names, as whole words, in its subject or its detail."""
+    text = f"{check.get('subject', '')} {check['detail']}"
+    return tuple(name for name in cameras if re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text))
+
+
 def lights(project: Project, known: Known) -> dict[str, dict[str, Light]]:
     """By camera and kind of light."""
     return {camera: _lights_of(camera, project, known) for camera in known.cameras}
@@ -135,7 +142,7 @@ def _lights_of(camera: str, project: Project, known: Known) -> dict[str, Light]:
     off = Light("off", "not yet")
     solved = camera in known.results.get("extrinsics", {}).get("cameras", ()) and known.passed("extrinsics")
     refused = known.refused("extrinsics")
-    blamed = any(camera in check["detail"] for check in failed_checks(known.results["extrinsics"])) if refused else False
+    blamed = refused and any(blamed_cameras(check, [camera]) for check in failed_checks(known.results["extrinsics"]))
     placed = Light("good", "placed") if solved else Light("bad" if blamed else "doubt", "refused") if refused else off
     verified = known.results.get("verify")
     return {
@@ -156,7 +163,7 @@ def _intrinsics_light(camera: str, project: Project, known: Known, solved: bool)
     if known.passed("intrinsics"):
         return Light("good", "from the board")
     if known.refused("intrinsics"):
-        blamed = any(camera in f"{check['subject']} {check['detail']}" for check in failed_checks(known.results["intrinsics"]))
+        blamed = any(blamed_cameras(check, [camera]) for check in failed_checks(known.results["intrinsics"]))
         return Light("bad", "refused") if blamed else Light("doubt", "waits for the others")
     return Light("good", "from the cube") if solved and not project.lenses else Light("off", "not yet")
 

@@ -16,8 +16,8 @@ import posefuse as pf
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback, PlaybackStep
-from posefuse.pipeline.session_images import nearby_session
 
 from .scene.messages import image_message, labels_message, poses_message, setup_message
 from .scene.setup import scene_setup
@@ -54,7 +54,7 @@ def open_recording(path: Path, within: Path) -> OpenedRecording:
         PosefuseError: not a recording, or damaged.
     """
     recording = pf.read(path)
-    session = None if recording.is_live else nearby_session(recording, path, within)
+    session = session_with_videos(recording, path, within)
     found = {n: gait_from_poses(recording.poses, n) for n in range(len(recording.poses.person_id))}
     gaits = {n: gait for n, gait in found.items() if gait is not None}
     _ = recording.views  # kept for every moment that follows

@@ -16,6 +16,7 @@ from posefuse.core import (
     LiveHealth,
     LiveJointCentres,
     LiveMessage,
+    LiveNames,
     LiveOutput,
     LivePose,
     LivePreview,
@@ -25,6 +26,7 @@ from posefuse.foundation.settings import settings
 from posefuse.messages import topics
 from posefuse.messages.annotations import annotations_of_view
 from posefuse.messages.messages import message_from_detections
+from posefuse.messages.people_names import message_from_names
 from posefuse.messages.ros_output import RosOutput
 
 from .parts import part_path
@@ -35,7 +37,7 @@ NOTES = "posefuse_live"
 _LEAST_FREE_BYTES = 4 * 2**20
 
 
-_TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveHealth)
+_TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
 # what viewers draw is recorded so often
 _SHOWN_NS = 1_000_000_000 // 30
 # topics of a body that follow from others
@@ -137,6 +139,8 @@ class RecordOutput:
                 self._preview(message)
             case LiveJointCentres():
                 self._recorder.publish(topics.JOINT_CENTRES, message_from_live_centres(message), message.t_ns)
+            case LiveNames(names=names):
+                self._recorder.publish(topics.NAMES, message_from_names(names), message.t_ns)
             case LiveHealth():
                 self._ros.diagnose(message.t_ns, health_lines(message))
 

@@ -12,7 +12,7 @@ from posefuse.core import PosefuseError
 from posefuse.formats.rig import read_rig
 from posefuse.studio.calibrations import Known, Next, Project, Step, known_of, next_step, projects, save_project
 from posefuse.studio.live_link import WATCH
-from posefuse.studio.pages.calibrate_parts import lights_table, print_dialog, result_card, say_aloud
+from posefuse.studio.pages.calibrate_parts import graph_card, lights_table, print_dialog, result_card, say_aloud
 from posefuse.studio.scene.messages import setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.scene.view import CameraTile, RigScene
@@ -102,6 +102,7 @@ class _Guide:
         self._state: Any = None
         self._sound = False
         self._said = ""
+        self._linked: tuple[list[str], Any] | None = None
 
     def build(self) -> None:
         """Place it, and keep it as the files are."""
@@ -115,6 +116,7 @@ class _Guide:
             ui.switch("Sound", on_change=lambda event: setattr(self, "_sound", bool(event.value)))
         self._tiles = ui.column().classes("w-full gap-3")
         self._lights = ui.column().classes("w-full")
+        self._graph = ui.column().classes("w-full")
         self._results = ui.element("div").classes("pf-halves")
         self._refresh()
         ui.timer(_REFRESH_S, self._refresh)
@@ -140,6 +142,7 @@ class _Guide:
             self._bar.clear()
             with self._bar:
                 job_line(studio, solving)
+        self._show_graph(known, watching is not None)
         if self._sound and self._words.text != self._said:
             say_aloud(self._words.text, good=bool(studio.watch.status.get("enough")) or "verified" in self._words.text)
         self._said = self._words.text
@@ -247,7 +250,21 @@ class _Guide:
             with ui.element("div").classes("pf-column"):
                 for step in ("verify", "extrinsics", "intrinsics"):
                     if step in known.results:
-                        result_card(self._studio, step, known.results[step], self._project.folder)
+                        result_card(self._studio, step, known.results[step], self._project.folder, known.coverage.get(step))
+
+    def _show_graph(self, known: Known, watching: bool) -> None:
+        """As it is now while cameras are recorded, else of the newest recording in which they must be linked."""
+        seen = known.coverage.get("extrinsics") or known.coverage.get("verify") or {}
+        cameras, together = list(seen.get("cameras", ())), seen.get("together")
+        if watching and self._studio.watch.status.get("target"):
+            cameras, together = list(self._studio.watch.status["cameras"]), self._studio.watch.status["together"]
+        if (cameras, together) == self._linked:
+            return
+        self._linked = (cameras, together)
+        self._graph.clear()
+        if together and len(cameras) > 1:
+            with self._graph:
+                graph_card(cameras, together)
 
     def _scene(self, result: Mapping[str, Any]) -> None:
         name = f"rig-{self._project.name}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 from urllib.parse import quote
@@ -12,9 +12,11 @@ from urllib.parse import quote
 import numpy as np
 from nicegui import ui
 
+from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER
 from posefuse.calibration.targets.printing import PAGES_M
 from posefuse.core import PosefuseError
-from posefuse.studio.calibrations import LIGHTS, Known, Project, lights
+from posefuse.studio.calibrations import LIGHTS, Known, Project, blamed_cameras, lights
+from posefuse.studio.camera_graph import graph_svg
 from posefuse.studio.shell import card, light, refused
 from posefuse.studio.state import Studio
 from posefuse.studio.targets import FLOOR_ID, print_board, print_cube, targets
@@ -36,8 +38,10 @@ def lights_table(project: Project, known: Known) -> None:
                 light(row[name].state, row[name].text)
 
 
-def result_card(studio: Studio, step: str, result: Mapping[str, Any], folder: str) -> None:
-    """Checks of a step: those that fail first, each with cause, remedy and the picture of what was covered."""
+def result_card(
+    studio: Studio, step: str, result: Mapping[str, Any], folder: str, coverage: Mapping[str, Any] | None = None
+) -> None:
+    """Checks of a step: those that fail first, each with cause, remedy and a picture. `coverage`: of its recording."""
     checks = [(one["subject"], check) for one in result["reports"] for check in one["checks"]]
     bad = [(subject, check) for subject, check in checks if not check["passed"]]
     with card(_TITLES[step]) as head:
@@ -49,6 +53,7 @@ def result_card(studio: Studio, step: str, result: Mapping[str, Any], folder: st
                     with ui.row().classes("items-start gap-2 no-wrap"):
                         ui.icon("build").classes("text-primary")
                         ui.label(check["remedy"]).classes("font-medium")
+                _refusal_picture({**check, "subject": subject}, result.get("pictures", {}), coverage)
         for numbers in (one["numbers"] for one in result["reports"]):
             if step == "verify" and "length_rms_mm" in numbers:
                 ui.label(
@@ -68,6 +73,34 @@ def result_card(studio: Studio, step: str, result: Mapping[str, Any], folder: st
         report = f"{folder}/{_REPORTS[step]}"
         if studio.workspace.path(report).is_file():
             ui.link("Report", f"/studio/file?name={quote(report)}", new_tab=True)
+
+
+def _refusal_picture(check: Mapping[str, Any], pictures: Mapping[str, str], coverage: Mapping[str, Any] | None) -> None:
+    """Images of the cameras that a check names; where it names none, how the cameras are linked."""
+    named = [camera for camera in blamed_cameras(check, tuple(pictures)) if camera in pictures]
+    if not named and coverage and coverage.get("together"):
+        graph(coverage["cameras"], coverage["together"])
+        return
+    with ui.element("div").classes("pf-grid"):
+        for camera in named:
+            ui.image(f"/studio/file?name={quote(pictures[camera])}").classes("pf-refused").props(
+                f'no-spinner alt="what {camera} saw, with the target as it was found" fit=contain'
+            )
+
+
+def graph_card(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
+    """Which cameras share views of the target, and how often."""
+    with card("Which cameras share views"):
+        graph(cameras, together)
+        ui.label(
+            f"Moments at which two cameras saw the target at once. Green: {ENOUGH_TOGETHER} or more, which is enough; all cameras"
+            " must hang together by green lines."
+        ).classes("pf-small")
+
+
+def graph(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
+    """The drawing alone."""
+    ui.html(graph_svg(cameras, together), sanitize=False).classes("w-full flex justify-center")
 
 
 def _coverage(cells: Mapping[str, Any]) -> None:

@@ -19,8 +19,7 @@ from posefuse.studio.state import Studio
 from posefuse.studio.timeline import SIZE_PX, Curve, Span, cursor, picture
 
 _POLL_S = 0.1
-# kept videos run on the session's clock, a live recording begins at its own zero
-_NO_VIDEOS = "The videos of a live recording are not played here. `posefuse track` on its folder shows them with the poses."
+_NO_VIDEOS = "No videos were kept with this recording, or they were not finished."
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
 _SIDES = ("left", "right")
 _FIRST_ANGLES = (("knee", "flexion"), ("hip", "flexion"))
@@ -105,7 +104,7 @@ class _Recording:
             with head:
                 ui.space()
                 ui.switch("Overlay", value=True, on_change=lambda e: show(e.value))
-            if self._opened.recording.is_live:
+            if self._opened.recording.is_live and not self._opened.playback.has_images:
                 ui.label(_NO_VIDEOS).classes("pf-small")
                 return
             with ui.element("div").classes("pf-player-tiles"):

@@ -7,6 +7,7 @@ Arguments: ``step`` (``intrinsics``, ``extrinsics`` or ``verify``), ``folder`` (
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from posefuse.calibration.report import CalibrationReport, RefusedCalibration
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.recordings import check_seen, open_sources
 from posefuse.core import InputError
-from posefuse.studio.jobs import write_json
+from posefuse.studio.jobs import read_json, write_json
+from posefuse.studio.refusal_pictures import refusal_pictures
 from posefuse.studio.targets import FLOOR_ID, without_floor
 from posefuse.studio.workspace import StudioWorkspace
 
@@ -41,8 +43,20 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     except RefusedCalibration as refused:
         result = {"passed": False, "reports": [_report(refused.report)]}
     result = {"step": step, "recording": arguments["recording"], **result}
+    if not result["passed"]:
+        result["pictures"] = _pictures(result, videos, target, workspace, arguments)
     write_json(workspace.existing(str(arguments["folder"])) / f"{step}.json", result)
     return result
+
+
+def _pictures(
+    result: Mapping[str, Any], videos: Mapping[str, Path], target: Path, workspace: StudioWorkspace, arguments: Mapping[str, Any]
+) -> dict[str, str]:
+    """By camera, names of pictures of what was refused."""
+    coverage = read_json(workspace.existing(str(arguments["recording"])) / "coverage.json")
+    folder = workspace.existing(str(arguments["folder"])) / "refused"
+    made = refusal_pictures(result, videos, target, folder, coverage)
+    return {camera: workspace.name_of(path) for camera, path in made.items()}
 
 
 def _intrinsics(

@@ -208,6 +208,7 @@ class _Shown:
             self._wanted[name] = dict(options)
 
     def _name(self, person: int, text: str) -> None:
+        self._session.name_person(person, text)
         self._names[person] = text.strip()
         if self._host is not None:
             self._host.publish("labels", labels_message(self._names), keep=True)

@@ -71,7 +71,12 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     if videos is not None:
         progress("finish the videos", 0, None)
         _wait_finished(videos, feed.cameras)
-        covered = {"covered": state.covered.tolist(), "linked": state.linked.tolist(), "cells": state.coverage.cells.tolist()}
+        covered = {
+            "covered": state.covered.tolist(),
+            "linked": state.linked.tolist(),
+            "together": state.coverage.together.tolist(),
+            "cells": state.coverage.cells.tolist(),
+        }
         write_json(workspace.path(f"{record}/coverage.json"), {"cameras": list(feed.cameras), "enough": enough, **covered})
     return {"record": record, "enough": enough}
 
