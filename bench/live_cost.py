@@ -1,12 +1,12 @@
 """Where the processor time of a live session goes: per frame captured, per image used and per output tick.
 
-    python bench/live_cost.py [--networks blazepose_lite] [--cameras 8] [--seconds 6] [--session examples/demo]
+    python bench/live_cost.py [--networks blazepose_lite] [--cameras 8] [--seconds 6] [--session examples/demo] [--record]
     python bench/live_cost.py --alone
-    python bench/live_cost.py --no person --seconds 20
+    python bench/live_cost.py --empty --seconds 20
 
 *Alone* times each stage by itself in one thread. *In a session* counts what the threads of a running `posefuse live` take (Linux:
 /proc), the start-up left out; several programs on the machine lengthen that, as they share caches and cores. Milliseconds of
-processor time, not of the clock. ``--no person`` shows the cameras their own rooms without the person, with a camera's noise.
+processor time, not of the clock. ``--empty`` shows the cameras their own rooms without the person, with a camera's noise.
 Tables on stderr, one JSON object on stdout.
 """
 
@@ -176,14 +176,14 @@ def roles(pids: set[int], parent: int) -> dict[int, str]:
     for pid in pids - {parent}:
         with contextlib.suppress(OSError):
             niceness = int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
-            names[pid] = {5: "cameras", 10: "rig watch"}.get(niceness, "other")
+            names[pid] = {2: "outputs", 5: "cameras", 10: "rig watch"}.get(niceness, "other")
     return names
 
 
-def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s: float) -> dict:
+def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s: float, *options: str) -> dict:
     """Processor time of a live session of these sources by what the threads do, and the session's own figures."""
     command = [sys.executable, "-m", "posefuse.cli.main", "live", str(rig), "--json", "--networks", network]
-    command += ["--duration", str(seconds + lead_s + 1), *(part for source in sources for part in ("--source", source))]
+    command += [*options, "--duration", str(seconds + lead_s + 1), *(part for source in sources for part in ("--source", source))]
     live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while ": ok" not in (line := live.stderr.readline()):
         if not line:
@@ -223,7 +223,8 @@ def main() -> None:
     parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--alone", action="store_true", help="no session")
-    which.add_argument("--nobody", action="store_true", help="a session with no person in view, and nothing else")
+    which.add_argument("--empty", action="store_true", help="a session with no person in view, and nothing else")
+    parser.add_argument("--record", action="store_true", help="the session is recorded")
     args = parser.parse_args()
     console, spent = Console(stderr=True, width=120), Spent()
     with tempfile.TemporaryDirectory() as scratch:
@@ -231,7 +232,7 @@ def main() -> None:
         sources = [source for source in twins(args.session, rig_file) if args.cameras == 8 or TWIN not in source]
         rig = read_rig(rig_file)
         rig = rig.only(source.partition("=")[0] for source in sources)
-        if args.nobody:
+        if args.empty:
             rooms = empty_rooms(args.session, Path(scratch), args.seconds + _EMPTY_LEAD_S + 2)
             sources = [f"{name}=video:{rooms[name.removesuffix(TWIN)]}" for name in rig.names]
         else:
@@ -242,8 +243,9 @@ def main() -> None:
             for stage, ms in spent.ms().items():
                 table.add_row(stage, f"{ms:.3f}")
             console.print(table)
-        lead_s = _EMPTY_LEAD_S if args.nobody else _LEAD_S
-        measured = {} if args.alone else session(rig_file, sources, args.networks, args.seconds, lead_s)
+        lead_s = _EMPTY_LEAD_S if args.empty else _LEAD_S
+        options = ["--record", str(Path(scratch) / "session.mcap")] if args.record else []
+        measured = {} if args.alone else session(rig_file, sources, args.networks, args.seconds, lead_s, *options)
     if measured:
         table = Table("in a session", "cores")
         for name, cores in measured["cores"].items():

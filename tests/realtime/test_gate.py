@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Kind, Pose3D
-from posefuse.realtime.gate import KeypointGate, KeypointGateSettings, worst_sigma_m
+from posefuse.realtime.gate import KeypointGate, KeypointGateSettings, _known_to, worst_sigma_m
 
 S = 1_000_000_000
 COCO = SKELETONS["coco17"]
@@ -65,3 +65,15 @@ def test_what_is_good_is_not_touched() -> None:
     assert KeypointGate(KeypointGateSettings()).passed(given) is given
     nobody = pose(1.0, people=())
     assert len(KeypointGate(KeypointGateSettings()).passed(nobody).person_id) == 0
+
+
+def test_keypoints_are_judged_as_by_their_worst_axis() -> None:
+    rng = np.random.default_rng(0)
+    turns = np.linalg.qr(rng.normal(size=(200, 3, 3)))[0]
+    sigmas = rng.uniform(0.05, 0.2, (200, 3))
+    # right at the limit, and what is not known
+    sigmas[:20, 0], sigmas[20:25], sigmas[25:30, 1] = 0.15, np.nan, np.inf
+    cov = turns @ (sigmas[:, :, None] ** 2 * np.swapaxes(turns, 1, 2))
+    found = _known_to(cov.reshape(10, 20, 3, 3), 0.15)
+    np.testing.assert_array_equal(found, (worst_sigma_m(cov) <= 0.15).reshape(10, 20))
+    assert found.any() and not found.all()

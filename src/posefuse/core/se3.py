@@ -38,13 +38,16 @@ class SE3:
             raise ShapeError(f"SE3: expected wxyz (..., 4) and xyz (..., 3), got {wxyz.shape} and {xyz.shape}")
         if np.isinf(wxyz).any() or np.isinf(xyz).any():
             raise ShapeError("SE3: expected finite values (or NaN for missing), got infinity")
-        norm = np.linalg.norm(wxyz, axis=-1, keepdims=True)
-        if (norm < 1e-12).any():
-            raise ShapeError("SE3.wxyz: expected unit quaternions, got one of length 0")
+        # as `np.linalg.norm`, whose care for other cases costs more
+        norm = np.sqrt(np.add.reduce(wxyz * wxyz, axis=-1, keepdims=True))
         # one that is of length 1 already stays as it is, so that a transform comes back from a file to the last bit
-        unit = np.where(np.abs(norm - 1) <= _ROUNDING, wxyz, wxyz / norm)
-        unit.setflags(write=False)
-        object.__setattr__(self, "wxyz", unit)
+        whole = np.abs(norm - 1) <= _ROUNDING
+        if not whole.all():
+            if (norm < 1e-12).any():
+                raise ShapeError("SE3.wxyz: expected unit quaternions, got one of length 0")
+            wxyz = np.where(whole, wxyz, wxyz / norm)
+            wxyz.setflags(write=False)
+        object.__setattr__(self, "wxyz", wxyz)
         object.__setattr__(self, "xyz", xyz)
 
     @property

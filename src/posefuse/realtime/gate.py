@@ -16,6 +16,9 @@ from posefuse.core import Kind, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import settings
 
+# so far below a limit rounding does not matter
+_CLEARLY = 0.99
+
 
 @settings
 class KeypointGateSettings:
@@ -48,7 +51,7 @@ class KeypointGate:
     def passed(self, pose: Pose3D) -> Pose3D:
         """The pose without what is withheld."""
         there = pose.kind != Kind.MISSING
-        good = there & (worst_sigma_m(pose.cov_world) <= self._rules.sigma_m) & self._fresh(pose)
+        good = there & _known_to(pose.cov_world, self._rules.sigma_m) & self._fresh(pose)
         left = good.any(axis=1)
         self.keypoints = _counted(self.keypoints, there, good)
         self.people = _counted(self.people, there.any(axis=1), left)
@@ -78,6 +81,16 @@ class KeypointGate:
         oldest_ns = pose.t_ns - round(self._rules.unmeasured_s * 1e9)
         measured = np.array([now[person] for person in pose.person_id.tolist()]).reshape(pose.kind.shape)
         return np.asarray(measured >= oldest_ns)
+
+
+def _known_to(cov: Array, sigma_m: float) -> Array:
+    """(...) bool: `worst_sigma_m` of covariances (..., 3, 3) is at most `sigma_m`."""
+    # no eigenvalue is larger than the root of the sum of squares: mostly there is none to be computed
+    squares = np.einsum("...ij,...ij->...", cov, cov)
+    known = np.asarray(squares < (_CLEARLY * sigma_m**2) ** 2)
+    if not known.all():
+        known[~known] = worst_sigma_m(cov[~known]) <= sigma_m
+    return known
 
 
 def worst_sigma_m(cov: Array) -> Array:

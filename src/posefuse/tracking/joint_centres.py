@@ -129,7 +129,8 @@ def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres, lengths: Array) 
     """(..., K, 3) from landmarks (..., K, 3) to joint centres; nothing where a direction is unknown."""
     from . import direction_kernels as kernels
 
-    longer = np.clip(np.nan_to_num(lengths - table.usual), -MOST_LONGER_M, MOST_LONGER_M)
+    longer = lengths - table.usual
+    longer = np.clip(np.where(np.isnan(longer), 0.0, longer), -MOST_LONGER_M, MOST_LONGER_M)
     known = body_directions(xyz, skeleton)
     flat = known.reshape(math.prod(known.shape[:-3]), *known.shape[-3:])
     metres = np.broadcast_to(table.metres + longer @ table.slopes.T, (*known.shape[:-3], known.shape[-2]))

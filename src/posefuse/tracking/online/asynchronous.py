@@ -159,12 +159,14 @@ class AsynchronousTracker:
         # the place of one out of sight is a guess, which is wide and fits many: it counts less
         in_sight = np.array([t_ns - person.measured_ns <= _IN_SIGHT_NS for person in self._people])
         support[~in_sight] *= _GUESS_WEIGHT
-        rows, places = linear_sum_assignment(-support)
+        rows, places = linear_sum_assignment(-support) if support.size > 1 else ([0], [0])
         return [(self._people[n], int(p)) for n, p in zip(rows, places, strict=True) if support[n, p] > 0]
 
     def _keep_unclaimed(self, detections: Detections2D, claimed: set[int], figures: _Figures) -> None:
-        enough = (np.isfinite(detections.xy_img[..., 0]) & (detections.score > 0)).sum(axis=1) >= _LEAST_KEYPOINTS
-        left = [p for p in range(len(detections)) if p not in claimed and enough[p]]
+        left = [p for p in range(len(detections)) if p not in claimed]
+        if left:
+            enough = (np.isfinite(detections.xy_img[..., 0]) & (detections.score > 0)).sum(axis=1) >= _LEAST_KEYPOINTS
+            left = [p for p in left if enough[p]]
         figures.unclaimed += bool(left) and not claimed
         before = self._unclaimed.get(detections.camera)
         if before is not None and before.t_ns > detections.t_ns:
@@ -240,7 +242,9 @@ def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
 
 
 def _surest(detections: Detections2D, share: float, most: int) -> Array:
-    """Places of at most so many detections, in their order; a body that is there several times, once."""
+    """Places of at most so many detections (one or more), in their order; a body that is there several times, once."""
+    if len(detections) < 2:
+        return np.arange(len(detections))
     once = np.flatnonzero(~duplicates(detections, share))
     score = np.nan_to_num(detections.score[once]).sum(axis=1)
     return np.sort(once[np.argsort(-score, kind="stable")[:most]])
