@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from posefuse.teleoperation.rehearsal.faults import FAULTS, engaged_world, rehearsal_settings, run_many, tick
+from posefuse.teleoperation.rehearsal.faults import FAULTS, engaged_world, rehearsal_settings, run_many, run_sequence, tick
 from posefuse.teleoperation.values import Phase
 
 SETTINGS = rehearsal_settings()
@@ -15,6 +15,13 @@ SEQUENCES = 40
 def test_no_sequence_breaks_a_limit_and_the_robot_moves():
     breaches, moved = run_many(0, SEQUENCES, SETTINGS)
     assert not breaches and moved == SEQUENCES
+
+
+@pytest.mark.parametrize("sequence", (70348, 85917))
+def test_a_robot_process_that_loses_half_of_its_steps_stands_as_soon(sequence):
+    """Found by 100,000 sequences: braking step by step took twice as long there."""
+    breaches, moved = run_sequence(engaged_world(SETTINGS, sequence % 32), sequence)
+    assert moved and not breaches
 
 
 GUARDS = {

@@ -46,10 +46,14 @@ def test_random_targets_speed_limits_and_brakes_break_no_limit(seed):
         if rng.random() < 0.05:
             speed = rng.uniform(0, 0.5) * (rng.random() < 0.8)
         dt_s = rng.uniform(0.002, 0.02)
-        before = motion
-        motion = brake(motion, BOUNDS, dt_s) if rng.random() < 0.2 else follow(motion, tuple(target), BOUNDS, speed, dt_s)
+        before, left_out = motion, 0
+        if rng.random() < 0.2:
+            left_out = int(rng.integers(0, 4))
+            motion = brake(motion, BOUNDS, dt_s, left_out)
+        else:
+            motion = follow(motion, tuple(target), BOUNDS, speed, dt_s)
         change = np.subtract(motion.velocity, before.velocity)
-        assert np.linalg.norm(change) <= BOUNDS.acceleration * dt_s * (1 + 1e-9)
+        assert np.linalg.norm(change) <= BOUNDS.acceleration * (1 + left_out) * dt_s * (1 + 1e-9)
         # a limit that was lowered below the speed is reached by braking on
         assert motion.speed <= max(speed, before.speed - BOUNDS.acceleration * dt_s / np.sqrt(3)) + 1e-9
         assert (low <= np.array(motion.position)).all() and (np.array(motion.position) <= high).all()
@@ -99,3 +103,11 @@ def test_braking_takes_the_time_that_the_acceleration_needs():
     while motion.speed > 1e-9:
         motion, steps = brake(motion, OPEN, DT_S), steps + 1
     assert steps == 20 and norm(motion.position) <= 0.5**2 / (2 * 2.5)
+
+
+@pytest.mark.parametrize("left_out", (1, 4))
+def test_braking_of_a_late_process_takes_no_longer(left_out):
+    motion, periods = Motion(velocity=(0.3, 0.4, 0.0)), 0
+    while motion.speed > 1e-9:
+        motion, periods = brake(motion, OPEN, DT_S, left_out), periods + 1 + left_out
+    assert periods == 20 and norm(motion.position) <= 0.5**2 / (2 * 2.5)

@@ -77,13 +77,26 @@ def heard(follower: Follower, order: Order, now_ns: int, settings: Teleoperation
     return replace(follower, order=order, heard_ns=now_ns)
 
 
-def stepped(follower: Follower, now_ns: int, dt_s: float, settings: TeleoperationSettings, *, may_move: bool = True) -> Follower:
-    """One control step of `dt_s`: follow the order, or brake. `may_move`: False brakes, e.g. where the joints cannot follow."""
+def stepped(
+    follower: Follower,
+    now_ns: int,
+    dt_s: float,
+    settings: TeleoperationSettings,
+    *,
+    may_move: bool = True,
+    left_out: int = 0,
+) -> Follower:
+    """One control step of `dt_s`: follow the order, or brake.
+
+    Args:
+        may_move: False brakes, e.g. where the joints cannot follow.
+        left_out: steps that were due before and never done, as the process was late.
+    """
     order, limits = follower.order, settings.limits
     why = _why_brake(follower, now_ns, settings, may_move)
     if why or order is None:
-        turns = tuple(brake(rebased(turn), turn_bounds(limits), dt_s) for turn in follower.turns)
-        moves = tuple(brake(move, move_bounds(limits), dt_s) for move in follower.moves)
+        turns = tuple(brake(rebased(turn), turn_bounds(limits), dt_s, left_out) for turn in follower.turns)
+        moves = tuple(brake(move, move_bounds(limits), dt_s, left_out) for move in follower.moves)
     else:
         pace = order.speed_mps / limits.speed_mps
         moves = tuple(

@@ -82,8 +82,13 @@ def rebased(motion: Motion) -> Motion:
     return replace(motion, position=ZERO, target=_minus(motion.target, motion.position) if motion.target else None)
 
 
-def brake(motion: Motion, bounds: Bounds, dt_s: float) -> Motion:
-    """One step of braking as hard as the acceleration allows."""
+def brake(motion: Motion, bounds: Bounds, dt_s: float, left_out: int = 0) -> Motion:
+    """One step of braking as hard as the acceleration allows. left_out: steps that were due before and never done.
+
+    The velocity of those falls too, so that a process that runs late takes no longer to stand; the position moves once.
+    """
+    for _ in range(left_out):
+        motion = replace(motion, velocity=brake(motion, bounds, dt_s).velocity)
     speed = motion.speed
     left = max(0.0, speed - bounds.acceleration * dt_s)
     wanted = _scaled(motion.velocity, left / speed) if speed > 0 else ZERO

@@ -80,7 +80,10 @@ def tick(world: World, active: set[str]) -> Array:
         due = [order for due_s, order in world.waiting if due_s <= world.t_s]
         world.reached_s = world.t_s if due else world.reached_s
         world.waiting = deque(entry for entry in world.waiting if entry[0] > world.t_s)
-        world.state = world.driver.step(due, now_ns)
+        world.state = world.driver.step(due, now_ns, late=world.left_out, left_out=world.left_out)
+        world.left_out = 0
+    else:
+        world.left_out += 1
     return np.array(world.driver.follower.moves[0].position)
 
 

@@ -43,6 +43,7 @@ class World:
         self.frozen: Any = None
         self.clock_ns = 0
         self.reached_s = 0.0
+        self.left_out = 0
         self._path = sine(float(self.rng.uniform(0.2, 0.9)), period_s=float(self.rng.uniform(1.5, 4.0)))
 
     def hand(self, t_s: float) -> Array:

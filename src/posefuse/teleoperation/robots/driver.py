@@ -28,8 +28,14 @@ class Driver:
         self.follower = standing(self.posture.xyz_world, self.posture.wxyz)
         self._late = 0
 
-    def step(self, orders: Sequence[Order], now_ns: int, *, link: bool = True, late: int = 0) -> RobotState:
-        """Take orders in and do one step. `link` False: no order can come any more. late: steps that were left out before."""
+    def step(self, orders: Sequence[Order], now_ns: int, *, link: bool = True, late: int = 0, left_out: int = 0) -> RobotState:
+        """Take orders in and do one step.
+
+        Args:
+            link: False when no order can come any more.
+            late: steps by which this one is late; they are counted.
+            left_out: those of them that will not be made up for.
+        """
         settings, dt_s = self._settings, 1.0 / self._settings.robot.rate_hz
         follower = self.follower
         for order in orders:
@@ -37,11 +43,11 @@ class Driver:
         if not link:
             follower = replace(follower, order=None)
         self._late += late
-        wanted = stepped(self._paced(follower), now_ns, dt_s, settings, may_move=not self.posture.fault)
+        wanted = stepped(self._paced(follower), now_ns, dt_s, settings, may_move=not self.posture.fault, left_out=left_out)
         if wanted.order is not follower.order:
             wanted = replace(wanted, order=follower.order)
         if not self._robot.reaches(_goal(wanted), dt_s) and not wanted.limited:
-            wanted = stepped(follower, now_ns, dt_s, settings, may_move=False)
+            wanted = stepped(follower, now_ns, dt_s, settings, may_move=False, left_out=left_out)
             self._robot.reaches(_goal(wanted), dt_s)
         self._robot.carry_out(_goal(wanted), dt_s)
         self.posture = self._robot.posture()

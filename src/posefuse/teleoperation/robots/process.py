@@ -91,7 +91,7 @@ def built(plan: RobotPlan) -> Robot:
 
 def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, reporters: Sequence[StateReporter]) -> None:
     period_ns = round(_S / plan.settings.robot.rate_hz)
-    due_ns, late, link, leaving = time.monotonic_ns() + period_ns, 0, True, False
+    due_ns, late, left_out, link, leaving = time.monotonic_ns() + period_ns, 0, 0, True, False
     gc.collect()
     gc.freeze()
     while True:
@@ -104,7 +104,7 @@ def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, repo
                 leaving = leaving or isinstance(message, Leave)
         except ChannelClosed:
             link = False
-        state = driver.step(orders, time.monotonic_ns(), link=link and not leaving, late=late)
+        state = driver.step(orders, time.monotonic_ns(), link=link and not leaving, late=late, left_out=left_out)
         link = link and _told(channel, state)
         for reporter in reporters:
             reporter.take(state, driver.follower.order)
@@ -112,7 +112,8 @@ def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, repo
             return
         due_ns += period_ns
         late = max(0, (time.monotonic_ns() - due_ns) // period_ns)
-        if late > _MOST_BEHIND:
+        left_out = late if late > _MOST_BEHIND else 0
+        if left_out:
             due_ns = time.monotonic_ns()
 
 
