@@ -34,7 +34,7 @@ def region_from_keypoints(xy_img: Any, skeleton: Skeleton, up_img: Any = None) -
         Region: None when fewer than four keypoints are known.
     """
     xy = np.asarray(xy_img, np.float64)
-    known = np.isfinite(xy).all(-1)
+    known = np.asarray(np.isfinite(xy).all(-1))
     if known.sum() < _LEAST_KEYPOINTS:
         return None
     hips = _middle(xy, known, skeleton, ("left_hip", "right_hip"))
