@@ -1,5 +1,7 @@
 """When a solve fits skeletons, what stays missing, and what that does for a limb that only one camera sees."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,36 @@ def test_a_forearm_in_one_view_is_found_and_says_how_well(walker, ring_rig) -> N
     assert (poses.kind[HIDDEN, 0, WRIST] == Kind.INTERPOLATED).all()
     assert np.mean(error) < 0.03
     assert (error < 3 * sigma).all()
+
+
+def test_a_shoulder_without_3d_is_no_obstacle(walker, ring_rig) -> None:
+    """Two cameras of four see it, but it never got a point: the person has a skeleton, and the shoulder is found."""
+    recording = seen_by(ring_rig(4), walker, hidden_from=0)
+    shoulder = COCO17.index("left_shoulder")
+    xyz, cov, kind = (np.array(getattr(recording.poses, name)) for name in ("xyz_world", "cov_world", "kind"))
+    xyz[:, :, shoulder], cov[:, :, shoulder], kind[:, :, shoulder] = np.nan, np.nan, Kind.MISSING
+    views = recording.views
+    score = np.array(views.score)
+    score[:, :, :2, shoulder] = 0
+    poses = replace(recording.poses, xyz_world=xyz, cov_world=cov, kind=kind)
+    fitted = with_bodies(replace(recording, poses=poses), replace(views, score=score), BodySettings(), None)
+    error = np.linalg.norm(fitted.poses.xyz_world - walker, axis=-1)[:, 0, shoulder]
+    assert fitted.provenance["fitted_people"] == [0]
+    assert (fitted.poses.kind[:, 0, shoulder] == Kind.INTERPOLATED).all()
+    assert np.mean(error) < 0.03
+
+
+def test_a_stand_in_that_no_camera_sees_is_not_invented(walker, ring_rig) -> None:
+    recording = seen_by(ring_rig(4), walker, hidden_from=0)
+    arm = [COCO17.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
+    xyz, cov, kind = (np.array(getattr(recording.poses, name)) for name in ("xyz_world", "cov_world", "kind"))
+    xyz[:, :, arm], cov[:, :, arm], kind[:, :, arm] = np.nan, np.nan, Kind.MISSING
+    score = np.array(recording.views.score)
+    score[..., arm] = 0
+    poses = replace(recording.poses, xyz_world=xyz, cov_world=cov, kind=kind)
+    settings = BodySettings(most_sigma_m=0.02)
+    fitted = with_bodies(replace(recording, poses=poses), replace(recording.views, score=score), settings, None).poses
+    assert np.isnan(fitted.xyz_world[:, 0, arm]).all()
 
 
 def test_what_is_not_seen_and_not_certain_stays_missing(walker, ring_rig) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from posefuse.core import Kind, Recording, Skeleton
 from posefuse.core.arrays import Array
+
+from .surface import draw_surface
 
 LEFT_RGB = (255, 140, 30)
 RIGHT_RGB = (40, 160, 255)
@@ -156,17 +159,27 @@ def person_rgb(person: int) -> tuple[int, int, int]:
 
 
 def view_tile(
-    recording: Recording, i: int, c: int, image: Array | None, tile_wh: tuple[int, int], *, notes: bool = True
+    recording: Recording,
+    i: int,
+    c: int,
+    image: Array | None,
+    tile_wh: tuple[int, int],
+    *,
+    notes: bool = True,
+    bodies: Sequence[tuple[Array, Array]] = (),
 ) -> Array:
     """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing.
 
     Args:
         notes: write camera, time and what is missing into the corner.
+        bodies: vertices (V, 3) in the world and faces (F, 3) of surfaces to draw under the skeletons.
     """
     camera, poses = recording.rig.cameras[c], recording.poses
     size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
     tile, scale = fitted(image, size_wh, tile_wh)
     words = [] if image is not None else ["no frame"]
+    for vertices, faces in bodies:
+        draw_surface(tile, camera, scale, vertices, faces)
     # pixel centres are integers: the corner of the image is at -0.5
     projected = (camera.project(poses.xyz_world[i]) + 0.5) * scale - 0.5
     for n in range(len(poses.person_id)):

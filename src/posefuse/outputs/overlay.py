@@ -1,8 +1,9 @@
-"""Output ``overlay``: a video of all views side by side with the skeleton on top."""
+"""Output ``overlay``: a video of all views side by side with the skeleton on top, and the fitted body where there is one."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -17,6 +18,7 @@ from posefuse.foundation.settings import settings
 from .drawing import EMPTY_RGB, grid_for, view_tile
 from .facts import rate_hz
 from .frames import Frames, FrameSink, FrameWriter, write_without_frames
+from .surface import Surface
 
 # of the encoder; the same on every machine, so that the file does not depend on the number of cores
 _THREADS = 2
@@ -46,12 +48,29 @@ class OverlaySink:
 
     def writer(self, recording: Recording, folder: Path) -> FrameWriter:
         """Begin ``overlay.mp4``; frames come one set at a time."""
-        return _OverlayWriter(recording, folder / "overlay.mp4", self)
+        return _OverlayWriter(recording, folder / "overlay.mp4", self, ())
+
+    def with_surfaces(self, surfaces: tuple[Surface, ...]) -> FrameSink:
+        """This output, with people's surfaces under their skeletons."""
+        return _SurfaceOverlay(self, surfaces)
+
+
+@dataclass(frozen=True)
+class _SurfaceOverlay:
+    config: OverlaySink
+    surfaces: tuple[Surface, ...]
+    name: ClassVar[str] = OverlaySink.name
+
+    def write(self, recording: Recording, folder: Path) -> list[Path]:
+        return write_without_frames(self, recording, folder)
+
+    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
+        return _OverlayWriter(recording, folder / "overlay.mp4", self.config, self.surfaces)
 
 
 class _OverlayWriter:
-    def __init__(self, recording: Recording, path: Path, config: OverlaySink) -> None:
-        self._recording, self._path, self._config = recording, path, config
+    def __init__(self, recording: Recording, path: Path, config: OverlaySink, surfaces: tuple[Surface, ...]) -> None:
+        self._recording, self._path, self._config, self._surfaces = recording, path, config, surfaces
         self._whole = ExitStack()
         self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))
 
@@ -77,9 +96,10 @@ class _OverlayWriter:
         width, height = self._grid.size_wh
         picture = np.full((height, width, 3), EMPTY_RGB, np.uint8)
         tile_width, tile_height = self._grid.tile_wh
+        bodies = [(surface.vertices_at(i), surface.faces) for surface in self._surfaces]
         for c, frame in enumerate(frames):
             left, top = self._grid.corner(c)
-            tile = view_tile(self._recording, i, c, None if frame is None else frame.image, self._grid.tile_wh)
+            tile = view_tile(self._recording, i, c, None if frame is None else frame.image, self._grid.tile_wh, bodies=bodies)
             picture[top : top + tile_height, left : left + tile_width] = tile
         t_ns = self._recording.poses.t_ns
         self._encoding.call(picture, int(t_ns[i] - t_ns[0]))

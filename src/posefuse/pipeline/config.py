@@ -83,6 +83,7 @@ class TrackConfig:
         body: fit one skeleton of constant segment lengths per person to the rays of all views. ``auto`` does so where a table
             of joint centres was fitted to the detector, the weights are ``robust`` and the result is smoothed.
         whole_body: how that skeleton may move.
+        body_mesh: the output ``overlay`` draws the fitted body as a surface, too.
         live_gap_s: second solve of a live session, in which not every frame was used: interpolate between two frames of a
             camera that are at most this far apart. Chosen with `bench/live_second_solve.py --gaps`.
         raw: keep every time step as it was fused: no smoothing, no filled gaps.
@@ -105,6 +106,7 @@ class TrackConfig:
     proportions: bool = False
     body: Literal["auto", "on", "off"] = "off"
     whole_body: BodySettings = field(default_factory=BodySettings)
+    body_mesh: bool = True
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS

@@ -174,7 +174,8 @@ def solve_again(
         chosen = dataclasses.replace(chosen, names=edits.names)
     settings = SolveSettings.of(chosen, centres, live=recording.is_live or bool(about.get("second_solve")), edits=edits)
     about["config"] = plain(dataclasses.asdict(chosen))
-    about.pop("edits", None)
+    for told_anew in ("edits", "fitted_people"):
+        about.pop(told_anew, None)
     if edits != NO_EDITS:
         about["edits"] = plain(dataclasses.asdict(edits))
     if recording.is_live:

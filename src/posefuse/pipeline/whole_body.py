@@ -14,7 +14,8 @@ def with_bodies(recording: Recording, views: ViewSequence, settings: BodySetting
     """The recording with the poses of fitted skeletons.
 
     Segment lengths and poses are solved from `views`, so that a joint in one view alone still counts; the recording's poses are
-    where that starts. People who were not seen well enough to have a skeleton keep their poses.
+    where that starts. People who were not seen well enough to have a skeleton keep their poses; the provenance names the others
+    (``fitted_people``).
     """
     mean, cov = usual_lengths()
     prior = LengthPrior(names=tuple(SEGMENTS), mean_m=mean, cov_m2=cov)
@@ -23,4 +24,5 @@ def with_bodies(recording: Recording, views: ViewSequence, settings: BodySetting
         fit = fit_views(recording.poses, recording.rig, rays, settings, lengths=prior)
     except InputError:  # no person has a skeleton
         return recording
-    return replace(recording, poses=fit.poses)
+    people = sorted(person for person in recording.poses.person_id.tolist() if person in fit.bodies)
+    return replace(recording, poses=fit.poses, provenance={**recording.provenance, "fitted_people": people})

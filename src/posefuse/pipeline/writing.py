@@ -12,6 +12,7 @@ from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
 from posefuse.outputs.frames import FrameSets, write_each, write_outputs
 
+from .body_surfaces import sinks_with_bodies
 from .config import TrackConfig
 from .opening import Opened
 from .session import Session, find_session
@@ -49,7 +50,7 @@ def write_with_frames(
         written = write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-    outcome = write_each(sinks, recording, out.folder, frame_sets)
+    outcome = write_each(sinks_with_bodies(sinks, recording), recording, out.folder, frame_sets)
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
 
@@ -71,7 +72,7 @@ def save_recording(
         if opened is not None:
             report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
             frames = session_frames(recording, opened, report)
-        written += write_outputs(sinks, recording, out.folder, frames)
+        written += write_outputs(sinks_with_bodies(sinks, recording), recording, out.folder, frames)
         return [out.final(file) for file in written]
 
 
@@ -87,7 +88,7 @@ def export_recording(
     with output_folder(path, command="export", replace=replace) as out:
         report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
         frames = iter(()) if session is None else session_frames(recording, session, report)
-        return [out.final(file) for file in write_outputs(sinks, recording, out.folder, frames)]
+        return [out.final(file) for file in write_outputs(sinks_with_bodies(sinks, recording), recording, out.folder, frames)]
 
 
 def _reason(error: Exception) -> str:

@@ -16,7 +16,8 @@ from posefuse.kinematics.sides import landmarks
 from .settings import BodySettings
 from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, TEMPLATES, Node
 
-_FEWEST = 5
+# time steps in which what a skeleton is made of must have been seen
+FEWEST_SEEN = 5
 _BONES = ("upper_arm", "forearm", "thigh", "shank")
 _ENDS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"), "shank": ("knee", "ankle")}
 
@@ -85,8 +86,8 @@ def bodies_from_poses(
     known = {person: body for person, body in bodies.items() if body is not None}
     if bodies and not known:
         raise InputError(
-            f"whole-body fit: a body needs both hips and both shoulders in at least {_FEWEST} of the {len(sequence)} time steps; "
-            f"none of the {len(bodies)} people has them: see which keypoints were found"
+            f"whole-body fit: a body needs both hips and both shoulders in at least {FEWEST_SEEN} of the {len(sequence)} time "
+            f"steps; none of the {len(bodies)} people has them: see which keypoints were found"
         )
     return known
 
@@ -139,7 +140,7 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
     lengths = {}
     for name, span in spans.items():
         distance = np.linalg.norm(span, axis=-1)
-        if np.isfinite(distance).sum() < _FEWEST:
+        if np.isfinite(distance).sum() < FEWEST_SEEN:
             continue
         middle, spread = _robust(distance)
         ends_var = noise_var * (1.0 if name == "trunk" else 2.0)
@@ -169,7 +170,7 @@ def _offsets(points: dict[str, Array], frame: dict[str, Array], lengths: dict[st
     in_thorax = np.einsum("tij,ti->tj", frame["thorax"], ears - neck)
     relative = np.einsum("tij,tik->tjk", frame["thorax"], frame["head"])
     seen = np.isfinite(in_thorax).all(axis=-1) & np.isfinite(relative).all(axis=(-1, -2))
-    if seen.sum() >= _FEWEST:
+    if seen.sum() >= FEWEST_SEEN:
         out["head"], out["ears"] = _pivot(in_thorax[seen], relative[seen])
     return out
 
@@ -228,7 +229,7 @@ def _attached(
         elif TEMPLATES.get(keypoint) in names:
             node = TEMPLATES[keypoint]
             seen = np.einsum("tij,ti->tj", frame[NODE_SEGMENT[node]], sequence.xyz_world[:, person, index] - origins[node])
-            if np.isfinite(seen).all(axis=-1).sum() >= _FEWEST:
+            if np.isfinite(seen).all(axis=-1).sum() >= FEWEST_SEEN:
                 places[index] = node, _robust(seen)[0] + (offsets["ears"] if node == "head" else 0.0)
     return places
 

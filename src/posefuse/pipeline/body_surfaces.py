@@ -1,0 +1,47 @@
+"""The surfaces of people whose skeletons were fitted, for the outputs that draw them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from posefuse.core import Recording, Sink
+from posefuse.core.arrays import Array
+from posefuse.formats.bvh import BvhData
+from posefuse.kinematics import joints_from_poses
+from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
+from posefuse.kinematics.skin import skin_of, skinned_vertices
+from posefuse.outputs.surface import Surface, SurfaceSink
+
+from .solve import config_of
+
+
+def sinks_with_bodies(sinks: Sequence[Sink], recording: Recording) -> list[Sink]:
+    """The outputs, those that can drawing the fitted bodies of the recording: the mesh of the glTF file."""
+    if not any(isinstance(sink, SurfaceSink) for sink in sinks):
+        return list(sinks)
+    surfaces = _surfaces(recording)
+    return [sink.with_surfaces(surfaces) if isinstance(sink, SurfaceSink) and surfaces else sink for sink in sinks]
+
+
+def _surfaces(recording: Recording) -> tuple[Surface, ...]:
+    """Of the people that were fitted and are known all the time; none where the recording's settings ask for none."""
+    fitted = recording.provenance.get("fitted_people")
+    if not fitted or not config_of(recording).body_mesh:
+        return ()
+    joints = joints_from_poses(recording.poses)
+    people = [n for n, person in enumerate(recording.poses.person_id.tolist()) if person in fitted]
+    animations = [animation_from_joints(recording.poses, joints, n) for n in people if animation_gap(joints, n) is None]
+    return tuple(_surface(animation) for animation in animations)
+
+
+def _surface(animation: BvhData) -> Surface:
+    skin = skin_of(animation)
+
+    def vertices_at(i: int) -> Array:
+        one = replace(animation, rotation=animation.rotation[i : i + 1], position=animation.position[i : i + 1])
+        return np.asarray(skinned_vertices(one, skin)[0] @ FILE_FROM_WORLD)
+
+    return Surface(faces=skin.faces, vertices_at=vertices_at)
