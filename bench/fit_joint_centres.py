@@ -2,7 +2,7 @@
 exactly.
 
     python bench/fit_joint_centres.py render OUT            draw people moving all their joints about (minutes; resumes)
-    python bench/fit_joint_centres.py fit OUT [MORE ...] [--card NAME]
+    python bench/fit_joint_centres.py fit OUT [MORE ...] [--card NAME] [--only ear,nose]
                                                             run the pipeline, fit, judge by bodies left out, write the card
 
 MORE are folders of other rendered scenes, e.g. those of `fit_blazepose_noise.py render`. Bodies and motions are drawn for these
@@ -12,6 +12,7 @@ two fits alone (bodies of random seeds 7000 to 7207); none of them appears in a 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,8 @@ from posefuse.evaluation.fitting.joint_centres import ARM, MOST_M
 from posefuse.evaluation.fitting.scenes import MOVES, RATE_HZ, SCENES_EACH
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.truth import read_truth
-from posefuse.tracking import to_joint_centres
+from posefuse.tracking import read_joint_centres, to_joint_centres
+from posefuse.tracking.body_directions import HEAD, keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, JointCentres, directions
 
 Run = tuple[PoseSequence, Truth]
@@ -52,7 +54,7 @@ def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
 
 def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Per joint, what is missing to the truth from both sides' landmarks and from the joints moved by the table, (M, 3) along
-    forward, up and outward of the chest (arms) or the pelvis (legs); confusions left out."""
+    forward, up and outward of the chest (arms), the pelvis (legs) or the head; confusions left out."""
     inside = (poses.t_ns >= truth.t_ns[0]) & (poses.t_ns <= truth.t_ns[-1])
     true_xyz = true_xyz_at(truth, poses.t_ns[inside])[:, 0]
     moved = to_joint_centres(poses, table)
@@ -60,9 +62,10 @@ def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[st
     for side in SIDES:
         known = directions(poses.xyz_world[inside, 0], poses.skeleton, side)
         for joint in JOINTS:
-            trunk = known["shoulder" if joint in ARM else "hip"]
-            axes = np.stack([trunk[name] for name in ("forward", "up", "outward")], axis=-2)
-            name = [f"{side}_{joint}"]
+            about = known["ear" if joint in HEAD else "shoulder" if joint in ARM else "hip"]
+            names = ("face", "crown", "outward") if joint in HEAD else ("forward", "up", "outward")
+            axes = np.stack([about[name] for name in names], axis=-2)
+            name = [keypoint_of(side, joint)]
             wanted = pick_keypoints(true_xyz, truth.skeleton, name)[:, 0]
             away = [1000 * (wanted - pick_keypoints(p.xyz_world[inside, 0], p.skeleton, name)[:, 0]) for p in (poses, moved)]
             good = np.isfinite(axes).all(axis=(-1, -2)) & (np.linalg.norm(away[0], axis=-1) < 1000 * MOST_M)
@@ -80,7 +83,7 @@ def parts(errors: list[np.ndarray]) -> str:
     return f"common {np.linalg.norm(common):4.1f}  own {own.mean():4.1f}  changing {np.linalg.norm(changing, axis=1).mean():4.1f}"
 
 
-def fit(folders: list[Path], card_name: str) -> None:
+def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
     scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if (path / "truth" / "truth.npz").exists()]
     runs = [tracked(path, card_name) for path in scenes]
     raised = {folders[0] / f"scene{i:02d}" for i in range(SCENES_EACH, 2 * SCENES_EACH)}
@@ -100,12 +103,17 @@ def fit(folders: list[Path], card_name: str) -> None:
     for joint in JOINTS:
         before_parts, after_parts = (parts([one[joint][k] for path, one in found.items() if path in raised]) for k in (0, 1))
         print(f"{joint:9s} {before_parts}  ->  {after_parts}")
-    write_card(card_name, table)
+    write_card(card_name, table, only)
 
 
-def write_card(card_name: str, table: JointCentres) -> None:
+def write_card(card_name: str, table: JointCentres, only: tuple[str, ...]) -> None:
+    """Write the table of a card; with `only`, the other joints stay as the card has them."""
     card = read_any_card(card_name)
     path = card.folder / f"{card.name}.joint_centres.toml"
+    if only:
+        before = read_joint_centres(path)
+        offsets = before.offsets | {joint: table.offsets[joint] for joint in only}
+        table = replace(before, made_by=f"{before.made_by}; {', '.join(only)}: {table.made_by}", offsets=offsets)
     path.write_text(table_text(table), encoding="utf-8")
     print(f"written: {path.name}")
 
@@ -116,11 +124,12 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("more", type=Path, nargs="*")
     parser.add_argument("--card", default="blazepose_full", help="landmark network or ensemble to fit")
+    parser.add_argument("--only", default="", help="joints, separated by commas, whose offsets are written; default: all")
     arguments = parser.parse_args()
     if arguments.step == "render":
         render_moving(arguments.out, SCENES_EACH * len(MOVES), print)
     else:
-        fit([arguments.out, *arguments.more], arguments.card)
+        fit([arguments.out, *arguments.more], arguments.card, tuple(filter(None, arguments.only.split(","))))
 
 
 if __name__ == "__main__":

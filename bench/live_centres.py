@@ -34,12 +34,12 @@ from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import ready_tracker
 from posefuse.tracking import JointCentres, LearntLengths, at_joint_centres
-from posefuse.tracking.body_directions import SIDES
+from posefuse.tracking.body_directions import HEAD, SIDES
 from posefuse.tracking.joint_centres import JOINTS
 from posefuse.tracking.learnt_lengths import USUAL_S
 from posefuse.tracking.segments import segment_lengths
 
-NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS)
+NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS if joint not in HEAD)
 # seconds since a person was found
 SINCE_S = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0)
 

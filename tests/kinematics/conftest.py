@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, PoseSequence
+from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 
 LENGTH_M = {
     "pelvis": 0.13,
@@ -45,7 +46,7 @@ def figure(angles: dict[str, tuple[float, float, float]], root: np.ndarray | Non
     flexion, bend, twist = angle("neck")
     head = thorax @ _turn("ZXY", -flexion, bend, twist)
     ears = neck + thorax @ [0.02, 0.17, 0]
-    points = {"nose": ears + head @ [0.1, 0, 0]}
+    points = {"nose": ears + 0.1 * head @ [np.cos(NOSE_BELOW_RAD), -np.sin(NOSE_BELOW_RAD), 0]}
     for side, z in (("left", -1), ("right", 1)):
         points[f"{side}_ear"] = ears + head @ [0, 0, z * 0.075]
         _leg(points, side, hips + pelvis @ [0, 0, z * LENGTH_M["pelvis"]], pelvis, angle)

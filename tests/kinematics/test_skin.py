@@ -14,6 +14,7 @@ from posefuse.formats.page import Player, PlayerMesh
 from posefuse.formats.page.player import player_content
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints
+from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 from posefuse.kinematics.skin import MovingSkin, skin_of, skinned_vertices
 from posefuse.kinematics.skin.template import length_names, template
 
@@ -50,6 +51,12 @@ def test_a_tall_person_gets_a_tall_body() -> None:
     mean = {name: float(np.linalg.norm(body.points[a] - body.points[b])) for name, (a, b) in length_names().items()}
     tall = body.vertices + np.tensordot(body.shape_of({name: 1.1 * m for name, m in mean.items()}), body.vertex_shapes, 1)
     assert np.ptp(tall[:, 2]) > 1.06 * np.ptp(body.vertices[:, 2])
+
+
+def test_the_nose_of_the_mean_body_lies_below_its_ears_by_the_angle_of_the_neck_s_zero() -> None:
+    points = template().points
+    ahead, _, up = points["nose"] - (points["left_ear"] + points["right_ear"]) / 2
+    assert np.arctan2(-up, ahead) == pytest.approx(NOSE_BELOW_RAD, abs=np.radians(0.1))
 
 
 def test_flesh_is_around_the_bones(moving) -> None:

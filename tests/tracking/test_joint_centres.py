@@ -18,6 +18,7 @@ from posefuse.tracking import (
     to_joint_centres,
     views_at_joint_centres,
 )
+from posefuse.tracking.body_directions import keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, directions
 from posefuse.tracking.segments import segment_lengths
 
@@ -51,11 +52,13 @@ def people(seed: int = 3) -> PoseSequence:
 def standing() -> np.ndarray:
     """(K, 3) facing +x, left is +y, hands ahead, left knee bent backwards a little."""
     xyz = np.full((K, 3), np.nan)
+    xyz[BLAZEPOSE33.index("nose")] = (0.1, 0, 1.6)
     for side, y in (("left", 1.0), ("right", -1.0)):
         for name, point in {
             "shoulder": (0, 0.2 * y, 1.4), "elbow": (0, 0.2 * y, 1.1), "wrist": (0.25, 0.2 * y, 1.1),
             "index": (0.33, 0.17 * y, 1.1), "pinky": (0.33, 0.24 * y, 1.1), "hip": (0, 0.1 * y, 0.9), "knee": (0, 0.1 * y, 0.5),
             "ankle": (0, 0.1 * y, 0.1), "heel": (-0.05, 0.1 * y, 0), "foot_index": (0.2, 0.1 * y, 0),
+            "ear": (0, 0.08 * y, 1.6),
         }.items():  # fmt: skip
             xyz[BLAZEPOSE33.index(f"{side}_{name}")] = point
     return xyz
@@ -78,6 +81,10 @@ def test_directions_of_a_person_standing_are_what_their_names_say() -> None:
         np.testing.assert_allclose(known["elbow"]["lowering"], 0, atol=1e-12)
         np.testing.assert_allclose(known["wrist"]["palm"], [0, -out[1], 0], atol=1e-12)
         np.testing.assert_allclose(known["ankle"]["foot"], [1, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(known["ear"]["outward"], out, atol=1e-12)
+        for part in ("ear", "nose"):
+            np.testing.assert_allclose(known[part]["face"], [1, 0, 0], atol=1e-12)
+            np.testing.assert_allclose(known[part]["crown"], [0, 0, 1], atol=1e-12)
 
 
 def test_a_raised_arm_counts_as_far_as_it_points_outward() -> None:
@@ -138,7 +145,7 @@ def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
     table = read_joint_centres(card.folder / card.decoding.joint_centres)
     assert set(table.offsets) == set(JOINTS)
     before = replace(people(), xyz_world=np.tile(standing(), (T, N, 1, 1)))
-    columns = BLAZEPOSE33.indices([f"{side}_{joint}" for side in SIDES for joint in JOINTS])
+    columns = BLAZEPOSE33.indices([keypoint_of(side, joint) for side in SIDES for joint in JOINTS])
     moved = np.linalg.norm(to_joint_centres(before, table).xyz_world - before.xyz_world, axis=-1)[..., columns]
     assert (moved > 0.0005).all() and (moved < 0.05).all()
 

@@ -26,6 +26,10 @@ POINTS = (
     "right_ankle", "left_heel", "right_heel", "left_toe", "right_toe", "nose", "left_ear", "right_ear",
 )  # fmt: skip
 
+# how far the nose lies below level, seen from the ears, of people who hold their heads level: mean of the shapes of adults in
+# `kinematics/skin` (sd 1.3 degrees)
+NOSE_BELOW_RAD = np.radians(6.6)
+
 # a landmark a skeleton does not name: the mean of two that it does, or one of another name
 _STAND_INS = {
     "left_toe": (("left_big_toe", "left_small_toe"), ("left_big_toe",), ("left_foot_index",)),
@@ -48,6 +52,7 @@ class Segment:
         first: (from, to, axis): this vector is that axis exactly.
         second: (from, to, axis): this vector, made normal to the first, is that axis.
         limb: place among `LIMBS` when the turn about the first axis comes from the plane of a limb, else -1.
+        raised_rad: by how much X lies above what these vectors say, turned about Z.
     """
 
     name: str
@@ -55,6 +60,7 @@ class Segment:
     first: tuple[str, str, int]
     second: tuple[str, str, int]
     limb: int = -1
+    raised_rad: float = 0.0
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -139,7 +145,7 @@ _MIDPOINTS |= {f"{side}_knuckles": (f"{side}_index", f"{side}_pinky") for side i
 SEGMENTS = (
     Segment("pelvis", "mid_hip", ("left_hip", "right_hip", Z), ("mid_hip", "neck", Y)),
     Segment("thorax", "neck", ("mid_hip", "neck", Y), ("left_shoulder", "right_shoulder", Z)),
-    Segment("head", "mid_ear", ("left_ear", "right_ear", Z), ("mid_ear", "nose", X)),
+    Segment("head", "mid_ear", ("left_ear", "right_ear", Z), ("mid_ear", "nose", X), raised_rad=NOSE_BELOW_RAD),
     *_side_segments("left", True, 0, 2),
     *_side_segments("right", False, 1, 3),
 )
@@ -239,7 +245,7 @@ JOINTS = (
         sequence="ZXY",
         angle_names=("flexion", "bend_right", "rotation_left"),
         sign=(-1, 1, 1),
-        zero="ears and nose level with the trunk upright",
+        zero="head level (nose 6.6 degrees below the ears) with the trunk upright",
     ),
     *_side_joints("left"),
     *_side_joints("right"),
@@ -259,6 +265,7 @@ def _pair(name: str) -> tuple[int, int]:
 # tables for the compiled code
 SEGMENT_PAIRS = np.array([[_pair(n) for n in (s.origin, *s.first[:2], *s.second[:2])] for s in SEGMENTS])
 SEGMENT_AXES = np.array([[s.first[2], s.second[2], s.limb, s.name.endswith(("forearm", "shank"))] for s in SEGMENTS])
+SEGMENT_RAISED = np.array([s.raised_rad for s in SEGMENTS])
 LIMB_POINTS = np.array([[POINTS.index(n) for n in (limb.proximal, limb.middle, limb.distal)] for limb in LIMBS])
 LIMB_PARENT = np.array([SEGMENT_NAMES.index(limb.parent) for limb in LIMBS])
 LIMB_BEND = np.array([limb.bend for limb in LIMBS])

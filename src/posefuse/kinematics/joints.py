@@ -27,6 +27,7 @@ from .definitions import (
     SEGMENT_AXES,
     SEGMENT_NAMES,
     SEGMENT_PAIRS,
+    SEGMENT_RAISED,
     landmark_pairs,
     undefined_angles,
 )
@@ -178,9 +179,9 @@ class FrameBuffers:
     def solve(self, planes: Array) -> None:
         """Frames and angles of the points taken in, limbs turned by `planes` (L, PLANE_SIZE)."""
         kernels.solve(
-            self.points, self.points_cov, planes, SEGMENT_PAIRS, SEGMENT_AXES, LIMB_BEND, JOINT_SEGMENTS, JOINT_SEQUENCE,
-            JOINT_MIRRORED, JOINT_SIGN, self.determined, GROUND, self.limits, self.rotation, self.by_first, self.by_second,
-            self.turn_var, self.angles, self.sigmas, self.reasons, self.weights,
+            self.points, self.points_cov, planes, SEGMENT_PAIRS, SEGMENT_AXES, SEGMENT_RAISED, LIMB_BEND, JOINT_SEGMENTS,
+            JOINT_SEQUENCE, JOINT_MIRRORED, JOINT_SIGN, self.determined, GROUND, self.limits, self.rotation, self.by_first,
+            self.by_second, self.turn_var, self.angles, self.sigmas, self.reasons, self.weights,
         )  # fmt: skip
 
     def drop_uncertain(self) -> None:

@@ -20,13 +20,18 @@ JOINT_DIRECTIONS = {
     "hip": ("forward", "up", "outward", "thigh", "sinking"),
     "knee": ("thigh", "bend", "outward", "forward"),
     "ankle": ("shank", "foot", "outward", "forward"),
+    "ear": ("face", "crown", "outward"),
+    "nose": ("face", "crown"),
 }
+# of the head, which has no joint centres: a line through them tells how far it is tilted
+HEAD = ("ear", "nose")
+_MIDLINE = ("nose",)
 # knuckles of index and little finger lie about this far apart
 _PALM_M = 0.07
-_MIDDLE = ("neck", "mid_hip")
+_MIDDLE = ("neck", "mid_hip", *_MIDLINE)
 _OWN = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "heel", "foot_index", "index", "pinky", "knuckles")
-_BETWEEN = {"knuckles": ("index", "pinky")}
-_POINTS = (*_MIDDLE, *_OWN, "other_shoulder", "other_hip")
+_BETWEEN = {"knuckles": ("index", "pinky"), "mid_ear": ("ear", "other_ear")}
+_POINTS = (*_MIDDLE, *_OWN, "other_shoulder", "other_hip", "ear", "other_ear", "mid_ear")
 # the body's vectors, from one point to the other
 _VECTORS = {
     "spine": ("mid_hip", "neck"),
@@ -39,6 +44,8 @@ _VECTORS = {
     "shank": ("knee", "ankle"),
     "foot": ("heel", "foot_index"),
     "palm": ("pinky", "index"),
+    "across_head": ("other_ear", "ear"),
+    "to_nose": ("mid_ear", "nose"),
 }
 # (V, 2), in the order of which the kernels know
 _ENDS = np.array([[_POINTS.index(end) for end in ends] for ends in _VECTORS.values()])
@@ -55,7 +62,8 @@ def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
     nothing when it is straight; ``sinking``, of the thigh's direction and the spine's downward one, nothing when standing;
     ``palm``, from little to index finger, about one long; ``raising``, outward as far as the arm points outward;
     ``lowering``, normal to the arm and the chest's forward, down from an arm held out sideways: nothing when it hangs, one
-    long when it is level. NaN where keypoints are missing.
+    long when it is level; ``face``, from the ears to the nose, and ``crown``, normal to it and to the line of the ears, up.
+    NaN where keypoints are missing.
     """
     from . import direction_kernels as kernels
 
@@ -64,6 +72,11 @@ def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
     found = np.empty((len(given), len(SIDES), _COUNT, 3))
     kernels.directions(given, *_columns(skeleton), _ENDS, _PALM_M, found)
     return found.reshape(*leading, *found.shape[1:])
+
+
+def keypoint_of(side: str, joint: str) -> str:
+    """Name of the keypoint that is one of `JOINT_DIRECTIONS` on this side; those on the midline have none."""
+    return joint if joint in _MIDLINE else f"{side}_{joint}"
 
 
 @cache

@@ -10,7 +10,7 @@ from posefuse.foundation.compiled import kernel
 
 _LEAST_M = 1e-6
 # rows of `ends` in `directions`
-_SPINE, _CHEST, _PELVIS, _ARM, _FOREARM, _HAND, _THIGH, _SHANK, _FOOT, _PALM = range(10)
+_SPINE, _CHEST, _PELVIS, _ARM, _FOREARM, _HAND, _THIGH, _SHANK, _FOOT, _PALM, _EARS, _NOSE = range(12)
 
 
 @kernel()
@@ -29,6 +29,7 @@ def directions(xyz, one, other, ends, palm_m, out):
                 _scaled_to_one(unit[v])
             _limbs(unit, out[n, side])
             _planes(unit, 1.0 if side == 0 else -1.0, out[n, side])
+            _head(unit, 1.0 if side == 0 else -1.0, out[n, side])
             out[n, side, 11] = vectors[_PALM] / palm_m
 
 
@@ -60,6 +61,15 @@ def _planes(unit, sign, out):
     outward, upward = _dot(unit[_ARM], unit[_CHEST]), _dot(unit[_ARM], out[1])
     out[4] = unit[_CHEST] * outward
     _cross(unit[_ARM], out[0], sign * outward * (1 + upward), out[8])
+
+
+@kernel()
+def _head(unit, sign, out):
+    """Face, crown and outward of the ear; face and crown of the nose."""
+    _normal(unit[_NOSE], unit[_EARS], out[25])
+    _cross(out[25], unit[_EARS], sign, out[26])
+    out[27] = unit[_EARS]
+    out[28], out[29] = out[25], out[26]
 
 
 @kernel()

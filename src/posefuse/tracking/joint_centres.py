@@ -22,7 +22,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_settings, settings
 
-from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions
+from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions, keypoint_of
 from .segments import SEGMENTS, segment_lengths
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
@@ -99,7 +99,7 @@ def to_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequenc
 
 
 def at_joint_centres(poses: Poses, table: JointCentres, lengths: Array) -> Poses:
-    """The poses with shoulders, elbows, wrists, hips, knees and ankles moved to their centres.
+    """The poses with shoulders, elbows, wrists, hips, knees and ankles moved to their centres, ears and nose to their places.
 
     A joint stays where it is at time steps at which a direction it needs is unknown (a keypoint is missing, or two coincide).
     Covariances stay: the offsets count as constants.
@@ -143,7 +143,7 @@ def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres, lengths: Array) 
 def _columns(skeleton: Skeleton) -> Array:
     """(2, J) place of each side's joints on axis K; K where the skeleton lacks one."""
     places = {name: k for k, name in enumerate(skeleton.keypoints)}
-    return np.array([[places.get(f"{side}_{joint}", len(places)) for joint in JOINTS] for side in SIDES])
+    return np.array([[places.get(keypoint_of(side, joint), len(places)) for joint in JOINTS] for side in SIDES])
 
 
 def directions(xyz: Array, skeleton: Skeleton, side: str) -> Mapping[str, Mapping[str, Array]]:

@@ -14,7 +14,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.tracking import to_joint_centres
-from posefuse.tracking.body_directions import SIDES
+from posefuse.tracking.body_directions import SIDES, keypoint_of
 from posefuse.tracking.joint_centres import MOST_LONGER_M, JointCentres, directions
 from posefuse.tracking.segments import SEGMENTS, segment_lengths
 
@@ -28,6 +28,8 @@ WANTED = {
     "hip": ("forward", "outward", "sinking"),
     "knee": ("thigh", "bend", "outward", "forward"),
     "ankle": ("shank", "foot", "outward"),
+    "ear": ("face", "crown", "outward"),
+    "nose": ("face", "crown"),
 }
 ARM = ("shoulder", "elbow", "wrist")
 # Joints whose offsets also depend on the segment lengths of the person, where cross-validation over bodies shows a gain.
@@ -56,7 +58,7 @@ def samples(poses: PoseSequence, truth: Truth, joint: str, wanted: Sequence[str]
     for side in SIDES:
         known = directions(xyz, poses.skeleton, side)[joint]
         rows = np.stack([known[name] for name in wanted], axis=-2)
-        name = [f"{side}_{joint}"]
+        name = [keypoint_of(side, joint)]
         away = (pick_keypoints(true_xyz, truth.skeleton, name) - pick_keypoints(xyz, poses.skeleton, name))[:, 0]
         good = np.isfinite(rows).all(axis=(-1, -2)) & (np.linalg.norm(away, axis=-1) < MOST_M)
         along.append(rows[good])

@@ -17,11 +17,11 @@ ZXY, YXY, YXZ, YZX = 0, 1, 2, 3
 
 @kernel()
 def solve(
-    points, points_cov, planes, pairs, axes, bends, joint_segments, sequence, mirrored, sign, determined, ground, limits,
+    points, points_cov, planes, pairs, axes, raised, bends, joint_segments, sequence, mirrored, sign, determined, ground, limits,
     rotation, by_first, by_second, turn_var, angles, sigmas, reasons, weights,
 ):  # fmt: skip
     """Frames, then angles; frames whose turn is less certain than the limit become NaN afterwards."""
-    segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_second, turn_var)
+    segment_frames(points, planes, pairs, axes, raised, bends, rotation, by_first, by_second, turn_var)
     joint_angles(
         rotation, by_first, by_second, turn_var, points_cov, pairs, joint_segments, sequence, mirrored, sign, determined,
         ground, limits, angles, sigmas, reasons, weights,

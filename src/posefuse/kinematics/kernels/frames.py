@@ -103,13 +103,18 @@ def lower_frame(points, pairs, bend, upper, upper_by_first, upper_by_second, rot
 
 
 @kernel()
-def segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_second, turn_var):
-    """All frames (S, 3, 3), the derivatives of their errors by both vectors, and the limbs' own turn variance (S,)."""
+def segment_frames(points, planes, pairs, axes, raised, bends, rotation, by_first, by_second, turn_var):
+    """All frames (S, 3, 3), the derivatives of their errors by both vectors, and the limbs' own turn variance (S,).
+
+    raised (S,): by how much each frame is turned about its own Z in the end; errors of it in world axes stay what they are.
+    """
     for s in range(pairs.shape[0]):
         limb = axes[s, 2]
         if limb < 0:
             free_frame(points, pairs[s], axes[s, 0], axes[s, 1], rotation[s], by_first[s], by_second[s])
             turn_var[s] = 0.0
+            if raised[s] != 0.0:
+                _raise(rotation[s], raised[s])
         elif axes[s, 3] == 0:
             turn_var[s] = upper_frame(points, pairs[s], planes[limb], rotation[s], by_first[s], by_second[s])
         else:
@@ -122,6 +127,15 @@ def segment_frames(points, planes, pairs, axes, bends, rotation, by_first, by_se
         # points that coincide, or are too far away to be distinguished in floating point, span no frame
         if not _is_rotation(rotation[s]):
             rotation[s] = np.nan
+
+
+@kernel()
+def _raise(rotation, angle):
+    x, y = rotation[:, 0].copy(), rotation[:, 1].copy()
+    cosine, sine = math.cos(angle), math.sin(angle)
+    for i in range(3):
+        rotation[i, 0] = cosine * x[i] + sine * y[i]
+        rotation[i, 1] = cosine * y[i] - sine * x[i]
 
 
 @kernel()

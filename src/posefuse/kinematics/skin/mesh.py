@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
 from posefuse.formats.bvh import BvhData
 from posefuse.formats.gltf import Skin
 from posefuse.kinematics.animation import FILE_FROM_SEGMENT
+from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 from posefuse.kinematics.sides import SIDES
 
 from .template import template
@@ -118,7 +120,8 @@ def _frame(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array])
     if segment == "head":
         ears = middle("ear")
         z, x = points["right_ear"] - points["left_ear"], points["nose"] - ears
-        return _axes(Y=np.cross(z, x), Z=z), ears, np.ones(3)
+        level = Rotation.from_rotvec(NOSE_BELOW_RAD * z / np.linalg.norm(z)).apply(x)
+        return _axes(Y=np.cross(z, level), Z=z), ears, np.ones(3)
     side, part = segment.split("_", 1)
     at = {name.removeprefix(f"{side}_"): point for name, point in points.items() if name.startswith(side)}
     origin = at[_LIMBS[part][0]]
