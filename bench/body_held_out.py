@@ -127,8 +127,8 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
 def show(found: dict[str, Any]) -> None:
     console = Console(stderr=True, width=190)
     positions = Table(title="Held-out bodies: --body off -> auto", title_justify="left")
-    told = ("mean mm", "must", "aim", "worst joint mm", "NEES", "90 % intervals hold, %", "skate mm")
-    for column in ("row", "bodies (better)", *told):
+    columns = ("mean mm", "must", "aim", "worst joint mm", "NEES", "90 % intervals hold, %", "skate mm")
+    for column in ("row", "bodies (better)", *columns):
         positions.add_column(column)
     for name, row in found.items():
         off, auto = row["off"], row["auto"]

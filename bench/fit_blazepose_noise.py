@@ -70,8 +70,8 @@ def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> Samples:
             errors.append(look.xy_crop[0, OURS] - (xy @ affine[:, :2].T + affine[:, 2])[THEIRS])
             looks.append(look)
             visible.append(seen[THEIRS])
-    told = [features(look) for look in looks]
-    values = {name: np.concatenate([one[name] for one in told])[:, OURS] for name in told[0]}
+    known = [features(look) for look in looks]
+    values = {name: np.concatenate([one[name] for one in known])[:, OURS] for name in known[0]}
     score = np.concatenate([look.visibility * look.presence[:, None] for look in looks])[:, OURS]
     return Samples(np.array(errors), values, score, np.array(visible))
 

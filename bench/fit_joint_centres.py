@@ -97,8 +97,8 @@ def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
     print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
     for joint in JOINTS:
         before, after = (np.linalg.norm(np.concatenate([one[joint][k] for one in found.values()]), axis=1) for k in (0, 1))
-        told = "  ".join(f"{name} {1000 * metres:+.1f}" for name, metres in table.offsets[joint].items())
-        print(f"{joint:9s} {before.mean():5.1f} -> {after.mean():5.1f}   {told}")
+        words = "  ".join(f"{name} {1000 * metres:+.1f}" for name, metres in table.offsets[joint].items())
+        print(f"{joint:9s} {before.mean():5.1f} -> {after.mean():5.1f}   {words}")
     print(f"standing with arms raised, {len(raised & found.keys())} bodies: what errors are made of, before -> after")
     for joint in JOINTS:
         before_parts, after_parts = (parts([one[joint][k] for path, one in found.items() if path in raised]) for k in (0, 1))

@@ -75,23 +75,23 @@ def ms_until_standing(fault: str, session: Path) -> float | None:
         mapping=MappingSettings(scale=0.3), robot=RobotSettings(position_xy_m=(2.5, 0.0), shared=False)
     )
     live = session_of(rig, inputs, config)
-    told: dict[str, float] = {}
+    seen: dict[str, float] = {}
 
     def watch(operator, order) -> None:
         now_s = time.monotonic()
-        if "begun" not in told:
-            told["begun"] = now_s
-        if "fault_ns" in told:
-            if now_s - told["fault_s"] > _AFTER_S:
+        if "begun" not in seen:
+            seen["begun"] = now_s
+        if "fault_ns" in seen:
+            if now_s - seen["fault_s"] > _AFTER_S:
                 raise _Done
             return
-        if now_s - told["begun"] > _LONGEST_S:
+        if now_s - seen["begun"] > _LONGEST_S:
             raise RuntimeError("the robot did not move")
         engaged = operator.gate.phase == "engaged"
-        told["engaged_s"] = told.get("engaged_s", now_s) if engaged else now_s
+        seen["engaged_s"] = seen.get("engaged_s", now_s) if engaged else now_s
         moves = operator.robot is not None and np.linalg.norm(operator.robot.velocity_world) > _MOVING_MPS
-        if engaged and moves and now_s - told["engaged_s"] > _ENGAGED_S:
-            told["fault_ns"], told["fault_s"] = time.time_ns(), now_s
+        if engaged and moves and now_s - seen["engaged_s"] > _ENGAGED_S:
+            seen["fault_ns"], seen["fault_s"] = time.time_ns(), now_s
             os.kill(_process(live, FAULTS[fault][0]), FAULTS[fault][1])
 
     with tempfile.TemporaryDirectory() as folder:
@@ -102,13 +102,13 @@ def ms_until_standing(fault: str, session: Path) -> float | None:
         except _Done:
             pass
         finally:
-            if FAULTS[fault][1] is signal.SIGSTOP and "fault_ns" in told:
+            if FAULTS[fault][1] is signal.SIGSTOP and "fault_ns" in seen:
                 stopped = _process(live, FAULTS[fault][0])
         if stopped is not None:
             _end(stopped)
-        if "fault_ns" not in told:
+        if "fault_ns" not in seen:
             raise RuntimeError("the session ended before the robot moved")
-        return _standing_ms(record, int(told["fault_ns"]))
+        return _standing_ms(record, int(seen["fault_ns"]))
 
 
 def _process(live: LiveSession, pattern: str) -> int:

@@ -42,20 +42,20 @@ def follow() -> None:
 
     print("hand                   lag ms  rms mm  jitter mm  step mm  step rad  SPARC hand robot  jerk hand robot  IK p50 p99 ms")
     for speed_mps, noise_mm in ((0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.3, 2.0), (0.3, 5.0)):
-        hand, told, robot, standing, steps, ik_ms = _followed(sine(speed_mps), 1e-3 * noise_mm)
+        hand, measured, robot, standing, steps, ik_ms = _followed(sine(speed_mps), 1e-3 * noise_mm)
         lag_s, rms_m = lag_and_rms(hand, robot, RATE_HZ)
         print(
             f"{speed_mps:.1f} m/s, {noise_mm:.0f} mm noise   {1e3 * lag_s:5.0f}  {1e3 * rms_m:6.1f}  "
             f"{1e3 * jitter_m(standing, RATE_HZ):9.2f}  {1e3 * steps[0]:7.3f}  {steps[1]:8.5f}  "
-            f"{spectral_arc_length(told, RATE_HZ):10.2f} {spectral_arc_length(robot, RATE_HZ):5.2f}  "
-            f"{rms_jerk(told, RATE_HZ):9.1f} {rms_jerk(robot, RATE_HZ):5.1f}  "
+            f"{spectral_arc_length(measured, RATE_HZ):10.2f} {spectral_arc_length(robot, RATE_HZ):5.2f}  "
+            f"{rms_jerk(measured, RATE_HZ):9.1f} {rms_jerk(robot, RATE_HZ):5.1f}  "
             f"      {np.percentile(ik_ms, 50):.2f} {np.percentile(ik_ms, 99):.2f}",
             flush=True,
         )
 
 
 def _followed(path, noise_m: float, seconds: float = 16.0):
-    """True hand, hand as told, robot; the robot while the hand rests; steps at engaging; IK times."""
+    """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
     from posefuse.teleoperation.gate import CameraReport
     from posefuse.teleoperation.heartbeats import Beat
     from posefuse.teleoperation.operator import Operator, OperatorNews, step
@@ -84,8 +84,8 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
         hand = path(max(t_s, 0.0))
         # errors of networks last for some frames
         noise = 0.9 * noise + np.sqrt(1 - 0.9**2) * noise_m / np.sqrt(3) * rng.normal(size=3)
-        told_xyz = hand + noise + 1e-6 * rng.normal(size=3)
-        view = person_view(told_xyz, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=noise_m / np.sqrt(3))
+        measured_xyz = hand + noise + 1e-6 * rng.normal(size=3)
+        view = person_view(measured_xyz, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=noise_m / np.sqrt(3))
         beats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
         news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         was, before = operator.gate.phase, state
@@ -100,8 +100,8 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
             standing.append(state.measured_xyz_world[0])
         if t_s > 1.0:
             rows.append((hand, hand + noise, state.measured_xyz_world[0]))
-    hands, told, robot = (np.array([row[i] for row in rows]) for i in range(3))
-    return hands, told, robot, np.array(standing), steps, times
+    hands, measured, robot = (np.array([row[i] for row in rows]) for i in range(3))
+    return hands, measured, robot, np.array(standing), steps, times
 
 
 def live(session_folder, networks: str | None) -> None:
@@ -178,19 +178,19 @@ def _print_following(table, truth_ns, hand, figures) -> None:
     if len(t_s) < 1.5 * RATE_HZ:
         print(f"engaged for {len(t_s) / RATE_HZ:.1f} s at most: too short to compare")
         return
-    told = np.stack([np.interp(t_s, part[:, 1] / 1e9, part[:, 2 + i]) for i in range(3)], axis=1)
+    measured = np.stack([np.interp(t_s, part[:, 1] / 1e9, part[:, 2 + i]) for i in range(3)], axis=1)
     robot = np.stack([np.interp(t_s, part[:, 6] / 1e9, part[:, 7 + i]) for i in range(3)], axis=1)
 
     def true_hand(zero_s):
         return np.stack([np.interp(t_s - zero_s, truth_ns / 1e9, hand[:, i]) for i in range(3)], axis=1)
 
     def misfit(zero_s):
-        error = true_hand(zero_s) - told
+        error = true_hand(zero_s) - measured
         return float((error - error.mean(axis=0)).std())
 
     guess = t_s[0] - np.arange(0.0, truth_ns[-1] / 1e9, 0.005)
     true = true_hand(min(guess, key=misfit))
-    for name, path in (("fused hand", told), ("robot", robot)):
+    for name, path in (("fused hand", measured), ("robot", robot)):
         lag_s, rms_m = lag_and_rms(true, path, RATE_HZ)
         print(
             f"{name:10s} against the true hand over {len(t_s) / RATE_HZ:.1f} s: lag {1e3 * lag_s:.0f} ms, "
@@ -301,11 +301,11 @@ def _time_to_stand(what: str) -> float:
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "robot.mcap"
         context = multiprocessing.get_context("spawn")
-        told, tell = context.Pipe(duplex=False)
-        boss = context.Process(target=_boss, args=(record, tell, what.endswith("silent")))
+        receiving, sending = context.Pipe(duplex=False)
+        boss = context.Process(target=_boss, args=(record, sending, what.endswith("silent")))
         boss.start()
-        robot_pid = told.recv()
-        fault_ns = told.recv()
+        robot_pid = receiving.recv()
+        fault_ns = receiving.recv()
         if "killed" in what or "stopped" in what:
             fault_ns = time.time_ns()
             os.kill(boss.pid, signal.SIGKILL if "killed" in what else signal.SIGSTOP)
@@ -332,7 +332,7 @@ def _wait_gone(pid: int) -> None:
         time.sleep(0.01)
 
 
-def _boss(record, tell, silent: bool) -> None:
+def _boss(record, sending, silent: bool) -> None:
     """An operator's side that drives the robot forward at full speed until something happens to it."""
     from posefuse.teleoperation.robots.process import RobotPlan
     from posefuse.teleoperation.session import RobotLink
@@ -341,7 +341,7 @@ def _boss(record, tell, silent: bool) -> None:
 
     link = RobotLink(RobotPlan(settings=TeleoperationSettings(), record=record))
     link.wait_ready()
-    tell.send(link.pid)
+    sending.send(link.pid)
     seq, begun_s, said = 0, time.monotonic(), False
     while True:
         time.sleep(0.01)
@@ -350,7 +350,7 @@ def _boss(record, tell, silent: bool) -> None:
         target = link.state.xyz_world + [0.1, 0.0, 0.0]
         if not said and np.linalg.norm(link.state.velocity_world) > 0.25 and time.monotonic() - begun_s > 0.3:
             said = True
-            tell.send(time.time_ns())
+            sending.send(time.time_ns())
         if said and silent:
             continue
         link.send(

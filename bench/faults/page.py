@@ -24,25 +24,25 @@ def page(
     faults: Found, goods: Sequence[tuple[GoodSession, Outcome]], seeds: Sequence[int], not_run: int = 0
 ) -> tuple[str, dict[str, float]]:
     """The page, and its figures; `not_run`: sessions that a run with a time limit left out."""
-    told = [(case, outcome) for case, outcome in faults if not case.not_in_images]
-    counts = Counter(outcome.verdict for _, outcome in told)
+    shown = [(case, outcome) for case, outcome in faults if not case.not_in_images]
+    counts = Counter(outcome.verdict for _, outcome in shown)
     good = Counter(outcome.verdict for _, outcome in goods)
     seconds = sum(outcome.cpu_s for _, outcome in (*faults, *goods))
     figures = {verdict: float(counts[verdict]) for verdict in VERDICTS}
     figures |= {ACCEPTED: float(good[ACCEPTED]), REFUSED: float(good[REFUSED]), "cpu_s": seconds}
-    names = list(dict.fromkeys(case.name for case, _ in told))
-    lines = [_HEAD, f"{len(names)} faults, {len(told)} sessions, seeds {', '.join(map(str, seeds))}, {seconds / 60:.0f} minutes"
+    names = list(dict.fromkeys(case.name for case, _ in shown))
+    lines = [_HEAD, f"{len(names)} faults, {len(shown)} sessions, seeds {', '.join(map(str, seeds))}, {seconds / 60:.0f} minutes"
              " of one core.", ""]  # fmt: skip
     lines += [f"**Not complete: {not_run} sessions, good ones included, were not run.**", ""] if not_run else []
     lines += ["| " + " | ".join(VERDICTS) + f" | {len(goods)} good sessions refused |", "|---" * (len(VERDICTS) + 1) + "|"]
-    shares = " | ".join(f"{counts[v]} ({counts[v] / max(len(told), 1):.1%})" for v in VERDICTS)
+    shares = " | ".join(f"{counts[v]} ({counts[v] / max(len(shown), 1):.1%})" for v in VERDICTS)
     lines += [f"| {shares} | {good[REFUSED]} |", "", "| group | fault | " + " | ".join(VERDICTS) + " |", "|---" * 6 + "|"]
-    lines += [_row(name, told) for name in names]
+    lines += [_row(name, shown) for name in names]
     return "\n".join([*lines, *_hidden(faults), *_good(goods)]) + "\n", figures
 
 
-def _row(name: str, told: Found) -> str:
-    own = [(case, outcome) for case, outcome in told if case.name == name]
+def _row(name: str, shown: Found) -> str:
+    own = [(case, outcome) for case, outcome in shown if case.name == name]
     count = Counter(outcome.verdict for _, outcome in own)
     return f"| {own[0][0].group} | {name} | " + " | ".join(str(count[v] or "") for v in VERDICTS) + " |"
 

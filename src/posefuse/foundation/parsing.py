@@ -26,6 +26,10 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
     """The UTF-8 text of a file, without a byte order mark; raises `error` when it cannot be read or is not UTF-8."""
     try:
         return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise error(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise error(f"{path}: is a folder; expected a file") from None
     except (OSError, UnicodeDecodeError) as problem:
         raise error(f"{path}: cannot be read as text ({problem})") from None
 

@@ -33,11 +33,11 @@ def check_apart(path: Path, inputs: Sequence[Path]) -> None:
         if identity is None:
             continue
         if own == identity:
-            raise InputError(f"{path}: is the input {given} itself; choose another place for the results")
+            raise InputError(f"{path}: this is the input {given} itself; choose another place for the results")
         if identity in above:
-            raise InputError(f"{path}: lies inside the input {given}; choose a place outside it for the results")
+            raise InputError(f"{path}: this lies inside the input {given}; choose a place outside it for the results")
         if own is not None and own in set(_identities(source)):
-            raise InputError(f"{path}: contains the input {given}; choose another place for the results")
+            raise InputError(f"{path}: this contains the input {given}; choose another place for the results")
 
 
 def check_space(folder: Path, needed_bytes: int) -> None:

@@ -15,6 +15,8 @@ from posefuse.core.errors import choices
 from .parsing import one_line, parse_toml, parse_yaml, read_text, short
 
 T = TypeVar("T")
+# a file with more unknown keys and no known one is another file, not one with typing errors
+_TYPING_ERRORS = 2
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
@@ -31,7 +33,12 @@ def settings(cls: type[T]) -> type[T]:
 
 def read_settings(path: Path, cls: type[T]) -> T:
     """Read a .toml, .yaml or .yml file; raises ConfigError in one line for anything that is not right in it."""
-    return settings_from_mapping(read_mapping(path), cls, where=str(path))
+    content = read_mapping(path)
+    known = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
+    if len(content) > _TYPING_ERRORS and not set(content) & set(known):
+        got = choices(map(str, content))
+        raise ConfigError(f"{path}: this is another kind of file: expected keys among {choices(known)}, got {got}")
+    return settings_from_mapping(content, cls, where=str(path))
 
 
 def read_mapping(path: Path) -> dict[str, Any]:

@@ -63,11 +63,11 @@ class PersonSeen:
 
 def check_recordings(paths: Mapping[str, Path]) -> None:
     """Raise InputError where there are too few recordings, or one does not exist."""
-    if len(paths) < LEAST_CAMERAS:
-        raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
     absent = [str(path) for path in paths.values() if not path.exists()]
     if absent:
         raise InputError(f"person: no such file or folder: {choices(absent)}")
+    if len(paths) < LEAST_CAMERAS:
+        raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
 
 
 def find_person(

@@ -88,6 +88,8 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         InputError: nothing usable there, or data that cannot be distinguished; says what is there and how to name it.
         CalibrationError: no rig file, or fewer than two cameras with data.
     """
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; expected a session folder, with a calibration and videos in it")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such session folder")
     if (folder / UNFINISHED_FILE).exists():

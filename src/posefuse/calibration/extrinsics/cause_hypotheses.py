@@ -18,6 +18,7 @@ from posefuse.core.arrays import Array
 from .board_shape import DEFORMATIONS, DEFORMED_REMEDY, best_deformation
 from .cause_solves import anew_trial, near_solve, solve_anew, trial
 from .cause_splits import moved_or_jumped
+from .cause_stamps import irregular_stamps
 from .cause_views import views_wrong
 from .causes import CauseTrial, Hypothesis, Trouble, base_spread_px
 from .clocks import rough_offsets
@@ -221,7 +222,8 @@ def board_deformed(trouble: Trouble) -> Iterator[CauseTrial]:
 HYPOTHESES = (
     Hypothesis("images turned", "nothing: one image is turned back", image_turned, near=True),
     Hypothesis("intrinsics", "intrinsics of one, two or all cameras; or their order", intrinsics_wrong, near=True),
-    Hypothesis("moved, jumped or uneven", "one camera from a time step on; its stamps", moved_or_jumped, near=True),
+    Hypothesis("moved or jumped", "one camera from a time step on", moved_or_jumped, near=True),
+    Hypothesis("time stamps", "the time of each frame of one camera", irregular_stamps, near=True),
     Hypothesis("views", "the noise, or some markers, of one camera", views_wrong, near=True),
     Hypothesis("board deformed", "one deformation of the board", board_deformed, near=True),
     Hypothesis("clocks, near", "offset of each clock", clocks_near, near=True),

@@ -1,4 +1,4 @@
-"""Explanations in time: a camera that was moved, a clock that jumped, stamps that are uneven."""
+"""Explanations in time: a camera that was moved, a clock that jumped."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.core import Camera
-from posefuse.core.arrays import SIGMA_PER_MAD, Array
+from posefuse.core.arrays import Array
 
 from .cause_solves import near_solve
 from .causes import CauseTrial, Trouble
@@ -33,7 +33,6 @@ def moved_or_jumped(trouble: Trouble) -> Iterator[CauseTrial]:
     for _, step, c in sorted(changes, reverse=True)[:_CANDIDATES]:
         if step >= 0:
             yield from _split(trouble, solved, c, step)
-    yield from _uneven_stamps(trouble, solved)
 
 
 def _change_step(solved: Solved, c: int) -> tuple[float, int]:
@@ -182,25 +181,3 @@ def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, 
                 "frames were lost: give each frame its true time stamp, or use the part before or after", 2)  # fmt: skip
     return (f"{name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {np.rad2deg(turn_rad):.2f} deg",
             "calibrate again, or use the part before or after", 7)  # fmt: skip
-
-
-def _uneven_stamps(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
-    """Every frame of one camera has a time shift of its own."""
-    seen, residual = solved.seen, solved.solution.residual_px
-    for c, camera in enumerate(trouble.cameras):
-        rows = (seen.camera == c) & np.isfinite(residual).all(axis=1)
-        steps = int(seen.instant.max(initial=0)) + 1
-        v = seen.velocity_px_s
-        square = np.bincount(seen.instant[rows], (v[rows] ** 2).sum(axis=1), steps)
-        along = np.bincount(seen.instant[rows], (v[rows] * residual[rows]).sum(axis=1), steps)
-        late_s = along / np.maximum(square, 1e-6)
-        used = np.unique(seen.instant[rows])
-        if len(used) < _LEAST_STEPS:
-            continue
-        left = np.where(rows[:, None], residual - v * late_s[seen.instant][:, None], residual)
-        spread_s = SIGMA_PER_MAD * float(np.median(np.abs(late_s[used] - np.median(late_s[used]))))
-        yield CauseTrial(
-            f"the time stamps of {camera.name} are uneven by {spread_s * 1e3:.0f} ms from frame to frame",
-            "read the true time of each frame, or fix the camera's exposure so that it keeps its frame rate",
-            seen.camera, left, 0, len(used),
-        )  # fmt: skip

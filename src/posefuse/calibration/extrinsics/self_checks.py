@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.calibration.report import Check
 from posefuse.calibration.solving.rotations import Poses, angle_between, mean_rotation
+from posefuse.calibration.targets.blur import BLURRED_EDGE_PX
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.core import Camera
@@ -58,6 +59,18 @@ def check_same_video(observations: CornerObservations) -> Check:
         "videos differ", not alike,
         f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same",
         "give each camera its own video",
+    )  # fmt: skip
+
+
+def check_sharp(observations: CornerObservations) -> Check:
+    """What moves has sharp edges in the images of every camera."""
+    blurred = [(name, px) for name, px in observations.edge_width_px if px > BLURRED_EDGE_PX]
+    names = "all cameras" if len(blurred) == len(observations.cameras) else ", ".join(name for name, _ in blurred)
+    widest_px = max((px for _, px in blurred), default=0.0)
+    detail = f"the images of {names} are blurred: moving edges are {widest_px:.0f} px wide (limit"
+    return Check(
+        "images are sharp", not blurred, f"{detail} {BLURRED_EDGE_PX:.0f} px)" if blurred else "moving edges are sharp",
+        "shorten the exposure time, add light, move the target more slowly, and check the focus",
     )  # fmt: skip
 
 

@@ -168,7 +168,10 @@ def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
             task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
         )
         causes = likely_causes(trouble, HYPOTHESES)
-        done = (cause_check(causes, base_spread_px(trouble)), *done) if causes else done
+        # blur leaves few markers, which no residual shows
+        sharp = checks.check_sharp(task.observations)
+        named = (cause_check(causes, base_spread_px(trouble)),) if causes else () if sharp.passed else (sharp,)
+        done = (*named, *done)
     if attempt.solved is None:
         raise RefusedCalibration(CalibrationReport("extrinsics", done, attempt.notes))
     kept = _calibration(task, attempt.solved, done, attempt.notes)

@@ -29,6 +29,8 @@ class CornerObservations:
         xy_img: (N, 2) raw px.
         sharpness: (N,) contrast of the edges next to the corner, grey levels per px; NaN where not measured.
         doubled: (camera name, marker id, frames) of markers met twice in one image, whose corners were left out.
+        edge_width_px: (camera name, px) usual width of moving edges in its images, with or without a target; NaN where
+            nothing moved.
     """
 
     cameras: tuple[str, ...]
@@ -41,6 +43,7 @@ class CornerObservations:
     xy_img: Array
     sharpness: Array
     doubled: tuple[tuple[str, int, int], ...] = field(default=())
+    edge_width_px: tuple[tuple[str, float], ...] = field(default=())
 
     def __post_init__(self) -> None:
         freeze_fields(self, _DTYPES)
@@ -74,6 +77,7 @@ class CornerObservations:
             frame_count=(self.frame_count[i],),
             camera=np.zeros(len(picked), np.int64),
             doubled=tuple(entry for entry in self.doubled if entry[0] == camera),
+            edge_width_px=tuple(entry for entry in self.edge_width_px if entry[0] == camera),
         )
 
     def of_patches(self, patches: Iterable[int]) -> CornerObservations:
@@ -108,5 +112,6 @@ def joined(parts: Sequence[CornerObservations]) -> CornerObservations:
         sizes_wh=tuple(size for part in parts for size in part.sizes_wh),
         frame_count=tuple(count for part in parts for count in part.frame_count),
         doubled=tuple(entry for part in parts for entry in part.doubled),
+        edge_width_px=tuple(entry for part in parts for entry in part.edge_width_px),
         **arrays,
     )

@@ -13,12 +13,11 @@ import numpy as np
 from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
+from .blur import BLURRED_EDGE_PX, MovingEdges, usual_edge_width_px
 from .corners import CornerObservations, joined
 from .kinds import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of, sides
 from .marker_fit import fit_marker
 
-# a step that is wider than this in every image is out of focus or moved
-_BLURRED_EDGE_PX = 6.0
 _REFINE_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 _MIN_CHARUCO_CORNERS = 4
 # a wrong grid is off by whole squares, the bend of a lens by less than this share of one
@@ -70,12 +69,13 @@ def observations_from_frames(
     """Corners of every `every`-th frame of one camera."""
     rows: list[tuple[Array, Corners, float]] = []
     doubled: Counter[int] = Counter()
-    count = 0
+    count, edges = 0, MovingEdges()
     for i, frame in enumerate(frames):
         if i % every:
             continue
         count += 1
         grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
+        edges.add(grey)
         found = detector.detect(grey)
         doubled.update(found.doubled)
         if len(found.xy_img):
@@ -91,6 +91,7 @@ def observations_from_frames(
         xy_img=_concatenated([found.xy_img for _, found, _ in rows]).reshape(-1, 2),
         sharpness=_concatenated([np.full(len(t), value) for t, _, value in rows]),
         doubled=tuple((camera, int(patch), number) for patch, number in sorted(doubled.items())),
+        edge_width_px=((camera, edges.width_px),),
     )
 
 
@@ -106,8 +107,11 @@ def sharpness(grey: Array, xy_img: Array) -> float:
     return float(np.percentile(gradient, 97) / max(high - low, 1.0))
 
 
-def why_nothing(grey_images: Sequence[Array], target: Target) -> str:
-    """The likely reason why a target was found in none of these images, in words."""
+def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: float = 0.0) -> str:
+    """The likely reason why a target was found in none of these images, in words.
+
+    `edge_width_px`: usual width of moving edges in the whole recording, as `CornerObservations` has it.
+    """
     for change, reason in (
         (lambda image: cv2.flip(image, 1), "it is there when the image is mirrored: switch the mirror mode of the camera off"),
         (lambda image: 255 - image, "it is there with colours exchanged: set or clear `inverted`"),
@@ -125,9 +129,9 @@ def why_nothing(grey_images: Sequence[Array], target: Target) -> str:
         if ids:
             known = f"markers of {name} are there (ids {', '.join(map(str, ids[:8]))}), the target says {target.dictionary}"
             return known if name != target.dictionary else _other_ids(ids, target)
-    widths_px = [_edge_width_px(image) for image in grey_images]
-    if widths_px and min(widths_px) > _BLURRED_EDGE_PX:
-        return f"the images are blurred, the sharpest edges are {min(widths_px):.0f} px wide: focus, or shorten the exposure"
+    width_px = float(np.nanmax([edge_width_px, usual_edge_width_px(grey_images)]))
+    if width_px > BLURRED_EDGE_PX:
+        return f"the images are blurred, edges are {width_px:.0f} px wide: focus, shorten the exposure, add light"
     return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?"
 
 
@@ -136,14 +140,6 @@ def _other_ids(ids: list[int], target: Target) -> str:
     if isinstance(target, Markers) and target.ids and not set(ids) & set(target.ids):
         return f"{there}, the target has ids {', '.join(map(str, target.ids))}"
     return f"{there}, but not as described"
-
-
-def _edge_width_px(grey: Array) -> float:
-    """Contrast of an image over its steepest edges: a step in focus is 2 to 3 px wide."""
-    image = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.0)
-    gradient = np.hypot(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8))
-    low, high = np.percentile(image, [0.5, 99.5])
-    return float((high - low) / max(float(np.percentile(gradient, 99.9)), 1e-3))
 
 
 def _found_in(grey_images: Sequence[Array], detector: TargetDetector, change: Callable[[Array], Array] | None) -> bool:

@@ -90,6 +90,5 @@ def seen_or_why_not(observations: CornerObservations, source: Source, target: Ta
     if len(observations):
         return observations
     frames = [cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY) for frame in itertools.islice(source.frames(), 12)]
-    raise CalibrationError(
-        f"camera {source.camera}: the target is in none of {observations.frame_count[0]} frames: {why_nothing(frames, target)}"
-    )
+    reason = why_nothing(frames, target, dict(observations.edge_width_px).get(source.camera, 0.0))
+    raise CalibrationError(f"camera {source.camera}: the target is in none of {observations.frame_count[0]} frames: {reason}")

@@ -64,9 +64,12 @@ def _measured(cameras: int, rate_hz: float, terminal: Terminal) -> dict[str, Any
 
 
 def _wanted(names: Sequence[str], source: Path | None) -> list[ModelCard]:
+    from posefuse.core import ModelError
     from posefuse.detection import default_cards
     from posefuse.detection.models import holds, list_cards, read_card
 
+    if source is not None and not source.exists():
+        raise ModelError(f"{source}: no such archive, model file or folder")
     if names:
         return [read_card(name) for name in names]
     held = [card for card in list_cards() if source is not None and holds(source, card)]

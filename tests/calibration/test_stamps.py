@@ -1,0 +1,51 @@
+"""Frames that are stamped wrongly are found one by one, and their pattern is named."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.calibration.extrinsics.cause_stamps import FrameTimes
+from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.report import RefusedCalibration
+
+PERIOD_S = 1 / 30
+
+
+def frames(late_periods: np.ndarray, noise_periods: float = 0.0) -> FrameTimes:
+    number = np.arange(len(late_periods))
+    random = np.random.default_rng(0)
+    found_s = (late_periods + noise_periods * random.normal(size=len(number))) * PERIOD_S
+    stamps_s = (number + late_periods) * PERIOD_S
+    seen = random.random(len(number)) > 0.1
+    return FrameTimes(
+        np.round(stamps_s[seen] * 1e9).astype(np.int64), np.where(number % 17 == 5, np.nan, found_s)[seen], PERIOD_S
+    )
+
+
+@pytest.mark.parametrize(("length", "word"), [(2, "second"), (3, "third"), (5, "fifth"), (8, "eighth")])
+def test_a_pattern_is_named_with_frames_missing_and_noise(length: int, word: str) -> None:
+    late = np.where(np.arange(400) % length == 1, 0.9, 0.0)
+    assert f"every {word} frame is stamped {0.9e3 * PERIOD_S:.0f} ms late" in frames(late, 0.05).words
+    assert "ms early" in frames(-late, 0.05).words
+
+
+def test_frames_at_random_have_no_pattern() -> None:
+    late = np.where(np.random.default_rng(3).random(400) < 0.3, 0.9, 0.0)
+    assert "frames are stamped wrongly" in frames(late, 0.05).words
+
+
+def test_even_stamps_are_right() -> None:
+    assert not frames(np.zeros(400), 0.05).wrong.any()
+
+
+@pytest.mark.slow
+def test_a_refusal_for_irregular_stamps_names_the_camera_and_the_pattern(lab: Any) -> None:
+    seen = lab.watch()
+    period_ns = round(1e9 / lab.motion.rate_hz)
+    late = (seen.camera == 2) & (np.round(seen.t_ns / period_ns).astype(np.int64) % 3 == 0)
+    wrong = replace(seen, t_ns=seen.t_ns + np.where(late, period_ns * 19 // 10, 0))
+    with pytest.raises(RefusedCalibration, match=r"time stamps of cam02 are irregular: every third frame is stamped \d+ ms late"):
+        calibrate_extrinsics(wrong, lab.rig.cameras, lab.target, Options(instants=100, clocks="together"))
