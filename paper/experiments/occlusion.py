@@ -21,9 +21,9 @@ SUMMARY = (
     "half of the body hidden from two of four cameras, and a false arm in its place, compared with a simulated inertial suit"
 )
 TITLES = {
-    "free": "Nothing in the way",
+    "free": "No occlusion",
     "screen": "Screens hide the left half from two of four cameras",
-    "false_arm": "The same, and false arms in the colour of the shirt",
+    "false_arm": "Screens, and false arms in the colour of the shirt",
 }
 _QUICK_S, _FULL_S = 1.0, 10.0
 _SUIT_SEEDS = 20
@@ -31,7 +31,7 @@ _FOLLOWED = "left_wrist"
 
 
 def run(context: Context) -> Outcome:
-    """Errors of every joint with nothing in the way, screens, and false arms; compared with the suit."""
+    """Errors of every joint with no occlusion, screens, and false arms; compared with the suit."""
     blocks: list[Block] = [
         Heading(
             "What is measured",
@@ -83,7 +83,7 @@ def summary_rows(figures: dict[str, Any]) -> list[list[Any]]:
     """Case, which joints, and the mean of every column."""
     rows = []
     for case, title in TITLES.items():
-        for part, hidden in (("left arm and leg", True), ("the rest", False)):
+        for part, hidden in (("left arm and leg", True), ("other joints", False)):
             joints = [joint for joint in PAPER14.keypoints if (joint in HIDDEN_JOINTS) == hidden]
             means = [
                 float(np.mean([column["joints"][joint]["mean_mm"] for joint in joints]))

@@ -14,8 +14,8 @@ from .runs import Context, Outcome
 _LINES = {
     "robust_mm": "robust",
     "p95_mm": "robust, p95",
-    "robust_same_mm": "robust, points both give",
-    "score_same_mm": "score, points both give",
+    "robust_same_mm": "robust, common points",
+    "score_same_mm": "score, common points",
 }
 _SHARES = {"robust_found": "robust", "score_found": "score"}
 SUMMARY = "error over number of cameras, distance, resolution, calibration error, clocks, dropped frames, outliers"

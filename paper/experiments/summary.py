@@ -31,12 +31,12 @@ def write_summary(out: Path) -> Path:
         "# Accuracy",
         "Made by `python -m paper all`. Rendered people with exact truth, the real network in the loop; millimetres; mean "
         "over the paper's 14 joints unless said otherwise.",
-        "The people and ways reported here are used in no fit. The noise model and the joint centres were fitted on bodies "
-        f"of random seeds 7000 to 7207 (`bench/fit_*.py`); the tables below are of the default body, and of seeds "
+        "No constant is fitted to the people and movements reported here. The noise model and the joint centres were fitted on bodies "
+        f"of random seeds 7000 to 7207 (`bench/fit_*.py`); the tables below show the default body, and seeds "
         f"{', '.join(map(str, CHECK_SEEDS))} as a check. "
-        "What was tried, what stays and what does not: [ablation.md](ablation.md).",
-        "*default* is what `posefuse track` does; *best networks* is the same with the largest detector, which is six times "
-        f"the work (`--networks {BEST_NETWORKS}`), of the first {BEST_S:g} s of the walk.",
+        "Tested alternatives: [ablation.md](ablation.md).",
+        "*default*: `posefuse track` without options. *best networks*: the largest networks "
+        f"(`--networks {BEST_NETWORKS}`), six times the computation; of the walk, the first {BEST_S:g} s.",
     ]
     for name, writer in (
         ("static", _static),
@@ -87,7 +87,7 @@ def _walking(figures: Mapping[str, Any]) -> list[str]:
     ]
     rows += [
         [
-            f"{what}, body and way of seed {seed}",
+            f"{what}, body and movement of seed {seed}",
             one[what]["mean_mm"],
             one[what]["worst_mm"],
             one[what]["worst_joint"].replace("_", " "),
@@ -113,8 +113,8 @@ def _drift(figures: Mapping[str, Any]) -> list[str]:
          1000 * one["vision"]["end_m"], 1000 * one["suit"]["end_m"]]
         for way, one in figures["paths"].items()
     ]  # fmt: skip
-    columns = ["path", "walked m", "drift mm per m", "suit: drift mm per m", "off at the end mm", "suit: off at the end mm"]
-    return ["## Drift on three paths, next to a simulated inertial suit", _table(columns, rows)]
+    columns = ["path", "walked m", "drift mm per m", "suit: drift mm per m", "error at the end mm", "suit: error at the end mm"]
+    return ["## Drift on three paths, compared with a simulated inertial suit", _table(columns, rows)]
 
 
 def _occlusion(figures: Mapping[str, Any]) -> list[str]:
@@ -123,8 +123,8 @@ def _occlusion(figures: Mapping[str, Any]) -> list[str]:
         for case, one in figures.items()
     )
     return [
-        "## Half of the body hidden, next to a simulated inertial suit",
-        "Four cameras in the corners of a room, a person waves with the left arm. Mean error over joints.",
+        "## Half of the body hidden, compared with a simulated inertial suit",
+        "Four cameras in the corners of a room; a person waves with the left arm. Mean error over joints.",
         _table(["", "joints", *figures["free"]["columns"]], summary_rows(dict(figures))),
         f"Stated uncertainty of the default (typical NEES; 3 is right): {nees}.",
     ]
@@ -147,20 +147,20 @@ def _latency(figures: Mapping[str, Any]) -> list[str]:
         "wait: for the detector; output: until the next output tick of 100 Hz; send: by UDP.",
         _table(["camera", *stages, "end to end", "p95", "decoding alone"], rows),
         f"{100 * live['used_share']:.0f} % of the frames used, {live['output_hz']:.1f} poses per second.",
-        "Recorded, as fast as it goes, per time step:",
+        "Recorded, at full speed, per time step:",
         _table(["stage", "median ms", "p95 ms"], recorded),
     ]
 
 
 def _scaling(figures: Mapping[str, Any]) -> list[str]:
-    def told(study: Mapping[str, Any], key: str) -> str:
+    def listed(study: Mapping[str, Any], key: str) -> str:
         return ", ".join(f"{x:g}: {mm:.1f}" for x, mm in zip(study["x"], study[key], strict=True))
 
     keys = ("robust_mm", "robust_same_mm", "score_same_mm")
-    rows = [[study["title"], *(told(study, key) for key in keys)] for study in figures["studies"].values()]
+    rows = [[study["title"], *(listed(study, key) for key in keys)] for study in figures["studies"].values()]
     return [
         "## What the error depends on",
-        "Oracle detections, not smoothed; value: mm. Weights are compared on the points that both give, since with few views "
-        "`score` is silent about the difficult ones.",
-        _table(["", "robust", "robust, points both give", "score, points both give"], rows),
+        "Oracle detections, not smoothed; value: mm. Weights are compared on the points that both methods return: with few "
+        "views `score` returns none for the difficult ones.",
+        _table(["", "robust", "robust, common points", "score, common points"], rows),
     ]

@@ -75,10 +75,10 @@ class Setup:
 STUDIES: Mapping[str, tuple[str, str, Sequence[float], Callable[[float], Setup]]] = {
     "cameras": ("cameras", "", (2, 3, 4, 6, 8, 12, 16), lambda x: Setup(cameras=int(x))),
     "radius": ("radius of the circle", "m", (2.5, 3.5, 4.5, 6, 8, 10), lambda x: Setup(radius_m=x)),
-    "resolution": ("width of the picture", "px", (160, 320, 640, 1280, 1920), lambda x: Setup(width_px=int(x))),
+    "resolution": ("image width", "px", (160, 320, 640, 1280, 1920), lambda x: Setup(width_px=int(x))),
     "rotation": ("calibration error, rotation", "deg", (0, 0.1, 0.2, 0.5, 1, 2), lambda x: Setup(rotation_deg=x)),
     "position": ("calibration error, position", "mm", (0, 2, 5, 10, 20, 50), lambda x: Setup(position_m=x / 1000)),
-    "offset": ("offset of the clocks", "ms", (0, 5, 10, 20, 33, 66), lambda x: Setup(offset_s=x / 1000)),
+    "offset": ("clock offset", "ms", (0, 5, 10, 20, 33, 66), lambda x: Setup(offset_s=x / 1000)),
     "dropped": ("dropped frames", "%", (0, 5, 10, 20, 40), lambda x: Setup(dropped=x / 100)),
     "outliers": ("outliers", "%", (0, 2, 5, 10, 20, 30), lambda x: Setup(outlier_share=x / 100)),
 }

@@ -40,11 +40,11 @@ FUSION = SimpleNamespace(
 )
 CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 HEADINGS = {
-    "static": ("What is measured", "Nothing in the way", "Walls, boxes and clutter in the way"),
+    "static": ("What is measured", "No occlusion", "Occluded by walls, boxes and clutter"),
     "walking": ("Error per joint", "Trajectories against the truth", "Rate of the fusion", "Six moments"),
     "latency": ("Live: from exposure to another program", "Live: spikes over time", "Recorded: time per stage"),
     "drift": ("The suit", "circle", "back forth", "sideways", "Summary"),
-    "occlusion": ("What is measured", "Nothing in the way", "Screens hide the left half", "The same, and false arms", "Summary"),
+    "occlusion": ("What is measured", "No occlusion", "Screens hide the left half", "Screens, and false arms", "Summary"),
     "scaling": ("Oracle detections", "radius of the circle"),
 }
 PICTURES = {"static": 6, "walking": 6, "latency": 0, "drift": 6, "occlusion": 12, "scaling": 0}
