@@ -119,7 +119,9 @@ def test_detections_survive_and_resume_gives_the_same_bytes(
         assert "No space left on device" in ended.stderr.splitlines()[-1] and "Traceback" not in ended.stderr
     refused = track(session, out)
     assert refused.returncode == 1
-    assert refused.stderr.strip().endswith("an earlier run was interrupted; --resume continues it, --force starts anew")
+    assert refused.stderr.strip().endswith(
+        "an earlier run was interrupted; --resume continues it, --force starts from the beginning"
+    )
     check_resumed(session, out, whole)
 
 

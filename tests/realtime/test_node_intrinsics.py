@@ -51,7 +51,7 @@ def test_a_camera_that_no_node_tells_of_is_named(ring_rig):
     rig = ring_rig(2)
     with RosNode("cameras_a", NETWORK) as a:
         tell_intrinsics(a, rig, ["cam00"], 0)
-        with pytest.raises(SourceError, match=r"intrinsics of cam01 were not told by any camera node within 1 s"):
+        with pytest.raises(SourceError, match=r"intrinsics of cam01 were not received from any camera node within 1 s"):
             rig_of_nodes(rig, NETWORK, lambda line: None, 1.0)
 
 

@@ -147,7 +147,7 @@ def calibrate_extrinsics(
     """
     lenses, kind = None if intrinsics is None else _rig(intrinsics), target_of(target)
     if lenses is None and focal_known_to_percent is not None:
-        raise InputError("--refine-lenses: needs intrinsics to refine (--intrinsics); without them all are found anew")
+        raise InputError("--refine-lenses: needs intrinsics to refine (--intrinsics); without them, all intrinsics are estimated")
     check_floor(floor, kind)
     if isinstance(inputs, CornerObservations):
         seen = inputs

@@ -153,7 +153,7 @@ def _unfinished(out: ResultFolder, note: Warn) -> Path | None:
         remove_unfinished(out.path)
         return None
     if found is not None and not out.resume:
-        raise InputError(f"{out.path}: an earlier run was interrupted; --resume continues it, --force starts anew")
+        raise InputError(f"{out.path}: an earlier run was interrupted; --resume continues it, --force starts from the beginning")
     if found is None and out.resume and not (out.path / LOG_FILE).is_file():
         note(f"{out.path}: no interrupted work found; starting from the beginning")
     return found

@@ -76,7 +76,9 @@ def rig_of_nodes(rig: Rig, network: Network, say: Say, duration_s: float | None 
         while missing := [name for name in rig.names if name not in told.cameras]:
             now_s = time.monotonic()
             if duration_s is not None and now_s - begun_s > duration_s:
-                raise SourceError(f"intrinsics of {', '.join(missing)} were not told by any camera node within {duration_s:g} s")
+                raise SourceError(
+                    f"intrinsics of {', '.join(missing)} were not received from any camera node within {duration_s:g} s"
+                )
             if now_s - said_s > _SAY_EVERY_S:
                 said_s = now_s
                 say(f"waiting for the intrinsics of {', '.join(missing)}")

@@ -113,7 +113,7 @@ _FILM: Mapping[Step, tuple[str, str]] = {
         "Move the cube where two cameras see it",
         "Slowly through the whole volume, turning it; marker 43 lies on the floor, face up, where two cameras see it.",
     ),
-    "verify": ("Show the board to two cameras at once", "A target that the rig was not made from tells its true error."),
+    "verify": ("Show the board to two cameras at once", "A target that the rig was not made from shows its true error."),
 }
 _SOLVE: Mapping[Step, str] = {
     "intrinsics": "Calibrate the lenses",

@@ -196,8 +196,8 @@ def check_halves(
     passed = bool((apart_m <= limit_m).all() and (turned_rad <= limits.halves_rad).all())
     return Check(
         "halves agree", passed,
-        f"from separate data {cameras[worst].name} comes out {apart_m[worst] * 1e3:.1f} mm and"
-        f" {np.rad2deg(turned_rad[worst]):.2f} deg apart (limits {limit_m * 1e3:.1f} mm,"
+        f"from separate data {cameras[worst].name} differs by {apart_m[worst] * 1e3:.1f} mm and"
+        f" {np.rad2deg(turned_rad[worst]):.2f} deg (limits {limit_m * 1e3:.1f} mm,"
         f" {np.rad2deg(limits.halves_rad):.1f} deg)",
         "it was moved between the halves, or the data are too few: wave longer, over the whole volume",
     )  # fmt: skip
@@ -276,5 +276,5 @@ def check_upright(cameras: Sequence[Camera], up_cam: Array, limits: Limits = LIM
     wrong = [camera.name for camera, value in zip(cameras, cosine, strict=True) if value < limits.upside_down_cosine]
     return Check(
         "images are upright", not wrong, f"upside down: {', '.join(wrong)}" if wrong else "the top of every image is up",
-        "turn the image, or when the camera really hangs upside down, say so (upside_down)",
+        "turn the image; for a camera that is mounted upside down, name it with --upside-down",
     )  # fmt: skip

@@ -117,7 +117,7 @@ def _check_halves(names: Sequence[str], apart_s: Array) -> Check:
     worst = int(np.argmax(np.abs(apart_s)))
     return Check(
         "clocks of halves agree", bool(np.abs(apart_s[worst]) <= _HALVES_S),
-        f"from separate data {names[worst]}'s clock comes out {apart_s[worst] * 1e3:+.1f} ms apart (limit {_HALVES_S * 1e3:.0f})",
+        f"from separate data {names[worst]}'s clock differs by {apart_s[worst] * 1e3:+.1f} ms (limit {_HALVES_S * 1e3:.0f})",
         "walk longer and over the whole floor, turning this way and that",
     )  # fmt: skip
 

@@ -137,7 +137,7 @@ def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: f
     worst = int(np.argmax(np.maximum(apart_m / limit, turned / _HALVES_RAD)))
     return Check(
         "halves agree", bool((apart_m <= limit).all() and (turned <= _HALVES_RAD).all()),
-        f"from separate data {cameras[worst].name} comes out {apart_m[worst] * 1e3:.0f} mm and"
+        f"from separate data {cameras[worst].name} differs by {apart_m[worst] * 1e3:.0f} mm and"
         f" {np.rad2deg(turned[worst]):.2f} deg"
         f" apart (limits {limit * 1e3:.0f} mm, {np.rad2deg(_HALVES_RAD):.1f} deg)",
         "walk longer and over the whole floor, arms and legs moving",

@@ -58,7 +58,7 @@ def described_target(said: TargetDescription, missing: Callable[[list[str]], Pos
         return [getattr(said, name) / _MM if name.endswith("_mm") else getattr(said, name) for name in names]
 
     if said.thickness_mm is not None and said.kind not in ("charuco", "aruco-board"):
-        raise ConfigError(f"target: thickness_mm: only a charuco or an aruco-board has a back of its own, this is {said.kind}")
+        raise ConfigError(f"target: thickness_mm: only a charuco or an aruco-board has a back side, this is {said.kind}")
     thickness = None if said.thickness_mm is None else said.thickness_mm / _MM
     if said.kind == "markers":
         (side,) = need("marker_mm")

@@ -51,7 +51,7 @@ def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
     if kind == _CLOCKS and asked.step in ("extrinsics", "person"):
         return asked.again("--clocks offset"), "estimates the clock of each camera"
     if kind == _LENSES and asked.step in ("extrinsics", "person"):
-        return _intrinsics(asked), "the intrinsics of these cameras anew, from a board shown to each of them"
+        return _intrinsics(asked), "the intrinsics of these cameras again, from a board shown to each of them"
     if kind == _TURN:
         cameras = re.search(r"upside down: ([^;]+)", said)
         names = [] if cameras is None else [f"--upside-down {name.strip()}" for name in cameras.group(1).split(",")]

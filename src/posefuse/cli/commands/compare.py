@@ -16,7 +16,7 @@ def compare(a: Path, b: Path, /, *, options: CompareOptions = CompareOptions(), 
     Args:
         a: The reference: result folder, .mcap, .trc, .c3d, .csv or .mvnx; or a folder of posefuse simulate, whose truth is then
             compared by simulation time, without alignment.
-        b: The one that is aligned with A.
+        b: The recording to align with A.
     """
     from posefuse.cli.comparing import compare_files
 

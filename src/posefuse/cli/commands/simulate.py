@@ -32,7 +32,7 @@ def simulate(
         plan: Render nothing: show at once what the cameras cover, and the expected error there.
         gazebo: Write the scene there as a world that Gazebo opens, with the bridge to ROS 2; see docs/gazebo.md.
         release: Release of Gazebo: fortress, harmonic or jetty.
-        force: Do it anew even if DIR is finished.
+        force: Render again even if DIR is finished.
         workers: Processes that render (default: one per core).
     """
     from posefuse.cli.simulating import show_plan, simulate_session, write_gazebo_world

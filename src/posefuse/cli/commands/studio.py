@@ -24,7 +24,7 @@ def studio(
 
     Args:
         workspace: Folder whose files the page reads and writes (default: this one); nothing outside it.
-        port: Of the page.
+        port: Port of the page.
         host: Address to bind to; beyond 127.0.0.1 a token is needed, which is in the address that is printed.
         token: Ask for this token instead of one made at random.
         open_page: Open the page in the browser.

@@ -27,4 +27,4 @@ class BatchOptions:
     scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
     """Run the trials on this Dask cluster, e.g. tcp://host:8786 (extra: cluster). It must see the same folders."""
     force: bool = False
-    """Make trials again that were completed with other settings or from other files."""
+    """Run trials again that were completed with other settings or from other files."""

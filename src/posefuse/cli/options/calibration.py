@@ -69,7 +69,7 @@ class TargetOptions:
     ids: Annotated[tuple[int, ...], Parameter(metavar="ID", consume_multiple=True)] = ()
     """Markers of the target (default all); of an aruco-board the first."""
     inverted: bool = False
-    """Black and white are exchanged."""
+    """Black and white are swapped."""
     legacy: bool = False
     """ChArUco layout of OpenCV before 4.6."""
 
@@ -128,7 +128,7 @@ class ExtrinsicsOptions:
     """How the camera poses are found."""
 
     intrinsics: OptionalFile = None
-    """Rig file with the intrinsics; without it, they are found from the same recording, if that carries them."""
+    """Rig file with the intrinsics; without it, they are found from the same recording, if it determines them."""
     every: Every = 1
     clocks: Clocks = "auto"
     refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None

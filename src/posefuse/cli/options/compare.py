@@ -21,7 +21,7 @@ class CompareOptions:
     person: Annotated[int | None, Parameter(metavar="ID")] = None
     """Which person of files that hold several."""
     scale: bool = False
-    """Find the scale of B, too."""
+    """Estimate the scale of B, too."""
     no_time: bool = False
     """Do not align in time: both have the times of one clock."""
     no_space: bool = False

@@ -21,6 +21,6 @@ class FitOptions:
     scenes: Annotated[int, Parameter(metavar="N"), count(MOST_SCENES)] = 24
     """Scenes for the noise."""
     moving: Annotated[int, Parameter(metavar="N"), count(MOST_SCENES)] = 16
-    """Scenes for the joint centres; 16 are all."""
+    """Scenes for the joint centres; at most 16."""
     engine: Literal["openvino", "onnxruntime"] = "openvino"
     """What runs the network."""

@@ -31,7 +31,7 @@ def _numbers(count: int, what: str) -> Any:
 @Parameter(name="*", group=HAND)
 @dataclass(frozen=True, kw_only=True)
 class HandOptions:
-    """Whose hand, and how it counts."""
+    """Which hand, and how its motion is used."""
 
     hand: Literal["right", "left", "both"] = "right"
     """The hand that the robot follows; both move a robot with two arms."""
@@ -50,7 +50,7 @@ class HandOptions:
 @Parameter(name="*", group=ROBOT)
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
-    """Which robot, where it stands and what it may do."""
+    """Which robot, its position and its limits."""
 
     robot: Annotated[str, Parameter(metavar="sim|FILE.xml")] = "sim"
     """Our own mobile manipulator, or an MJCF model with position actuators."""

@@ -72,10 +72,10 @@ class TrackOptions:
     exclude: Annotated[tuple[str, ...], Parameter(metavar="[CAMERA:]A-B", group=_SOLVE_AGAIN, validator=_check_excluded)] = ()
     """Leave out a camera, or without a name all of them, from second A to B. May be given several times."""
     keep_person: Annotated[int | None, Parameter(metavar="ID", group=_SOLVE_AGAIN, validator=_check_id)] = None
-    """Keep this person alone."""
+    """Keep only this person."""
     no_edits: Annotated[bool, Parameter(group=_SOLVE_AGAIN)] = False
-    """Leave out nothing and keep everybody, whatever was marked before."""
+    """Ignore earlier marks: leave out nothing, keep all people."""
     force: Annotated[bool, Parameter(group=_AGAIN)] = False
-    """Replace the results in DIR, and start interrupted work anew."""
+    """Replace the results in DIR, and start interrupted work from the beginning."""
     resume: Annotated[bool, Parameter(group=_AGAIN)] = False
     """Continue where the same command was interrupted."""

@@ -118,7 +118,7 @@ def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[s
         try:
             return _track_into(session, config, ResultFolder(path=out, resume=True), warn, progress)
         except InputError as error:
-            progress("detect", 0, None, f"starting anew: {error}")
+            progress("detect", 0, None, f"starting from the beginning: {error}")
     return _track_into(session, config, ResultFolder(path=out, force=True), warn, progress)
 
 

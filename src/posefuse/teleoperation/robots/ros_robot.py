@@ -193,7 +193,7 @@ class RosJoints:
             return f"nothing on {self.needs} for {_STATE_S:g} s"
         arm = self.ik.chain.arm
         off = float(np.abs(self._measured - self.ik.q)[arm].max())
-        return f"a joint is {off:.2f} rad from where it was told to be" if off > _FOLLOWS_RAD else ""
+        return f"a joint is {off:.2f} rad from its commanded position" if off > _FOLLOWS_RAD else ""
 
 
 class RosCartesian:
