@@ -38,9 +38,9 @@ class EditCard:
         self._from_s: float | None = None
         self.edits = self._kept()
         with card("Corrections"):
-            ui.label(
-                "Mark what should not count, then solve again: detection is not repeated, and this recording stays unchanged."
-            ).classes("pf-small")
+            ui.label("Mark what should not count, then solve again: without new detection, and this recording stays.").classes(
+                "pf-small"
+            )
             self._marking()
             self._list = ui.column().classes("pf-edits")
             self._people()

@@ -10,9 +10,9 @@ SOURCES = {
         "Age and Ageing 26 (1997) 15-19; comfortable speed, means of men and women of each decade of age"
     ),
     "Thompson 2002 (secondary)": (
-        "Secondary source: D. Thompson, Stride analysis, University of Oklahoma Health Sciences Center (2002), with means adapted "
-        "from M. P. Murray, A. B. Drought, R. C. Kory, J. Bone Joint Surg. 46A (1964) 335-360 (men), and M. P. Murray, R. C. Kory, "
-        "S. B. Sepic, Arch. Phys. Med. Rehabil. 51 (1970) 637-650 (women); the originals were not checked"
+        "Secondary source: D. Thompson, Stride analysis, University of Oklahoma Health Sciences Center (2002), with means "
+        "adapted from M. P. Murray, A. B. Drought, R. C. Kory, J. Bone Joint Surg. 46A (1964) 335-360 (men), and M. P. Murray, "
+        "R. C. Kory, S. B. Sepic, Arch. Phys. Med. Rehabil. 51 (1970) 637-650 (women); the originals were not checked"
     ),
     "Physiopedia (secondary)": (
         "Secondary source: Physiopedia, Joint range of motion during gait, which refers to J. Loudon et al., The Clinical "
