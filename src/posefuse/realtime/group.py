@@ -198,6 +198,8 @@ class Group:
         self._preview(frame, shown.t_ns)
 
     def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
+        if regions is not None and not regions:
+            return Detections2D.empty(camera.name, caught.frame.t_ns, self.detector.now.skeleton)
         if not caught.wrong.bumped:
             [found] = self.detector.now.detect([caught.frame], [regions])
             found = with_depth(found, caught.frame.depth)
@@ -250,4 +252,4 @@ def _keeper(plan: GroupPlan, entry: LiveInput) -> VideoKeeper | None:
 def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:
     """Session time, and only people who were seen."""
     there = np.any(found.score > 0, axis=-1)
-    return replace(found.people(there), t_ns=found.t_ns + shift_ns)
+    return replace(found if there.all() else found.people(there), t_ns=found.t_ns + shift_ns)

@@ -41,7 +41,11 @@ class BlazePoseNetwork:
         self._shapes = [tuple(port.shape) for port in compiled.outputs]
 
     def __call__(self, crops: Sequence[Array]) -> list[Array]:
-        """One array (B, ...) float32 per output, for B crops (side_px, side_px, 3) uint8."""
+        """One array (B, ...) float32 per output, for B crops (side_px, side_px, 3) uint8; valid until the next call."""
+        if self._request is not None and len(crops) == 1:
+            self._request.infer({0: crops[0][None]}, share_inputs=True)
+            # heatmaps are large, and little of them is looked at: not copied
+            return [self._request.get_output_tensor(k).data for k in range(len(self._shapes))]
         results = [np.empty((len(crops), *shape[1:]), np.float32) for shape in self._shapes]
         for i, crop in enumerate(crops):
             if self._queue is not None:
