@@ -4,12 +4,14 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
 from posefuse.studio.access import Access, AccessMiddleware, is_loopback, may_view
 from posefuse.studio.pages.phone import record_or_stop
 from posefuse.studio.state import Studio
 from posefuse.studio.workspace import StudioWorkspace
+from tools.studio_server import free_port, server
 
 LOCAL = Access.of("127.0.0.1", 8765)
 OPEN = Access(
@@ -112,3 +114,32 @@ def test_a_phone_records_only_where_the_owner_allows_it(tmp_path: Path, monkeypa
     studio.phone_may_record = False
     record_or_stop(studio)
     assert asked == ["record", "stop_recording"]
+
+
+@pytest.mark.slow
+def test_beyond_this_machine_a_token_is_demanded_and_host_and_origin_are_checked(tmp_path: Path) -> None:
+    """From an address of this machine that is not loopback, as another machine comes; with the real server."""
+    address = outward_address()
+    if not address:
+        pytest.skip("this machine has no address besides loopback")
+    port, token = free_port(), "own-token"
+    base = f"http://{address}:{port}"
+    with server(tmp_path, port, "--host", "0.0.0.0", "--token", token), httpx.Client(timeout=30) as client:
+        assert client.get(base).status_code == 403
+        assert "token is needed" in client.get(base).text
+        assert client.get(f"{base}/?token=wrong").status_code == 403
+        moved = client.get(f"{base}/live?token={token}")
+        assert moved.status_code == 303 and moved.headers["location"] == "/live" and "HttpOnly" in moved.headers["set-cookie"]
+        assert client.get(f"{base}/simulate").status_code == 200  # the cookie is enough now
+        assert client.get(f"{base}/simulate", headers={"host": f"evil.example:{port}"}).status_code == 403
+        assert client.get(f"{base}/simulate", headers={"origin": "http://evil.example"}).status_code == 403
+        # loopback, too, is no way around the token
+        assert httpx.get(f"http://127.0.0.1:{port}/").status_code == 403
+
+
+def outward_address() -> str:
+    """An IPv4 address of this machine under which others reach it; empty where there is none."""
+    import ifaddr
+
+    found = [ip.ip for adapter in ifaddr.get_adapters() for ip in adapter.ips if isinstance(ip.ip, str)]
+    return next((ip for ip in found if not is_loopback(ip)), "")

@@ -10,6 +10,7 @@ import numpy as np
 
 from posefuse.core import Recording, SourceError
 from posefuse.core.arrays import Array
+from posefuse.foundation.platform import usable_cores
 from posefuse.outputs.drawing import fitted, jpeg_of, view_tile
 from posefuse.sources import ImagesConfig, ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
 
@@ -132,18 +133,20 @@ def _tile_wh(size_wh: tuple[int, int], width_px: int) -> tuple[int, int]:
 
 def _opened(recording: Recording, session: Session, problems: dict[str, str]) -> Mapping[str, Seeker]:
     config, seekers = config_of(recording), {}
+    # cameras are decoded side by side: threads of their own help only where there are more cores than cameras
+    threads = usable_cores() > len(session.inputs)
     for entry in session.inputs:
         if entry.camera not in recording.rig.names or entry.kind == "pose2d":
             continue
         try:
-            seekers[entry.camera] = _seeker(entry, config)
+            seekers[entry.camera] = _seeker(entry, config, threads=threads)
         except SourceError as error:
             problems[entry.camera] = str(error)
     return seekers
 
 
-def _seeker(entry: Input, config: TrackConfig) -> Seeker:
+def _seeker(entry: Input, config: TrackConfig, *, threads: bool) -> Seeker:
     offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
     if entry.kind == "videos":
-        return VideoSeeker(VideoConfig(entry.path, entry.camera, offset_s, drift_ppm))
+        return VideoSeeker(VideoConfig(entry.path, entry.camera, offset_s, drift_ppm, threads=threads))
     return ImagesSeeker(ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build())

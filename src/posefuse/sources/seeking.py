@@ -60,7 +60,8 @@ class VideoSeeker:
         self._config, self._lock = config, Lock()
         self._container = opened_video(config)
         stream = self._stream = self._container.streams.video[0]
-        stream.thread_type = "AUTO"
+        # frames at once come later: after each jump, as many more are decoded as there are threads
+        stream.thread_type = "AUTO" if config.threads else "NONE"
         self._base = Fraction(stream.time_base or 1)
         packets = list(_listed(self._container))
         ticks = sorted({pts for pts, _ in packets})

@@ -113,13 +113,17 @@ class _Guide:
         with head:
             ui.label("What to do next").classes("pf-h2")
             ui.space()
-            ui.switch("Sound", on_change=lambda event: setattr(self, "_sound", bool(event.value)))
+            ui.switch("Sound", on_change=lambda event: self._switch_sound(bool(event.value)))
         self._tiles = ui.column().classes("w-full gap-3")
         self._lights = ui.column().classes("w-full")
         self._graph = ui.column().classes("w-full")
         self._results = ui.element("div").classes("pf-halves")
         self._refresh()
         ui.timer(_REFRESH_S, self._refresh)
+
+    def _switch_sound(self, on: bool) -> None:
+        """What to do now is said at once: so one hears that sound works."""
+        self._sound, self._said = on, ""
 
     def _refresh(self) -> None:
         studio = self._studio

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -20,6 +21,8 @@ from posefuse.studio.timeline import SIZE_PX, Curve, Span, cursor, picture
 
 _POLL_S = 0.1
 _NO_VIDEOS = "No videos were kept with this recording, or they were not finished."
+_TIMELINE = "Timeline: arrows go frame by frame, page keys by a second, space plays and pauses"
+_PAGE_S = 1.0
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
 _SIDES = ("left", "right")
 _FIRST_ANGLES = (("knee", "flexion"), ("hip", "flexion"))
@@ -147,7 +150,24 @@ class _Recording:
                 self._plot = ui.interactive_image(
                     size=SIZE_PX, sanitize=False, events=["mousedown", "mousemove"], on_mouse=self._pointed
                 ).classes("pf-timeline")
+                self._plot.props(f'tabindex=0 role="slider" aria-label="{_TIMELINE}" aria-valuemin={self._span.begin_s:.3f}')
+                self._plot.props(f"aria-valuemax={self._span.end_s:.3f}")
+                for key, act in self._keys().items():
+                    self._plot.on(f"keydown.{key}.prevent", act)
             self._redraw()
+
+    def _keys(self) -> dict[str, Callable[[], object]]:
+        """What keys do while the timeline has the focus."""
+        player = self._player
+        return {
+            "left": lambda: player.step(-1),
+            "right": lambda: player.step(1),
+            "page-up": lambda: player.seek(player.t_s - _PAGE_S),
+            "page-down": lambda: player.seek(player.t_s + _PAGE_S),
+            "home": lambda: player.seek(player.begin_s),
+            "end": lambda: player.seek(player.end_s),
+            "space": self._toggle,
+        }
 
     def show_angles(self, joints: JointAngles | None) -> None:
         """Take the angles when they are there."""
@@ -185,6 +205,7 @@ class _Recording:
         t_s = round(self._player.t_s, 3)
         self._time.set_text(f"{t_s:.3f} s")
         self._slider.set_value(t_s)
+        self._plot.props(f"aria-valuenow={t_s}")
         self._play.props(f"icon={'pause' if self._player.playing else 'play_arrow'}")
         self._plot.set_content(cursor(self._span, self._player.t_s, self._edit.edits.exclusions, self._edit.marked_s))
 

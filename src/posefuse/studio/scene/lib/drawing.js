@@ -13,8 +13,9 @@ export class RigDrawing {
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(45, 1, 0.05, 200);
     this.camera.up.set(0, 0, 1);
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    const slow = drawn_by_processor();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !slow, alpha: true });
+    this.renderer.setPixelRatio(slow ? 0.75 : Math.min(window.devicePixelRatio, 2));
     this.labels = new CSS2DRenderer({ element: labels });
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x445566, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.6);
@@ -67,7 +68,13 @@ export class RigDrawing {
     this.still.add(both);
   }
 
+  // the newest poses, which are drawn with the next frame: those that no frame shows cost nothing
   take_poses(message) {
+    this.newest = message;
+    this.changed();
+  }
+
+  draw_poses(message) {
     const { people, keypoints, xyz, rgba, ids } = message;
     let bones = 0, joints = 0;
     const a = new THREE.Vector3(), b = new THREE.Vector3(), middle = new THREE.Vector3(), along = new THREE.Vector3();
@@ -97,7 +104,6 @@ export class RigDrawing {
     this.take_ellipsoids(message);
     this.take_trails(message);
     this.name_people(message, ids);
-    this.changed();
   }
 
   take_ellipsoids({ people, keypoints, xyz, rgba, shapes }) {
@@ -200,6 +206,8 @@ export class RigDrawing {
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
+      if (this.newest) this.draw_poses(this.newest);
+      this.newest = null;
       this.renderer.render(this.scene, this.camera);
       this.labels.render(this.scene, this.camera);
       window.posefuseDrawn.scene++;
@@ -214,6 +222,15 @@ export class RigDrawing {
     this.bodies.close();
     this.renderer.dispose();
   }
+}
+
+// without a graphics card every pixel costs the processor that also decodes the cameras' images
+function drawn_by_processor() {
+  const gl = document.createElement("canvas").getContext("webgl");
+  const about = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
 function instances(geometry, material, most) {
