@@ -234,3 +234,12 @@ def test_a_person_hardly_seen_keeps_their_points(posed):
     two["xyz_world"][:] = np.nan
     with pytest.raises(InputError, match=r"both hips and both shoulders.*none of the 2 people"):
         fit_poses(PoseSequence(t_ns=sequence.t_ns, skeleton=sequence.skeleton, person_id=[4, 9], **two))
+
+
+@pytest.mark.parametrize(("larger", "kept"), ((1.6, False), (1.05, True)))
+def test_a_fit_far_from_the_fused_keypoints_is_dropped(noisy, larger, kept):
+    clean, seen = noisy
+    giant = bodies_from_poses(dataclasses.replace(clean, xyz_world=clean.xyz_world * larger), WHITE)
+    fit = fit_poses(seen, WHITE, giant)
+    assert bool(fit.bodies) is kept
+    assert np.array_equal(fit.poses.xyz_world, seen.xyz_world, equal_nan=True) is not kept

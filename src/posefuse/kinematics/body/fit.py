@@ -21,6 +21,9 @@ from .shape import LengthPrior, with_solved_lengths
 from .stand_in import with_stand_ins
 from .tracker import rays_of
 
+# a fit has failed when a keypoint is farther from the fused one than this and than so many of its standard deviations
+_FAILED_M, _FAILED_SIGMAS = 0.1, 3.0
+
 
 @dataclass(frozen=True, eq=False)
 class BodyFit:
@@ -28,9 +31,10 @@ class BodyFit:
 
     Attributes:
         poses: the keypoints of the fitted skeletons, gaps filled, with their covariance. Points the tree does not carry, and
-            time steps before a person could be fitted, are as they were; so is everything of a person without a body.
+            time steps before a person could be fitted, are as they were; so is everything of a person without a body or whose
+            fit failed: half of the time, a keypoint was far from where the fused one is.
         joints: angles and frames with the uncertainty of the fit.
-        bodies: each person's skeleton, by person_id; `BodyModel.lengths` has the segment lengths with their spread.
+        bodies: each fitted person's skeleton, by person_id; `BodyModel.lengths` has the segment lengths with their spread.
     """
 
     poses: PoseSequence
@@ -142,6 +146,7 @@ def _fit(
     plain = joints_from_poses(sequence, joint_settings)
     rotation, origin = plain.world_from_segment.matrix().copy(), plain.world_from_segment.xyz.copy()
     angles, sigmas = plain.angle_rad.copy(), plain.sigma_rad.copy()
+    fitted_bodies = {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
             continue
@@ -149,10 +154,12 @@ def _fit(
         seen = [measured(i, n, at) for i in range(len(sequence))]
         filter_, states, seen = _states(bodies[person], seen, settings, work)
         reader = StateReader(filter_, work)
-        for i, state in enumerate(states):
-            if state is None:
-                continue
-            fitted = reader.read(state, seen[i])
+        read = {i: reader.read(state, seen[i]) for i, state in enumerate(states) if state is not None}
+        steps = list(read)
+        if _failed(np.array([one.xyz for one in read.values()]), xyz[steps, n][:, at], cov[steps, n][:, at]):
+            continue
+        fitted_bodies[person] = bodies[person]
+        for i, fitted in read.items():
             missing = kind[i, n, at] == Kind.MISSING
             sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < 3 * settings.most_sigma_m**2
             kept = at[~missing | sure]
@@ -165,4 +172,12 @@ def _fit(
                 fitted.sigmas,
             )
     poses = replace(sequence, xyz_world=xyz, cov_world=cov, kind=kind)
-    return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), bodies)
+    return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), fitted_bodies)
+
+
+def _failed(fitted: Array, fused: Array, fused_cov: Array) -> bool:
+    """Whether a fit (T, A, 3) found another pose than the one that was seen: by fused keypoints (T, A, 3), (T, A, 3, 3)."""
+    off_m, sigma_m = np.linalg.norm(fitted - fused, axis=-1), np.sqrt(np.trace(fused_cov, axis1=-2, axis2=-1))
+    far = off_m > np.maximum(_FAILED_M, _FAILED_SIGMAS * sigma_m)
+    known = np.isfinite(off_m) & np.isfinite(sigma_m)
+    return bool((far.sum(axis=0) > np.maximum(known.sum(axis=0), len(off_m) / 2) / 2).any())
