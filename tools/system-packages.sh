@@ -5,7 +5,7 @@
 set -euo pipefail
 packages=(
   libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libosmesa6
-  python3-roslaunch python3-rospy python3-tf2-ros python3-rosbag iproute2
+  python3-roslaunch python3-rospy python3-tf2-ros python3-sensor-msgs python3-rosbag iproute2
   libsdformat12-12 libsdformat-dev libignition-common-dev libxml2-utils g++ pkg-config
 )
 missing=()

@@ -8,7 +8,7 @@ import pytest
 
 from posefuse.core import SE3, Camera, Recording
 from posefuse.outputs.overlay import OverlaySink
-from posefuse.outputs.surface import Surface, SurfaceSink, draw_surface
+from posefuse.outputs.surface import BodySurface, SurfaceSink, draw_surface
 
 CAMERA = Camera(
     name="one",
@@ -67,7 +67,7 @@ def test_the_overlay_takes_surfaces_and_draws_them(tmp_path: Path, make_recordin
         asked.append(i)
         return SQUARE
 
-    sink = plain.with_surfaces((Surface(faces=OUTWARD, vertices_at=vertices_at),))
+    sink = plain.with_surfaces((BodySurface(faces=OUTWARD, vertices_at=vertices_at),))
     assert sink.name == plain.name == "overlay"
     [path] = sink.write(recording, tmp_path)
     assert path.name == "overlay.mp4" and asked == list(range(len(recording.poses)))

@@ -14,9 +14,9 @@ def ros1_python():
     """(the interpreter ROS 1 runs with, the folder its modules are in)."""
     roscore = shutil.which("roscore")
     if roscore is None:
-        pytest.skip("ROS 1 is not installed (Debian: ros-base python3-rospy python3-tf2-ros python3-rosbag)")
+        pytest.skip("ROS 1 is not installed (tools/system-packages.sh names the packages)")
     python = Path(roscore).resolve().read_text().splitlines()[0].removeprefix("#!").split()[-1]
-    ask = "import rospy, rosbag, tf2_ros, os; print(os.path.dirname(os.path.dirname(rospy.__file__)))"
+    ask = "import rospy, rosbag, tf2_ros, sensor_msgs.msg, os; print(os.path.dirname(os.path.dirname(rospy.__file__)))"
     answer = subprocess.run([python, "-c", ask], capture_output=True, text=True, timeout=120)
     if answer.returncode:
         pytest.skip(f"ROS 1 is not complete: {answer.stderr.strip().splitlines()[-1]}")

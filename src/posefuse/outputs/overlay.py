@@ -18,7 +18,7 @@ from posefuse.foundation.settings import settings
 from .drawing import EMPTY_RGB, grid_for, view_tile
 from .facts import rate_hz
 from .frames import Frames, FrameSink, FrameWriter, write_without_frames
-from .surface import Surface
+from .surface import BodySurface
 
 # of the encoder; the same on every machine, so that the file does not depend on the number of cores
 _THREADS = 2
@@ -50,7 +50,7 @@ class OverlaySink:
         """Begin ``overlay.mp4``; frames come one set at a time."""
         return _OverlayWriter(recording, folder / "overlay.mp4", self, ())
 
-    def with_surfaces(self, surfaces: tuple[Surface, ...]) -> FrameSink:
+    def with_surfaces(self, surfaces: tuple[BodySurface, ...]) -> FrameSink:
         """This output, with people's surfaces under their skeletons."""
         return _SurfaceOverlay(self, surfaces)
 
@@ -58,7 +58,7 @@ class OverlaySink:
 @dataclass(frozen=True)
 class _SurfaceOverlay:
     config: OverlaySink
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[BodySurface, ...]
     name: ClassVar[str] = OverlaySink.name
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
@@ -69,7 +69,7 @@ class _SurfaceOverlay:
 
 
 class _OverlayWriter:
-    def __init__(self, recording: Recording, path: Path, config: OverlaySink, surfaces: tuple[Surface, ...]) -> None:
+    def __init__(self, recording: Recording, path: Path, config: OverlaySink, surfaces: tuple[BodySurface, ...]) -> None:
         self._recording, self._path, self._config, self._surfaces = recording, path, config, surfaces
         self._whole = ExitStack()
         self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))

@@ -24,7 +24,7 @@ _SHIFT = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class BodySurface:
     """One person's surface over time.
 
     Attributes:
@@ -40,7 +40,7 @@ class Surface:
 class SurfaceSink(FrameSink, Protocol):
     """An output that can draw people's surfaces."""
 
-    def with_surfaces(self, surfaces: tuple[Surface, ...]) -> FrameSink:
+    def with_surfaces(self, surfaces: tuple[BodySurface, ...]) -> FrameSink:
         """The output that draws these."""
         ...
 

@@ -13,7 +13,7 @@ from posefuse.formats.bvh import BvhData
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
 from posefuse.kinematics.skin import skin_of, skinned_vertices
-from posefuse.outputs.surface import Surface, SurfaceSink
+from posefuse.outputs.surface import BodySurface, SurfaceSink
 
 from .solve import config_of
 
@@ -26,7 +26,7 @@ def sinks_with_bodies(sinks: Sequence[Sink], recording: Recording) -> list[Sink]
     return [sink.with_surfaces(surfaces) if isinstance(sink, SurfaceSink) and surfaces else sink for sink in sinks]
 
 
-def _surfaces(recording: Recording) -> tuple[Surface, ...]:
+def _surfaces(recording: Recording) -> tuple[BodySurface, ...]:
     """Of the people that were fitted and are known all the time; none where the recording's settings ask for none."""
     fitted = recording.provenance.get("fitted_people")
     if not fitted or not config_of(recording).body_mesh:
@@ -37,11 +37,11 @@ def _surfaces(recording: Recording) -> tuple[Surface, ...]:
     return tuple(_surface(animation) for animation in animations)
 
 
-def _surface(animation: BvhData) -> Surface:
+def _surface(animation: BvhData) -> BodySurface:
     skin = skin_of(animation)
 
     def vertices_at(i: int) -> Array:
         one = replace(animation, rotation=animation.rotation[i : i + 1], position=animation.position[i : i + 1])
         return np.asarray(skinned_vertices(one, skin)[0] @ FILE_FROM_WORLD)
 
-    return Surface(faces=skin.faces, vertices_at=vertices_at)
+    return BodySurface(faces=skin.faces, vertices_at=vertices_at)
