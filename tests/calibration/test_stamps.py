@@ -8,8 +8,9 @@ import pytest
 
 from posefuse.calibration.extrinsics.cause_stamps import FrameTimes
 from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
-from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.solving.rotations import Poses, stacked
 
 PERIOD_S = 1 / 30
 
@@ -42,10 +43,11 @@ def test_even_stamps_are_right() -> None:
 
 
 @pytest.mark.slow
-def test_a_refusal_for_irregular_stamps_names_the_camera_and_the_pattern(lab: Any) -> None:
+def test_a_third_of_a_cameras_frames_stamped_late_does_not_move_the_rig(lab: Any) -> None:
     seen = lab.watch()
     period_ns = round(1e9 / lab.motion.rate_hz)
     late = (seen.camera == 2) & (np.round(seen.t_ns / period_ns).astype(np.int64) % 3 == 0)
     wrong = replace(seen, t_ns=seen.t_ns + np.where(late, period_ns * 19 // 10, 0))
-    with pytest.raises(RefusedCalibration, match=r"time stamps of cam02 are irregular: every third frame is stamped \d+ ms late"):
-        calibrate_extrinsics(wrong, lab.rig.cameras, lab.target, Options(instants=100, clocks="together"))
+    found = calibrate_extrinsics(wrong, lab.rig.cameras, lab.target, Options(instants=100, clocks="together"))
+    true, got = (stacked([Poses.from_se3(camera.cam_from_world) for camera in rig]) for rig in (lab.rig, found.rig))
+    assert camera_differences(true, got)[0].max() < 3e-3
