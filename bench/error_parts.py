@@ -37,11 +37,10 @@ from posefuse.evaluation.metrics import joint_errors, true_xyz_at
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
 from posefuse.kinematics import SEGMENT_NAMES, segment_axes
-from posefuse.kinematics.body import LengthPrior, fit_views
+from posefuse.kinematics.body import fit_views
 from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.solve import config_of
-from posefuse.tracking import usual_lengths
-from posefuse.tracking.segments import SEGMENTS
+from posefuse.pipeline.whole_body import usual_length_prior
 
 SIDES = ("left", "right")
 # joint -> the segment above, the segment below, the trunk
@@ -158,9 +157,7 @@ class Body:
         """Fused and smoothed, and by the whole-body fit."""
         config = config_of(self.recording)
         fused = poses_over_time(views, self.recording.rig, config.fuse, config.smooth)
-        mean, cov = usual_lengths()
-        prior = LengthPrior(names=tuple(SEGMENTS), mean_m=mean, cov_m2=cov)
-        fitted = fit_views(fused, self.recording.rig, views, config.whole_body, lengths=prior).poses
+        fitted = fit_views(fused, self.recording.rig, views, config.whole_body, lengths=usual_length_prior()).poses
         return {"fused": fused, "fitted": fitted}
 
 

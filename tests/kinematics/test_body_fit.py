@@ -243,3 +243,13 @@ def test_a_fit_far_from_the_fused_keypoints_is_dropped(noisy, larger, kept):
     fit = fit_poses(seen, WHITE, giant)
     assert bool(fit.bodies) is kept
     assert np.array_equal(fit.poses.xyz_world, seen.xyz_world, equal_nan=True) is not kept
+
+
+def test_a_person_who_was_never_fitted_keeps_their_points(noisy, fitted):
+    seen = noisy[1]
+    nothing = dataclasses.replace(
+        seen, xyz_world=np.full_like(seen.xyz_world, np.nan), cov_world=np.full_like(seen.cov_world, np.nan),
+        kind=np.full_like(seen.kind, Kind.MISSING),
+    )  # fmt: skip
+    fit = fit_poses(nothing, WHITE, fitted.bodies)
+    assert not fit.bodies and np.isnan(fit.poses.xyz_world).all()

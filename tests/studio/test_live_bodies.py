@@ -1,4 +1,4 @@
-"""Meshes of a live session: few slots, new meshes told once, nothing sent that no page shows."""
+"""Meshes of a live session: few slots, each new mesh sent once, nothing sent that no page shows."""
 
 import time
 from dataclasses import replace

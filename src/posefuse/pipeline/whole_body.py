@@ -10,6 +10,12 @@ from posefuse.tracking import JointCentres, usual_lengths, views_at_joint_centre
 from posefuse.tracking.segments import SEGMENTS
 
 
+def usual_length_prior() -> LengthPrior:
+    """Segment lengths of people in general."""
+    mean, cov = usual_lengths()
+    return LengthPrior(names=tuple(SEGMENTS), mean_m=mean, cov_m2=cov)
+
+
 def with_bodies(recording: Recording, views: ViewSequence, settings: BodySettings, centres: JointCentres | None) -> Recording:
     """The recording with the poses of fitted skeletons.
 
@@ -17,11 +23,9 @@ def with_bodies(recording: Recording, views: ViewSequence, settings: BodySetting
     where that starts. People who were not seen well enough to have a skeleton keep their poses; the provenance names the others
     (``fitted_people``).
     """
-    mean, cov = usual_lengths()
-    prior = LengthPrior(names=tuple(SEGMENTS), mean_m=mean, cov_m2=cov)
     rays = views_at_joint_centres(recording.poses, recording.rig, views, centres)
     try:
-        fit = fit_views(recording.poses, recording.rig, rays, settings, lengths=prior)
+        fit = fit_views(recording.poses, recording.rig, rays, settings, lengths=usual_length_prior())
     except InputError:  # no person has a skeleton
         return recording
     people = sorted(person for person in recording.poses.person_id.tolist() if person in fit.bodies)

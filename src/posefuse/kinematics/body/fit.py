@@ -156,7 +156,7 @@ def _fit(
         reader = StateReader(filter_, work)
         read = {i: reader.read(state, seen[i]) for i, state in enumerate(states) if state is not None}
         steps = list(read)
-        if _failed(np.array([one.xyz for one in read.values()]), xyz[steps, n][:, at], cov[steps, n][:, at]):
+        if not read or _failed(np.array([one.xyz for one in read.values()]), xyz[steps, n][:, at], cov[steps, n][:, at]):
             continue
         fitted_bodies[person] = bodies[person]
         for i, fitted in read.items():

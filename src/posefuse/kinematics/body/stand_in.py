@@ -20,8 +20,8 @@ _SIDES = ("left", "right")
 def with_stand_ins(sequence: PoseSequence, prior: LengthPrior) -> PoseSequence:
     """The poses with a shoulder that was hardly ever seen put next to the other one, parallel to the hips, and hips likewise.
 
-    They are as far apart as people's are on average. For the start of a fit alone: nothing was measured there. Of whom a
-    shoulder and a hip are missing keeps both gaps.
+    They are as far apart as people's are on average. For the start of a fit alone: nothing was measured there. A person
+    who lacks a shoulder and a hip keeps both gaps.
     """
     xyz = sequence.xyz_world.copy()
     places = {name: k for k, name in enumerate(sequence.skeleton.keypoints)}
