@@ -57,7 +57,7 @@ def corrupt(video: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("damage", [cut, corrupt])
-def test_a_camera_whose_video_is_damaged_is_named_with_the_share_that_is_missing(
+def test_a_camera_with_a_damaged_video_is_named_with_its_missing_share(
     session: Path, demo_session: Path, capsys: pytest.CaptureFixture[str], damage
 ) -> None:
     video = session / "videos" / f"{CAMERA}.mp4"

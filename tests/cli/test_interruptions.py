@@ -75,7 +75,7 @@ def check_resumed(session: Path, out: Path, whole: dict[str, bytes]) -> None:
     assert not find_unfinished(out)
 
 
-def test_a_result_solves_again_to_the_last_bit(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_a_stored_result_solves_again_to_the_last_bit(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     for name, content in whole.items():
         (tmp_path / name).write_bytes(content)
     recording = read_recording(tmp_path)
@@ -103,7 +103,7 @@ def test_a_result_solves_again_to_the_last_bit(session: Path, whole: dict[str, b
         pytest.param([[*EXPORTING, "SIGKILL"]], id="killed while exporting", marks=pytest.mark.slow),
     ],
 )
-def test_detections_survive_and_resume_gives_the_same_bytes(
+def test_detections_are_kept_and_resume_gives_the_same_bytes(
     session: Path, whole: dict[str, bytes], tmp_path: Path, points: list[list]
 ) -> None:
     out = tmp_path / "result"
@@ -126,7 +126,7 @@ def test_detections_survive_and_resume_gives_the_same_bytes(
 
 
 @pytest.mark.parametrize(("request_", "code"), [("SIGINT", 130), pytest.param("SIGTERM", 143, marks=pytest.mark.slow)])
-def test_one_request_finishes_what_there_is_and_resume_the_rest(
+def test_the_first_ctrl_c_or_sigterm_writes_the_part_so_far_and_resume_completes_it(
     session: Path, whole: dict[str, bytes], tmp_path: Path, request_: str, code: int
 ) -> None:
     out = tmp_path / "result"
@@ -139,9 +139,7 @@ def test_one_request_finishes_what_there_is_and_resume_the_rest(
 
 
 @pytest.mark.slow
-def test_a_run_that_is_interrupted_again_and_again_comes_to_its_end(
-    session: Path, whole: dict[str, bytes], tmp_path: Path
-) -> None:
+def test_a_run_that_is_interrupted_repeatedly_can_be_completed(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     out = tmp_path / "result"
     for options in ((), ("--resume",)):
         assert track(session, out, *options, at=([*DETECTING[:2], 10, "SIGKILL"],)).returncode == -signal.SIGKILL
@@ -150,7 +148,9 @@ def test_a_run_that_is_interrupted_again_and_again_comes_to_its_end(
     check_resumed(session, out, whole)
 
 
-def test_a_tail_that_never_reached_the_disk_is_detected_again(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_frames_whose_detections_never_reached_the_disk_are_detected_again(
+    session: Path, whole: dict[str, bytes], tmp_path: Path
+) -> None:
     out = tmp_path / "result"
     track(session, out, at=([*DETECTING, "SIGKILL"],))
     [left] = find_unfinished(out)
@@ -160,7 +160,7 @@ def test_a_tail_that_never_reached_the_disk_is_detected_again(session: Path, who
 
 
 @pytest.mark.slow
-def test_force_starts_anew(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_force_starts_from_the_beginning(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     out = tmp_path / "result"
     track(session, out, at=([*DETECTING, "SIGKILL"],))
     done = track(session, out, "--force")
@@ -178,7 +178,7 @@ def test_force_starts_anew(session: Path, whole: dict[str, bytes], tmp_path: Pat
         ("data", "data of camera cam01"),
     ],
 )
-def test_other_inputs_or_settings_are_refused_by_name(
+def test_resume_with_other_inputs_or_settings_is_refused_by_name(
     session: Path, tmp_path: Path, change: tuple[str, ...] | str, named: str
 ) -> None:
     out, own = tmp_path / "result", Path(shutil.copytree(session, tmp_path / "session"))
@@ -195,7 +195,7 @@ def test_other_inputs_or_settings_are_refused_by_name(
     assert read_log(left / LOG_FILE).batches
 
 
-def test_a_failing_output_costs_no_other_and_is_named(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_a_failed_output_is_named_and_the_others_are_written(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     for what, reason in (("full", "No space left on device"), ("bug", "ValueError: not thought of")):
         out = tmp_path / what
         done = track(session, out, "--json", at=(["posefuse.outputs.trc", "write_trc", 1, what],))
@@ -205,7 +205,7 @@ def test_a_failing_output_costs_no_other_and_is_named(session: Path, whole: dict
         assert results(out) == {name: content for name, content in whole.items() if name != "pose.trc"}
 
 
-def test_a_disk_that_is_full_is_reported_before_or_costs_no_detection(
+def test_a_full_disk_is_reported_before_the_work_or_loses_no_detection(
     session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
 ) -> None:
     disk = small_disk(8)

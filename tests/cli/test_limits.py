@@ -26,14 +26,14 @@ def config_of(*words: str) -> TrackConfig:
     return settled_config(Path("here"), given["options"], given.get("settings", SettingsOptions()))
 
 
-def test_options_reach_the_settings() -> None:
+def test_options_change_the_settings() -> None:
     config = config_of("--start=1", "--person=2,3", "--weights=none", "--raw", "--outputs=trc,c3d", "--set", "end_s=5")
     assert (config.start_s, config.end_s, config.raw, config.outputs) == (1.0, 5.0, True, ("trc", "c3d"))
     assert (config.associate.near_xy_m, config.fuse.weights) == ((2.0, 3.0), "none")
 
 
 @pytest.mark.parametrize("word", ["--start=nan", "--end=inf", "--person=nan,0", "--start=1e300", "--person=1e300,0"])
-def test_options_are_validated_like_settings_and_named(word: str) -> None:
+def test_invalid_options_are_refused_by_name(word: str) -> None:
     with pytest.raises(ConfigError, match=f"^{word.partition('=')[0]}: ") as caught:
         config_of(word)
     assert "\n" not in str(caught.value)
@@ -43,12 +43,12 @@ def test_options_are_validated_like_settings_and_named(word: str) -> None:
     "setting",
     ["rate_hz=1e9", "rate_hz=nan", "cameras.a.offset_s=1e12", "cameras.a.offset_s=nan", "associate.max_people=-1", "end_s=inf"],
 )
-def test_settings_that_cannot_be_meant(setting: str) -> None:
+def test_impossible_settings_are_refused(setting: str) -> None:
     with pytest.raises(ConfigError, match=setting.partition("=")[0].rpartition(".")[2]):
         read_config(None, [setting])
 
 
-def test_time_steps_are_bounded() -> None:
+def test_the_number_of_time_steps_is_limited() -> None:
     times_ns = {"a": np.arange(100) * 33_333_333, "b": np.arange(100) * 33_333_333}
     assert common_timeline(times_ns, 1000.0, None, None).count > 3000
     with pytest.raises(SourceError, match=r"3\.3e\+03|33\d\d time steps .* expected at most 1000: check rate_hz"):
@@ -69,12 +69,12 @@ SCENE = {"duration_s": 1.0, "cameras": {"kind": "ring", "count": 2}}
         ({"sensor": {"rate_hz": 1e9}}, "less than or equal to 1000, got 1000000000"),
     ],
 )
-def test_scenes_that_cannot_be_rendered(changes: dict, problem: str) -> None:
+def test_impossible_scenes_are_refused(changes: dict, problem: str) -> None:
     with pytest.raises(ConfigError, match=problem):
         settings_from_mapping(SCENE | {"cameras": SCENE["cameras"] | changes}, Scene, "scene.yaml")
 
 
-def test_an_image_larger_than_the_framebuffer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_image_larger_than_the_framebuffer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend, "_largest_side_px", lambda _: 4096)
     backend.check_framebuffer("egl", 4096)
     with pytest.raises(InputError, match=r"side of 5000 px .* expected at most 4096 px"):
@@ -91,13 +91,15 @@ def test_an_image_larger_than_the_framebuffer(monkeypatch: pytest.MonkeyPatch) -
         "compare a.trc b.trc --align-first nan",
     ],
 )
-def test_options_of_other_commands(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_of_other_commands_are_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = main(words.split())
     said = capsys.readouterr().err
     assert code == 1 and "expected a" in said and said.count("\n") == 1
 
 
-def test_openpose_files_numbered_by_date(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_openpose_files_numbered_by_date_are_refused(
+    demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     session = tmp_path / "session"
     session.mkdir()
     (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
@@ -111,7 +113,7 @@ def test_openpose_files_numbered_by_date(demo_session: Path, tmp_path: Path, cap
     assert "frame numbers 1 to 20261122153000: 2.026e+13 time steps" in capsys.readouterr().err
 
 
-def test_a_cut_camera_is_named_by_track(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_truncated_camera_is_named_by_track(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session = tmp_path / "session"
     session.mkdir()
     (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())

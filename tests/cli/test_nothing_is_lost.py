@@ -63,7 +63,7 @@ def test_a_report_into_a_foreign_folder_is_refused(results: Path, tmp_path: Path
     assert tree(tmp_path) == before
 
 
-def test_a_second_report_leaves_notes_alone_and_a_clean_one_is_renewed(results: Path, tmp_path: Path, capsys) -> None:
+def test_a_second_report_keeps_the_users_notes_and_replaces_an_unchanged_report(results: Path, tmp_path: Path, capsys) -> None:
     result = Path(shutil.copytree(results / "R", tmp_path / "R"))
     for _ in range(2):
         assert main(["report", str(result), "--fit", "none"]) == 0
@@ -75,7 +75,7 @@ def test_a_second_report_leaves_notes_alone_and_a_clean_one_is_renewed(results: 
     assert tree(tmp_path) == before
 
 
-def test_a_folder_called_partial_is_nothing_special(demo_session: Path, tmp_path: Path) -> None:
+def test_a_folder_named_partial_is_treated_like_any_other(demo_session: Path, tmp_path: Path) -> None:
     (tmp_path / "take.partial").mkdir()
     (tmp_path / "take.partial" / "raw.bin").write_text("the user's")
     assert track(demo_session, tmp_path / "take") == 0
@@ -97,7 +97,7 @@ def test_simulating_a_scene_into_its_own_folder_is_refused(tmp_path: Path, capsy
     assert tree(tmp_path) == before
 
 
-def test_a_marker_of_the_user_makes_no_folder_a_session(tmp_path: Path) -> None:
+def test_a_file_named_incomplete_does_not_turn_a_folder_into_a_session(tmp_path: Path) -> None:
     (tmp_path / "p").mkdir()
     (tmp_path / "p" / "INCOMPLETE").write_text("my list of what is left to do")
     (tmp_path / "scene.yaml").write_text("duration_s: 1\ncameras: {kind: ring}\n")
@@ -131,7 +131,7 @@ def grow(folder: Path, files: dict[str, bytes]) -> dict[Path, bytes]:
 
 
 def check_nothing_is_lost(command: Command, files: dict[str, bytes], place: str, again: bool, force: bool) -> None:
-    """Run the command into a random tree, also over a result of its own: every foreign file is as it was."""
+    """Run the command into a random tree, also over its own earlier result. Every foreign file stays unchanged."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "user"
         folder.mkdir()
@@ -285,7 +285,7 @@ COMMANDS = [tracked, reported, compared, printed, live_reported, experimented, c
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_foreign_file_is_the_same_afterwards(command: Callable[[Path, Path, bool], int], results: Path) -> None:
+def test_foreign_files_are_unchanged_after_every_command(command: Callable[[Path, Path, bool], int], results: Path) -> None:
     # each example of the first two is a second of work
     count = 8 if command in (tracked, reported) else 25
 
@@ -304,7 +304,7 @@ def test_every_foreign_file_is_the_same_afterwards(command: Callable[[Path, Path
     check()
 
 
-def test_the_check_finds_the_rule_that_was(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_detects_the_old_rule_that_deleted_files(monkeypatch: pytest.MonkeyPatch) -> None:
     """One name in common was once taken for a result of one's own, and NAME.partial for a leftover."""
 
     @contextmanager
@@ -333,7 +333,7 @@ def test_the_check_finds_the_rule_that_was(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.parametrize("name", ["take [final]", "x[/b]", "[red]"])
-def test_square_brackets_are_printed_as_they_are(
+def test_square_brackets_are_printed_unchanged(
     name: str, demo_session: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # wide enough for one line
@@ -352,7 +352,7 @@ def test_square_brackets_are_printed_as_they_are(
 
 
 @pytest.mark.parametrize("text", ["take [final]", "x[/b]", "posefuse[biomech]"])
-def test_titles_columns_and_progress_print_brackets_too(text: str, capsys) -> None:
+def test_titles_columns_and_progress_print_square_brackets_unchanged(text: str, capsys) -> None:
     from posefuse.cli.terminal import Terminal
 
     terminal = Terminal(as_json=False)

@@ -40,7 +40,7 @@ def oracle(session: Path) -> list[str]:
     return ["--set", "detector.name=oracle", "--set", f"detector.options.truth={truth.as_posix()}"]
 
 
-def test_the_lists_of_names_are_those_of_the_documentation() -> None:
+def test_the_lists_of_removed_names_match_the_python_documentation() -> None:
     assert {"nice", "sched_getaffinity", "geteuid", "statvfs", "killpg"} <= other_system.lacking("os", "win32")
     assert {"kill", "cpu_count", "replace", "times", "getpid", "access"}.isdisjoint(other_system.lacking("os", "win32"))
     assert {"SIGKILL", "SIGALRM", "SIGHUP"} <= other_system.lacking("signal", "win32")
@@ -51,14 +51,14 @@ def test_the_lists_of_names_are_those_of_the_documentation() -> None:
 
 
 @pytest.mark.parametrize("code", ["os.sched_getaffinity(0)", "os.nice(0)", "signal.SIGKILL", "socket.AF_UNIX"])
-def test_code_that_needs_linux_is_caught_in_posefuse_and_nowhere_else(disguise: Path, code: str) -> None:
+def test_code_that_needs_linux_is_found_in_posefuse_and_ignored_elsewhere(disguise: Path, code: str) -> None:
     program = f"import os, signal, socket; exec(compile({code!r}, 'x', 'eval'), {{**globals(), '__name__': NAME}})"
     caught = run(disguise, "win32", "-c", f"NAME = 'posefuse.somewhere'; {program}")
     assert caught.returncode == 1 and "AttributeError" in caught.stderr and "on win32" in caught.stderr
     assert run(disguise, "win32", "-c", f"NAME = 'elsewhere'; {program}").returncode == 0
 
 
-def test_a_module_that_needs_linux_is_caught(disguise: Path) -> None:
+def test_a_module_that_needs_linux_is_found(disguise: Path) -> None:
     program = "exec('import fcntl', {**globals(), '__name__': NAME})"
     assert "No module named 'fcntl'" in run(disguise, "win32", "-c", f"NAME = 'posefuse.x'; {program}").stderr
     assert run(disguise, "darwin", "-c", f"NAME = 'posefuse.x'; {program}").returncode == 0
@@ -73,7 +73,7 @@ def test_a_recording_is_tracked(disguise: Path, demo_session: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
-def test_images_are_searched(disguise: Path, demo_session: Path, tmp_path: Path, system: str, models: None) -> None:
+def test_people_are_detected_in_images(disguise: Path, demo_session: Path, tmp_path: Path, system: str, models: None) -> None:
     options = ["--end", "0.2", "--outputs", "", "--json"]
     command = ["-m", "posefuse.cli.main", "track", str(demo_session), "--out", str(tmp_path / "result"), *options]
     assert min(figures(run(disguise, system, *command))["found"].values()) == 1.0
@@ -81,7 +81,7 @@ def test_images_are_searched(disguise: Path, demo_session: Path, tmp_path: Path,
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("system", [SYSTEMS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in SYSTEMS[1:])])
-def test_a_live_session_from_files(disguise: Path, demo_session: Path, system: str) -> None:
+def test_a_live_session_runs_from_files(disguise: Path, demo_session: Path, system: str) -> None:
     sources = [f"--source=cam0{i}=video:{demo_session / 'videos' / f'cam0{i}.mp4'}" for i in range(4)]
     options = ["--duration", "4", "--loop", "10", "--json-udp", "127.0.0.1:9", "--groups", "2", "--json", *oracle(demo_session)]
     command = ["-m", "posefuse.cli.main", "live", str(demo_session / "rig.toml"), *sources, *options]

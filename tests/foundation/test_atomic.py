@@ -49,7 +49,7 @@ def test_a_file_has_the_permissions_of_the_users_other_files(tmp_path: Path) -> 
     assert (tmp_path / "a").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
-def test_places_that_cannot_be(tmp_path: Path) -> None:
+def test_impossible_paths_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no folder"), atomic_file(tmp_path / "none" / "a.txt"):
         pass
     with pytest.raises(InputError, match="expected a file name, got a folder"), atomic_file(tmp_path):

@@ -40,7 +40,7 @@ def refused(path: Path, reason: str, **options: Any) -> None:
     assert (tree(path.parent) if path.parent.is_dir() else {}) == before
 
 
-def test_a_folder_appears_at_the_end_and_replaces_its_like(tmp_path: Path) -> None:
+def test_a_folder_appears_when_it_is_complete_and_replaces_a_result_of_the_same_command(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "result"
     for text in ("one", "two"):
         with output_folder(path, command="track", replace=True) as out:
@@ -68,7 +68,7 @@ def test_the_manifest_lists_every_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("problem", [ValueError, KeyboardInterrupt])
-def test_a_folder_that_fails_leaves_the_old_one(tmp_path: Path, problem: type[BaseException]) -> None:
+def test_a_failed_run_keeps_the_old_result(tmp_path: Path, problem: type[BaseException]) -> None:
     path = tmp_path / "result"
     make(path)
     before = tree(tmp_path)
@@ -80,7 +80,7 @@ def test_a_folder_that_fails_leaves_the_old_one(tmp_path: Path, problem: type[Ba
     assert tree(tmp_path) == before
 
 
-def test_a_result_is_replaced_only_when_asked_and_by_the_same_command(tmp_path: Path) -> None:
+def test_a_result_is_replaced_only_on_request_and_by_the_same_command(tmp_path: Path) -> None:
     make(tmp_path / "result")
     refused(tmp_path / "result", "holds results already; choose another folder or add --force", replace=False)
     refused(tmp_path / "result", "holds results of `posefuse track`", command="simulate")
@@ -133,16 +133,14 @@ def put_another_result_in(result: Path) -> None:
         put_another_result_in,
     ],
 )
-def test_what_posefuse_did_not_write_is_refused_by_name_with_and_without_force(
-    tmp_path: Path, meddle: Callable[[Path], None]
-) -> None:
+def test_foreign_files_are_refused_by_name_with_and_without_force(tmp_path: Path, meddle: Callable[[Path], None]) -> None:
     make(tmp_path / "result")
     meddle(tmp_path / "result")
     for replace in (True, False):
         refused(tmp_path / "result", r"did not write or what was changed since \(.+\)", replace=replace)
 
 
-def test_a_foreign_folder_is_refused_and_an_empty_one_used(tmp_path: Path) -> None:
+def test_a_foreign_folder_is_refused_and_an_empty_folder_is_used(tmp_path: Path) -> None:
     (tmp_path / "home").mkdir()
     make(tmp_path / "home", replace=False)
     shutil.rmtree(tmp_path / "home")
@@ -153,7 +151,7 @@ def test_a_foreign_folder_is_refused_and_an_empty_one_used(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("name", DESKTOP_FILES)
-def test_what_finder_and_explorer_leave_is_nobodys_work_and_is_not_deleted(tmp_path: Path, name: str) -> None:
+def test_files_of_finder_and_explorer_do_not_block_a_result_and_are_not_deleted(tmp_path: Path, name: str) -> None:
     path = tmp_path / "result"
     path.mkdir()
     (path / name).write_text("icons")
@@ -168,7 +166,7 @@ def test_what_finder_and_explorer_leave_is_nobodys_work_and_is_not_deleted(tmp_p
     refused(path, r"\(\.notes\)", command="track", replace=True)
 
 
-def test_what_finder_left_where_the_new_result_has_no_such_folder_stays_aside(tmp_path: Path) -> None:
+def test_files_of_finder_are_kept_when_the_new_result_has_no_such_folder(tmp_path: Path) -> None:
     path, said = tmp_path / "result", []
     make(path)
     (path / "deep" / ".DS_Store").write_text("icons")
@@ -179,7 +177,7 @@ def test_what_finder_left_where_the_new_result_has_no_such_folder_stays_aside(tm
     assert len(said) == 1 and str(aside) in said[0]
 
 
-def test_what_was_made_from_a_result_goes_with_it(tmp_path: Path) -> None:
+def test_a_report_inside_a_result_is_removed_with_the_result(tmp_path: Path) -> None:
     result = tmp_path / "result"
     make(result)
     report = {"command": "report", "inputs": [result / "recording.json"]}
@@ -193,7 +191,7 @@ def test_what_was_made_from_a_result_goes_with_it(tmp_path: Path) -> None:
     refused(result / "report", "notes.txt", **report)
 
 
-def test_outputs_keep_apart_from_inputs(tmp_path: Path) -> None:
+def test_an_output_inside_around_or_equal_to_an_input_is_refused(tmp_path: Path) -> None:
     session = tmp_path / "session"
     (session / "videos").mkdir(parents=True)
     (session / "videos" / "cam.mp4").write_text("video")
@@ -209,7 +207,7 @@ def test_outputs_keep_apart_from_inputs(tmp_path: Path) -> None:
     make(tmp_path / "result", inputs=[session, tmp_path / "not there"])
 
 
-def test_capital_letters_make_no_difference_where_the_disk_makes_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_upper_and_lower_case_are_equal_on_a_case_insensitive_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "session").mkdir()
     real_stat = os.stat
     monkeypatch.setattr(os, "stat", lambda path, **options: real_stat(str(path).replace("SESSION", "session"), **options))
@@ -219,7 +217,7 @@ def test_capital_letters_make_no_difference_where_the_disk_makes_none(tmp_path: 
         make(tmp_path / "SESSION", inputs=[tmp_path / "session"])
 
 
-def test_places_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_impossible_output_paths_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("x")
     refused(tmp_path / "file", "expected a folder to write results to, got a file")
     refused(tmp_path / "file" / "result", "no folder can be made there|cannot be looked at")
@@ -235,8 +233,8 @@ def test_places_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     make(Path("..") / ".." / "other")
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="needs a user who may not write everywhere")
-def test_a_parent_that_cannot_be_written_to(tmp_path: Path) -> None:
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="needs a user without write permission everywhere")
+def test_a_parent_folder_without_write_permission_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir(mode=0o500)
     refused(tmp_path / "mine" / "result", "no folder can be made there")
 
@@ -248,7 +246,7 @@ def test_a_full_disk_is_reported_before_the_work(tmp_path: Path, monkeypatch: py
     make(tmp_path / "result", estimated_bytes=4_000_000)
 
 
-def test_a_link_to_a_folder_is_followed(tmp_path: Path) -> None:
+def test_a_symbolic_link_to_a_folder_is_followed(tmp_path: Path) -> None:
     make(tmp_path / "result")
     (tmp_path / "link").symlink_to(tmp_path / "result", target_is_directory=True)
     make(tmp_path / "link", "two")
@@ -256,7 +254,7 @@ def test_a_link_to_a_folder_is_followed(tmp_path: Path) -> None:
     assert (tmp_path / "result" / "deep" / "two").is_file()
 
 
-def test_an_interrupted_run_can_be_found_and_gone_on_with(tmp_path: Path) -> None:
+def test_an_interrupted_run_is_found_and_continued(tmp_path: Path) -> None:
     path = tmp_path / "result"
     with pytest.raises(KeyboardInterrupt), output_folder(path, command="track", keep_unfinished=True) as out:
         (out.folder / "half").write_text("half")
@@ -274,7 +272,7 @@ def test_an_interrupted_run_can_be_found_and_gone_on_with(tmp_path: Path) -> Non
     assert contents(path).foreign == () and find_unfinished(path) == []
 
 
-def test_what_came_meanwhile_is_not_replaced_and_the_new_results_are_kept(tmp_path: Path) -> None:
+def test_files_that_appear_during_the_run_are_not_replaced_and_the_new_results_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "result"
     with pytest.raises(InputError, match=r"the results are complete in .* but cannot be moved there"):  # noqa: SIM117
         with output_folder(path, command="track", replace=True) as out:
@@ -287,7 +285,7 @@ def test_what_came_meanwhile_is_not_replaced_and_the_new_results_are_kept(tmp_pa
     assert manifest is not None and manifest.complete
 
 
-def test_what_is_put_into_a_replaced_result_at_the_last_moment_stays_and_is_reported(
+def test_a_file_added_to_a_result_during_its_replacement_is_kept_and_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "result"
@@ -308,7 +306,7 @@ def test_what_is_put_into_a_replaced_result_at_the_last_moment_stays_and_is_repo
     assert (path / "recording.json").read_text() == "two"
 
 
-def test_the_old_result_comes_back_when_the_new_one_cannot_take_its_place(
+def test_the_old_result_is_restored_when_the_new_one_cannot_be_moved_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "result"
@@ -327,7 +325,7 @@ def test_the_old_result_comes_back_when_the_new_one_cannot_take_its_place(
     assert tree(path) == before
 
 
-def test_a_list_that_points_outside_removes_nothing_there(tmp_path: Path) -> None:
+def test_a_manifest_with_paths_outside_its_folder_deletes_nothing_there(tmp_path: Path) -> None:
     make(tmp_path / "result")
     outside = tmp_path / "outside"
     outside.write_text("one")
@@ -338,7 +336,7 @@ def test_a_list_that_points_outside_removes_nothing_there(tmp_path: Path) -> Non
     assert outside.read_text() == "one"
 
 
-def test_a_folder_has_the_permissions_of_the_users_other_folders(tmp_path: Path) -> None:
+def test_a_result_has_the_permissions_of_the_users_other_folders(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     make(tmp_path / "result")
     assert (tmp_path / "result").stat().st_mode == (tmp_path / "other").stat().st_mode

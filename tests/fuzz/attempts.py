@@ -1,4 +1,4 @@
-"""Everything that is tried to lose work, as a table per kind: what was tried, and what came of it.
+"""Attempts to make posefuse lose work or fail, as one table per kind: what must hold, number of variants, result.
 
 python tests/fuzz/attempts.py deletions interruptions --write docs/reliability.md
 """
@@ -22,7 +22,7 @@ KINDS: dict[str, tuple[str, ...]] = {
 
 
 class Attempts:
-    """Collects what came of each test: passed, skipped with its reason, or failed, and what it measured."""
+    """Collects the result of each test (passed, skipped with its reason, or failed) and what it measured."""
 
     def __init__(self) -> None:
         self.rows: dict[str, list[str]] = {}
@@ -38,12 +38,12 @@ class Attempts:
             self.outcomes.setdefault(title, []).append(f"failed ({report.when})")
 
     def table(self) -> str:
-        """One row for each test, in order; those that differ in a parameter only are one row with their count."""
-        lines = ["| attempt | tried | came of it |", "|---|---:|---|"]
+        """One row for each test, in order; tests that differ only in a parameter share a row with their count."""
+        lines = ["| what must hold | tried | result |", "|---|---:|---|"]
         for title, outcomes in self.outcomes.items():
             others = sorted({one for one in outcomes if one != "held"})
-            said = "; ".join([*(others or ["held"]), *self.rows.get(title, [])])
-            lines.append(f"| {title} | {len(outcomes)} | {said} |")
+            result = "; ".join([*(others or ["held"]), *self.rows.get(title, [])])
+            lines.append(f"| {title} | {len(outcomes)} | {result} |")
         return "\n".join(lines)
 
 

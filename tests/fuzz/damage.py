@@ -1,4 +1,4 @@
-"""Ways a file gets damaged: on a disk, by an editor, by a spreadsheet, or by a person who means harm. Same seed, same bytes."""
+"""Ways to damage a file: by a disk, an editor, a spreadsheet, or an attacker. The same seed gives the same bytes."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _other_encoding(rng: random.Random, content: bytes) -> bytes:
 
 
 def _spreadsheet(rng: random.Random, content: bytes) -> bytes:
-    """What a spreadsheet of another country makes of commas and points."""
+    """Decimal and field separators as a spreadsheet with another locale writes them."""
     return content.replace(b",", b";").replace(b".", b",") if rng.random() < 0.7 else content.replace(b",", b"\t")
 
 

@@ -51,7 +51,7 @@ class Failure:
 
 
 class Worker:
-    """`worker.py` with a limit on every answer; started anew after a crash or a hang."""
+    """`worker.py` with a time limit on every answer; restarted after a crash or a hang."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
@@ -79,7 +79,7 @@ class Worker:
         return answer["outcome"], answer["detail"]
 
     def _answer(self, limit_s: float) -> str | None:
-        """The next line. Limits processor time: on a busy machine a wait says nothing, unless it is `PATIENCE` times as long."""
+        """The next line. Limits processor time; waiting counts only above `PATIENCE` limits (the machine may be busy)."""
         assert self._process is not None
         began_s, began_cpu_s = time.monotonic(), _cpu_s(self._process.pid)
         while True:
@@ -98,7 +98,7 @@ class Worker:
 
     def _start(self) -> None:
         command = [sys.executable, str(Path(__file__).with_name("worker.py"))]
-        # a narrow terminal would fold messages; colours would hide them
+        # a narrow terminal would wrap messages, and colour codes would split them
         environment = {**os.environ, "COLUMNS": "500", "NO_COLOR": "1"}
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, encoding="utf-8"
@@ -135,8 +135,8 @@ def run(variants: int, kinds: Sequence[str], commands: bool = True) -> tuple[dic
             for kind, seed, damage, place, file, limit_s in _variants(Path(folder), variants, kinds, commands):
                 outcome, detail = worker.ask(kind, place, file, limit_s)
                 if seed == SOUND and outcome == "clear":
-                    # a stage that never gets past the door would find nothing
-                    outcome, detail = "trace", f"the undamaged one is refused: {detail}"
+                    # a reader that refuses even the undamaged file would find nothing
+                    outcome, detail = "trace", f"the undamaged file is refused: {detail}"
                 counts.setdefault(kind, Counter())[outcome] += 1
                 if outcome in BAD:
                     failures.append(Failure(kind, seed, damage, outcome, detail))
@@ -161,7 +161,7 @@ def _variants(
             place = folder / "variant" / "session"
             shutil.copytree(sound, place)
             (place / example.file).write_bytes(bytes_)
-            # the first one of a kind may still compile
+            # the first file of a kind may still trigger compilation
             yield kind, seed, damage, place, example.file, START_LIMIT_S if seed == SOUND else LIMIT_S
             shutil.rmtree(place.parent, ignore_errors=True)
         shutil.rmtree(sound)
@@ -180,7 +180,7 @@ def _options(folder: Path) -> Iterator[tuple[str, int, str, Path, str, float]]:
 
 
 def table(counts: dict[str, Counter[str]]) -> str:
-    """The counts as Markdown."""
+    """The counts as a Markdown table."""
     rows = [(kind, sum(count.values()), *(count[outcome] for outcome in OUTCOMES)) for kind, count in counts.items()]
     rows.append(("**all**", *(sum(row[i] for row in rows) for i in range(1, 2 + len(OUTCOMES)))))
     lines = [f"| kind | {' | '.join(COLUMNS)} |", "|---|" + "---:|" * len(COLUMNS)]
@@ -189,7 +189,7 @@ def table(counts: dict[str, Counter[str]]) -> str:
 
 
 def write_between_marks(page: Path, text: str, name: str) -> None:
-    """Replace what is between the marks of this name in a page."""
+    """Replace the text between the marks of this name in a page."""
     first, last = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     before, mark, rest = page.read_text(encoding="utf-8").partition(first)
     _, end, after = rest.partition(last)
@@ -203,7 +203,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--variants", type=int, default=110, help="per reader; commands get a quarter")
     parser.add_argument("--only", action="append", metavar="KIND", help=f"one of: {', '.join([*EXAMPLES, 'options'])}")
-    parser.add_argument("--readers-only", action="store_true", help="leave the commands out")
+    parser.add_argument("--readers-only", action="store_true", help="do not run the commands")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the table between the marks of this page")
     args = parser.parse_args()
     counts, failures = run(args.variants, args.only or [*EXAMPLES, "options"], not args.readers_only)

@@ -1,4 +1,4 @@
-"""One small sound file or folder of every kind, and how it is read: what the fuzz stage damages."""
+"""One small valid file or folder of every kind, and the function that reads it. The fuzz stage damages these."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NAMES = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee"
 
 @dataclass(frozen=True)
 class Example:
-    """A sound folder and the file in it that is damaged. `make` fills a folder."""
+    """A valid folder and the file in it that is damaged. `make` fills a folder."""
 
     file: str
     make: Callable[[Path], None]

@@ -1,4 +1,4 @@
-"""Command lines with values that cannot be meant; the first is sound. FOLDER is a small session of OpenPose JSON."""
+"""Command lines with impossible values; the first one is valid. FOLDER is a small session of OpenPose JSON."""
 
 _TRACK = "track FOLDER --out FOLDER/../out"
 _NUMBERS = ("nan", "inf", "-inf", "1e300", "-1e300", "-1", "0")

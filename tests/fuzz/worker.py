@@ -1,4 +1,4 @@
-"""A process that reads damaged files one after the other; `drive` starts another when this one crashes or hangs.
+"""A process that reads damaged files one after the other; `drive` restarts it when it crashes or hangs.
 
 Each line on stdin names a kind and a folder; each line of the answer is {"outcome": ..., "detail": ...}. What libraries print
 goes to a file, in which warnings and traces count against the reader.
@@ -27,7 +27,7 @@ from examples import DEMO, EXAMPLES, NETWORK
 from posefuse.core import InputError, PosefuseError
 
 _LONGEST_LINE = 4000
-# a UserWarning is posefuse's own line about what it left out; these are a library's about what no person checked
+# a UserWarning is posefuse's own line about what it left out; these come from libraries, about input that posefuse did not check
 _NOISE = re.compile(r"Traceback|(Runtime|Deprecation|Future|Syntax|Resource)Warning:")
 _MISBEHAVIOURS = ("trace", "warning", "hang", "crash", "clear", "accepted")
 _ENDED_WELL, _KNOWN_ERROR = 0, 1
@@ -78,7 +78,7 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
 
 
 def _misbehave(what: str) -> None:
-    """What the stage must find out, see `test_fuzz`."""
+    """Deliberate failures that the fuzz stage must detect, see `test_fuzz`."""
     if what == "trace":
         raise KeyError("a bug")
     if what == "warning":
@@ -134,14 +134,14 @@ def _command(kind: str, path: Path, folder: Path) -> list[str]:
 
 
 def _outcome(kind: str, path: Path, folder: Path, readers: dict[str, Callable[[Path], Any]]) -> tuple[str, str]:
-    """accepted, clear, or trace with what was raised."""
+    """The outcome: "accepted", "clear", or "trace" with the error that was raised."""
     if kind in readers:
         try:
             readers[kind](path)
         except PosefuseError as error:
             text = str(error)
             return ("clear", text) if "\n" not in text and len(text) < _LONGEST_LINE else ("trace", f"not one line: {text[:300]}")
-        except Exception:  # noqa: BLE001 - whatever it is, it is what is looked for
+        except Exception:  # noqa: BLE001 - any exception is a finding
             return "trace", traceback.format_exc()
         return "accepted", ""
     from posefuse.cli.main import main

@@ -78,7 +78,7 @@ class ScriptedOutput:
             raise OSError(28, "No space left on device")
 
 
-def test_an_output_that_raises_is_reported_closed_and_opened_again(capfd) -> None:
+def test_an_output_that_raises_an_error_is_reported_closed_and_reopened(capfd) -> None:
     config = Scripted(fails=lambda count: ValueError("two\nlines") if count == 2 else None)
     worker = Worker("scripted", config, made_up_start(1))
     worker.put(CENTRES)
@@ -103,7 +103,7 @@ def test_an_output_that_raises_is_reported_closed_and_opened_again(capfd) -> Non
     assert capfd.readouterr() == ("", "")
 
 
-def test_opening_that_fails_again_is_one_failure_and_one_part(monkeypatch) -> None:
+def test_repeated_failures_to_reopen_count_as_one_failure_and_one_part(monkeypatch) -> None:
     monkeypatch.setattr("posefuse.realtime.output_process._FIRST_RETRY_S", 0.001)
     monkeypatch.setattr("posefuse.realtime.output_process._LONGEST_RETRY_S", 0.001)
     tries: list[int] = []
@@ -121,7 +121,7 @@ def test_opening_that_fails_again_is_one_failure_and_one_part(monkeypatch) -> No
     worker.join(PATIENCE_S)
 
 
-def test_what_closing_raises_is_a_failure_and_no_trace(capfd) -> None:
+def test_an_error_during_closing_counts_as_a_failure_without_a_traceback(capfd) -> None:
     config = Scripted(close_fails=True)
     worker = Worker("scripted", config, made_up_start(1))
     worker.put(POSE)
@@ -133,7 +133,7 @@ def test_what_closing_raises_is_a_failure_and_no_trace(capfd) -> None:
     assert capfd.readouterr() == ("", "")
 
 
-def test_an_output_that_hangs_is_named(monkeypatch) -> None:
+def test_an_output_that_hangs_is_reported(monkeypatch) -> None:
     monkeypatch.setattr("posefuse.realtime.output_process._HANGS_S", 0.05)
     worker = Worker("scripted", Scripted(waits_s=0.5), made_up_start(1))
     worker.put(POSE)
@@ -144,7 +144,7 @@ def test_an_output_that_hangs_is_named(monkeypatch) -> None:
     worker.join(PATIENCE_S)
 
 
-def test_an_output_is_given_only_what_it_takes() -> None:
+def test_an_output_receives_only_the_messages_it_accepts() -> None:
     config = Scripted()
     worker = Worker("scripted", config, made_up_start(1))
     for message in MESSAGES:
@@ -195,7 +195,7 @@ def fed(tmp_path: Path):
     made.outputs.close()
 
 
-def test_a_killed_process_is_named_started_again_and_recording_goes_on(fed: Fed, tmp_path: Path, capfd) -> None:
+def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed: Fed, tmp_path: Path, capfd) -> None:
     first, second, third = (tmp_path / name for name in ("live.mcap", "live.2.mcap", "live.3.mcap"))
     second.write_text("another person's")
     until(lambda: first.stat().st_size > 400_000, fed.feed)
@@ -227,7 +227,7 @@ def test_a_killed_process_is_named_started_again_and_recording_goes_on(fed: Fed,
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_process_that_leaves_without_finishing_is_a_failure(fed: Fed) -> None:
+def test_a_process_that_exits_early_is_a_failure(fed: Fed) -> None:
     until(lambda: fed.taken() > 0, fed.feed)
     os.kill(int(fed.outputs.whereabouts().split()[-1]), signal.SIGSTOP)
     fed.outputs.close()
@@ -249,7 +249,7 @@ def test_a_healthy_session_has_no_failure(fed: Fed, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("newest", [False, True])
-def test_messages_travel_together_where_no_output_waits_for_the_newest(fed: Fed, monkeypatch, newest: bool) -> None:
+def test_messages_are_sent_in_batches_unless_an_output_needs_the_newest(fed: Fed, monkeypatch, newest: bool) -> None:
     sent: list[list[LivePose]] = []
 
     def send(bundle: Bundle, wait_s: float = 0.0) -> bool:
@@ -301,7 +301,7 @@ def test_an_added_output_that_cannot_be_opened_fails_alone(fed: Fed, tmp_path: P
     until(lambda: "second" not in fed.outputs.health, fed.feed)
 
 
-def test_what_cannot_be_opened_is_reported_before_the_session_begins(tmp_path: Path) -> None:
+def test_an_output_that_cannot_be_opened_is_reported_before_the_session_starts(tmp_path: Path) -> None:
     pytest.importorskip("mcap", reason="the extra ros is not installed")
     outputs = OutputProcess(plan(tmp_path / "no" / "live.mcap"))
     with pytest.raises(InputError, match="cannot be written"):
@@ -309,7 +309,7 @@ def test_what_cannot_be_opened_is_reported_before_the_session_begins(tmp_path: P
     outputs.close()
 
 
-def test_a_full_disk_is_reported_and_recording_goes_on_once_there_is_room(small_disk: Callable[[int], Path], capfd) -> None:
+def test_a_full_disk_is_reported_and_recording_continues_after_space_is_freed(small_disk: Callable[[int], Path], capfd) -> None:
     disk = small_disk(12)
     ballast = disk / "ballast"
     ballast.write_bytes(bytes(11 * 2**20))

@@ -21,7 +21,7 @@ pytest.importorskip("mcap")
 FILLED = 1 << 16
 
 
-def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_1(
+def test_killed_outputs_are_reported_and_recording_continues_and_the_session_ends_with_1(
     demo_session: Path, tmp_path: Path, record_property
 ) -> None:
     recording, report = tmp_path / "a.mcap", tmp_path / "report"
@@ -59,7 +59,7 @@ def test_killed_outputs_are_named_at_once_recorded_on_and_the_session_ends_with_
     assert figures["equal"] == figures["poses"] == len(first)
 
 
-def test_a_disk_that_is_full_is_reported_and_recorded_on_once_there_is_room(
+def test_a_full_disk_is_reported_and_the_session_records_again_after_space_is_freed(
     demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path, record_property
 ) -> None:
     disk, report = small_disk(8), tmp_path / "report"

@@ -32,16 +32,16 @@ def whole(camera: str, frames: int = FRAMES) -> Coverage:
     return Coverage(camera, frames, frames, (frames - 1) * PERIOD_NS, PERIOD_NS)
 
 
-def test_whole_videos_are_not_mentioned(video: Path) -> None:
+def test_undamaged_videos_are_not_mentioned(video: Path) -> None:
     assert read(video) == whole("cam01")
     assert incomplete_cameras([whole("cam00"), read(video)]) == []
 
 
-def test_a_few_frames_at_the_end_are_not_mentioned() -> None:
+def test_a_few_missing_frames_at_the_end_are_not_mentioned() -> None:
     assert incomplete_cameras([whole("a", 3000), whole("b", 2998)]) == []
 
 
-def test_a_shorter_camera_says_where_it_stops() -> None:
+def test_a_camera_with_a_shorter_video_is_named_with_its_end() -> None:
     [line] = incomplete_cameras([whole("a"), whole("b", 25)])
     assert line == "camera b: it stops at 0.96 s, the recording at 1.96 s"
 
@@ -58,7 +58,7 @@ def index_first(path: Path) -> Path:
     return moved
 
 
-def test_a_cut_video_names_its_missing_share(video: Path) -> None:
+def test_a_truncated_video_is_named_with_its_missing_share(video: Path) -> None:
     """The index lists every frame; the bytes of the later half are not there."""
     path = index_first(video)
     content = path.read_bytes()
@@ -73,18 +73,18 @@ def test_a_cut_video_names_its_missing_share(video: Path) -> None:
     )
 
 
-def test_text_in_a_video_that_is_not_utf8_does_no_harm(video: Path) -> None:
+def test_metadata_of_a_video_that_is_not_utf8_is_ignored(video: Path) -> None:
     content = video.read_bytes()
     assert b"Lavf" in content
     video.write_bytes(content.replace(b"Lavf", b"L\xe4vf"))
     assert read(video) == whole("cam01")
 
 
-def test_a_camera_that_gives_nothing_is_named() -> None:
+def test_a_camera_without_any_frame_is_named() -> None:
     lines = incomplete_cameras([whole("a"), Coverage("b", 50, 0, None, PERIOD_NS)])
     assert lines == ["camera b: none of its 50 frames can be read"]
 
 
-def test_gaps_are_counted_between_start_and_end() -> None:
+def test_gaps_between_start_and_end_are_counted() -> None:
     [line] = incomplete_cameras([whole("a"), Coverage("b", 50, 40, 49 * PERIOD_NS, PERIOD_NS)])
     assert line == "camera b: 20% of its frames cannot be read (10 of 50)"
