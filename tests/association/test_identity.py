@@ -202,3 +202,21 @@ def test_poses_under_other_ids_stand_in_their_order() -> None:
     renamed = with_persons(pose(np.arange(3.0)[:, None, None] + np.zeros((3, 17, 3)), [4, 5, 6]), [2, UNNAMED, 0])
     assert renamed.person_id.tolist() == [0, 2]
     assert renamed.xyz_world[:, 0, 0].tolist() == [2, 0]
+
+
+def test_a_trait_that_is_not_seen_for_a_frame_keeps_its_mean() -> None:
+    values = np.array([0.3, 0.5])
+    traits = Traits.unknown(2).with_frame(values).with_frame(np.array([np.nan, 0.7]))
+    np.testing.assert_allclose(traits.mean, [0.3, 0.6])
+    np.testing.assert_array_equal(traits.frames, [1, 2])
+    np.testing.assert_allclose(traits.scatter, [[0, 0], [0, 0.02]], atol=1e-15)
+
+
+def test_every_length_has_limits_of_a_human_body() -> None:
+    usual = body_lengths_m(body(1.0)[None], COCO17)
+    assert plausible_share(usual).tolist() == [1.0]
+    for i in range(usual.shape[1]):
+        for factor in (0.2, 5.0):
+            odd = usual.copy()
+            odd[0, i] *= factor
+            assert plausible_share(odd)[0] == pytest.approx(6 / 7), (i, factor)

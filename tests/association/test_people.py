@@ -101,6 +101,16 @@ def test_the_one_at_a_place(ring_rig, body, name):
     assert_is(views, 0, reports, order, list(PLACES).index(name))
 
 
+@pytest.mark.parametrize("name", ["here", "far"])
+def test_the_one_at_a_place_with_two_cameras(ring_rig, body, name):
+    """Two views propose each person once: the second-best proposal is another person, or none at all."""
+    rig = ring_rig(3)
+    reports, order = detections(rig, crowd(body, "here", "far"), noise_px=0.5)
+    reports[2] = Detections2D.empty(reports[2].camera, 0, COCO)
+    settings = AssociateSettings(near_xy_m=PLACES[name], plausible_share=0.0)
+    assert_is(associate(reports, rig, settings), 0, reports, order, ["here", "far"].index(name), [0, 1])
+
+
 def test_the_one_most_views_agree_on(ring_rig, body):
     rig = ring_rig(5)
     reports, order = detections(rig, crowd(body, "here", "beside"))

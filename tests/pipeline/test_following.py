@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.association import AssociateSettings
-from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
+from posefuse.core import SE3, DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
 from posefuse.core.skeleton import COCO17
 from posefuse.core.views_over_time import keypoint_boxes
 from posefuse.fusion import FuseSettings
@@ -18,6 +18,20 @@ from posefuse.pipeline.time_steps import stored_steps
 
 K = len(COCO17)
 PERIOD_NS = 33_333_333
+# half the distance of left and right, and height of the parts of a person who stands at the origin and faces +Y, m
+PARTS_M = {
+    "nose": (0.0, 1.6),
+    "eye": (0.03, 1.63),
+    "ear": (0.07, 1.6),
+    "shoulder": (0.18, 1.43),
+    "elbow": (0.22, 1.13),
+    "wrist": (0.25, 0.88),
+    "hip": (0.09, 0.95),
+    "knee": (0.1, 0.52),
+    "ankle": (0.1, 0.09),
+}
+_PARTS = [(PARTS_M[name.split("_")[-1]], -1 if "left" in name else 1) for name in COCO17.keypoints]
+STANDING_M = np.array([[half * side, 0, height] for (half, height), side in _PARTS])
 
 
 @dataclass(frozen=True)
@@ -185,6 +199,35 @@ def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> No
     assert (part.period_ns, part.count) == (100_000_000, 3)
     with pytest.raises(SourceError, match=r"from 5\.0 to 6\.0 s; the recording runs from 0\.003"):
         common_timeline({"slow": slow, "fast": fast}, None, 5.0, 6.0)
+
+
+def test_a_recording_of_too_many_time_steps_is_refused_with_its_length_and_rate() -> None:
+    times_ns = {"a": np.arange(101) * 20_000_000, "b": np.arange(101) * 20_000_000}
+    with pytest.raises(SourceError, match=r"101 time steps \(2\.02 s at 50 Hz\); expected at most 100"):
+        common_timeline(times_ns, None, None, None, max_time_steps=100)
+
+
+class Reflection(Stage):
+    """What only the first two cameras see, although the others have the same part of the room in their image."""
+
+    def view(self, i: int, c: int, pose: Pose3D | None) -> Detections2D:
+        return super().view(i, c, pose) if c < 2 else Detections2D.empty(self.rig.names[c], i * PERIOD_NS, COCO17)
+
+
+@pytest.mark.parametrize(("cameras", "outside", "count"), [(3, 0, 1), (4, 0, 1), (5, 0, 0), (5, 1, 1)])
+def test_a_newcomer_of_two_views_is_dropped_when_three_others_see_no_person_there(
+    ring_rig, cameras: int, outside: int, count: int
+) -> None:
+    """`outside`: of the other cameras, how many do not have the place in their image."""
+    turned = SE3(np.array([0.0, 0.0, 1.0, 0.0]), np.zeros(3))
+    rig = ring_rig(cameras)
+    views = [
+        dataclasses.replace(one, cam_from_world=turned @ one.cam_from_world) if c >= cameras - outside else one
+        for c, one in enumerate(rig)
+    ]
+    stage = Reflection(dataclasses.replace(rig, cameras=tuple(views)), {0: range(3)}, count=3)
+    stage.people[0] = STANDING_M
+    assert [len(one.pose.person_id) for one in followed(stage)] == [count] * 3
 
 
 class Runner(Stage):

@@ -3,12 +3,15 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from posefuse.core import CalibrationError, InputError
+from posefuse.core import CalibrationError, DetectionBatch, Detections2D, InputError, LookKind, Observations
+from posefuse.core.skeleton import COCO17
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.config import CameraInput, TrackConfig
 from posefuse.pipeline.opening import open_session
+from posefuse.pipeline.run import _check_people
 from posefuse.pipeline.session import find_session
 
 
@@ -103,3 +106,31 @@ def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
     (session / "INCOMPLETE").unlink()
     (session / "rig.toml").unlink()
     assert "no calibration file" in refused(session)
+
+
+def detections_of(found: dict[str, int], depth: bool) -> Observations:
+    """One time step in which each camera found so many people."""
+    k, detections = len(COCO17), []
+    for name, count in found.items():
+        arrays = {
+            "xy_img": np.full((count, k, 2), 100.0),
+            "score": np.ones((count, k)),
+            "sigma_px": np.ones((count, k)),
+            "box_img": np.zeros((count, 4)),
+            "depth_m": np.ones((count, k, 2)) if depth else None,
+        }
+        detections.append(Detections2D(camera=name, t_ns=0, skeleton=COCO17, **arrays))
+    batch = DetectionBatch(step=0, t_ns=0, kind=LookKind.SEARCH, detections=tuple(detections))
+    return Observations.from_batches(COCO17, tuple(found), [batch], [[np.arange(n) for n in found.values()]])
+
+
+@pytest.mark.parametrize(("depth", "seeing", "enough"), [(False, 2, True), (False, 1, False), (True, 1, True), (True, 0, False)])
+def test_a_person_in_too_few_cameras_is_refused_with_their_number(depth: bool, seeing: int, enough: bool) -> None:
+    found = {f"cam{c}": int(c < seeing) for c in range(3)}
+    said: list[str] = []
+    if enough:
+        _check_people(detections_of(found, depth), said.append)
+    else:
+        with pytest.raises(InputError, match=rf"a person was found in {seeing} of 3 cameras.*no person in: .*cam2"):
+            _check_people(detections_of(found, depth), said.append)
+    assert [line.split(":")[0] for line in said] == [f"camera cam{c}" for c in range(seeing, 3)]
