@@ -21,8 +21,8 @@ help:
 	@echo "make mutation  which small changes of the code do no tests notice? docs/mutation.md"
 	@echo "make bench-live the figures of live tracking"
 	@echo "make paper      the paper's experiments: pages in out/paper, docs/accuracy.md"
-	@echo "make demo-clip  render the bundled clip anew with the simulator"
-	@echo "make pictures   draw the pictures of the docs anew"
+	@echo "make demo-clip  render the bundled clip again with the simulator"
+	@echo "make pictures   draw the pictures of the docs again"
 	@echo "make docs       build the documentation site in out/site; a warning is an error"
 	@echo "make package    build, check and try what would be published; nothing is uploaded"
 

@@ -5,7 +5,7 @@
 One body per seed. The first run draws the seeds by chance and keeps them in DIR, so no one knows them before. DIR also keeps
 rendered scenes, what the networks saw in them, and a line of figures per row and body, so that work can be stopped and
 continued at any time: run the same command again. With another version of the code, delete DIR/figures.jsonl; nothing is
-rendered or detected anew. `--list` names the rows. Tables on stderr, one JSON object on stdout.
+rendered or detected again. `--list` names the rows. Tables on stderr, one JSON object on stdout.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Run: python bench/calibration_faults.py [--seeds 0 1 2] [--quick] [--only TEXT] [--page FILE] [--words] [--keep DIR [--for-s S]]
 
 Every case runs for every seed; the same seed makes the same session. `--quick` runs one seed of a few cases of each group.
-`--words` prints what was said. JSON goes to stdout, the table to stderr and, on request, to a page.
+`--words` prints the messages. JSON goes to stdout, the table to stderr and, on request, to a page.
 
 `--keep DIR` keeps each answer in a file; runs that are there are not run again, and several processes may share DIR. `--for-s`
 begins no run after so many seconds, and writes the page of what is there.
@@ -45,7 +45,7 @@ def chosen_runs(only: str, seeds: list[int], quick: bool) -> list[Run]:
 
 
 def show(run: Run, outcome: Outcome, words: bool) -> None:
-    """One line, with what was said where asked for."""
+    """One line, with the messages on request."""
     of, answer = run.of, outcome.answer
     group = of.group if isinstance(of, Case) else "good"
     said = f" {answer.error_mm:.1f} mm {answer.error_deg:.3f} deg: {answer.words[:600]}" if words else ""

@@ -1,4 +1,4 @@
-"""Clocks of two machines from the person their cameras see: how far off the difference is found, as time goes on.
+"""Clocks of two machines from the person their cameras see: how far off the difference is found, over time.
 
     python bench/clock_offsets.py SESSION... [--detector blazepose] [--runs 12]
 

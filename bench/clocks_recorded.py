@@ -69,7 +69,7 @@ def shifted(tracks: Sequence[PersonTrack], late_s: Sequence[float], drift: Seque
 
 
 def with_rig(rig: Rig, tracks: Sequence[PersonTrack], late_s: Sequence[float], drift: Sequence[float] | None = None) -> dict:
-    """Error of each camera's offset and how sure it is said to be, or the refusal."""
+    """Error and stated standard error of each camera's offset, or the refusal."""
     try:
         found = clocks_from_person(rig, shifted(tracks, late_s, drift), MOST_S, drift is not None)
     except CalibrationError as refused:
@@ -90,7 +90,7 @@ def clock_errors(clocks: ClockEstimate, late_s: Sequence[float]) -> dict:
 
 
 def alone(rig: Rig, tracks: Sequence[PersonTrack], late_s: Sequence[float]) -> dict:
-    """Worst camera and clock when the person has to tell both, as `--clocks auto` does."""
+    """Worst camera and clock when both are solved from the person, as `--clocks auto` does."""
     length, tracks, figures = KnownLength(stature_m=STATURE_M), shifted(tracks, late_s), {}
     try:
         start = unplaced_clocks(tracks, rig.cameras, length, "auto", MOST_S)

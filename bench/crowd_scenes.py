@@ -29,7 +29,7 @@ RATE_HZ, SECONDS, VISIBLE_EVERY = 30.0, 11.0, 3
 DEVELOPMENT_SEED, REPORTED_SEEDS = 11, (483, 46254)
 # no person walks through another
 LEAST_APART_M = 0.18
-# the network finds a person of whom it sees this share of the keypoints, in most frames
+# the network finds a person if it sees this share of the keypoints, in most frames
 LEAST_VISIBLE, MISSED = 0.4, 0.03
 # keypoint noise as a share of a person's height in the picture: 2.4 px of the demo clip's 215
 SIGMA_SHARE, HIDDEN_FACTOR, HIDDEN_SCORE, SEEN_SCORE = 0.011, 4.0, 0.3, 0.95

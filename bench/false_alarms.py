@@ -48,7 +48,7 @@ CASES = {
 
 
 def alarms(rig: Rig, place, case: tuple, seed: int, announced: bool = True) -> list[str]:
-    """What is said of healthy cameras in one block of time. announced: the watch is told when the clip is cut."""
+    """What is reported about healthy cameras in one block of time. announced: the watch is informed of cuts in the clip."""
     rate_hz, jitter, lost, cut_s = case
     events = []
     for c, camera in enumerate(rig):

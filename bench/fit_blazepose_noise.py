@@ -50,7 +50,7 @@ class Samples:
 
 
 def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> Samples:
-    """What the network says about every rendered person, and how wrong it is, seen through regions as they are in use."""
+    """Network outputs and errors for every rendered person, with the regions of normal use."""
     truth = read_truth(folder / "truth" / "truth.npz")
     rng = np.random.default_rng(int(folder.name.removeprefix("scene")))
     looks, errors, visible = [], [], []

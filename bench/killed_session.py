@@ -61,7 +61,7 @@ class _Done(Exception):
 
 
 def ms_until_standing(fault: str, session: Path) -> float | None:
-    """From the fault to the last motion of the robot, by the robot's own recording; None: it went on moving.
+    """From the fault to the last motion of the robot, by the robot's own recording; None: it continued moving.
 
     Raises:
         RuntimeError: the robot never moved.

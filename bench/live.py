@@ -5,7 +5,7 @@
 A simulated session is played at the pace of the clock. Medians over the runs; tables on stderr, one JSON object on stdout.
 Scenarios: four cameras; eight (each video given twice, as two cameras at one place); both also with the small network; the
 paper's ``latest`` tracker; the network's landmarks as they are, not moved to joint centres. *every frame* is what a machine that
-never gives up a frame would say after the same delay: 2D poses of all frames, made beforehand, through the same tracker.
+never drops a frame would give after the same delay: 2D poses of all frames, made beforehand, through the same tracker.
 """
 
 import argparse
@@ -61,7 +61,7 @@ def recorded_poses(recording: Path, zero_ns: int) -> list[Pose3D]:
 
 
 def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tuple[str, ...]) -> list[Pose3D]:
-    """What the tracker says at every output tick when each frame's 2D poses reach it `delay_ms` after exposure."""
+    """The tracker's output at every output tick when each frame's 2D poses reach it `delay_ms` after exposure."""
     config = read_overridden(None, settings, LiveConfig)
     track = replace(TrackConfig(), detector=config.detector, outputs=())
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)

@@ -80,7 +80,7 @@ def capture_stages(video: Path, spent: Spent) -> list[Frame]:
         for i in range(FRAMES):
             frame = spent.of("decode", lambda: next(decoded))
             image = spent.of("convert to RGB", lambda frame=frame: converter.rgb(frame))
-            spent.of("sample, to tell whether it changes", lambda image=image: image[::12, ::12].copy())
+            spent.of("sample, to see whether it changes", lambda image=image: image[::12, ::12].copy())
             frames.append(Frame(camera=video.stem, seq=i, t_ns=i, received_ns=i, image=image))
     return frames
 

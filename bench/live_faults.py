@@ -1,4 +1,4 @@
-"""What goes wrong in a live session, on purpose: how soon it is named, whether the skeleton goes on, how soon it is over.
+"""What goes wrong in a live session, on purpose: how soon it is named, whether the skeleton continues, how soon it is over.
 
     python bench/live_faults.py [--only NAME ...] [--detector blazepose] [--session examples/demo]
 

@@ -1,4 +1,4 @@
-"""What people do whom the live tracker is measured and fitted on: arms that swing, knees that give way, jumps.
+"""Motions on which the live tracker is measured and fitted: swinging arms, buckling knees, jumps.
 
 A `Place` gives the ANATOMICAL23 keypoints (T, 23, 3) of one person at times (T,) in seconds. Each function takes a person and
 gives the same person doing something else; segments keep their lengths.

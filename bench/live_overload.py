@@ -1,4 +1,4 @@
-"""What a session that is overloaded sends out: poses far from the truth, and how many of them say so.
+"""The output of an overloaded session: poses far from the truth, and how many of them state a large uncertainty.
 
     python bench/live_overload.py [--seconds 60] [--seed 0]
 

@@ -57,7 +57,7 @@ class Processes:
         self._root, self._began_s = root, time.monotonic()
 
     def named(self, note: str) -> None:
-        """Learn which process has which cameras from what the session says."""
+        """Learn which process has which cameras from the session's output."""
         for cameras, pid in re.findall(r"cameras ([^;]+?) in process (\d+)", note):
             self.roles[int(pid)] = f"cameras {cameras}"
         for pid in re.findall(r"rig watched in process (\d+)", note):

@@ -6,7 +6,7 @@ Cameras of 30 frames/s that are not synchronised (random phases), every view 25 
 at 100 Hz. Noise as the default network's on the demo clip: its size, and how much of it lasts from frame to frame. A table
 on stderr, one JSON object on stdout. NEES is the squared error in units of the stated covariance: 3 when it is honest.
 
-Two more rows say what limits the asynchronous tracker: *exact views* leaves what cannot be foreseen while views are on their
+Two more rows show what limits the asynchronous tracker: *exact views* leaves what cannot be foreseen while views are on their
 way, *at once* (views without latency) what noise leaves.
 """
 

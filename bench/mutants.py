@@ -107,7 +107,7 @@ class Copy:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder = folder.resolve()
-        # a test that was deleted must not go on killing
+        # a test that was deleted must not continue killing
         shutil.rmtree(folder / "tests", ignore_errors=True)
         for name in _COPIED:
             source, target = REPOSITORY / name, folder / name
@@ -131,7 +131,7 @@ class Copy:
         return time.monotonic() - began
 
     def answer(self, mutant: Mutant, tests: Sequence[str], limit_s: float) -> str:
-        """What the tests say about a mutant: ``killed``, ``survived``, or ``timeout``."""
+        """The result of the tests for a mutant: ``killed``, ``survived``, or ``timeout``."""
         file = self.folder / mutant.path
         stat = file.stat()
         original, changed = mutant.texts()

@@ -1,4 +1,4 @@
-"""Mutation testing: which small changes of the code would no test notice?
+"""Mutation testing: which small changes of the code does no test detect?
 
 Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--minutes 4] [--page docs/mutation.md]
 
@@ -6,8 +6,8 @@ A mutant is one changed operator, number or condition (cosmic-ray makes them). `
 random and tested in a copy of the repository by the quick tests of that package; the first failing test kills a mutant. What
 survives is either a missing test or a change without effect: read them.
 
-It can be done in pieces: after `--minutes` it stops, and the next call goes on where it stopped. Answers are kept in `--work`
-until the code or the tests change; `--survivors` asks those again that survived before the tests changed. JSON goes to stdout.
+It can run in parts: after `--minutes` it stops, and the next call continues there. Answers are kept in `--work`
+until the code or the tests change; `--survivors` tests those again that survived before the tests changed. JSON goes to stdout.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PACKAGES = {
     ),
     "tracking": (("tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),
 }
-# a mutant that takes this many times as long as the tests alone hangs; so much more for compiling kernels anew
+# a mutant that takes this many times as long as the tests alone hangs; so much more for compiling kernels again
 _LONGER, _COMPILING_S = 4.0, 120.0
 
 
@@ -87,7 +87,7 @@ class Answers:
 
 
 def test_mutants(package: str, mutants: list[Mutant], answers: Answers, work: Path, until_s: float, survivors: bool) -> None:
-    """Ask the tests about every mutant that has no answer yet, until the time is over."""
+    """Test every mutant that has no answer so far, until the time is over."""
     tests = PACKAGES[package][1]
     digest = digest_of(tests)
     left = [mutant for mutant in mutants if answers.of(mutant, digest, survivors) is None]
@@ -126,7 +126,7 @@ def page(results: dict[str, dict[str, Any]], seed: int) -> str:
     lines = [
         "# Mutation testing",
         "",
-        "How many small changes of the code do the quick tests of a package notice? A mutant is one changed operator, number or "
+        "How many small changes of the code do the quick tests of a package detect? A mutant is one changed operator, number or "
         "condition; a random sample of each package's mutants is tested, one at a time, and the first failing test kills a "
         f"mutant. Made by `make mutation` (`bench/mutation.py`, seed {seed}).",
         "",
@@ -135,7 +135,7 @@ def page(results: dict[str, dict[str, Any]], seed: int) -> str:
         *(f"| {name} | {one['drawn']} | {one['tested']} | {one['killed']} | {_score(one)} |" for name, one in results.items()),
         "",
         "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger). Mutants "
-        "that are drawn and not tested were left when the time was over; the same command goes on with them.",
+        "that are drawn and not tested were left when the time was over; the same command continues with them.",
         "",
     ]
     for name, one in results.items():
@@ -154,7 +154,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=30, help="mutants of every package")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", nargs="*", choices=sorted(PACKAGES), default=list(PACKAGES))
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long; the next call goes on")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long; the next call continues")
     parser.add_argument("--survivors", action="store_true", help="ask survivors of older tests again")
     parser.add_argument("--work", type=Path, default=Path("out/mutation"), help="copy of the repository, and answers so far")
     parser.add_argument("--page", type=Path)

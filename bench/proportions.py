@@ -4,7 +4,7 @@
 
 Simulated: bodies and motions of `evaluation.fitting.scenes`, their joint centres known, marks moved towards the trunk.
 Real: the reference is another pipeline's result from the same marks, so it shares what is wrong with them; and what networks
-with a fitted table of their own say of the same man. Tables on stderr, one JSON object on stdout.
+with a fitted table of their own give for the same man. Tables on stderr, one JSON object on stdout.
 """
 
 import argparse

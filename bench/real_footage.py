@@ -2,7 +2,7 @@
 
     python bench/real_footage.py [--data ../shared/data/pose2sim_single]
 
-The reference (Pose2Sim's triangulation of OpenPose) is another markerless estimate, not the truth: distances tell what
+The reference (Pose2Sim's triangulation of OpenPose) is another markerless estimate, not the truth: distances show what
 changes for better or worse, not how accurate either is. A table on stderr, one JSON object on stdout.
 """
 

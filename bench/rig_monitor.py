@@ -208,7 +208,7 @@ def later(clip: Clip, late_s: float) -> np.ndarray:
 
 
 def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[monitor.RigFinding]:
-    """What the monitor says of keypoints (T, C, K, 2); a while after the first finding after `after_s` all has been said."""
+    """Findings of the monitor for keypoints (T, C, K, 2); it stops some time after the first finding after `after_s`."""
     chosen = limb_keypoints(clip.skeleton.keypoints)
     state, found = monitor.start(clip.rig), []
     for t_s, seen in zip(clip.t_s.tolist(), xy[:, :, chosen], strict=True):

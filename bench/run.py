@@ -1,7 +1,7 @@
 """Run every benchmark and write docs/benchmarks.md: `make bench`, or `python bench/run.py NAME ...` for some of them.
 
 Each benchmark is a script of this folder that prints its table on stderr and one JSON object on stdout. The JSON is kept in
-out/bench. Every part of the page says when and on what machine it was made; parts that are not run anew stay as they are.
+out/bench. Every part of the page states its date and machine; parts that are not run again stay as they are.
 """
 
 import json
@@ -30,7 +30,7 @@ TITLES = {
     "rig_monitor": "Rig monitor: moved, late and exchanged cameras",
     "live": "Live: the whole pipeline",
     "live_tracking": "Live: the tracker against the paper's way",
-    "live_faults": "Live: what goes wrong, and what comes of it",
+    "live_faults": "Live: what goes wrong, and the results",
     "live_soak": "Live: an hour",
     "wire": "Network: one-way time of a skeleton",
 }
@@ -65,7 +65,7 @@ def run(name: str) -> str:
 
 
 def parts_of_page() -> dict[str, str]:
-    """What docs/benchmarks.md says now, by title."""
+    """The present text of docs/benchmarks.md, by title."""
     if not PAGE.is_file():
         return {}
     _, *parts = PAGE.read_text(encoding="utf-8").split("\n## ")

@@ -1,4 +1,4 @@
-"""Two machines on one: network namespaces joined by a link that loses, delays and breaks when told to.
+"""Two machines on one: network namespaces joined by a link that loses, delays and breaks on request.
 
 The link is carried by this process, packet by packet between two TUN devices, so that no module of the kernel is needed and what
 is lost follows from a seed. As root, on Linux.

@@ -6,7 +6,7 @@
 What a network misses of a joint centre in one view (see `bench/error_parts.py`) is learned by ridge regression on functions of
 the fused pose (turn of the segment in the trunk, bend of the joint) and of the viewing direction in segment and trunk, as a
 displacement in the axes of the segment: at most 29 x 3 numbers a joint. It is subtracted from the keypoints of every view, which
-are then fused and fitted anew. Learned on the scenes of OUT and MORE (folders of the `render` of `fit_joint_centres.py` and of
+are then fused and fitted again. Learned on the scenes of OUT and MORE (folders of the `render` of `fit_joint_centres.py` and of
 `fit_blazepose_noise.py`; bodies of random seeds 7000 to 7429), judged on the walks of DIR (`bench/body_held_out.py --keep DIR
 --only walk --seeds 7300,...`) and on the real recording of `bench/real_footage.py`, by the distance to the other pipeline's
 result and by how well the views agree. Tracked scenes are kept in OUT. A table on stderr, one JSON object on stdout.

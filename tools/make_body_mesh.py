@@ -66,7 +66,7 @@ def rest(model: Any, parameters: dict[str, float]) -> tuple[np.ndarray, np.ndarr
 
 
 def main() -> None:
-    """Write the file and say how much of people's shapes it leaves out."""
+    """Write the file and print how much of the variation of body shapes it leaves out."""
     whole, small = anny.Anny(rig="anny"), anny.Anny(rig="anny", topology=TOPOLOGY)
     names = SKELETONS["anatomical23"].keypoints
     regression = anny.KeypointsRegressor.coco(whole, labels=list(names)).regression_weights.numpy()

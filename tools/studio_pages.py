@@ -76,7 +76,7 @@ def survived(workspace: Path, port: int, watched: Watched) -> list[str]:
     two = watched.page(SIZES["_phone"])
     check("two tabs show it", drawn(two))
     one.close()
-    check("one tab closed, the other goes on", drawn(two))
+    check("one tab closed, the other continues", drawn(two))
     two.context.set_offline(True)
     two.wait_for_timeout(3000)
     two.context.set_offline(False)

@@ -55,7 +55,7 @@ def stand_in(workspace: Path, cameras: int) -> Iterator[None]:
 
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
-    """Wait; raises TimeoutError that says for what."""
+    """Wait; raises TimeoutError that names the condition."""
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:

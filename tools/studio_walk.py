@@ -230,7 +230,7 @@ def _report(way: Walk) -> None:
         opened.value.wait_for_load_state()
         way.picture("report", opened.value)
         if "left knee" not in opened.value.inner_text("body").lower().replace("_", " "):
-            raise AssertionError("the report says nothing about knees")
+            raise AssertionError("the report has no knee angles")
 
 
 def render(folder: Path) -> Path:

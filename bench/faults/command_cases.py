@@ -44,7 +44,7 @@ class Look:
 
 
 class _Recorded(Terminal):
-    """A terminal that keeps what it was told."""
+    """A terminal that keeps its lines."""
 
     def __init__(self) -> None:
         super().__init__(as_json=True)
@@ -161,7 +161,7 @@ STALE = "[cameras.cam01]\noffset_s = 0.1\n"
 CASES = (
     _case("images of one camera mirrored", r"cam01.*mirrored", Look(mirrored=(1,))),
     _case("images of all cameras mirrored", r"mirrored", Look(mirrored=(0, 1, 2))),
-    _case("wrong dictionary said", r"DICT_5X5_100", Look(dictionary="DICT_5X5_100")),
+    _case("wrong dictionary stated", r"DICT_5X5_100", Look(dictionary="DICT_5X5_100")),
     _case("print with colours exchanged", r"colours", Look(inverted=True)),
     _case("ids that are not on the prop", r"the target has ids 20, 21, 22", Look(), ("--ids", "20", "21", "22")),
     _case("one camera out of focus", r"cam01.{0,80}blur", Look(blurred=(1,))),

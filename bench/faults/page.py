@@ -14,7 +14,7 @@ Written by `make calibration-faults`. Every fault is constructed with a known tr
 
 - *right name*: refused (or, for files, warned of) with the cause named. *other name*: refused, and another cause named.
 - *corrected*: a rig came out within {MOST_ERROR_MM:g} mm and {MOST_ERROR_DEG:g} deg of the truth (a person: six times as much).
-- *silent*: a wrong rig came out and nothing was said.
+- *silent*: a wrong rig was the result, without a message.
 """
 
 Found = Sequence[tuple[Case, Outcome]]

@@ -136,8 +136,8 @@ def _late(name: str, late_s: float, clocks: str, cause: str) -> Case:
 
 
 CASES = (
-    _case("person: height 0.5 m said", r"height.*0\.5", _same, 0.5),
-    _case("person: height 178 m said", r"height.*178", _same, 178.0),
+    _case("person: height 0.5 m stated", r"height.*0\.5", _same, 0.5),
+    _case("person: height 178 m stated", r"height.*178", _same, 178.0),
     _case("person: height 10 % too large", r"height", _same, 1.1 * STATURE_M, why="everything scales with the height"),
     _case("person: images of all mirrored", r"mirrored", _mirrored((0, 1, 2, 3))),
     _case("person: image of one mirrored", r"cam01.*mirrored|mirrored.*cam01", _mirrored((1,))),
@@ -150,5 +150,5 @@ CASES = (
     _lenses("person: focal length of one +25 %", r"cam01.*(intrinsics|focal)|intrinsics of cam01",
             lambda cs: one_changed(cs, 1, zoomed(cs[1], 0.25))),
     _late("person: one camera 100 ms late", 0.1, "auto", r"clock"),
-    _late("person: one camera 100 ms late, said synchronised", 0.1, "together", r"cam02.*(clock|late|unsynchronised)"),
+    _late("person: one camera 100 ms late, stated as synchronised", 0.1, "together", r"cam02.*(clock|late|unsynchronised)"),
 )  # fmt: skip

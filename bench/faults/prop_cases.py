@@ -65,7 +65,7 @@ def _lens_of(source: Camera, camera: Camera) -> Camera:
 
 
 def _permuted(order: tuple[int, ...]) -> Build:
-    """Camera i is said to have the intrinsics of camera order[i], as when the videos' names are swapped."""
+    """Camera i gets the intrinsics of camera order[i], as when the videos' names are swapped."""
     return _intrinsics(lambda cameras: tuple(_lens_of(cameras[order[i]], camera) for i, camera in enumerate(cameras)))
 
 
@@ -281,15 +281,17 @@ CASES = (
     _case("names of two cameras swapped", r"cam01.*cam02.*swapped", _permuted((0, 2, 1, 3))),
     _case("names of three cameras in a circle", r"cam01.*cam02.*cam03.*(swapped|order)", _permuted((0, 2, 3, 1))),
     _case("one video given twice", r"cam00 and cam01.*(same video|nearest, 0 mm)", _twice(0.0)),
-    _case("one video given twice, compressed anew", r"cam00 and cam01.*(same video|nearest, \d mm)", _twice(0.1)),
+    _case("one video given twice, compressed again", r"cam00 and cam01.*(same video|nearest, \d mm)", _twice(0.1)),
     _case("one camera 100 ms late", r"cam02.*clock|clock.*cam02", _late(0, 0, 0.1, 0)),
     _case(
-        "one camera 100 ms late, said synchronised",
+        "one camera 100 ms late, stated as synchronised",
         r"cam02.*(ms late|clock)|clock.*cam02|cam02 \+1\d\d ms",
         _late(0, 0, 0.1, 0),
         TOGETHER,
     ),
-    _case("one camera 20 ms late, said synchronised", r"cam02.*(ms late|clock)|clock.*cam02", _late(0, 0, 0.02, 0), TOGETHER),
+    _case(
+        "one camera 20 ms late, stated as synchronised", r"cam02.*(ms late|clock)|clock.*cam02", _late(0, 0, 0.02, 0), TOGETHER
+    ),
     _case("one camera 1.2 s late", r"clock.*cam02|cam02.*clock|cam02 \+\d+ ms", _late(0, 0, 1.2, 0)),
     _case("one clock runs 3000 ppm fast", r"cam02.*(drift|ppm|fast)", _images(lambda s, seed: s.watch(drift=(0, 0, 3e-3, 0)))),
     _case("one camera loses a frame: clock jumps by 67 ms", r"clock of cam02 jumps", _clock_step(0.067)),
@@ -314,11 +316,11 @@ CASES = (
     _case("all images blurred: corners 6 px off", r"blur", _noisy(6.0, (0, 1, 2, 3))),
     _case("images of one camera blurred: corners 5 px off", r"blur.{0,30}cam01|cam01.{0,60}blur", _noisy(5.0, (1,))),
     _case("the prop is held still", r"(held|kept) still|coverage|too little", _images(_held_still)),
-    _case("marker side 24 mm said for 240", r"marker|side", _other_side(0.1)),
-    _case("marker side 0.24 mm said for 240", r"marker side", _other_side(1e-3)),
-    _case("marker side 2400 mm said for 240", r"marker side", _other_side(10.0)),
+    _case("marker side 24 mm stated for 240", r"marker|side", _other_side(0.1)),
+    _case("marker side 0.24 mm stated for 240", r"marker side", _other_side(1e-3)),
+    _case("marker side 2400 mm stated for 240", r"marker side", _other_side(10.0)),
     _case(
-        "marker side 264 mm said for 240",
+        "marker side 264 mm stated for 240",
         r"marker side",
         _other_side(1.1),
         why="everything scales with it; `verify` with another target shows it",
@@ -328,7 +330,7 @@ CASES = (
     _case("board: names of two cameras swapped", r"cam01.*cam02.*swapped", _permuted((0, 2, 1, 3)), group="board"),
     _case("board: a camera moved by 1 deg and 30 mm", _MOVED, _moved(0.03, 1.0, 20.0), group="board"),
     _case(
-        "board: one camera 100 ms late, said synchronised",
+        "board: one camera 100 ms late, stated as synchronised",
         r"cam02.*(ms late|clock)|clock.*cam02|cam02 \+1\d\d ms",
         _late(0, 0, 0.1, 0),
         TOGETHER,

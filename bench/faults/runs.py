@@ -1,4 +1,4 @@
-"""One run of one case or good session: kept in a file of its own, so that a long bench can stop, go on, and share its work."""
+"""One run of one case or good session: kept in a file of its own, so that a long bench can stop, continue, and share its work."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a run.
+    """The result of a run.
 
     Attributes:
         verdict: of a fault, one of `verdict.VERDICTS`; of a good session, accepted or refused. answer: with its words.
@@ -52,7 +52,7 @@ def carry_out(run: Run) -> Outcome:
 
 
 def kept(folder: Path, run: Run) -> Outcome | None:
-    """The outcome of an earlier time; judged anew, so that a corrected regular expression needs no new run."""
+    """The outcome of an earlier time; judged again, so that a corrected regular expression needs no new run."""
     try:
         content = json.loads((folder / run.file).read_text(encoding="utf-8"))
     except (OSError, ValueError):

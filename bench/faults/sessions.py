@@ -139,7 +139,7 @@ def moved(camera: Camera, shift_m: float, turn_deg: float, seed: int) -> Camera:
 
 
 def zoomed(camera: Camera, by: float) -> Camera:
-    """Intrinsics whose focal length is said larger by a share."""
+    """Intrinsics with a focal length that is too large by a share."""
     return replace(camera, K=camera.K * np.array([[1 + by, 1, 1], [1, 1 + by, 1], [1, 1, 1]]))
 
 

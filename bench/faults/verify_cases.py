@@ -1,4 +1,4 @@
-"""Rigs that are no longer right, and what `verify` says with a marker held in the room."""
+"""Rigs that are no longer correct, and the answer of `verify` with a marker held in the room."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def held_board(rig: Rig, seed: int, noise_px: float = 0.15, **faults: object) ->
 
 
 def answer(rig: Rig, seen: CornerObservations, wrong: bool = True) -> Answer:
-    """What verification says; a rig that passes although it is wrong counts as silent."""
+    """The result of verification; a rig that passes although it is wrong counts as silent."""
     try:
         verify(rig, seen, TARGET).report.require()
     except CalibrationError as error:

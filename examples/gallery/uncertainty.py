@@ -1,4 +1,4 @@
-"""Is the stated uncertainty right? Errors against exact truth, next to what the recording says of itself.
+"""Is the stated uncertainty right? Errors against exact truth, next to the recording's own statement.
 
 The bundled clip is simulated, so the truth is known. The length of an error in space has the variance ``trace(cov)``; if the
 covariance is honest, 95 of 100 errors are shorter than 1.6 times its root (a chi-squared law of three degrees of freedom).

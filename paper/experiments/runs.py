@@ -91,7 +91,7 @@ class Run:
 
 
 def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | None = None) -> Run:
-    """Render a scene, unless it lies there already, and track it as the context says."""
+    """Render a scene, unless it exists already, and track it with the options of the context."""
     config = context.config
     folder = rendered(name, scene, context)
     session = find_session(folder, config)

@@ -68,7 +68,7 @@ def _check(context: Context, blocks: list[Block]) -> dict[str, Any]:
             found[case][str(seed)] = {name: errors.mpjpe_mm for name, errors in columns.items()}
     rows = [[f"{case}, {what}", *(found[case][str(seed)][what] for seed in CHECK_SEEDS)] for case in TITLES for what in columns]
     blocks += [
-        Heading("Other bodies", "Mean over 14 joints, mm. Bodies drawn by these seeds; clutter drawn anew."),
+        Heading("Other bodies", "Mean over 14 joints, mm. Bodies drawn by these seeds; clutter drawn again."),
         Table(["case", *(f"seed {seed}" for seed in CHECK_SEEDS), "mean"], [[*row, float(np.mean(row[1:]))] for row in rows]),
     ]
     return found

@@ -30,7 +30,7 @@ def write_summary(out: Path) -> Path:
     parts = [
         "# Accuracy",
         "Made by `python -m paper all`. Rendered people with exact truth, the real network in the loop; millimetres; mean "
-        "over the paper's 14 joints unless said otherwise.",
+        "over the paper's 14 joints unless stated otherwise.",
         "No constant is fitted to the people and movements reported here. The noise model and the joint centres were fitted on "
         f"bodies of random seeds 7000 to 7207 (`bench/fit_*.py`); the tables below show the default body, and seeds "
         f"{', '.join(map(str, CHECK_SEEDS))} as a check. "

@@ -65,7 +65,7 @@ class _Body:
 
 
 def suit_joints(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> Array:
-    """The paper's 14 joints (T, 14, 3) as the suit tells them, in world metres; it begins where the truth does.
+    """The paper's 14 joints (T, 14, 3) as the suit reports them, in world metres; it begins where the truth does.
 
     Args:
         truth: of one person, with the joints, heels and big toes.
@@ -105,7 +105,7 @@ def standing_point(points: Array) -> Array:
 
 
 def _chained(points: dict[str, Array], body: _Body, noise: SuitNoise, rng: np.random.Generator) -> dict[str, Array]:
-    """(T, 3) from the middle of the hips to every joint and sole, along bones as their segments' sensors tell them."""
+    """(T, 3) from the middle of the hips to every joint and sole, along bones oriented by their segments' sensors."""
     found = {"mid_hip": np.zeros((len(body.t_s), 3))}
     for bones in _BONES.values():
         sensor = _sensor(body, noise, rng)
@@ -146,7 +146,7 @@ def _wander(t_s: Array, time_s: float, shape: tuple[int, ...], rng: np.random.Ge
 
 
 def _stepped(points: dict[str, Array], from_pelvis: dict[str, Array], noise: SuitNoise, rng: np.random.Generator) -> Array:
-    """The pelvis over the standing point of the feet; when another one stands, it is put where the chain says it is."""
+    """The pelvis over the standing point of the feet; when another one stands, its position follows from the chain."""
     standing = standing_point(np.stack([points[name] for name in _SOLES], axis=1))
     # the floor is known to be level
     height = {name: float(np.percentile(points[name][:, 2], 5)) for name in _SOLES}

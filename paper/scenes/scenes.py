@@ -53,7 +53,7 @@ def static_scene(occluded: bool, seed: int = 1, duration_s: float = 3.0) -> Scen
     """T-pose among eight cameras on a circle of 4.5 m; with walls, boxes and clutter if `occluded`.
 
     Seed 1 has the default body; every other seed a body and clutter of its own. Nothing moves, so time steps differ by sensor
-    noise and coding alone: a few seconds say all, and more bodies say more than more time.
+    noise and coding alone: a few seconds are enough, and more bodies help more than more time.
     """
     return _scene(
         {

@@ -60,7 +60,7 @@ def test_the_two_solutions_of_one_flat_marker_are_decided_by_other_views(lab: An
 def test_a_marker_too_small_to_decide_is_refused(lab: Any, ring_rig: Any) -> None:
     far, small = ring_rig(4, radius_m=6.0), Markers(0.16)
     seen = observe_prop(far, {0: SE3.identity()}, small, lab.motion, Faults(noise_px=0.4))
-    with pytest.raises(RefusedCalibration, match=r"too small to tell their slant|cannot be linked"):
+    with pytest.raises(RefusedCalibration, match=r"too small to show their slant|cannot be linked"):
         calibrate_extrinsics(seen, far.cameras, small, TOGETHER)
 
 

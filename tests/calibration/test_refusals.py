@@ -66,7 +66,7 @@ def test_the_explanation_that_frees_least_among_equals_is_named() -> None:
 def test_two_explanations_that_cannot_be_separated_are_both_named() -> None:
     found = named(trial("moved", 0.3, 6), trial("zoomed", 0.3, 6))
     assert {cause.trial.words for cause in found} == {"moved", "zoomed"}
-    assert "moved or zoomed (the images do not tell which" in cause_check(found, 3.0).line
+    assert "moved or zoomed (the images do not show which" in cause_check(found, 3.0).line
 
 
 def test_what_explains_little_is_not_named() -> None:
@@ -128,7 +128,7 @@ def test_the_camera_that_was_turned_is_named_with_its_turn(wall: Rig, held: Any)
     turn = SE3.from_rotvec([0, np.deg2rad(1.0), 0], np.zeros(3))
     turned = replace(wall.cameras[1], cam_from_world=turn @ wall.cameras[1].cam_from_world)
     wrong = verify(Rig((wall.cameras[0], turned, *wall.cameras[2:])), held, TARGET)
-    check = next(check for check in wrong.report.failed if check.name == "cameras are where the rig says")
+    check = next(check for check in wrong.report.failed if check.name == "cameras are where the rig has them")
     assert check.detail.startswith("cam01 is turned by")
     assert np.rad2deg(wrong.cameras[1].turn_rad) == pytest.approx(1.0, abs=0.1)
     assert wrong.cameras[1].excess(VerifyLimits()) > 1

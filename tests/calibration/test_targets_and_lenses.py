@@ -107,7 +107,7 @@ def test_a_target_that_is_not_found_is_explained() -> None:
     assert "no marker of any known dictionary" in why_nothing([np.full((200, 300), 128, np.uint8)], BOARD)
     checks = cv2.resize(np.kron(np.indices((6, 8)).sum(axis=0) % 2, np.ones((8, 8))).astype(np.uint8) * 255, None, fx=5, fy=5)
     page = cv2.copyMakeBorder(checks, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
-    assert "a board of 7 x 5 inner corners is there, the target says 6 x 5" in why_nothing([page], Chessboard(6, 5, 0.05))
+    assert "a board of 7 x 5 inner corners is there, the target file states 6 x 5" in why_nothing([page], Chessboard(6, 5, 0.05))
 
 
 def test_the_same_id_twice_in_an_image_counts_for_nothing() -> None:

@@ -1,7 +1,7 @@
 """Who is right about the four webcams: the reference, made as if they were synchronised, or the rig with clocks of its own?
 
 The stamps of `timestamps.csv` are when a program took the images over, not when they were exposed. Each test here asks
-something that hangs on neither rig, or asks both rigs the same. With `-s` they print what they find.
+something that depends on neither rig, or asks both rigs the same. With `-s` they print what they find.
 """
 
 import csv

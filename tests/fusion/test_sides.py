@@ -65,7 +65,7 @@ def test_the_other_person_is_not_touched(ring_rig, standing, views_of):
 
 
 def test_one_compilation_serves_every_call(ring_rig, standing, views_of):
-    """Another memory order or a read-only array would compile the kernels anew: seconds, in the middle of a recording."""
+    """Another memory order or a read-only array would compile the kernels again: seconds, in the middle of a recording."""
     rig = ring_rig(4)
     right = views_of(rig, COCO, standing[None], sigma_px=1.0, seed=2)
     before = fuse(right, rig, FuseSettings())

@@ -1,4 +1,4 @@
-"""Type hashes (RIHS01, REP-2016) computed anew from the definitions, without the library that posefuse uses for it."""
+"""Type hashes (RIHS01, REP-2016) computed again from the definitions, without the library that posefuse uses for it."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""One time step of the whole-body fit: scipy's least squares on the same cost, written out anew, finds nothing better there."""
+"""One time step of the whole-body fit: scipy's least squares on the same cost, written out again, finds nothing better there."""
 
 import numpy as np
 import pytest

@@ -22,7 +22,7 @@ def truth(demo_session: Path) -> Truth:
 
 @pytest.fixture(scope="module")
 def views(truth: Truth) -> OracleViews:
-    """As the default network errs: 1.2 px anew in every frame, 4 px that stay with a camera and keypoint; and some wild ones."""
+    """As the default network errs: 1.2 px again in every frame, 4 px that stay with a camera and keypoint; and some wild ones."""
     return oracle_views(truth, OracleNoise(sigma_px=1.2, bias_px=4.0, outlier_share=0.03), seed=4)
 
 

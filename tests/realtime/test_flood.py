@@ -68,10 +68,10 @@ def test_ten_thousand_messages_do_not_harm_a_running_fusion_node(demo_session: P
     figures = json.loads(out)
     refused = figures["messages"]["refused"] + sum(figures["not_used"].values()) + sum(figures["strangers"].values())
     print(figures["messages"], figures["not_used"], figures["strangers"], {n: figures["cameras"][n]["used"] for n in sent}, sent)
-    # what came of the flood was counted, and said
+    # the result of the flood was counted, and said
     assert refused > 200
     assert "floods the network" in err
-    # every camera went on, and was never blamed
+    # every camera continued, and was never blamed
     for name, count in sent.items():
         assert figures["cameras"][name]["state"] == "ok"
         assert figures["cameras"][name]["used"] > 0.5 * count

@@ -1,4 +1,4 @@
-"""Outputs of a live session that fail: it is reported, they go on in a new file, and nothing is written over."""
+"""Outputs of a live session that fail: it is reported, they continue in a new file, and nothing is written over."""
 
 import os
 import pickle
@@ -90,7 +90,7 @@ def test_an_output_that_raises_an_error_is_reported_closed_and_reopened(capfd) -
     worker.finish()
     worker.join(PATIENCE_S)
     health = worker.health()
-    assert (health.failures, health.fault, health.text, health.where) == (1, failed.text, "goes on in part 2", "part 2")
+    assert (health.failures, health.fault, health.text, health.where) == (1, failed.text, "continues in part 2", "part 2")
     first, second = config.log[:6], config.log[6:9]
     assert first == [
         ("start", "part 1"), ("jointcentres", "part 1"), ("pose", "part 1"), ("pose", "part 1"), ("pose", "failed"),
@@ -207,7 +207,7 @@ def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed:
     kept, taken = first.read_bytes(), fed.taken()
     until(lambda: fed.state() == OK, fed.feed)
     assert fed.events()[-1] == ("record", OK)
-    assert fed.outputs.events[-1].text == f"goes on in {third}"
+    assert fed.outputs.events[-1].text == f"continues in {third}"
     until(lambda: fed.taken() > taken + 50, fed.feed)
     fed.outputs.close()
     assert fed.outputs.failed
@@ -328,7 +328,7 @@ def test_a_full_disk_is_reported_and_recording_continues_after_space_is_freed(sm
     assert fed.outputs.failed
     assert sorted(path.name for path in disk.iterdir()) == ["live.2.mcap", "live.mcap"]
     [line] = health_lines(LiveHealth(t_ns=0, cameras={}, outputs=fed.outputs.health))
-    assert line.level == 1 and "goes on after 1 failures, the last" in line.text
+    assert line.level == 1 and "continues after 1 failures, the last" in line.text
     said: list[str] = []
     assert len(list(read_poses(disk / "live.mcap", warn=said.append))) > 50
     assert len(said) == 1

@@ -45,7 +45,7 @@ def gone(pid: int) -> bool:
 def killed(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path, list[int]]:
     """A session in which one camera process is killed, and that is then stopped as by Ctrl-C."""
     recording = tmp_path_factory.mktemp("live") / "killed.mcap"
-    # shown again and again: a busy machine may need longer than the clip to start a process anew
+    # shown again and again: a busy machine may need longer than the clip to start a process again
     options = ("--loop", "10", "--record", str(recording), "--report", str(recording.with_name("report")))
     live = Live(command(demo_session, *options))
     pids = [int(pid) for pid in re.findall(r"in process (\d+)", live.wait_for("in process.*")[0])]

@@ -33,7 +33,7 @@ def test_killed_outputs_are_reported_and_recording_continues_and_the_session_end
     os.kill(outputs, signal.SIGKILL)
     live.wait_for(f"outputs: failed: process {outputs} ended by signal SIGKILL; starting again")
     record_property("s from kill -9 to the line", f"{time.monotonic() - killed_s:.2f}")
-    live.wait_for(f"output record: ok: goes on in {tmp_path / 'a.2.mcap'}")
+    live.wait_for(f"output record: ok: continues in {tmp_path / 'a.2.mcap'}")
     until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
     live.process.send_signal(signal.SIGINT)
     figures, _ = live.ended(1)
@@ -43,7 +43,7 @@ def test_killed_outputs_are_reported_and_recording_continues_and_the_session_end
     assert "process | failed | process" in (report / "latency.md").read_text()
     diagnostics = [entry.msg for entry in read_mcap(tmp_path / "a.2.mcap", {topics.DIAGNOSTICS.name})]
     [line] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
-    assert "goes on after 1 failures" in line.message and "SIGKILL" in line.message
+    assert "continues after 1 failures" in line.message and "SIGKILL" in line.message
     said: list[str] = []
     first = list(read_poses(recording, warn=said.append))
     second = list(read_poses(tmp_path / "a.2.mcap", warn=said.append))
@@ -71,7 +71,7 @@ def test_a_full_disk_is_reported_and_the_session_records_again_after_space_is_fr
     line = live.wait_for(r"(\S+) s  output record: failed: .*a\.mcap: No space left on device")
     record_property("s from the full disk to the line", f"{time.monotonic() - full_s:.2f}")
     filler.unlink()
-    live.wait_for(rf"output record: ok: goes on in {disk / 'a.2.mcap'}")
+    live.wait_for(rf"output record: ok: continues in {disk / 'a.2.mcap'}")
     until(lambda: (disk / "a.2.mcap").stat().st_size > FILLED)
     live.process.send_signal(signal.SIGINT)
     figures, _ = live.ended(1)
@@ -86,7 +86,7 @@ def test_a_full_disk_is_reported_and_the_session_records_again_after_space_is_fr
     assert len(said) <= 1
     diagnostics = [entry.msg for entry in read_mcap(disk / "a.2.mcap", {topics.DIAGNOSTICS.name})]
     [told] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
-    assert "goes on after 1 failures" in told.message and "No space left" in told.message
+    assert "continues after 1 failures" in told.message and "No space left" in told.message
 
 
 def fill(path: Path) -> float:

@@ -45,7 +45,7 @@ def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Pat
     assert np.allclose([f.t_ns * 1e-9 for f in frames], np.array(times_s) + 0.5, atol=2e-5)
     assert np.array_equal(source.times_ns(), [f.t_ns for f in frames])
     assert np.allclose([brightness(f) for f in frames], [0, 10, 20, 30, 40], atol=3)
-    assert [f.t_ns for f in source.frames()] == [f.t_ns for f in frames], "frames() starts anew"
+    assert [f.t_ns for f in source.frames()] == [f.t_ns for f in frames], "frames() starts again from the beginning"
 
 
 def test_transport_stream_counts_from_its_first_frame(tmp_path: Path) -> None:

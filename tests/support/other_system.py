@@ -1,7 +1,7 @@
 """Makes Python look to posefuse like Python of another system: imported as `sitecustomize` by every process of a test.
 
 Names that the standard library of that system does not have (typeshed knows them: mypy brings it) are missing for code of
-posefuse and there for everybody else, so that the standard library and other packages go on working. POSEFUSE_TEST_SYSTEM says
+posefuse and there for everybody else, so that the standard library and other packages continue working. POSEFUSE_TEST_SYSTEM says
 which system: a value of `sys.platform`.
 """
 

@@ -46,7 +46,7 @@ def test_the_judge_sees_limits_that_are_too_wide():
         assert guard in {breach.what.split()[0] for breach in breaches}, guard
 
 
-# these leave enough that is good to go on now and then
+# these leave enough that is good to continue now and then
 SOMETIMES = {"late network", "order not finite", "robot process late", "late heartbeats", "repeated heartbeats"}
 
 

@@ -1,4 +1,4 @@
-"""What makes the robot hold, one cause at a time, and what lets it go on."""
+"""What makes the robot hold, one cause at a time, and what lets it continue."""
 
 from dataclasses import replace
 

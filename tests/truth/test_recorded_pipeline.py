@@ -73,7 +73,7 @@ def test_a_camera_that_cannot_be_read_is_left_out_and_named(broken_session: Path
     (broken_session / "videos" / "cam01.mp4").write_bytes(b"not a video")
     code, said = first_frames(broken_session, tmp_path / "result", capsys)
     assert code == 0
-    assert "cam01.mp4: camera cam01" in said and "goes on without camera cam01" in said
+    assert "cam01.mp4: camera cam01" in said and "continues without camera cam01" in said
     assert read_recording(tmp_path / "result").rig.names == ("cam00", "cam02", "cam03")
 
 

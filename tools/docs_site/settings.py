@@ -1,4 +1,4 @@
-"""The settings reference, from the settings classes: key, type, range, default and what the docstring says."""
+"""The settings reference, from the settings classes: key, type, range, default and the text of the docstring."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _table(prefix: str, cls: type[Any]) -> str:
 
 
 def described(cls: type[Any]) -> tuple[str, dict[str, str]]:
-    """What a docstring says: the text above ``Attributes:``, and the meaning of each attribute by name.
+    """The contents of a docstring: the text above ``Attributes:``, and the meaning of each attribute by name.
 
     Several attributes may share a line: ``a, b: both. c: another.``
     """

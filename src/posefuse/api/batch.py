@@ -44,7 +44,7 @@ def batch(
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Returns:
-        The study: `Study.rows` is the table, `Study.failed` says what failed and why.
+        The study: `Study.rows` is the table, `Study.failed` lists failures with reasons.
 
     Raises:
         InputError: no session below `study`, or no place for the results.

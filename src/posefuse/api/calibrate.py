@@ -84,7 +84,7 @@ def calibrate_intrinsics(
         The cameras (all at the origin), and a report per camera.
 
     Raises:
-        RefusedCalibration: a check of a camera fails; `report` says which, and what to do.
+        RefusedCalibration: a check of a camera fails; `report` names it and the next step.
         CalibrationError: a camera in which the target was not found.
         InputError: unusable recordings.
 
@@ -141,7 +141,7 @@ def calibrate_extrinsics(
         keep_refused: return a refused calibration too. Its rig is marked as refused, and `report.failed` states why.
 
     Raises:
-        RefusedCalibration: a check fails; `report` says which, and what to do.
+        RefusedCalibration: a check fails; `report` names it and the next step.
         CalibrationError: input that cannot be used.
         InputError: unusable recordings.
     """
@@ -212,7 +212,7 @@ def calibrate_person(
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Raises:
-        RefusedCalibration: a check fails; `report` says which, and what to do.
+        RefusedCalibration: a check fails; `report` names it and the next step.
         CalibrationError: cameras that cannot be linked by what they see.
         InputError: unusable recordings, or not one length.
     """
@@ -226,7 +226,7 @@ def calibrate_person(
     with shown(progress) as report:
         seen = find_person(paths, cameras, length, search, report)
         found, estimate = solve_person(seen, length, with_drift=clocks == "drift", upside_down=upside_down)
-    # the intrinsics as they were given: videos of another size are fitted anew wherever they are read
+    # the intrinsics as they were given: videos of another size are fitted again wherever they are read
     poses = {camera.name: camera.cam_from_world for camera in found.rig}
     placed = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=poses[camera.name]) for camera in cameras))
     periods_s = () if estimate is None else frame_periods_s(paths, rate_hz)
@@ -257,7 +257,7 @@ def calibrate_clocks(
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Raises:
-        RefusedCalibration: a check fails; `report` says which, and what to do.
+        RefusedCalibration: a check fails; `report` names it and the next step.
         InputError: no session, or no frame rate.
     """
     folder = Path(session)

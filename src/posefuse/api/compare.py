@@ -21,7 +21,7 @@ def compare(
     scale: bool = False,
     align_first_s: float | None = None,
 ) -> Comparison:
-    """Bring `b` onto `a` in time and space and say how far apart they are, point by point, and how they drift.
+    """Bring `b` onto `a` in time and space and measure their distance point by point, and their drift.
 
     Args:
         a: a recording, a result folder, or a file of another system: TRC, C3D, CSV, MVNX.

@@ -1,4 +1,4 @@
-"""A result in the hand: look at it, save it, solve it again."""
+"""A recording: the result of tracking, to plot, save and solve again."""
 
 from __future__ import annotations
 

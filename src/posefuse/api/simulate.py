@@ -54,7 +54,7 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
         release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``.
 
     Returns:
-        What was written: folder, rig, seconds until the motion begins anew, and what of the scene Gazebo cannot show.
+        What was written: folder, rig, seconds until the motion starts again, and what of the scene Gazebo cannot show.
 
     Raises:
         ConfigError: a scene that cannot be, or not in Gazebo.

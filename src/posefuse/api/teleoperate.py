@@ -1,4 +1,4 @@
-"""A robot that follows the operator's hand: `posefuse.teleoperate`; docs/teleoperation.md says what it is not."""
+"""A robot that follows the operator's hand: `posefuse.teleoperate`; for its limits see docs/teleoperation.md."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def track(
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the detections stay in `out`, if it was given.
-        PosefuseError: anything that leaves fewer than two usable cameras or no person to follow; one line says what to do.
+        PosefuseError: anything that leaves fewer than two usable cameras or no person to follow; the message names the next step.
 
     Examples:
         >>> import posefuse as pf

@@ -15,7 +15,7 @@ from .candidates import Candidates
 
 # by camera and the number of another tool's track: the person
 Hints = Mapping[tuple[str, int], int]
-# what a detection supports the person whom it was taken for lately, of what it does without a hint
+# what a detection supports the person to whom it was assigned lately, of what it does without a hint
 _HINT_WEIGHT = 1.3
 
 

@@ -119,7 +119,7 @@ class Identity:
         return replace(self, people=people, left_ns=left_ns, tracks=kept)
 
     def _touching(self, t_ns: int, now: list[int]) -> Identity:
-        """Note which tracks touch: what they had learnt goes to their people, and learning begins anew."""
+        """Note which tracks touch: what they had learnt goes to their people, and learning starts again."""
         tracks, people = dict(self.tracks), dict(self.people)
         for place, a in enumerate(now):
             for b in now[place + 1 :]:
@@ -137,7 +137,7 @@ class Identity:
         return replace(self, tracks=tracks, people=people)
 
     def _exchanged(self) -> Identity:
-        """Take the exchanged reading of two tracks that touched where what was measured since says so."""
+        """Swap the identities of two tracks that touched where measurements since then support it."""
         state = self
         for a in sorted(self.tracks):
             for b in sorted(self.tracks[a].touched):

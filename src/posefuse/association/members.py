@@ -9,7 +9,7 @@ from posefuse.core.arrays import Array
 from .candidates import Candidates, agreement, joint_points
 from .settings import AssociateSettings
 
-# a person needs this many keypoints in 3D: fewer say nothing about whose they are
+# a person needs this many keypoints in 3D: fewer do not identify the person
 LEAST_POINTS = 3
 
 

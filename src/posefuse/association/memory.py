@@ -41,14 +41,14 @@ class LastSeen:
     body_velocity_m_s: Array
 
     def at(self, t_ns: int) -> Array:
-        """(K, 3) where the person is expected: the body goes on, ever more slowly."""
+        """(K, 3) where the person is expected: the motion continues with decreasing speed."""
         age_s = max(t_ns - self.t_ns, 0) * 1e-9
         return np.asarray(self.xyz_world + self.body_velocity_m_s * _FADE_S * (1 - np.exp(-age_s / _FADE_S)))
 
     def moving_at(self, t_ns: int) -> Array:
         """(K, 3) where each keypoint is expected in the next frame, by its own speed; later as `at`.
 
-        One wrong keypoint moves far: good to say where to look, too uncertain to say which person is which.
+        One wrong keypoint moves far: good for choosing where to look, too uncertain for identity.
         """
         age_s = max(t_ns - self.t_ns, 0) * 1e-9
         return np.asarray(self.xyz_world + self.velocity_m_s * age_s) if age_s <= _NEXT_FRAME_S else self.at(t_ns)

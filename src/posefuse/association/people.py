@@ -30,7 +30,7 @@ _IN_SIGHT_S, _GUESS_WEIGHT = 0.02, 0.5
 
 
 def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, previous: Pose3D | None = None) -> Views:
-    """The people in every camera: `assign` at the time of the newest detection, and the views that come of it."""
+    """The people in every camera: `assign` at the time of the newest detection, and the resulting views."""
     t_ns = max(d.t_ns for d in detections)
     return assign(detections, rig, settings, t_ns, previous).views(detections, t_ns)
 
@@ -185,7 +185,7 @@ def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: flo
     """Whether the members' pose is where the person can be: a bystander in front of them in one view is not."""
     alone = member_points(candidates, members, settings.tolerance_m) if len(members) == 1 else None
     if alone is not None and not np.isfinite(alone[:, 0]).any():
-        # one view without depth does not tell how far away: it must fit the previous pose closely, size included
+        # one view without depth has no distance: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
     return _middle_distance_m(member_points(candidates, members, settings.tolerance_m), before) <= reach_m

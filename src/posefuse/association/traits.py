@@ -1,4 +1,4 @@
-"""What tells people apart without their faces: numbers that stay the same while a body moves, learnt frame by frame.
+"""What distinguishes people without their faces: numbers that stay the same while a body moves, learnt frame by frame.
 
 Seven lengths of the body (left and right averaged), in metres, from the 3D pose; then colours of the clothes of trunk, thighs
 and shanks (CIE L*, a*, b*). A value that is unknown is NaN.
@@ -32,7 +32,7 @@ _CUES = (slice(0, 7), slice(7, 10), slice(10, 13), slice(13, 16))
 _LASTING_FRAMES = 8
 # lengths of people, from a small child's to a tall adult's; farther off is no body
 _LEAST_M, _MOST_M = np.array([0.13, 0.11, 0.20, 0.20, 0.25, 0.14, 0.08]), np.array([0.50, 0.45, 0.65, 0.65, 0.80, 0.60, 0.50])
-# traits known in so few frames say nothing
+# traits known in so few frames carry no information
 _LEAST_FRAMES = 4
 
 
@@ -107,7 +107,7 @@ class Traits:
 
 
 def sameness(one: Traits, other: Traits) -> float:
-    """Log-likelihood ratio: one person measured twice, against two people drawn from the population. 0 says nothing.
+    """Log-likelihood ratio: one person measured twice, against two people drawn from the population. 0 is neutral.
 
     Each cue (lengths, clothes of trunk, thighs, shanks) counts by itself, and none of them is trusted blindly.
     """

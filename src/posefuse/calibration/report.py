@@ -33,7 +33,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationReport:
-    """What a calibration says about itself.
+    """The quality of a calibration as estimated by itself.
 
     Attributes:
         subject: what was calibrated.

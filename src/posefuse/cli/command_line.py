@@ -149,7 +149,7 @@ def _import_listed(app: App, tokens: Sequence[str]) -> None:
 
 
 def _default_text(value: Any) -> str | None:
-    """A default as the help shows it; None where there is nothing to tell."""
+    """A default as the help shows it; None where there is nothing to show."""
     return None if value is None or value is False or value in ((), "") else str(value)
 
 

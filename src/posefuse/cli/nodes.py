@@ -51,7 +51,7 @@ def camera_node(
     settings: LiveSettingsOptions,
     terminal: Terminal,
 ) -> Mapping[str, Any]:
-    """Capture and detect on this machine, send 2D poses; the fused pose says where to look."""
+    """Capture and detect on this machine, send 2D poses; the fused pose selects the image regions."""
     config, rig, run = settled_config(settings), session_rig(rig_file, terminal), run_options(timing)
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:

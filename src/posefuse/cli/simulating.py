@@ -20,7 +20,7 @@ from .terminal import Terminal
 
 
 def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | None, terminal: Terminal) -> Mapping[str, Any]:
-    """Render a scene file into a session folder, anew with `force`; returns the figures of the table."""
+    """Render a scene file into a session folder, again with `force`; returns the figures of the table."""
     scene = read_scene(scene_file)
     check_apart(out, (scene_file, *motion_files(scene)))
     began_s = time.perf_counter()
@@ -85,7 +85,7 @@ def show_plan(scene_file: Path, terminal: Terminal) -> Mapping[str, Any]:
 
 
 def write_gazebo_world(scene_file: Path, out: Path, release: str, force: bool, terminal: Terminal) -> Mapping[str, Any]:
-    """Write a scene file as a Gazebo world, anew with `force`; returns the figures of the table."""
+    """Write a scene file as a Gazebo world, again with `force`; returns the figures of the table."""
     scene = read_scene(scene_file)
     check_apart(out, (scene_file, *motion_files(scene)))
     world = export_world(scene, out, GazeboSettings(release=release), replace_older=force, warn=terminal.warn)
@@ -112,5 +112,5 @@ def write_gazebo_world(scene_file: Path, out: Path, release: str, force: bool, t
             "folder": str(world.folder),
         },
     )
-    terminal.next(f"{world.folder}/launch.sh", "Gazebo and the bridge to ROS 2; docs/gazebo.md goes on from there")
+    terminal.next(f"{world.folder}/launch.sh", "Gazebo and the bridge to ROS 2; docs/gazebo.md continues from there")
     return figures

@@ -1,4 +1,4 @@
-"""The one tree of errors. A message says what, where, expected, got and the next step.
+"""The one tree of errors. A message names the problem, the place, expected and actual value, and the next step.
 
 A `PosefuseError` is a known fault of the input or the machine: the command line prints its one line and exits 1.
 Anything else that escapes is a bug: the command line prints a trace and exits 2.

@@ -22,7 +22,7 @@ class LiveStart:
         t_ns: when the session began. rig: its cameras. rate_hz: output rate, poses per second.
         clock_offset_ns: session time minus `time.monotonic_ns()` of this machine.
         notes: how the session was made, texts for a file. names: of the people, in the order of their ids.
-        part: 1; one more each time an output goes on after a failure.
+        part: 1; one more each time an output continues after a failure.
     """
 
     t_ns: int

@@ -24,7 +24,7 @@ class LookKind(IntEnum):
 
     EXPECTED = 0  # at the regions in which the people of earlier time steps are expected
     SEARCH = 1  # at whole images
-    SECOND = 2  # at the regions of the people whom the search found in other views
+    SECOND = 2  # at the regions of the people that the search found in other views
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -27,7 +27,7 @@ class Source(Protocol):
         ...
 
     def frames(self) -> Iterator[Frame]:
-        """Frames in time order, seq counting from the first. May be called again: starts anew (a live source goes on).
+        """Frames in time order, seq counting from the first. A second call starts from the beginning (a live source continues).
 
         Raises:
             SourceError: it cannot be opened, or fails on the way.
@@ -59,7 +59,7 @@ class Detector(Protocol):
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame, in order.
 
-        `regions[i]` says where people are in frame i, one person each and in that order (a person that is not there
+        `regions[i]` are the regions of people in frame i, one person each and in that order (a person that is not there
         comes back as NaN with score 0); None means: find them.
         """
         ...

@@ -29,7 +29,7 @@ class DetectorChoice:
 
 
 def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
-    """Build the detector plug-in; one that takes `up_rad` is told where up is in each camera's picture."""
+    """Build the detector plug-in; one with an `up_rad` parameter gets the direction of up in each camera's image."""
     from . import up_angle_rad
 
     known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}

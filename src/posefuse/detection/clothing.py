@@ -1,4 +1,4 @@
-"""Colours of people's clothes: a cue that tells them apart without their faces."""
+"""Colours of people's clothes: a cue that distinguishes them without their faces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core import Detections2D
 from posefuse.core.arrays import Array
 
-# keypoints that the detector is less sure of say little about where the body is
+# keypoints with a lower score do not locate the body
 _LEAST_SCORE = 0.3
 # pixels that a colour is the median of, at least
 _LEAST_PIXELS = 4

@@ -1,4 +1,4 @@
-"""What a depth image says about keypoints: the depth of the surface in a small window about each."""
+"""Depth of keypoints from a depth image: the depth of the surface in a small window about each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A detector that knows the truth and errs as told: tests and studies without a network or an image.
+"""A detector that knows the ground truth and adds errors as configured: tests and studies without a network or an image.
 
 It answers by camera name and frame time from `core.Truth`. What it draws depends on seed, camera and time alone, not on
 the order of questions, so a replay gives the same numbers.
@@ -33,7 +33,7 @@ class OracleNoise:
         sigma_px: standard deviation of each coordinate of a visible keypoint.
         hidden_factor: times sigma_px for a hidden keypoint. hidden_score: its score, where a visible one has 0.95.
         bias_px: constant error of each coordinate, drawn once per camera and keypoint with this standard deviation.
-        outlier_share: of keypoints that land anywhere within outlier_px of the truth with a score that does not tell.
+        outlier_share: of keypoints that land anywhere within outlier_px of the truth with a score that does not show it.
         outlier_px: half the side of that square.
         swap_share: of (person, frame) whose left and right are exchanged.
         miss_share: of (person, frame) not seen at all.
@@ -68,7 +68,7 @@ class OracleConfig:
 
 @dataclass(frozen=True, eq=False)
 class OracleViews:
-    """What the oracle says about all frames at once.
+    """The oracle's detections of all frames together.
 
     Attributes:
         xy_img: (T, N, C, K, 2); NaN where missed or behind the camera. score, sigma_px: (T, N, C, K).
@@ -132,7 +132,7 @@ class OracleDetector:
 
 
 def oracle_views(truth: Truth, noise: OracleNoise, seed: int = 0) -> OracleViews:
-    """What `OracleDetector` says about every frame, as arrays; the same numbers, in one go.
+    """The detections of `OracleDetector` for every frame as arrays; the same numbers, computed together.
 
     Raises:
         ShapeError: cameras with different numbers of frames.

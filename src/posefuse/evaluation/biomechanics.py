@@ -90,8 +90,8 @@ def write_biomechanics(
 
     ``angles.csv``, ``angles.parquet``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
     (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder
-    ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_gap` says why) have
-    no skeleton files.
+    ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_gap` gives the reason)
+    have no skeleton files.
 
     Args:
         recording: the result. folder: where to write. chosen: what is made of it. title: of the page.

@@ -40,7 +40,7 @@ class ContractError(PosefuseError):
 
 
 def check_source(source: Source, most_frames: int = _ENOUGH_FRAMES) -> None:
-    """A source: named frames of one size, seq and times strictly increasing, starts anew, closes twice."""
+    """A source: named frames of one size, seq and times strictly increasing, starts again from the beginning, closes twice."""
     _require(isinstance(source, Source), f"{type(source).__name__} lacks a member of core.Source")
     first = list(itertools.islice(source.frames(), most_frames))
     _require(len(first) > 0, "frames() gives at least one frame")
@@ -105,7 +105,7 @@ def check_sink(sink: Sink, recording: Recording, folder: Path) -> None:
 
 
 def check_live_output(config: LiveOutputConfig, folder: Path) -> None:
-    """A live output: its config can be sent to a process, it takes a whole session, closes twice, and goes on in new files.
+    """A live output: its config can be sent to a process, it takes a whole session, closes twice, and continues in new files.
 
     `folder` is where `config` makes it write its files, if any; a first part is never changed by a later one.
     """

@@ -105,7 +105,7 @@ def returned_right(matches: Array, asked: Array, away_frames: int, settled_frame
 
 
 def frame_matches(distance_m: Array, asked: Array, gate_m: float = GATE_M) -> Array:
-    """(T, N) the result that each person is, -1 for none; whom it was before it stays while it is near enough (CLEAR MOT)."""
+    """(T, N) the result that each person is, -1 for none; an earlier match is kept while it is near enough (CLEAR MOT)."""
     return _matches(np.where(asked[:, :, None], distance_m, np.inf), gate_m)
 
 

@@ -25,7 +25,7 @@ def is_simulated(path: Path) -> bool:
 def truth_tracks(path: Path, recorded: Tracks) -> Tracks:
     """Where the truth has the person of `recorded` at its times, which are those of the simulation.
 
-    The person is the one nearest to the recorded one. A world whose motion begins anew shows it again and again.
+    The person is the one nearest to the recorded one. A world whose motion starts again shows it again and again.
 
     Raises:
         InputError: the truth cannot be read, holds no person, or has nothing in common with `recorded`.

@@ -1,7 +1,7 @@
 """C3D: points over time as biomechanics tools read them (Mokka, Visual3D, Vicon, OpenSim); written by ezc3d.
 
-Converted at the door: millimetres and degrees; axes stay ours (Z up, said by ``POINT:Y_SCREEN = +Z``). A missing point has the
-residual -1. The residual of a point is its standard deviation in millimetres.
+Converted on reading and writing: millimetres and degrees; axes stay ours (Z up, stated by ``POINT:Y_SCREEN = +Z``). A missing
+point has the residual -1. The residual of a point is its standard deviation in millimetres.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def _about(parameters: Mapping[str, Group]) -> dict[str, str]:
 
 
 def _labels(path: Path, point: Group, count: int) -> list[str]:
-    """A name for each point; LABELS2, LABELS3, ... go on where a parameter's 255 names end."""
+    """A name for each point; LABELS2, LABELS3, ... continue where a parameter's 255 names end."""
     lists = [point.get(f"LABELS{i}" if i > 1 else "LABELS", []) for i in range(1, 2 + count // _NAMES_PER_PARAMETER + 1)]
     labels = [str(label).strip() for names in lists for label in names][:count]
     if len(labels) < count:

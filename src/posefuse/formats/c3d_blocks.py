@@ -58,7 +58,7 @@ def read_blocks(path: Path) -> C3dBlocks:
     """Parse the file: the residual is the high byte of a point's fourth word, the cameras that saw it the low byte.
 
     Raises:
-        InputError: it cannot be read, is not C3D, or says something of itself that its size rules out.
+        InputError: it cannot be read, is not C3D, or states something that its size rules out.
     """
     try:
         content = path.read_bytes()
@@ -129,7 +129,7 @@ def _header(numbers: _Numbers) -> _Header:
 
 
 class _Parameters:
-    """The chain of groups and parameters, each of which says how far it is to the next."""
+    """The chain of groups and parameters, each with the distance to the next."""
 
     def __init__(self, numbers: _Numbers) -> None:
         self._numbers = numbers

@@ -1,4 +1,4 @@
-"""COLLADA 1.4.1 (.dae): a textured mesh, and optionally the bones it hangs on with a baked animation.
+"""COLLADA 1.4.1 (.dae): a textured mesh, and optionally the bones it is attached to with a baked animation.
 
 Written for the strictest reader at hand, Gazebo's:
 
@@ -6,7 +6,7 @@ Written for the strictest reader at hand, Gazebo's:
 - a joint's id, sid and name are one word, unique in the file and without dots: a channel's target ``a.b/transform`` is
   taken as the component b of a;
 - every joint has one ``matrix``; animations replace all of it;
-- a vertex hangs on at most four joints; the bind shape matrix is the identity.
+- a vertex is attached to at most four joints; the bind shape matrix is the identity.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ColladaSkeleton:
-    """The joints a mesh hangs on, and how they move.
+    """The joints a mesh is attached to, and how they move.
 
     Attributes:
         names: J joints; the first is the root. parent: (J,), -1 at the root, parents first.

@@ -72,7 +72,7 @@ class ObservationLog:
     """Writes a log; every record is handed to the operating system at once, and to the disk every few seconds.
 
     Args:
-        path: the file; a new one, or one that goes on after its first `keep` bytes.
+        path: the file; a new one, or one that continues after its first `keep` bytes.
         skeleton: of all detections. camera_names: axis C. made_with: see `StoredDetections`.
 
     Raises:

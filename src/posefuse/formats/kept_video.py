@@ -42,7 +42,7 @@ class KeptTimes:
 
 
 def read_kept_times(video: Path) -> KeptTimes | None:
-    """When a video was kept, from the ``CAMERA.json`` next to it; None where that does not say, or the video was not finished."""
+    """When a video was kept, from the ``CAMERA.json`` next to it; None where that is missing, or the video was not finished."""
     try:
         content = json.loads(video.with_suffix(".json").read_text(encoding="utf-8"))
         if not (content["finished"] and content["written"] and content["zero_ns"]):

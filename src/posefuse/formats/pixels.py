@@ -1,6 +1,6 @@
 """Decoded frames as RGB images, converted in the thread that asks.
 
-A frame that converts itself (`to_ndarray`) prepares FFmpeg's scaler anew each time and starts a thread per core in it. For images
+A frame that converts itself (`to_ndarray`) sets up FFmpeg's scaler each time, with a thread per core. For images
 of 640 x 480 px that takes four times as much processor time as the conversion (`bench/live_cost.py`).
 """
 

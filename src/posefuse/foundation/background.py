@@ -1,4 +1,4 @@
-"""Work that goes on in a thread of its own while the caller prepares the next piece."""
+"""Work that continues in a thread of its own while the caller prepares the next piece."""
 
 from __future__ import annotations
 

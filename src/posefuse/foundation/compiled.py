@@ -46,7 +46,7 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 @contextmanager
 def compiling(what: str, say: Callable[[str], None]) -> Iterator[None]:
-    """Around the first use of the kernels of `what`: says before it that they are compiled, where that was not done yet."""
+    """Around the first use of the kernels of `what`: prints before it that they are compiled, where that was not done so far."""
     folder = _folder()
     # machine code is kept for one numba, one kind of processor, and one place of the source files
     place = hashlib.sha256(str(_PACKAGE).encode()).hexdigest()[:8]
@@ -75,7 +75,7 @@ def fingerprint(files: Sequence[Path]) -> str:
 
 @functools.cache
 def _folder() -> Path | None:
-    """This version's folder, made if need be; None where nothing can be written: then every run compiles anew."""
+    """This version's folder, made if need be; None where nothing can be written: then every run compiles again."""
     folder = default_cache_dir() / "kernels" / fingerprint(kernel_files())
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -41,7 +41,7 @@ class StreamFraming:
 
     A message counts as handed over once some of it went out; the rest, for which the socket had no room, is kept and goes out
     before anything else when the end is next used. Only the message being received is buffered, so that `select` on
-    the socket still tells whether there is another.
+    the socket still shows whether there is another.
     """
 
     def __init__(self) -> None:

@@ -124,7 +124,7 @@ def listed(folder: Path, manifest: Manifest, paths: Iterable[Path]) -> Manifest:
 
 
 def list_file(folder: Path, path: Path) -> None:
-    """Add a file that posefuse wrote later, or wrote anew, to the list of a complete folder; no list, nothing to do.
+    """Add a file that posefuse wrote later, or wrote again, to the list of a complete folder; no list, nothing to do.
 
     Raises:
         OSError: the file cannot be read, or the list not be written.
@@ -144,7 +144,7 @@ def written_file(folder: Path, path: Path) -> WrittenFile:
 
 
 def contents(folder: Path) -> Contents:
-    """Tell what posefuse wrote into `folder` from what it did not; folders below with a manifest of their own included.
+    """Separate files that posefuse wrote into `folder` from others, subfolders with their own manifest included.
 
     Raises:
         OSError: a folder that cannot be listed.

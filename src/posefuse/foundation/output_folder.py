@@ -64,7 +64,7 @@ def output_folder(
         replace: whether an older result may be replaced.
         estimated_bytes: what will be written, compared with the free space.
         keep_unfinished: leave the staging folder when the block raises, if something was written to it; see `find_unfinished`.
-        unfinished: a staging folder from `find_unfinished` to go on in, instead of a new one.
+        unfinished: a staging folder from `find_unfinished` to continue in, instead of a new one.
         warn: receives a line about files of a replaced result that are left in place.
 
     Raises:

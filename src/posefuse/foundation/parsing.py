@@ -17,7 +17,7 @@ from posefuse.core import InputError
 MOST_YAML_VALUES = 1_000_000
 # digits of the largest integer that is kept exactly; longer ones become floating point, as in other JSON readers
 _EXACT_DIGITS = 18
-# characters in a message of a value, and of what a library says
+# longest part of a value in a message, and longest message of a library, characters
 _MOST_SHOWN, _MOST_SAID = 100, 400
 _UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -103,7 +103,7 @@ def _value_count(value: Any, known: dict[int, int]) -> int:
 
 
 def one_line(problem: BaseException | str) -> str:
-    """What an exception says, on one line that is not longer than a person reads."""
+    """The message of an exception on one line of limited length."""
     if isinstance(problem, RecursionError):
         return "nested too deeply"
     text = " ".join(str(problem).split()) or type(problem).__name__

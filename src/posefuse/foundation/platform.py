@@ -71,7 +71,7 @@ def punctual() -> Iterator[None]:
 
 
 def peak_memory_mb(pids: Sequence[int]) -> float:
-    """Most memory processes have held (resident, shared memory counted in each), added up; NaN where the system does not say."""
+    """Peak memory of processes (resident, shared memory counted in each), added up; NaN where the system does not report it."""
     try:
         status = [Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace") for pid in pids]
         return sum(int(text.split("VmHWM:")[1].split()[0]) for text in status) / 1024

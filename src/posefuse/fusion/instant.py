@@ -22,7 +22,7 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
         rig: the cameras.
         settings: weights and thresholds.
         previous: the pose one time step before, where there is one: gives ``all`` its segment axes, and decides which side
-            is left when as many views say one thing as the other. Matched by person_id.
+            decides a tie between views. Matched by person_id.
 
     Returns:
         Pose3D: kind FUSED, or MISSING (NaN) where fewer than two usable views agree. Views with depth (``robust`` only) count

@@ -67,7 +67,7 @@ class _Person:
         for plane in self.planes:
             mixed = np.stack([plane[:, group]] * len(flips))
             mixed[flips] = np.broadcast_to(plane[:, mirror], mixed.shape)[flips]
-            # picking columns turns the memory order, which the kernels would be compiled anew for
+            # picking columns turns the memory order, which the kernels would be compiled again for
             planes.append(np.ascontiguousarray(mixed))
         return planes
 
@@ -100,7 +100,7 @@ def solve_with_swaps_corrected(
 ) -> Triangulated:
     """Robust fusion of groups (G, C, K, ...) with views put right side out, which are exchanged in place.
 
-    `before` (G, K, 3) decides when as many views say one thing as the other; otherwise the fewest exchanges win.
+    `before` (G, K, 3) decides a tie between views; otherwise the smallest number of swaps wins.
     """
     from .kernels import robust
 

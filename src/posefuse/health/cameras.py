@@ -1,4 +1,4 @@
-"""Which camera is ill, and of what: distinguished from what its frames say about themselves and when they come.
+"""Camera health: which camera is faulty, and the kind of fault, from the content and arrival times of its frames.
 
 No clock inside: times come as data.
 """
@@ -59,7 +59,7 @@ class CameraState:
 
 
 class TimedDetections(Protocol):
-    """A frame that the detector has processed, with what tells whether it is still good.
+    """A frame that the detector has processed, with what shows whether it is still good.
 
     Attributes:
         detections: the people in it; its t_ns is mid-exposure. received_ns: when the frame reached its process.
@@ -88,7 +88,7 @@ class Verdict:
 
     Attributes:
         state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``;
-            ``overload`` (the machine is too slow to tell), or what `rig_watch` found: ``moved``, ``unsynchronised`` or
+            ``overload`` (the machine is too slow for a diagnosis), or what `rig_watch` found: ``moved``, ``unsynchronised`` or
             ``swapped``.
         text: in words.
     """

@@ -15,7 +15,7 @@ _PERIOD_NS = 100_000_000
 _PATIENCE_NS = 500_000_000
 # two views of a camera further apart than this are not interpolated between: a hand leaves the straight line by centimetres
 _REACH_NS = 125_000_000
-# after a gap this long time steps go on where views do
+# after a gap this long time steps continue where views do
 _GAP_NS = 2_000_000_000
 _MOST_VIEWS = 256
 
@@ -31,7 +31,7 @@ class CommonTimeSteps:
         """One view's points (P, 2), of which those `seen` (P,) count; one that is older than the camera's newest does not."""
         views = self._views[camera]
         if views and t_ns <= views[-1][0]:
-            # a clock that was set back begins anew
+            # a clock that was set back starts again
             if t_ns < views[-1][0] - _GAP_NS:
                 views.clear()
             else:

@@ -41,7 +41,7 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     """One person's motion with offsets that are medians over time, so bones keep their length.
 
     With segments of constant length (the whole-body fit) the motion read back is exactly that of `sequence`. Gaps up to half
-    a second are bridged by the shortest turn. Segments that were never seen are left out, with all that hangs on them.
+    a second are bridged by the shortest turn. Segments that were never seen are left out, with all that is attached to them.
 
     Args:
         sequence: the keypoints the joints were made from.

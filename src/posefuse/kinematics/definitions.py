@@ -52,7 +52,7 @@ class Segment:
         first: (from, to, axis): this vector is that axis exactly.
         second: (from, to, axis): this vector, made normal to the first, is that axis.
         limb: place among `LIMBS` when the turn about the first axis comes from the plane of a limb, else -1.
-        raised_rad: by how much X lies above what these vectors say, turned about Z.
+        raised_rad: angle about Z by which X lies above the direction of these vectors.
     """
 
     name: str

@@ -44,7 +44,7 @@ def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = N
 
     Angles are continuous over time (unwrapped), radians, flexion positive on both sides; `sigma_rad` is propagated from
     `cov_world`, whose keypoints are taken as independent of each other. What is not defined is NaN;
-    `reasons_from_poses` says why.
+    `reasons_from_poses` gives the reason.
 
     Raises:
         InputError: left and right of a person are plainly swapped (see `check_sides`).

@@ -31,7 +31,7 @@ _Z, _X, _Y = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
 @dataclass(frozen=True)
 class _Link:
-    """A body, the joint it hangs on (`turns`: coordinate names and axes, in sequence), and its share of the mass."""
+    """A body, the joint it is attached to (`turns`: coordinate names and axes, in sequence), and its share of the mass."""
 
     body: str
     parent: str
@@ -121,7 +121,7 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
 def write_opensim_model(path: Path, body: BodyModel) -> None:
     """Write a full-body .osim of the person's own segment lengths, with a marker per keypoint.
 
-    Pelvis tilt and lumbar flexion are one freedom here: hips and shoulders do not tell them apart.
+    Pelvis tilt and lumbar flexion are one degree of freedom here: hips and shoulders do not separate them.
     """
     osim = opensim_library()
     model = osim.Model()

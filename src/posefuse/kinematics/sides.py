@@ -1,4 +1,4 @@
-"""Is left really left? Three things that only point forward tell: the feet, the nose, and the way knees and elbows bend."""
+"""Is left really left? Three cues point forward only: the feet, the nose, and the direction in which knees and elbows bend."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def forward_votes(sequence: PoseSequence) -> Array:
 
 
 def check_sides(sequence: PoseSequence) -> None:
-    """Raise InputError when the clues of a whole recording say that left and right are swapped."""
+    """Raise InputError when the cues of a whole recording show that left and right are swapped."""
     votes = forward_votes(sequence)
     for n, person in enumerate(sequence.person_id):
         against, count = int((votes[:, n] < 0).sum()), int((votes[:, n] != 0).sum())

@@ -134,7 +134,7 @@ def read_mcap(path: Path, names: Collection[str] | None = None, warn: Warn | Non
     """Messages of a ROS 2 .mcap file in the order they were written; `names` picks topics.
 
     Types this package knows are checked against the file's own definition of them; others are skipped. A file that was cut off
-    (power, full disk, a killed process) is read up to its last whole chunk, and `warn` is given one line that says so.
+    (power, full disk, a killed process) is read up to its last whole chunk, and `warn` gets one line about it.
 
     Raises:
         SourceError: no such file, no MCAP file, or one with a damaged part.
@@ -163,7 +163,7 @@ def read_mcap(path: Path, names: Collection[str] | None = None, warn: Warn | Non
 
 def read_notes(path: Path, name: str) -> dict[str, str] | None:
     """Texts kept by `Recorder.note`; None where there are none. Raises SourceError as `read_mcap` does."""
-    # that the file was cut off is said by who reads its messages
+    # the reader of the messages reports that the file was cut off
     for kind, record in mcap_records(path, _MAX_MESSAGE_BYTES, lambda line: None):
         if kind == "Metadata" and record.name == name:
             return dict(record.metadata)
@@ -189,7 +189,7 @@ def read_poses(path: Path, warn: Warn | None = None) -> Iterator[tuple[Pose3D, d
 
 
 def read_clock(path: Path, warn: Warn | None = None) -> tuple[Array, Array]:
-    """Times (T,) at which `/clock` was recorded and the simulated times (T,) it said, ns; empty where there was none."""
+    """Times (T,) at which `/clock` was recorded and its simulated times (T,), ns; empty where there was none."""
     pairs = [(recorded.logged_ns, ns_from_time(recorded.msg.clock)) for recorded in read_mcap(path, {topics.CLOCK.name}, warn)]
     t_ns, sim_ns = np.array(pairs, np.int64).reshape(-1, 2).T
     return t_ns, sim_ns

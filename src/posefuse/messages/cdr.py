@@ -46,7 +46,7 @@ def encode(msg: Any) -> bytes:
     A list of messages that are made of equal numbers (points, colours) may also be an array (n, numbers of each).
 
     Raises:
-        MessageError: an array of another length than its type says.
+        MessageError: an array whose length differs from its type.
     """
     body = bytearray()
     for step in _steps(msg.__msgtype__):

@@ -202,7 +202,7 @@ class RosNode:
         return found
 
     def nodes(self) -> set[str]:
-        """Full names of the ROS 2 nodes heard so far, this one included."""
+        """Full names of the ROS 2 nodes discovered so far, including this one."""
         for sample in self._graph_reader.take():
             info = self._graph.take(sample.raw)
             if info is not None:
@@ -243,7 +243,7 @@ class RosNode:
         return DdsTopic(self._participant, wire_name, idl_class(topic.type_name))
 
     def _announce(self) -> None:
-        """Tell who this node is and which endpoints are its own."""
+        """Announce this node and its endpoints."""
         namespace, _, name = self.name.strip("/").rpartition("/")
         node = message(
             "rmw_dds_common/msg/NodeEntitiesInfo",

@@ -22,7 +22,7 @@ class Network:
     """Where a node talks.
 
     Attributes:
-        domain_id: ROS_DOMAIN_ID; nodes of different domains do not hear each other (0 to 232).
+        domain_id: ROS_DOMAIN_ID; nodes of different domains do not receive each other's messages (0 to 232).
         local_only: nothing leaves this machine.
         interface: name of a network interface; empty lets Cyclone DDS choose.
         peers: addresses of other machines, for networks without multicast.
@@ -85,7 +85,7 @@ class _Domain:
 
 
 def _why_not_open(network: Network, error: Exception) -> str:
-    """What is in the way, found out after the fact: Cyclone DDS itself does not tell."""
+    """The cause of a failure, searched afterwards: Cyclone DDS does not report it."""
     there = [name for _, name in socket.if_nameindex()]
     if network.interface and network.interface not in there:
         return f"no network interface {network.interface!r}, there are: {choices(there)}"

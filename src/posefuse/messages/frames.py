@@ -16,7 +16,7 @@ _MAX_BYTES = 2**20
 
 
 class Frames:
-    """The tree of frames as far as it was heard; a frame has one parent, the newest."""
+    """The tree of frames received so far; a frame has one parent, the newest."""
 
     def __init__(self) -> None:
         self._parents: dict[str, tuple[str, SE3]] = {}
@@ -45,7 +45,7 @@ class Frames:
 
 
 class FrameReader:
-    """Keeps `Frames` up to date with what other nodes say; a node's own transforms are left out."""
+    """Keeps `Frames` up to date with the transforms of other nodes; a node's own transforms are left out."""
 
     def __init__(self, node: Any) -> None:
         self.frames = Frames()

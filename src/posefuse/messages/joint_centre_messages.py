@@ -21,7 +21,7 @@ _WHERE = "JointCentres message"
 
 
 def message_from_joint_centres(cameras: Sequence[str], table: Mapping[str, Any], t_ns: int) -> Any:
-    """`posefuse_msgs/JointCentres` of the fields of `track.JointCentres` by name, told at `t_ns`."""
+    """`posefuse_msgs/JointCentres` of the fields of `track.JointCentres` by name, stamped `t_ns`."""
     offsets, slopes = list(_leaves(table["offsets"])), list(_leaves(table["by_length"]))
     return message(
         JOINT_CENTRES_TYPE,

@@ -1,6 +1,6 @@
 """2D and 3D poses as messages and back. Pure functions; layouts are in `msg/posefuse_msgs`.
 
-A message also carries when the value passed each stage (`Stages`, name to ns), so that a receiver can tell where
+A message also carries when the value passed each stage (`Stages`, name to ns), so that a receiver can see where
 time went. Whatever a stranger sends, `*_from_message` either returns a checked value or raises MessageError.
 """
 
@@ -56,7 +56,7 @@ def optical_frame(camera: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SourceCounts:
-    """How the source of a camera fares, told with its views.
+    """The state of a camera's source, sent with its views.
 
     Attributes:
         captured: frames that reached the machine. used: of them, those that were looked at.
@@ -94,7 +94,7 @@ def message_from_detections(detections: Detections2D, stages: Stages, source: So
 
 
 def source_from_message(msg: Any) -> SourceCounts:
-    """What a `Detections2D` message tells of its camera's source; raises MessageError for counts that cannot be."""
+    """The state of the camera's source in a `Detections2D` message; raises MessageError for impossible counts."""
     # a recording of an older version has none
     captured, used, showing_ns = (int(getattr(msg, name, 0)) for name in ("captured", "used", "showing_ns"))
     if not used <= captured <= MAX_FRAMES or not 0 <= showing_ns <= MAX_SHOWING_NS:

@@ -28,7 +28,7 @@ _OPEN: list[Any] = []
 class Ros1Reader:
     """The messages of one topic, newest `depth` kept, as CDR bytes like those of `dds.Reader`. Made by `Ros1Node.reader`.
 
-    ROS 1 does not tell when a message was sent: `sent_ns` is when it came.
+    ROS 1 has no send time: `sent_ns` is the time of arrival.
     """
 
     def __init__(self, rospy: Any, topic: Topic) -> None:

@@ -166,7 +166,7 @@ class RosOutput:
             self._left_ns |= dict.fromkeys(set(self._tracked or ()) - set(ids), t_ns)
             self._tracked = ids
             self.outlet.publish(topics.TRACKED, message("hri_msgs/msg/IdsList", header=header(t_ns, ""), ids=list(ids)), t_ns)
-        # who is lost for a moment keeps the topics: making them anew takes longer than that
+        # who is lost for a moment keeps the topics: making them again takes longer than that
         for one, left_ns in list(self._left_ns.items()):
             if one in ids:
                 del self._left_ns[one]

@@ -1,4 +1,4 @@
-"""Simulated time: what `/clock` of ROS says, against the clock of this machine.
+"""Simulated time: `/clock` of ROS against the clock of this machine.
 
 A simulator runs slower or faster than real time and may stop. A line through the newest second of `/clock` maps its time to the
 time on this machine at which it was reached, and back.
@@ -27,7 +27,7 @@ _APART_NS = 2_000_000
 
 
 class SimulatedClock:
-    """Pairs of simulated and real time as they are heard; no clock inside.
+    """Pairs of simulated and real time as they are received; it reads no clock.
 
     Attributes:
         restarts: how often simulated time was set back.
@@ -38,10 +38,10 @@ class SimulatedClock:
         self._pairs: deque[tuple[int, int]] = deque(maxlen=_KEPT)
 
     def add(self, sim_ns: int, real_ns: int) -> None:
-        """`/clock` said `sim_ns` at `real_ns`."""
+        """`/clock` showed `sim_ns` at `real_ns`."""
         newest = self._pairs[-1] if self._pairs else None
         if newest is not None and sim_ns <= newest[0]:
-            # it stands still, or began anew: what was before says nothing about what comes
+            # it stands still, or began again: earlier pairs do not predict later ones
             self.restarts += sim_ns < newest[0]
             self._pairs.clear()
         elif newest is not None and real_ns - newest[1] < _APART_NS:
@@ -52,7 +52,7 @@ class SimulatedClock:
 
     @property
     def known(self) -> bool:
-        """Whether anything was heard."""
+        """Whether anything was received."""
         return bool(self._pairs)
 
     def real_from_sim(self, sim_ns: int) -> int:

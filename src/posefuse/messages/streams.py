@@ -10,7 +10,7 @@ from posefuse.core import ConfigError
 
 
 class UdpStream:
-    """Sends datagrams to fixed addresses; never waits, and goes on when a listener or the network is away.
+    """Sends datagrams to fixed addresses; never waits, and continues when a listener or the network is away.
 
     Attributes:
         sent, lost: datagrams handed to, and not taken by, the network.

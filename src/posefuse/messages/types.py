@@ -23,7 +23,7 @@ MAX_LIST = 64 * 2**20
 
 
 def optional_module(name: str) -> ModuleType:
-    """Import a package of the extra ``ros``; raises DependencyError that says how to get it."""
+    """Import a package of the extra ``ros``; raises DependencyError with the command to install it."""
     from importlib import import_module
 
     try:

@@ -13,7 +13,7 @@ from .parts import small_turn
 
 Difference = Callable[[Array, Array], Array]
 
-# a step of 10 ms corrected by a new view says little by itself
+# a step of 10 ms corrected by a new view is uncertain by itself
 SMOOTHED_S = 0.08
 _GAP_S = 0.3
 

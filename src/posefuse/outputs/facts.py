@@ -1,4 +1,4 @@
-"""What every output says of a recording: how it was made, its rate, the uncertainty of a point."""
+"""What every output states about a recording: how it was made, its rate, the uncertainty of a point."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def person_file(recording: Recording, n: int, ending: str) -> str:
 
 
 def person_suffix(recording: Recording, n: int) -> str:
-    """What names of files say about their person; empty where there is one."""
+    """The part of file names that identifies the person; empty where there is one person."""
     ids = recording.poses.person_id
     if len(ids) == 1:
         return ""

@@ -51,7 +51,7 @@ class FrameSink(Sink, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class OutputOutcome:
-    """What came of writing outputs.
+    """The result of writing outputs.
 
     Attributes:
         files: made, in the order of the outputs. failed: the error of each output that could not be written, by its name.

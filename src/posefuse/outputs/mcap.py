@@ -24,8 +24,8 @@ class McapSink:
     """``pose.mcap``: cameras, 2D poses of each view, 3D poses, REP-155 bodies, tf and markers.
 
     Attributes:
-        epoch_offset_ns: Unix time at time 0 of the recording, added to every stamp; None: what the files say about when they were
-            recorded, 0 where they do not.
+        epoch_offset_ns: Unix time at time 0 of the recording, added to every stamp; None: the start time stated in
+            the files, 0 where there is none.
     """
 
     epoch_offset_ns: int | None = None
@@ -61,7 +61,7 @@ def recorded_ns(provenance: Mapping[str, Any]) -> int:
 
 
 def _present(pose: Pose3D) -> Pose3D:
-    """Only the people of whom anything is known at this time step."""
+    """Only the people with any known keypoint at this time step."""
     here = np.isfinite(pose.xyz_world).all(axis=-1).any(axis=-1)
     return Pose3D(
         t_ns=pose.t_ns,

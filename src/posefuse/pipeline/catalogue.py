@@ -107,7 +107,7 @@ def listed(path: Path) -> Listed:
         try:
             return _from_plain(json.loads(place.read_text(encoding="utf-8")), path)
         except (OSError, ValueError, TypeError, KeyError):
-            pass  # not as this version writes it: made anew
+            pass  # not as this version writes it: made again
     one = _looked_at(path)
     _keep(place, json.dumps(plain({**asdict(one), "path": ""})).encode())
     return one
@@ -177,7 +177,7 @@ def _place(path: Path, suffix: str) -> Path:
 
 
 def _keep(place: Path, content: bytes) -> None:
-    """Into the cache; where it cannot be written, everything is made anew the next time."""
+    """Into the cache; where it cannot be written, everything is made again the next time."""
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(place) as staged:
@@ -222,7 +222,7 @@ def _recorded(made: Mapping[str, Any]) -> str:
     if "recorded" in made:
         return str(made["recorded"])
     start_ns = made.get("start_ns")
-    # sessions that count from zero say nothing about the date
+    # sessions that count from zero have no date
     if isinstance(start_ns, int) and start_ns > 946_684_800 * 10**9:
         return datetime.fromtimestamp(start_ns * 1e-9, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return ""

@@ -69,7 +69,7 @@ def _at_simulated_times(tracks: Tracks, path: Path, start_ns: int) -> Tracks:
     if not len(t_s):
         return tracks
     at_s = np.interp(tracks.t_s, t_s, sim_s)
-    # while a simulator stands still there is nothing new to compare; one that began anew is compared from then on
+    # while a simulator stands still there is nothing new to compare; one that began again is compared from then on
     first = int(np.flatnonzero(np.diff(at_s) < 0)[-1]) + 1 if (np.diff(at_s) < 0).any() else 0
     later = np.concatenate([[True], np.diff(at_s[first:]) > 0])
     return replace(tracks, t_s=at_s[first:][later], xyz_m=tracks.xyz_m[first:][later])

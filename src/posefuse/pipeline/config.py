@@ -27,7 +27,7 @@ CONFIG_FILE = "posefuse.toml"
 FARTHEST_S = 3.2e9
 # a clock 10 % off is no camera's
 MOST_DRIFT_PPM = 100_000.0
-# people move too much in between for a straight line to say where they were
+# people move too much in between for linear interpolation
 MOST_GAP_S = 1.0
 # a frame per quarter of an hour, and ten times the fastest camera of a laboratory
 LEAST_HZ, MOST_HZ = 0.001, 10_000.0
@@ -129,7 +129,7 @@ def read_overridden(
     options: Options = MappingProxyType({}),
     base: Mapping[str, Any] = MappingProxyType({}),
 ) -> T:
-    """The config file (if any) as settings of class `cls`, with what the command line says put on top.
+    """The config file (if any) as settings of class `cls`, overridden by the command line.
 
     Args:
         path: TOML or YAML. overrides: ``key.sub=value`` texts of ``--set``.

@@ -1,4 +1,4 @@
-"""Which person of a live session's poses a detection shows: messages of detections do not say."""
+"""Which person of a live session's poses a detection shows: messages of detections do not have it."""
 
 from __future__ import annotations
 

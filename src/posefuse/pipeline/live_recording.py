@@ -92,7 +92,7 @@ def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
 
 
 def parts_of(path: Path) -> list[Path]:
-    """The file and the parts in which its session went on, in order."""
+    """The file and the parts in which its session continued, in order."""
     pattern = re.compile(re.escape(path.stem) + r"\.(\d+)" + re.escape(path.suffix))
     numbered = ((pattern.fullmatch(file.name), file) for file in path.parent.glob(f"*{path.suffix}"))
     later = sorted((int(found[1]), file) for found, file in numbered if found)

@@ -92,7 +92,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
         try:
             source = build_source(entry, config)
         except SourceError as error:
-            warn(f"{error}; goes on without camera {entry.camera}")
+            warn(f"{error}; continues without camera {entry.camera}")
             continue
         sources.append(source)
         cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
@@ -103,12 +103,12 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
         {s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps
     )
     detector = build_detector(config.detector, rig)
-    lost = lambda name, error: warn(f"{error}; goes on without camera {name} from here")  # noqa: E731
+    lost = lambda name, error: warn(f"{error}; continues without camera {name} from here")  # noqa: E731
     return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline
 
 
 def _check_rate(session: Session, config: TrackConfig) -> None:
-    """Raise InputError for images of which nothing says when they were taken."""
+    """Raise InputError for images without any time of capture."""
     from posefuse.sources.images import TIMES_FILE
 
     untimed = [one.camera for one in session.inputs if one.kind == "images" and not (one.path / TIMES_FILE).is_file()]

@@ -36,7 +36,7 @@ def others_seen(observations: Observations, settings: AssociateSettings) -> dict
 
 
 def others_line(seen: dict[str, int], followed: int) -> str | None:
-    """What to tell about them; None where there is nothing to tell."""
+    """One line about them; None where there is nothing to report."""
     if len(seen) < _LEAST_CAMERAS:
         return None
     where = ", ".join(f"{camera} ({count})" for camera, count in seen.items())

@@ -118,7 +118,7 @@ def solve_person(
     """The rig, and the clocks where the cameras are not synchronised.
 
     Raises:
-        RefusedCalibration: a check fails; it carries the report, which says where several people were in view.
+        RefusedCalibration: a check fails; it carries the report, which names the cameras with several people in view.
     """
     try:
         found, clocks = _solve(seen, length, with_drift=with_drift, upside_down=upside_down)
@@ -132,7 +132,7 @@ def solve_person(
     if not seen.several_in:
         return found, clocks
     note = (
-        f"several people are in view of {', '.join(seen.several_in)}: the one whom most cameras see together was taken,"
+        f"several people are in view of {', '.join(seen.several_in)}: the one that most cameras see together was taken,"
         " and the height has to be theirs"
     )
     return replace(found, report=replace(found.report, notes=(*found.report.notes, note))), clocks

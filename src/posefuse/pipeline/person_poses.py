@@ -77,7 +77,7 @@ def person_in_videos(
     clocks: str = "together",
     most_s: float = 10.0,
 ) -> PersonInVideos:
-    """The person in every video; of several people the one whom most cameras see together.
+    """The person in every video; of several people the one that most cameras see together.
 
     Args:
         paths: video of each camera. lenses: a camera for each of them; its pose is not used.
@@ -99,7 +99,7 @@ def person_in_videos(
     apart = chosen.tracks
     found = unplaced_clocks(apart, cameras, length, clocks, most_s)
     if found is not None:
-        progress(_APART, timeline.count, timeline.count, "the cameras are not synchronised; going on with the offsets found")
+        progress(_APART, timeline.count, timeline.count, "the cameras are not synchronised; continuing with the offsets found")
         sources = [VideoConfig(path, name, *found.correction(c)).build() for c, (name, path) in enumerate(paths.items())]
         timeline = timeline_of(sources, time_steps)
     alone = person_views(apart, found)

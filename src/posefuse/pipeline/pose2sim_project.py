@@ -30,7 +30,7 @@ class Pose2SimProject:
     """Facts of a project.
 
     Attributes:
-        frame_rate_hz: None where it says ``auto`` or nothing.
+        frame_rate_hz: None where it is ``auto`` or missing.
         skeleton: name of the keypoint set of its pose files; None where it is not known.
     """
 
@@ -47,7 +47,7 @@ def read_project(folder: Path) -> Pose2SimProject | None:
     files = [place / PROJECT_FILE for place in (folder, folder.absolute().parent) if (place / PROJECT_FILE).is_file()]
     if not files:
         return None
-    # a trial's file says only what differs from the session's above it
+    # a trial's file has only the differences from the session's file above it
     contents = [read_mapping(file) for file in files]
     rate = next((value for content in contents if (value := _entry(content, "project", "frame_rate")) is not None), None)
     model = next((value for content in contents if (value := _entry(content, "pose", "pose_model")) is not None), None)

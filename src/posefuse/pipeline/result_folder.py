@@ -147,7 +147,7 @@ def _write(
 
 
 def _unfinished(out: ResultFolder, note: Warn) -> Path | None:
-    """The folder to continue in; None: start anew."""
+    """The folder to continue in; None: start again from the beginning."""
     found = unfinished_work(out.path)
     if out.force:
         remove_unfinished(out.path)

@@ -55,7 +55,7 @@ class Store(Protocol):
     """Keeps the detector's answers while they are made, and has those of an earlier run that did not end."""
 
     def stored(self, skeleton: Skeleton, rig: Rig) -> Observations | None:
-        """The whole time steps that an earlier run has detected already; None: begin anew."""
+        """The whole time steps that an earlier run has detected already; None: start again."""
         ...
 
     def append(self, batch: DetectionBatch) -> None:

@@ -1,4 +1,4 @@
-"""Second pass: every time step fused anew from all views, gaps and noise treated over time."""
+"""Second pass: every time step fused again from all views, gaps and noise treated over time."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def poses_over_time(
 
     Where left/right swaps may be corrected, the recording is first steadied over time and then every view's limbs are named
     left and right as the steadied recording has them: when legs pass each other, several views confuse them at once and no
-    single time step can tell.
+    single time step can show it.
     """
     fused = _fused(views, rig, fusing)
     if fusing.weights == "robust" and fusing.swap_correction:

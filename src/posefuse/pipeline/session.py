@@ -49,7 +49,7 @@ class Input:
     """One camera's data.
 
     Attributes:
-        camera: name in the rig. kind: one of `KINDS`. path: file or folder. settings: what the config says of it.
+        camera: name in the rig. kind: one of `KINDS`. path: file or folder. settings: those of the config for it.
         depth: folder of its depth images; None where there are none.
     """
 
@@ -85,7 +85,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     """Understand a session folder by convention and by what the config names.
 
     Raises:
-        InputError: nothing usable there, or data that cannot be distinguished; says what is there and how to name it.
+        InputError: nothing usable there, or data that cannot be distinguished; the message lists what is there.
         CalibrationError: no rig file, or fewer than two cameras with data.
     """
     if folder.is_file():

@@ -135,7 +135,7 @@ def solve_live(
 ) -> Recording:
     """The second solve of a live session: all that its cameras observed, associated, fused and smoothed over all of time.
 
-    The observations are brought to even time steps, at the fastest camera's own rate where `config` does not say another;
+    The observations are brought to even time steps, at the fastest camera's own rate where `config` does not state another;
     the result has these time steps, so it can be solved again like any recording.
 
     Args:

@@ -43,7 +43,7 @@ class DetectionStore:
             _check_same(self._earlier.made_with, self._made_with)
 
     def stored(self, skeleton: Skeleton, rig: Rig) -> Observations | None:
-        """The time steps that the earlier run finished; opens the log, which goes on after them."""
+        """The time steps that the earlier run finished; opens the log, which continues after them."""
         batches, keep = self._earlier.whole_steps() if self._earlier is not None else ((), 0)
         self._log = ObservationLog(
             self._path, skeleton=skeleton, camera_names=rig.names, made_with=self._made_with, keep=keep

@@ -21,7 +21,7 @@ def dealt(rig: Rig, cameras: Sequence[str], groups: int) -> list[list[str]]:
     """`cameras` shared among that many processes, as evenly as can be, in their order.
 
     An assignment is judged by its worst process: how unsure a point in the middle is from all other cameras of the rig (those of
-    other machines included). Two cameras opposite each other tell little, as their rays are one line. Assigned in turn
+    other machines included). Two opposite cameras add little depth: their rays are nearly one line. Assigned in turn
     first, then two cameras are exchanged as long as that helps. Of equally good assignments, the one whose names come first is
     taken.
     """

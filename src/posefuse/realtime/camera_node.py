@@ -1,4 +1,4 @@
-"""A camera node: sends detections of this machine's cameras, and takes the fused pose that says where to look."""
+"""A camera node: sends detections of this machine's cameras, and receives the fused pose that selects image regions."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from .faults import SourceFault, Wrong, disturbed
 from .video_keeping import VideoKeeper
 
 _RETRY_S = 1.0
-# every so many pixels in both directions are compared to tell a frozen camera
+# every so many pixels in both directions are compared to detect a frozen camera
 _SAMPLE_STEP = 12
 
 

@@ -1,4 +1,4 @@
-"""The detector of a camera process, whose network can be exchanged while frames go on being processed."""
+"""The detector of a camera process, whose network can be exchanged while frames continue being processed."""
 
 from __future__ import annotations
 
@@ -44,5 +44,5 @@ class ChangeableDetector:
         try:
             self._loaded = network, build_detector(with_network(self._choice, network), self._rig)
         except PosefuseError:
-            # the one in use goes on; it is asked for again with the next status
+            # the one in use continues; it is asked for again with the next status
             self._loaded = network, None

@@ -66,7 +66,7 @@ class LiveConfig:
 
 @settings
 class RunOptions:
-    """What is said of one run on the command line only.
+    """Options of one run that exist on the command line only.
 
     Attributes:
         duration_s: it ends by itself after so long. loop_s: recorded and simulated sources begin again after so long.

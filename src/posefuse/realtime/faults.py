@@ -27,7 +27,7 @@ class SourceFault:
 
     Attributes:
         kind: ``freeze`` (the same image again and again), ``jump`` (its clock is an hour ahead),
-            ``skew`` (50 ms ahead), ``bump`` (turned by 1.5 degrees), ``flood`` (forty frames for one), ``hang`` (says nothing),
+            ``skew`` (50 ms ahead), ``bump`` (turned by 1.5 degrees), ``flood`` (forty frames for one), ``hang`` (sends nothing),
             ``unplug`` (the source ends, and comes back).
         start_s, end_s: seconds after the session's zero for videos and simulated sessions, after its first opening for a camera.
     """

@@ -30,7 +30,7 @@ _S = 1_000_000_000
 # the expected pose is published, and cameras are judged, this often
 _BOARD_NS = _S // 40
 _JUDGE_NS = _S // 4
-# a camera's usual noise, until its own views have said
+# a camera's usual noise, until its own views determine it
 _SIGMA_PX = 4.0
 _SIGMA_FORGET = 0.02
 
@@ -54,7 +54,7 @@ class LiveIntake(Protocol):
 class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
-    The tracker follows the landmarks of the networks, and their prediction says where to look; what goes out is moved to joint
+    The tracker follows the landmarks of the networks, and their prediction selects image regions; the output is moved to joint
     centres where `centring` wants it, and passes the `gate`.
     """
 
@@ -89,7 +89,7 @@ class Fusion:
         self._judged_ns = self._showing_ns = 0
 
     def run(self, intake: LiveIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
-        """Work until `until(now)` says so."""
+        """Run until `until(now)` is true."""
         period_ns = round(_S / rate_hz)
         due_ns = self.clock.now_ns() + period_ns
         # what is there by now stays; a collection would stop the output tick for milliseconds

@@ -35,7 +35,7 @@ from .video_keeping import VideoKeeper
 _STATUS_S = 0.25
 _IDLE_S = 0.05
 _SEND_S = 0.5
-# a prediction older than this says nothing about where to look
+# a prediction older than this is useless for choosing where to look
 _STALE_NS = 1_000_000_000
 # leaves the processor to the fusion loop whenever both want it
 _NICENESS = 5
@@ -67,7 +67,7 @@ class GroupPlan:
 
 
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
-    """Body of the process; ends when told to, or when no one listens any more."""
+    """Body of the process; ends on request, or when its receiver has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     lower_priority(_NICENESS)
     with contextlib.suppress(ChannelClosed):

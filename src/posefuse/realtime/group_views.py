@@ -21,7 +21,7 @@ _LEAD_NS = 300_000_000
 
 
 class GroupViews(Groups):
-    """Tells the groups which network to detect with, where `chooser` is given.
+    """Sends the groups the network to detect with, where `chooser` is given.
 
     Args:
         plans: one per group. board: what they look for. say: takes one line when the network changes.
@@ -50,6 +50,6 @@ class GroupViews(Groups):
         if status.network != chooser.name:
             for member in self._members:
                 if member.plan.group == status.group:
-                    # a process that has died begins again, and its status tells that it needs the message
+                    # a process that ended is restarted, and its status shows that it needs the message
                     with contextlib.suppress(ChannelClosed):
                         member.channel.send(Use(chooser.name))

@@ -11,7 +11,7 @@ from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.tracking.online import CameraStatistics, LiveSettings, Tracker
 
-# poses of a track say something new about the body this often
+# poses of a track add information about the body this often
 _LEARN_NS = 30_000_000
 _MEASURED_SHARE = 0.5
 # colours that a camera saw longer ago are not those of now
@@ -82,7 +82,7 @@ class NamedTracker:
 
 
 def _measured(pose: Pose3D) -> Pose3D:
-    """The tracks that views measured lately: a prediction says nothing about a body."""
+    """The tracks that views measured lately: a prediction has no information about a body."""
     share = (pose.kind == Kind.FUSED).sum(axis=1) / pose.kind.shape[1]
     kept = set(pose.person_id[share >= _MEASURED_SHARE].tolist())
     return with_persons(pose, [track if track in kept else -1 for track in pose.person_id.tolist()])

@@ -1,4 +1,4 @@
-"""What camera groups and the fusion tell each other. Plain values; times are session time unless said otherwise."""
+"""Messages between camera groups and the fusion. Plain values; times are session time unless stated otherwise."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Centres:
 
 @dataclass(frozen=True)
 class GroupFailed:
-    """A group cannot begin: one line says why."""
+    """A group cannot start; one line with the reason."""
 
     group: int
     reason: str
@@ -52,7 +52,7 @@ class SeenView:
 
     Attributes:
         detections: the people in it; its t_ns is mid-exposure.
-        state: status of its camera; None where another machine does not tell.
+        state: status of its camera; None where another machine does not send it.
         received_ns: the frame reached its process. started_ns: the detector began. detected_ns: it had finished.
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
         searched: the whole image was searched for people.

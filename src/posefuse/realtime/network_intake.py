@@ -41,11 +41,11 @@ class ViewIntake:
         self.intake = Intake(DETECTIONS_TYPE, _view_from_message, _MAX_BYTES)
         self.senders = Senders(cameras)
         self._centres_intake = Intake(JOINT_CENTRES_TYPE, centres_from_message, _MAX_BYTES, self.intake.counts)
-        # what the nodes say about joint centres, by sender
+        # joint centres reported by the nodes, by sender
         self._centres: dict[str, Centres] = {}
 
     def centres(self, sample: Sample) -> list[SeenView | Centres]:
-        """What a node says about joint centres: of the cameras whose views are its own; of others it is kept."""
+        """Joint centres reported by a node: used for cameras whose views it sends, kept for others."""
         if (received := self._centres_intake.take(sample.raw)) is None:
             return []
         if len(self._centres) > _MOST_NODES:
@@ -55,7 +55,7 @@ class ViewIntake:
         return [replace(received, cameras=own)] if own else []
 
     def view(self, sample: Sample, now_ns: int) -> list[SeenView | Centres]:
-        """A view that came at `now_ns`, and before the first one of a sender what it says about the camera's joint centres."""
+        """A view that arrived at `now_ns`; before the first view of a sender, the joint centres it reported for the camera."""
         if not self.senders.read(sample.sender, now_ns):
             return []
         if (taken := self.intake.take(sample.raw)) is None:

@@ -1,4 +1,4 @@
-"""What changes in a session, said at once: cameras, outputs, the rig watch, messages of strangers."""
+"""Changes in a session, reported immediately: cameras, outputs, the rig watch, messages of unknown senders."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 class News:
-    """Says what has not been said yet; times are given from `zero_ns`, session time. `notices`: of where views come from."""
+    """Reports what is new; times are given from `zero_ns`, session time. `notices`: of where views come from."""
 
     def __init__(self, fusion: Fusion, zero_ns: int, say: Say, notices: Callable[[], Iterable[str]] = tuple) -> None:
         self._fusion, self._zero_ns, self._say, self._notices = fusion, zero_ns, say, notices
@@ -32,7 +32,7 @@ class News:
         self._cameras_said, self._outputs_said = monitor.event_count, outlets.event_count
         if self._cuts_said < min(self._fusion.cuts, _MOST_CUTS):
             self._cuts_said = self._fusion.cuts
-            more = "" if self._cuts_said < _MOST_CUTS else "; further ones are counted, not said"
+            more = "" if self._cuts_said < _MOST_CUTS else "; further ones are counted, not printed"
             self._say_at(self._fusion.cut_ns, f"discontinuity {self._cuts_said}", f"a looped recording begins again{more}")
         for notice in self._notices():
             self._say_at(now_ns, notice, "")

@@ -1,4 +1,4 @@
-"""Intrinsics that camera nodes work with, told to the fusion node: both must use the same."""
+"""Intrinsics that camera nodes use, sent to the fusion node: both must use the same."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _WAIT_S, _SAY_EVERY_S = 0.2, 10.0
 
 
 def tell_intrinsics(node: RosNode, rig: Rig, cameras: Iterable[str], t_ns: int) -> None:
-    """Tell with which intrinsics this node works; the last word is kept for nodes that come later."""
+    """Publish the intrinsics that this node uses; the last message is kept for nodes that start later."""
     for name in cameras:
         node.publish(topics.node_camera_info(name), info_from_camera(rig[name], t_ns), t_ns)
 
 
 class ToldIntrinsics:
-    """What camera nodes tell of the cameras of a rig.
+    """What camera nodes publish about the cameras of a rig.
 
     Attributes:
-        cameras: those told of so far, with the poses of the rig.
+        cameras: those received so far, with the poses of the rig.
         problems: one line per camera whose intrinsics cannot be used, or differ from the rig's, that was not taken yet.
     """
 
@@ -65,7 +65,7 @@ class ToldIntrinsics:
 
 
 def rig_of_nodes(rig: Rig, network: Network, say: Say, duration_s: float | None = None) -> Rig:
-    """The rig with the intrinsics that the camera nodes work with; waits until each camera of the rig is told of.
+    """The rig with the intrinsics that the camera nodes use; waits until those of every camera of the rig are received.
 
     Raises:
         SourceError: `duration_s` is over before that.

@@ -43,7 +43,7 @@ class OutputsReady:
 
 @dataclass(frozen=True)
 class OutputsFailed:
-    """The process cannot begin: one line says why."""
+    """The process cannot start; one line with the reason."""
 
     reason: str
 
@@ -197,7 +197,7 @@ class Worker:
         return now
 
     def finish(self) -> None:
-        """Ask for the end, after what is queued; an output that hangs loses one message for it."""
+        """Request the end, after the queued messages; for an output that hangs one message is dropped."""
         self._ending = True
         while self._thread.is_alive():
             try:
@@ -256,7 +256,7 @@ class Worker:
             self._again_later(words_of(error, self.name), counts=False)
             return False
         where = self._output.where
-        self._now = replace(self._now, state=OK, text=f"goes on in {where}" if where else "goes on", where=where)
+        self._now = replace(self._now, state=OK, text=f"continues in {where}" if where else "continues", where=where)
         return True
 
     def _again_later(self, why: str, counts: bool = True) -> None:

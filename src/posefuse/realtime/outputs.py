@@ -33,7 +33,7 @@ from .processes import death_of, ended, spawned
 _START_S = 60.0
 _FIRST_RETRY_S = 0.2
 _LONGEST_RETRY_S = 10.0
-# it reports four times a second: then it is said that it does not, then it is ended
+# it reports four times a second: after the first limit its silence is reported, after the second it is ended
 _SILENT_S = 2.0
 _HUNG_S = 10.0
 # messages travel in bundles, as every one that is sent wakes the other process: so long and so many bytes at most, far below what
@@ -205,7 +205,7 @@ class OutputProcess:
             self._ready = True
             for kept in self._kept.messages():
                 self._channel.send(kept)
-            goes_on = "goes on in {}" if self._deaths else "{}"
+            goes_on = "continues in {}" if self._deaths else "{}"
             self._learn({name: replace(health, text=goes_on.format(health.where)) for name, health in message.health.items()})
         elif isinstance(message, OutputsHealth):
             self._retry_s = _FIRST_RETRY_S

@@ -23,7 +23,7 @@ from .messages import Centres, Go, GroupFailed, Ready, Status, Stop
 from .video_keeping import FINISH_S
 
 START_S = 120.0
-# no word for so long: something is wrong; then: it hangs and is ended
+# after the first time without a message something is wrong; after the second the process hangs and is ended
 SILENT_S = 1.5
 _HUNG_S = 5.0
 _FIRST_RETRY_S = 0.2
@@ -49,7 +49,7 @@ def spawned(target: Callable[..., None], *args: Any, name: str) -> Any:
 
 
 def ended(process: Any, wait_s: float) -> None:
-    """Wait for a process that was told to leave; end it when it does not."""
+    """Wait for a process that was asked to stop; kill it when it does not."""
     process.join(wait_s)
     if process.is_alive():
         process.kill()
@@ -160,13 +160,13 @@ class Groups:
         for member in self._members:
             trouble = member.trouble
             if not trouble and now - member.heard_s > SILENT_S:
-                trouble = f"process {member.process.pid} has said nothing for {now - member.heard_s:.1f} s"
+                trouble = f"process {member.process.pid} has been silent for {now - member.heard_s:.1f} s"
             if trouble:
                 found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
         return found
 
     def control(self, request: ShowImages | KeepVideos) -> None:
-        """Change what the groups give besides views; one that is started again knows it, but goes on with no video."""
+        """Change what the groups give besides views; one that is started again knows it, but continues with no video."""
         for member in self._members:
             if isinstance(request, ShowImages):
                 member.plan = replace(member.plan, preview_hz=request.rate_hz)

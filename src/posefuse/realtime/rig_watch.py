@@ -33,7 +33,7 @@ _NICENESS = 10
 _WAIT_S = 0.2
 CUT = "cut"
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-# of a camera's views, those closer than this to the one before tell nothing new
+# of a camera's views, those closer than this to the one before add no information
 _APART_NS = round(APART_S * 1e9)
 # poses are better without a camera that sees people farther off than this (`bench/rig_monitor.py`)
 _ASTRAY_M = 0.05
@@ -55,7 +55,7 @@ class Watched:
 
 
 def watching(rig: Rig, clocks: bool) -> AbstractContextManager[RigWatch | None]:
-    """A watch over the rig, where there is anything to watch: two cameras cannot tell which of them is wrong."""
+    """The rig watch, where there are enough cameras: with two cameras it is unknown which of them is wrong."""
     return RigWatch(rig, clocks) if clocks or len(rig) >= monitor.LEAST_CAMERAS else contextlib.nullcontext()
 
 
@@ -99,7 +99,7 @@ class RigWatch:
         return replace(view, t_ns=view.t_ns - round(offset_s * _S)) if offset_s else view
 
     def cut(self) -> None:
-        """What the cameras show next does not go on from what they showed, e.g. a clip begins again."""
+        """What the cameras show next does not continue from what they showed, e.g. a clip begins again."""
         self._send(CUT)
 
     def hear(self) -> None:

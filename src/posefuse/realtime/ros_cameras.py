@@ -17,7 +17,7 @@ AGREE_PX = 3.0
 
 
 def rig_with_camera_infos(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Callable[[str], None]) -> Rig:
-    """The rig to work with: with intrinsics of `CameraInfo` where `use` is ``use``, else as it was, and what differs is said.
+    """The rig to work with: with intrinsics of `CameraInfo` where `use` is ``use``, else unchanged, and differences are reported.
 
     Cameras without a ROS topic stay as they are.
 
@@ -38,7 +38,7 @@ def rig_with_camera_infos(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfo
         try:
             camera = camera_of_info(rig[name], msg) if msg is not None else None
         except MessageError as error:
-            raise SourceError(f"{topic}: {error}; --camera-info ignore goes on without it") from None
+            raise SourceError(f"{topic}: {error}; --camera-info ignore continues without it") from None
         problem = _problem(rig[name], camera, silent=msg is None)
         if use == "use" and camera is None:
             raise SourceError(f"camera {name}: its intrinsics are wanted from {topic}, but {problem}")

@@ -46,7 +46,7 @@ class NewsLine:
 
 @dataclass(frozen=True)
 class Ended:
-    """The session is over; `error` says why it could not go on, None when it ended as it should."""
+    """The session is over; `error` is the reason for a failure, None after a normal end."""
 
     error: PosefuseError | None
 

@@ -85,7 +85,7 @@ class SessionViews(LiveIntake, Protocol):
         ...
 
     def notices(self) -> list[str]:
-        """What is to be said about where views come from, each line once."""
+        """Notes about the sources of views, each line once."""
         ...
 
     def centres(self) -> list[Centres]:

@@ -25,7 +25,7 @@ FINISH_S = 5.0
 
 @dataclass(frozen=True)
 class KeptCounts:
-    """What came of one camera's video.
+    """The result of one camera's video.
 
     Attributes:
         written, dropped: frames. how: ``copied`` (the camera's own packets) or ``encoded``. fault: why it ended early.

@@ -151,7 +151,7 @@ def _all_points(live: LiveScene, t_s: Array) -> tuple[Array, Array]:
 def _when_exposed(camera: Camera, early: Array, middle: Array, late: Array) -> Array:
     """Places (F, Q, 3) at the moment the rolling shutter passes them, by a parabola through three moments.
 
-    A fixed point: the row tells the moment, the moment the place, the place the row.
+    A fixed point: the row gives the time, the time the position, the position the row.
     """
     rate, bend = (late - early) / 2, (late + early) / 2 - middle
     last_row = camera.size_wh[1] - 1

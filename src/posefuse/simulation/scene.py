@@ -63,7 +63,7 @@ class Scene:
 
     Attributes:
         duration_s: how long. start_s: session time at which it begins.
-        rate_hz: frames per second of cameras that do not say otherwise, and of the truth.
+        rate_hz: frames per second of cameras without a rate of their own, and of the truth.
         seed: of everything random that has no seed of its own.
         record: how the cameras' frames are stored.
     """

@@ -28,7 +28,7 @@ def scene_copies(scene: Scene, folder: Path) -> set[Path]:
 
 
 def scene_text(scene: Scene) -> str:
-    """What scene.yaml says: every setting, motion files as the session holds them."""
+    """The content of scene.yaml: every setting, motion files as the session holds them."""
     return yaml.safe_dump(plain_settings(with_motion_files(scene, _motion_name)), sort_keys=False)
 
 

@@ -53,14 +53,14 @@ def simulate(
     replace: bool = False,
     warn: Callable[[str], None] | None = None,
 ) -> SessionPaths:
-    """Render a scene into the folder `out`, or go on where an interrupted run of the same scene stopped.
+    """Render a scene into the folder `out`, or continue where an interrupted run of the same scene stopped.
 
     Args:
         progress: called with (frames done, frames in all) after every run of frames.
         processes: how many render at once; None takes one per core.
         replace: an earlier session that posefuse wrote and that is unchanged is moved aside, and removed when the new one is
             complete; an unfinished one of another scene is moved aside and stays there.
-        warn: is told where an earlier session is that stays aside, also when this one is interrupted.
+        warn: gets a line with the folder to which an earlier session was moved, also when this one is interrupted.
 
     Raises:
         ConfigError: the scene cannot be. InputError: `out` holds something else, cannot be written, or there is too little room.

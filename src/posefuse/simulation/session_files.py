@@ -108,7 +108,7 @@ def cameras_with_depth(live: LiveScene) -> list[str]:
 
 
 def shot_arrays(live: LiveScene) -> dict[str, Array]:
-    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` what its video says."""
+    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` the stamp in its video."""
     arrays: dict[str, Array] = {}
     for i, shots in enumerate(live.shots):
         arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}

@@ -13,7 +13,7 @@ from .scene import Scene
 from .scene_files import SCENE_FILE, scene_text
 
 COMMAND = "simulate"
-MARKER_TEXT = "This session is not finished. Simulate the same scene into this folder to go on.\n"
+MARKER_TEXT = "This session is not finished. Simulate the same scene into this folder to continue.\n"
 
 
 @dataclass(frozen=True)

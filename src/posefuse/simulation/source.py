@@ -72,7 +72,7 @@ def _finished(folder: Path) -> SessionPaths:
 
 
 class SimulatedSource:
-    """Frames of one simulated camera, stamped by its own clock. Ends with the scene; `frames` starts anew."""
+    """Frames of one simulated camera, stamped by its own clock. Ends with the scene; `frames` starts again from the beginning."""
 
     def __init__(self, config: SimulatedConfig) -> None:
         self._config = config

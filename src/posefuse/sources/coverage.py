@@ -46,7 +46,7 @@ class RecordedSource(Source, Protocol):
 
     @property
     def stated_frames(self) -> int:
-        """How many frames it says that it has; 0 where it does not."""
+        """The number of frames that its header states; 0 where it states none."""
         ...
 
 
@@ -72,7 +72,7 @@ class CountedSource:
         return self._source.times_ns()
 
     def frames(self) -> Iterator[Frame]:
-        """Frames in time order from the start, counted anew."""
+        """Frames in time order from the start, counted again."""
         self._delivered_ns = []
         for frame in self._source.frames():
             self._delivered_ns.append(frame.t_ns)
@@ -100,7 +100,7 @@ def incomplete_cameras(coverages: Sequence[Coverage], stated_end_ns: int | None 
 
     Args:
         coverages: one per camera.
-        stated_end_ns: until when all should go on, where that is known better than by the one that lasts longest.
+        stated_end_ns: until when all should continue, where that is known better than by the one that lasts longest.
     """
     ends = [one.end_ns for one in coverages if one.end_ns is not None]
     last_ns = max([*ends, *([] if stated_end_ns is None else [stated_end_ns])], default=0)

@@ -32,7 +32,7 @@ def frame_sets(
 
     Cameras may begin and end at different times, drop frames or run at other rates: each gives to a time step the frame
     nearest to it, if that is within half a period, and no frame twice. A camera that fails is reported to `on_lost` and
-    goes on as one that has ended; without `on_lost` its error is raised.
+    continues as one that has ended; without `on_lost` its error is raised.
     """
     cursors = [_Cursor(name, iter(frames), on_lost) for name, frames in streams.items()]
     tick = 0

@@ -15,7 +15,7 @@ from posefuse.core.encoded import EncodedImage
 
 # codecs whose packets go to an .mp4 as they are
 _COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1", "mpeg4")
-# those whose decoder needs to be told its parameters before the first packet
+# those whose decoder needs its parameters before the first packet
 _NEED_PARAMETERS = ("h264", "hevc", "av1")
 # a decoder that holds back more packets than this reorders them
 _MOST_PENDING = 32

@@ -32,7 +32,7 @@ class RosConfig:
         camera: name of the camera in the rig.
         offset_s: added to all times: session clock minus Unix epoch.
         wait_s: how long the first image may take.
-        sim_time: stamps are simulated time; `/clock` says what they are on this machine's clock (ROS: `use_sim_time`).
+        sim_time: stamps are simulated time; `/clock` relates them to this machine's clock (ROS: `use_sim_time`).
         lens: the rig's camera; images of an ideal camera, as simulators draw them, get its lens (`rig_lens`).
         domain_id, local_only, interface, peers: see `messages.dds_domain.Network`.
     """
@@ -54,7 +54,7 @@ class RosConfig:
         return Network(domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=tuple(self.peers))
 
     def build(self) -> RosSource:
-        """Subscribe and wait for the first image; raises SourceError that says what there is when none comes."""
+        """Subscribe and wait for the first image; raises SourceError that lists what is there when none arrives."""
         return RosSource(self)
 
 

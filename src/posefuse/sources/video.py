@@ -88,7 +88,7 @@ class VideoSource:
 
     @property
     def stated_frames(self) -> int:
-        """Frames by the file's header, more than `times_ns` where its end is missing; 0 where it does not say."""
+        """Frames by the file's header, more than `times_ns` where its end is missing; 0 where it states none."""
         return self._stated_frames
 
     def times_ns(self) -> Array:
@@ -183,7 +183,7 @@ def session_ns(config: VideoConfig, file_time_s: Fraction) -> int:
 
 
 def opened_video(config: VideoConfig) -> av.container.InputContainer:
-    """The file, with a video stream that can be decoded; raises SourceError that says what is wrong with it."""
+    """The file, with a video stream that can be decoded; raises SourceError that names the defect."""
     where = f"{config.path}: camera {config.camera}"
     if not Path(config.path).is_file():
         raise SourceError(f"{where}: no such video file")

@@ -72,7 +72,7 @@ def run(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
     """Serve until Ctrl-C.
 
     Args:
-        show: open the page in the user's browser. say: takes lines for the terminal.
+        show: open the page in the user's browser. say: called with lines for the terminal.
 
     Raises:
         InputError: the port is taken, or the address is not of this machine.
@@ -82,7 +82,7 @@ def run(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
     # images are compressed already: deflating them again would cost the server a core
     config = uvicorn.Config(application(studio), log_level="error", ws_per_message_deflate=False, ws_max_size=2**20)
     say(f"posefuse studio: {access.address()}")
-    say(f"workspace {studio.workspace.root}; Ctrl-C ends the server, running sessions and jobs go on")
+    say(f"workspace {studio.workspace.root}; Ctrl-C ends the server, running sessions and jobs continue")
     if show:
         threading.Timer(1.0, webbrowser.open, (access.address(),)).start()
     with listener:

@@ -202,7 +202,7 @@ def save_project(workspace: StudioWorkspace, project: Project) -> None:
 
 
 def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str]) -> Known:
-    """What the files of a project say."""
+    """The content of the files of a project."""
     folder = workspace.path(project.folder)
     recordings: dict[Step, str] = {}
     coverage: dict[Step, Mapping[str, Any]] = {}

@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 _BLUR_PX = 1.0
 # share of the Laplacian's energy that such a blur leaves; `python bench/studio.py focus` measures it for known blurs
 _MOST_LEFT = 0.35
-# parts of an image without edges say nothing
+# parts of an image without edges carry no information
 _LEAST_EDGE_DN = 12.0
 
 
@@ -31,7 +31,7 @@ def detail_left(image: Array) -> float:
 
 
 def focus_warning(image: Array) -> str:
-    """What to do where an image seems out of focus; empty where it does not, or shows nothing to tell it by."""
+    """Advice where an image seems out of focus; empty where it does not, or has too little texture to judge."""
     left = detail_left(image)
     if left > _MOST_LEFT:
         return f"perhaps out of focus: its edges are {left:.0%} as sharp after a blur of {_BLUR_PX:g} px; turn the focus ring"

@@ -1,4 +1,4 @@
-"""The jobs that belong to a page, with what came of them."""
+"""The jobs that belong to a page, with the result of them."""
 
 from __future__ import annotations
 

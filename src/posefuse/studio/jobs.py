@@ -1,6 +1,6 @@
-"""Long work in processes of its own, whose state is in files: it goes on when a page, a connection or the server ends.
+"""Long work in processes of its own, whose state is in files: it continues when a page, a connection or the server ends.
 
-Each job is a folder ``.posefuse-studio/jobs/ID`` of the workspace: ``job.json`` says what to do, ``state.json`` how far it is,
+Each job is a folder ``.posefuse-studio/jobs/ID`` of the workspace: ``job.json`` has the task, ``state.json`` its progress,
 ``log.txt`` has what it printed, and a file ``cancel`` asks it to stop. Any server that serves the workspace finds them.
 """
 

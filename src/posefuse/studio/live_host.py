@@ -135,7 +135,7 @@ class Host:
 
 
 class Pace:
-    """Says when something is due, at most so often."""
+    """True when something is due, at a limited rate."""
 
     def __init__(self, every_s: float) -> None:
         self.every_s, self._next_s = every_s, 0.0

@@ -44,7 +44,7 @@ def refusal_pictures(
         try:
             picture = _picture(videos[camera], camera, detector, cells.get(camera))
         except PosefuseError:
-            # a video without any frame is what the check says itself
+            # the check itself reports a video without any frame
             continue
         made[camera] = folder / f"{result['step']}-{camera}.jpg"
         made[camera].write_bytes(jpeg_of(picture, _QUALITY))

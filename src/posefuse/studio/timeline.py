@@ -49,7 +49,7 @@ def picture(t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], u
     """An SVG image as the address of itself: curves over time, foot strikes as ticks at the bottom.
 
     Args:
-        t_s: (T,) session seconds. strikes: by side, session seconds. empty: what to say where there is no curve.
+        t_s: (T,) session seconds. strikes: by side, session seconds. empty: the text where there is no curve.
     """
     span = Span(float(t_s[0]), float(t_s[-1]))
     low, high = _range(curves)

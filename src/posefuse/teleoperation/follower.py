@@ -26,7 +26,7 @@ class Follower:
 
     Attributes:
         moves: one limited motion per end effector. turns: of its orientation, positions counted from `wxyz`.
-        wxyz: (H, 4). order: the newest good one. heard_ns: when it was heard; None: none yet. limited: why it brakes.
+        wxyz: (H, 4). order: the newest good one. heard_ns: when it arrived; None: none yet. limited: why it brakes.
     """
 
     moves: tuple[Motion, ...]
@@ -67,7 +67,7 @@ def standing(xyz: Array, wxyz: Array) -> Follower:
 
 
 def heard(follower: Follower, order: Order, now_ns: int, settings: TeleoperationSettings) -> Follower:
-    """Take an order in; one that is not newer than the last, too old, from the future or not finite is not heard."""
+    """Take an order; one that is not newer than the last, too old, from the future or not finite is ignored."""
     longest_ns = settings.robot.watchdog_s * 1e9
     old = follower.order is not None and order.seq <= follower.order.seq
     if old or not -longest_ns <= now_ns - order.sent_ns <= longest_ns or not order.usable:

@@ -28,7 +28,7 @@ _USUAL_FOREARM = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class CameraReport:
-    """How the cameras fare. t_ns: when it was told. healthy, total: cameras."""
+    """State of the cameras. t_ns: time of the report. healthy, total: numbers of cameras."""
 
     t_ns: int
     healthy: int

@@ -18,7 +18,7 @@ class Beat:
 
 @dataclass(frozen=True, kw_only=True)
 class Heartbeats:
-    """What was heard. seq: of the newest heartbeat. last_ns: when it was sent. count: in a row. grip: of the newest heartbeat."""
+    """What was received. seq, grip: of the newest heartbeat. last_ns: when it was sent. count: in a row."""
 
     seq: int = -1
     last_ns: int | None = None

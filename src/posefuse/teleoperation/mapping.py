@@ -1,7 +1,7 @@
 """Relative displacement of the hand -> target of the end effector, with a clutch. Pure functions.
 
 As in the paper, only what the hand has moved since the clutch engaged counts. At that moment the target is where the robot
-was told to be, so engaging moves nothing, at any scale and as often as one likes.
+was commanded to be, so engaging moves nothing, at any scale and any number of times.
 """
 
 from __future__ import annotations

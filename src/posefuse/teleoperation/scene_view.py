@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _EVERY_NS = 50_000_000
 _TRAIL = 60
-# a workspace that is larger than a room says nothing in a picture
+# a workspace larger than a room is not worth drawing
 _MOST_BOX_M = 8.0
 _ROBOT_RGB = {
     Phase.IDLE: (150, 150, 150),

@@ -133,7 +133,7 @@ def run(
     until: Callable[[], bool],
     watch: Callable[[Operator, Order | None], None] | None = None,
 ) -> Summary:
-    """Teleoperate until `until` says so, the poses end or the robot's process is gone. watch: is shown every step."""
+    """Teleoperate until `until` is true, the poses end or the robot's process has ended. watch: called with every step."""
     period_s = 1.0 / settings.robot.rate_hz
     operator, summary, begun_s = Operator(), Summary(), time.monotonic()
     used_ns: int | None = None
@@ -179,7 +179,7 @@ def _news(view: OperatorView | None, pressed: Pressed, feed: Feed, robot: RobotL
 
 
 def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int) -> int:
-    """Take a step in. image_ns: mid-exposure of the newest image the robot has heard of so far; returns the same, now."""
+    """Add a step. image_ns: mid-exposure of the newest image that the robot has received so far; returns the new value."""
     gate = operator.gate
     summary.ticks[gate.phase.value] += 1
     summary.engagements += gate.engages
@@ -189,7 +189,7 @@ def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int
     if state is None:
         return image_ns
     summary.robot_late = state.late
-    # the first command that used a new image; one that was new while the robot held is old when it goes on
+    # the first command that used a new image; one that was new while the robot held is old when it continues
     if state.order_measured_ns > image_ns and not state.limited:
         summary.latency_ms.append((state.sent_ns - state.order_measured_ns) / 1e6)
     return max(image_ns, state.order_measured_ns)

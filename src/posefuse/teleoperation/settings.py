@@ -25,7 +25,7 @@ class MappingSettings:
         orientation: ``none`` keeps the orientation of the end effector; ``forearm`` turns it as the forearm turns.
         rest_noise_m: noise of a resting hand's place, root mean square, that is smoothed away at most; 0 smooths nothing. A hand
             that moves, or that is known exactly, passes unchanged (`steady`).
-        lead_m: the target is never farther than this ahead of what the robot was told, so that nothing winds up.
+        lead_m: the target is never farther than this ahead of the commanded position, which prevents wind-up.
     """
 
     scale: Annotated[float, Gt(0), Le(10)] = 1.0
@@ -37,7 +37,7 @@ class MappingSettings:
 
 @settings
 class LimitSettings:
-    """What the robot may do, whatever it is told.
+    """What the robot may do, whatever is commanded.
 
     Attributes:
         speed_mps, acceleration_mps2, jerk_mps3: of an end effector. Braking uses the same acceleration without the jerk limit.
@@ -136,7 +136,7 @@ class RobotSettings:
     Attributes:
         rate_hz: control rate. watchdog_s: without an order for so long the robot stops by itself.
         position_xy_m, heading_deg: where the robot's base frame lies in the world of the rig.
-        shared: the robot is in the operator's room. False switches the separation off: say it only of a robot elsewhere.
+        shared: the robot is in the operator's room. False switches the separation off: use it only for a robot elsewhere.
     """
 
     rate_hz: Annotated[float, Ge(20), Le(1000)] = 100.0

@@ -26,13 +26,13 @@ class Phase(StrEnum):
     IDLE = "idle"  # something is missing, or the dead-man's switch must be let go first
     READY = "ready"  # a press engages
     ENGAGED = "engaged"  # the robot follows
-    HOLD = "hold"  # the robot stands; goes on by itself when all is well again soon
+    HOLD = "hold"  # the robot stands; continues by itself when all is well again soon
     STOPPED = "stopped"  # a fault of the robot or an emergency stop; only a reset leaves it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Order:
-    """What the operator's side tells the robot's side, about 100 times a second.
+    """What the operator's side sends to the robot's side, about 100 times a second.
 
     Attributes:
         seq: counts orders. sent_ns: when it was sent. phase: the robot moves in ENGAGED only, in every other it brakes.

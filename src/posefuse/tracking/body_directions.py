@@ -23,7 +23,7 @@ JOINT_DIRECTIONS = {
     "ear": ("face", "crown", "outward"),
     "nose": ("face", "crown"),
 }
-# of the head, which has no joint centres: a line through them tells how far it is tilted
+# of the head, which has no joint centres: a line through them gives its tilt
 HEAD = ("ear", "nose")
 _MIDLINE = ("nose",)
 # knuckles of index and little finger lie about this far apart
@@ -61,7 +61,7 @@ def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
     and ``forward`` normal to both. Others: ``bend``, the difference of the limbs' directions below and above the joint,
     nothing when it is straight; ``sinking``, of the thigh's direction and the spine's downward one, nothing when standing;
     ``palm``, from little to index finger, about one long; ``raising``, outward as far as the arm points outward;
-    ``lowering``, normal to the arm and the chest's forward, down from an arm held out sideways: nothing when it hangs, one
+    ``lowering``, normal to the arm and the chest's forward, down from an arm held out sideways: zero when it points down, one
     long when it is level; ``face``, from the ears to the nose, and ``crown``, normal to it and to the line of the ears, up.
     NaN where keypoints are missing.
     """

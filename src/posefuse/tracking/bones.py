@@ -49,7 +49,7 @@ def hold_bones(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_mi
 
     Iterated extended Kalman update of each time step with one pseudo-measurement per bone, |a - b| = length with its spread
     (`bone_lengths`): the Gauss-Newton minimum of the keypoints' Mahalanobis distances plus the bones' squared errors.
-    Missing keypoints stay missing, and bones that end in one say nothing.
+    Missing keypoints stay missing, and bones that end in one carry no information.
     """
     length, spread = bone_lengths(xyz, cov, used, skeleton, sigma_min_m)
     known = np.flatnonzero(np.isfinite(length) & (length > 0.02))

@@ -59,7 +59,7 @@ class JointCentres:
 
     @cached_property
     def usual(self) -> Array:
-        """(S,) `lengths` in the order of `SEGMENTS`; NaN where not told."""
+        """(S,) `lengths` in the order of `SEGMENTS`; NaN where unknown."""
         return np.array([self.lengths.get(segment, np.nan) for segment in SEGMENTS])
 
     @cached_property
@@ -94,7 +94,7 @@ def _check_names(where: str, what: str, got: Iterable[str], known: Iterable[str]
 
 
 def to_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
-    """A finished recording with its joints at their centres; how long the person's segments are is told by all of it."""
+    """A finished recording with its joints at their centres; the segment lengths are learned from all time steps."""
     return at_joint_centres(sequence, table, _lengths(sequence.xyz_world, sequence.skeleton, table))
 
 

@@ -17,7 +17,7 @@ _S = len(SEGMENTS)
 USUAL_S = 0.3
 # what is older fades, in case another person has taken a person's place unnoticed
 _MEMORY_S = 60.0
-# poses this close in time tell nothing new
+# poses this close in time add no information
 _EVERY_NS = 50_000_000
 # one pose stands for no longer than this, should the ones before it be missing
 _LONGEST_NS = 100_000_000

@@ -1,7 +1,7 @@
 """Offsets of joint centres from the keypoints of detectors whose offsets are not fitted, from people's proportions.
 
 Detectors mark joints where they seem to be on the surface of the body, so segments come out too short or too long, while people's
-segments are known shares of their stature, each with a spread. Both together say how far a keypoint is probably off: of
+segments are known shares of their stature, each with a spread. Both together give the probable offset of a keypoint: of
 Gaussian offsets along limbs, seen through the lengths they change, the conditional mean is linear in the lengths measured in the
 recording. So the result is an ordinary `JointCentres` table: no offset for a person of usual proportions, and slopes.
 """
@@ -107,7 +107,7 @@ def proportional_joint_centres(skeleton: Skeleton, known: Proportions | None = N
 
 
 def joint_centres_of(detector: Detector, *, proportions: bool) -> JointCentres | None:
-    """Where joint centres lie relative to a detector's keypoints: as fitted to it, else, with `proportions`, as people's say.
+    """Where joint centres lie relative to a detector's keypoints: fitted to it, or with `proportions` from body proportions.
 
     Raises:
         ConfigError: an invalid table.

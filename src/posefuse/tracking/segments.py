@@ -19,7 +19,7 @@ SEGMENTS = {
     "hips": ("left_hip", "right_hip"),
     "trunk": ("mid_hip", "neck"),
 }
-# fewer time steps do not tell how long the person's segments are
+# fewer time steps do not determine the lengths of the person's segments
 _LEAST_INSTANTS = 10
 _ENDS = [[[end.format(side=side) for end in ends] for ends in SEGMENTS.values()] for side in SIDES]
 _POINTS = tuple(dict.fromkeys(end for side in _ENDS for ends in side for end in ends))

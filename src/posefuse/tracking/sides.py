@@ -1,6 +1,6 @@
 """Left and right over time: a limb that changes sides for a few time steps moves as no limb does, and is put right.
 
-When legs pass each other most views may confuse them at once, and then no single time step can tell. Time can: the swinging
+When legs pass each other most views may confuse them at once, and then no single time step can decide. Motion can: the swinging
 foot is fast and the standing one is not, so the labelling under which all limbs keep their velocity is the right one.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from posefuse.core import PoseSequence, Rig, Skeleton, ViewSequence
 from posefuse.core.arrays import Array
 
-# arms first: their shoulders then tell which side of the body the hips are on
+# arms first: their shoulders then show which side of the body the hips are on
 _LIMBS = (
     ("shoulder", "elbow", "wrist", "pinky", "index", "thumb"),
     ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe"),
@@ -35,7 +35,7 @@ def steady_sides(sequence: PoseSequence) -> PoseSequence:
     """Exchange left and right of arms and legs where that lets them move on steadily, for each person by itself.
 
     The labelling of least total surprise over the whole recording (Viterbi over pairs of time steps; surprise is the distance
-    from constant velocity); legs also stay on the side of the body that the shoulders tell. Arms are never
+    from constant velocity); legs also stay on the side of the body given by the shoulders. Arms are never
     exchanged in most of a recording.
     """
     fields = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
@@ -136,7 +136,7 @@ def _labels(t_ns: Array, left: Array, right: Array, twist: Array) -> Array:
     labels[-2:] = b, c
     for t in range(count - 1, 1, -1):
         labels[t - 2] = came_from[t, labels[t - 1], labels[t]]
-    if 2 * labels.sum() > count and np.isnan(twist).all():  # nothing but the majority tells
+    if 2 * labels.sum() > count and np.isnan(twist).all():  # only the majority decides
         labels = 1 - labels
     return np.flatnonzero(labels)
 

@@ -147,7 +147,7 @@ def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:
 
 
 def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Array, left_out: Array) -> Array:
-    """(T,) squared distance of each measurement from what all others say, in units of its variance; NaN where none.
+    """(T,) squared distance of each measurement from the estimate of all others, in units of its variance; NaN where none.
 
     Residual and posterior of a linear model give it without leaving anything out: cov(z - mean) is noise - cov for a
     measurement that went in, noise + cov for one that did not.

@@ -59,7 +59,7 @@ def _add_process(cov, dt, q):
 
 @kernel()
 def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
-    """Predictions of every time step and what the measurements said about them."""
+    """Predictions of every time step and the innovations of the measurements."""
     x, cov, s = np.zeros((9, 1)), np.zeros((9, 9)), np.empty((3, 3))
     for i in range(3):
         x[i, 0] = z[0, i]

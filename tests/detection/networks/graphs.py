@@ -136,7 +136,7 @@ def colour_one_stage(path: Path, size_wh: tuple[int, int], colours: np.ndarray, 
 
 
 def write_card(path: Path, kind: str, network: Path, size_wh: tuple[int, int], top: str = "", rest: str = "") -> Path:
-    """A card for a network file next to it: `top` are keys of the card itself, `rest` goes on in [input]."""
+    """A card for a network file next to it: `top` are keys of the card itself, `rest` continues in [input]."""
     sha256 = hashlib.sha256(network.read_bytes()).hexdigest()
     lines = [
         f'kind = "{kind}"', f'file = "{network.name}"', f'sha256 = "{sha256}"', 'licence = "none: made by a test"', top,

@@ -1,4 +1,4 @@
-"""Every layout, from networks with known outputs, against positions worked out anew: rotated, rectangular crops, to 0.05 px."""
+"""Every layout, from networks with known outputs, against positions worked out again: rotated, rectangular crops, to 0.05 px."""
 
 import hashlib
 

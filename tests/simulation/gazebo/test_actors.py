@@ -40,7 +40,7 @@ def test_gazebo_finds_the_skin_where_our_renderer_draws_it(written, read_person)
     *_, skin = read_person
     expected = written.live.bodies[0].vertices(written.live.bones(TIMES_S[-1:])[0])[0]
     apart_m, nearest = cKDTree(np.array(skin)).query(expected)
-    # a vertex hangs on its four strongest joints only, ours on up to nine: few toes and armpits differ
+    # a vertex is attached to its four strongest joints only, ours on up to nine: few toes and armpits differ
     assert np.median(apart_m) < 0.1 * MM and np.quantile(apart_m, 0.99) < 1 * MM and apart_m.max() < 10 * MM
     assert len(np.unique(nearest)) > 0.99 * len(expected)
 

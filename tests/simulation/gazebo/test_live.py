@@ -76,7 +76,7 @@ def test_images_of_a_simulator_are_tracked_and_compared_by_simulation_time(tmp_p
     found = compared(world, recording)
     print({name: camera["used_share"] for name, camera in figures["cameras"].items()}, found["mean_mm"], found["walked_m"])
     assert found["offset_s"] == 0 and found["walked_m"] > 1.0
-    # one small image ten times a second, and a person who jumps where the loop begins anew
+    # one small image ten times a second, and a person who jumps where the loop starts again
     assert found["mean_mm"] < 150
     # and it is simulation time that does it: with a truth of another length they would be somewhere else
     other = tmp_path / "other"

@@ -94,7 +94,7 @@ class CameraError:
 
 
 def camera_errors(rig: Rig, seen: Snapshots, target: Target, limits: VerifyLimits) -> tuple[CameraError, ...]:
-    """Each camera against those that are not found wrong: the worst is taken away first, and the others measured anew."""
+    """Each camera against those that are not found wrong: the worst is taken away first, and the others measured again."""
     views = _each_patch_alone(seen)
     trusted = {int(c) for c in np.unique(views.camera)}
     found = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig))}

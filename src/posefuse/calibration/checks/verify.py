@@ -70,7 +70,7 @@ def verify(
         limits: what refuses a camera.
 
     Raises:
-        CalibrationError: too few lengths to say anything.
+        CalibrationError: too few lengths for a result.
     """
     observations = aligned(observations, rig)
     if len(observations) == 0:
@@ -175,7 +175,7 @@ def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tupl
     worst = max(known, key=lambda one: one.excess(limits), default=None)
     detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
     return (
-        Check("cameras are where the rig says", not wrong, detail,
+        Check("cameras are where the rig has them", not wrong, detail,
               "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again"),
         Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
               "hold the target where this camera and another see it, or leave the camera out"),
@@ -221,5 +221,5 @@ def check_stature(measured_m: float, stated_m: float) -> Check:
     """A person's height out of limb lengths against the stated one: the scale of a rig, to some per cent."""
     ratio = measured_m / stated_m
     return Check("scale against the person", 0.9 <= ratio <= 1.1,
-                 f"limbs say {measured_m:.2f} m, stated are {stated_m:.2f} m (limit 10 %)",
+                 f"measured limbs give {measured_m:.2f} m, stated are {stated_m:.2f} m (limit 10 %)",
                  "the marker side given to the calibration is wrong")  # fmt: skip

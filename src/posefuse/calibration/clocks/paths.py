@@ -1,7 +1,7 @@
 """Points of a moving person or prop on smooth paths, seen by known cameras whose clocks are not the same.
 
 Every view is one ray to each point at its own stamp, so no two cameras need to have looked at the same time. The paths, and a
-constant error of each camera about each point, are eliminated; what is left says how much later each camera's stamps are.
+constant error of each camera about each point, are eliminated; the rest determines how late each camera's stamps are.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
-# of a camera's views, those closer than this to the one before tell nothing new
+# of a camera's views, those closer than this to the one before add no information
 APART_S = 0.045
 # accelerations that paths may have, from those that leave slow motion only to all
 ACCELERATIONS_M_S2 = (2.0, 2.0, 4.0, *12 * (8.0,))
-# noise of the paths' speeds makes steps too short: they go on until they are of no account
+# noise of the paths' speeds makes steps too short: they continue until they are of no account
 SETTLED_S = 1e-4
 LONGEST_STEP_S = 0.1
 LEAST_VIEWS = 8
@@ -25,7 +25,7 @@ LEAST_VIEWS = 8
 _KNOT_S = 0.1
 # of a keypoint in a view: usual error, and the part of it that stays
 _SIGMA_PX, _STAYS_PX = 4.0, 6.0
-# errors of neighbouring views are alike: so many tell one news
+# errors of neighbouring views are correlated: so many count as one independent view
 _ALIKE = 6.0
 
 
@@ -40,7 +40,7 @@ class MovingViews:
 
 @dataclass(frozen=True, eq=False)
 class ClockSums:
-    """What views say of the offsets: information (C, C) in 1/s^2, and pull (C,) in 1/s."""
+    """What views contribute to the offsets: information (C, C) in 1/s^2, and pull (C,) in 1/s."""
 
     information: Array
     pull: Array
@@ -82,7 +82,7 @@ class Paths:
         return np.asarray(self._left_px[self._seen])
 
     def step(self, offset_s: Array, acceleration_m_s2: float) -> ClockSums:
-        """Fit the paths anew, and say how much later each camera's stamps are than `offset_s`."""
+        """Fit the paths again; returns how much later each camera's stamps are than `offset_s`."""
         c, count = self._views.c, self._cameras
         times = self._views.t_s - offset_s[c]
         basis, slope, bend = _splines(times)

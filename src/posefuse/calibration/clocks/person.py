@@ -1,4 +1,4 @@
-"""Clocks of cameras that stand as a rig says, from a person who moves in front of them; refused where that cannot tell."""
+"""Clocks of cameras with known extrinsics, from a person who moves in view; refused where the motion does not determine them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FoundClocks:
 
 
 def moving_points(track: PersonTrack) -> PointTrack:
-    """The points of a person that tell most about time, where they are well seen."""
+    """The points of a person that carry most information about time, where they are well seen."""
     limbs = limb_keypoints(track.skeleton.keypoints)
     xy = np.where((track.score >= MIN_SCORE)[..., None], track.xy_img, np.nan)
     return PointTrack(track.t_ns / 1e9, xy[:, limbs])
@@ -128,7 +128,7 @@ def check_one_offset(names: Sequence[str], rough: RoughClocks) -> Check:
 
 
 def fit_checks(rig: Rig, fit: ClockFit, with_drift: bool) -> list[Check]:
-    """What the solve says of itself."""
+    """The solve's own statement of its quality."""
     return [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), _check_determined(rig.names, fit.clocks)]
 
 
@@ -164,7 +164,7 @@ def _check_steady(names: Sequence[str], fit: ClockFit, with_drift: bool) -> Chec
     ratio_, c, apart_s, at_s = worst
     if ratio_ == 0:
         return Check("parts agree", True, "the recording is too short to compare its parts")
-    remedy = "frames were lost, or come at no constant rate, and its file does not say so: use the part before or after"
+    remedy = "frames were lost, or come at no constant rate, without a note in its file: use the part before or after"
     return Check(
         "parts agree", ratio_ <= 1,
         f"{names[c]} runs {apart_s * 1e3:+.1f} ms later after {at_s:.0f} s than before (limit"

@@ -2,7 +2,7 @@
 
 With the rig known, what two cameras saw at one moment meets in space: the offset sought is the one at which points lie nearest to
 each other's epipolar lines. Without a rig, every point of the body goes about near a plane, which two cameras see as two pictures
-of one plane; the offset sought is the one at which homographies bring one way best onto the other. Every pair of cameras tells by
+of one plane; the wanted offset is the one at which homographies map one path best onto the other. Every pair of cameras shows by
 how much each offset is better than the usual one; the offsets of all cameras are those on which the pairs agree best.
 """
 
@@ -22,7 +22,7 @@ from .sync import PointTrack
 STEP_S = 1 / 15
 # two cameras must have seen so much together at an offset for it to count; without a rig, so much of a way
 _LEAST_S, _LEAST_POINTS, _LEAST_MOMENTS = 1.5, 100, 40
-# more moments than so many to twice as many tell no more of a frame
+# more time steps than this (to twice as many) do not improve the estimate
 _MOMENTS = 80
 _ROUNDS = 4
 # offsets that are fewer steps apart are one
@@ -50,7 +50,7 @@ class RoughClocks:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """How good each offset (L,) of camera b against a is, in steps from -most to most; 0 where the two cannot tell."""
+    """How good each offset (L,) of camera b against a is, in steps from -most to most; 0 where the two do not determine it."""
 
     a: int
     b: int
@@ -58,7 +58,7 @@ class _Pair:
 
 
 def rough_clocks(rig: Rig, tracks: Sequence[PointTrack], most_s: float) -> RoughClocks:
-    """Of cameras that stand as the rig says."""
+    """Of cameras with the extrinsics of the rig."""
     grids = [_Grid.of(track) for track in tracks]
     norm = [camera.norm_from_px(grid.xy) for camera, grid in zip(rig, grids, strict=True)]
 

@@ -1,7 +1,7 @@
 """Clocks of calibrated cameras from what moves in front of them: offset and drift of each.
 
-Works for keypoints of a person and for corners of a prop alike, and bears a rig that is a little wrong, since a constant error of
-each camera about each point is allowed for. The recording is cut into blocks; how far they disagree says how sure the result is.
+Works for keypoints of a person and for corners of a prop alike, and tolerates small errors of the rig, since a constant error of
+each camera about each point is allowed for. The recording is cut into blocks; their disagreement gives the standard error.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class ClockFit:
 
     Attributes:
         clocks: the result. spread_px: (C,) how far a camera's points usually are off the paths.
-        block_s: (B,) middle of each block. blocks: what each says of offsets that are still left.
+        block_s: (B,) middle of each block. blocks: what each gives for the remaining offsets.
     """
 
     clocks: ClockEstimate
@@ -168,7 +168,7 @@ def _only_differences(cameras: int, with_drift: bool) -> Array:
 
 
 def _covariance(information: Array, pulls: Array) -> Array:
-    """As the noise says, or as the blocks scatter where that is more (White 1980)."""
+    """From the noise, or from the scatter of the blocks where that is larger (White 1980)."""
     formal = np.linalg.inv(information)
     if len(pulls) < 2:
         return formal

@@ -1,4 +1,4 @@
-"""The solves behind the hypotheses: from a solution that is near, or anew from changed input."""
+"""The solves behind the hypotheses: from a solution that is near, or again from changed input."""
 
 from __future__ import annotations
 

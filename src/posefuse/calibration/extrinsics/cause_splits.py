@@ -101,7 +101,7 @@ def _size(solution: PropSolution, rows: Array | slice = slice(None)) -> float:
 
 
 def _rough_clocks_s(trouble: Trouble, solved: Solved, c: int, t_s: float) -> tuple[float, float] | None:
-    """The camera's clock before and after a time, from the paths of the target; None where they do not tell."""
+    """The camera's clock before and after a time, from the paths of the target; None where they do not determine it."""
     seen = trouble.observations
     late = seen.t_ns - middle_ns(seen) >= t_s * 1e9
     views = np.bincount(seen.camera, minlength=len(trouble.cameras))

@@ -120,7 +120,7 @@ def _best(trouble: Trouble, trials: Sequence[CauseTrial]) -> tuple[Cause, ...]:
 def cause_check(causes: Sequence[Cause], before_px: float) -> Check:
     """The causes as a failed check, with the evidence."""
     words = " or ".join(cause.trial.words for cause in causes)
-    evidence = f"it takes away {causes[0].explained:.0%} of the misfit" if len(causes) == 1 else "the images do not tell which"
+    evidence = f"it takes away {causes[0].explained:.0%} of the misfit" if len(causes) == 1 else "the images do not show which"
     spread = "" if np.isnan(before_px) else f": corners spread {causes[0].spread_px:.2f} px instead of {before_px:.2f} px"
     return Check("cause", False, f"{words} ({evidence}{spread})", " or ".join(dict.fromkeys(c.trial.remedy for c in causes)))
 

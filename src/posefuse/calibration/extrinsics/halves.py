@@ -1,4 +1,4 @@
-"""The two halves of a recording solved apart: what they say against each other, and against the whole."""
+"""The two halves of a recording, solved separately and compared with each other and with the whole."""
 
 from __future__ import annotations
 

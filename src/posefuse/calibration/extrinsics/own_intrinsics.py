@@ -58,7 +58,7 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
         return cameras
     links = link(cameras, target, seen)
     if len(links.placed) < len(cameras):
-        # the calibration itself says which camera, and why
+        # the error of the calibration itself names the camera and the reason
         return cameras
     solved = solve_linked(observations, cameras, target, free, links, delay_s)
     lenses = Lenses(cameras, solved.solution.state.lens_delta)

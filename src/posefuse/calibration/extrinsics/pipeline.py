@@ -27,7 +27,7 @@ _MOST_CLOCK_ROUNDS = 5
 _CLOCK_SETTLED_S = 1e-4
 _INLIER_SIGMA = 4.0
 _LEAST_PATCH_SHARE = 0.6
-# time steps that are enough to tell explanations apart
+# time steps that are enough to distinguish hypotheses
 TIME_STEPS = 100
 CLOCK_MODES = ("auto", "together", "offset", "drift")
 
@@ -212,7 +212,7 @@ def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...]
 
 
 def thinned(solved: Solved) -> Solved:
-    """The solution on fewer time steps: enough to tell explanations apart."""
+    """The solution on fewer time steps: enough to distinguish hypotheses."""
     used = np.unique(solved.seen.instant)
     keep = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), TIME_STEPS)).astype(np.int64))]
     rows = np.isin(solved.seen.instant, keep)

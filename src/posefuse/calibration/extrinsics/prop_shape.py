@@ -1,4 +1,4 @@
-"""Which patches sit on one rigid prop, and where: as the target says, or by votes of the images that show two of them.
+"""Which patches sit on one rigid prop, and where: from the target file, or by votes of the images that show two of them.
 
 Votes: Sarmadi et al. (2019).
 """
@@ -54,7 +54,7 @@ class PropShape:
 
 
 def shape_of(target: Target, seen: Snapshots, views: PlanarViews) -> PropShape:
-    """Where the patches of a target sit on its props: as the target says, else as images show that have several of them."""
+    """Where the patches of a target sit on its props: from the target file, else from images that show several of them."""
     known = sides(target)
     if known:
         return known_shape(seen, {number: Poses.from_se3(pose) for number, pose in known.items()})
@@ -67,10 +67,10 @@ def one_patch() -> PropShape:
 
 
 def known_shape(seen: Snapshots, prop_from_patch: Mapping[int, Poses]) -> PropShape:
-    """A prop whose patches sit where the target says, as the sides of a board do; `prop_from_patch` by patch number.
+    """A prop with the patch positions of the target file, such as the sides of a board; `prop_from_patch` by patch number.
 
-    Sides that cameras see at the same time steps tell each other's place better than glue does, so they may move; a side that is
-    never seen together with the first stays where it is said to be.
+    Sides that cameras see at the same time step locate each other better than the glue does, so they may move; a side that is
+    never seen together with the first keeps its stated position.
     """
     placed = {i: prop_from_patch[int(number)] for i, number in enumerate(seen.patches)}
     root, *others = placed

@@ -76,7 +76,7 @@ class PropSolution:
         jitter_s: spread of the moments of exposure, as far as it shows along the motion.
         residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
         camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference;
-            like all standard errors here as large as stretches of the recording scatter, where that is more than the noise says.
+            like all standard errors here at least the scatter between parts of the recording.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
         pose_by_lens: (C, 6, C, 6) how much the poses follow, per unit of `LENS_PARAMETERS`, when intrinsics are changed and held,

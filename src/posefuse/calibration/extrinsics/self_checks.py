@@ -1,4 +1,4 @@
-"""Self-checks of a rig solved from a prop: each says what was found, the limit, and what to do."""
+"""Self-checks of a rig solved from a prop: each states the value, the limit, and the next step."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def check_facing(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIM
     return Check(
         "nothing is mirrored", share[worst] >= limits.facing_share,
         f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {limits.facing_share:.0%})",
-        "the board is described mirrored, the image is flipped, or the markers are too small to tell their slant",
+        "the board is described mirrored, the image is flipped, or the markers are too small to show their slant",
     )  # fmt: skip
 
 

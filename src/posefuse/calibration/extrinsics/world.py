@@ -100,7 +100,7 @@ class FloorFromFeet:
 
     Attributes:
         feet_m: (N, 3) ankle, heel or toe points in the rig's present world.
-        head_m: (M, 3) points of heads, which say where up is.
+        head_m: (M, 3) points of heads, which determine the vertical.
         keypoint_height_m: height of the foot keypoints above the floor while they stand.
     """
 

@@ -20,7 +20,7 @@ LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
 _LEAST_WALK_SHARE = 0.04
 _SAME_VIDEO_PX = 2.0
 LEAST_TRUE_SIDED = 0.5
-# of focal lengths and clocks that are let free: what a person tells at best, and standard errors
+# of free focal lengths and clocks: the best precision that a person allows, and standard errors
 _FOCAL_SHARE, _LATE_S, _TERM_SIGMA = 0.05, 0.015, 6.0
 _LEFTWARDS = (("right_shoulder", "right_hip"), ("left_shoulder", "left_hip"))
 _UPWARDS = (("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"))
@@ -76,7 +76,7 @@ def check_walk(hips: Array, distance_m: float) -> Check:
     return Check(
         "the person walks about", walked_m >= least_m,
         f"the hips spread over {walked_m:.2f} m about their middle (needed {least_m:.2f})",
-        "walk over the whole floor: a person who stays in one place does not tell where the cameras are",
+        "walk over the whole floor: a person who stays in one place does not determine where the cameras are",
     )  # fmt: skip
 
 

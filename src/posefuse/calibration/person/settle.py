@@ -1,4 +1,4 @@
-"""Clocks of cameras at unknown places, from the person who tells both: rig and clocks by turns, until they stay."""
+"""Clocks of cameras with unknown extrinsics, from a person: rig and clocks are solved in turn until they converge."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ _IN_STEP_S = 0.01
 def unplaced_clocks(
     tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, clocks: str, most_s: float
 ) -> ClockEstimate | None:
-    """Clocks of the cameras as far as a first look at the person tells; None where they are synchronised, or are taken so.
+    """First estimate of the cameras' clocks from the person; None where they are synchronised, or assumed to be.
 
     Args:
         tracks: one per camera. clocks: one of `CLOCK_MODES` of a prop, and read as there.
         most_s: the farthest two cameras' clocks may be apart.
 
     Raises:
-        CalibrationError: the person does not tell; RefusedCalibration where a check says so by name.
+        CalibrationError: the person does not determine them; RefusedCalibration where a check fails.
     """
     if clocks == "together":
         return None
@@ -93,7 +93,7 @@ def calibrate_out_of_step(
     checks.append(_check_halves([track.camera for track in tracks], apart_s))
     report = replace(found.report, checks=(*found.report.checks, *checks))
     report.require()
-    # what a rig gets wrong its clocks take up: halves, which have rigs of their own, tell that, and the fit does not
+    # clocks absorb errors of the rig: two halves with separate rigs show that, the residuals of the fit do not
     shared_s = float(np.sqrt((apart_s[1:] ** 2).mean())) / 2
     sigma_s = np.where(np.arange(len(tracks)) > 0, np.hypot(fit.clocks.offset_sigma_s, shared_s), 0.0)
     return replace(found, report=report), replace(fit.clocks, offset_sigma_s=sigma_s)

@@ -1,4 +1,4 @@
-"""Which person to calibrate from, where cameras see several: the one whom most cameras see together.
+"""Which person to calibrate from, where cameras see several: the one that most cameras see together.
 
 People are followed in each camera by themselves first. Of two cameras' people those are the same whose keypoints lie on each
 other's epipolar lines (the essential matrix that most of them agree on, by consensus), whatever clothes they wear.
@@ -43,7 +43,7 @@ class ChosenPerson:
 
 
 def choose_person(detections: Mapping[str, Sequence[Detections2D]], cameras: tuple[Camera, ...]) -> ChosenPerson:
-    """The person to calibrate from: the one that is there, or of several the one whom most cameras see together for longest.
+    """The person to calibrate from: the one that is there, or of several the one that most cameras see together for longest.
 
     Args:
         detections: all people of each camera, frame by frame. cameras: intrinsics, in the order of `detections`.
@@ -65,7 +65,7 @@ def choose_person(detections: Mapping[str, Sequence[Detections2D]], cameras: tup
 
 
 def people_tracks(camera: str, frames: Sequence[Detections2D]) -> tuple[PersonTrack, ...]:
-    """Everybody whom a camera sees for long, the longest first; at the times of all frames, NaN where they are absent."""
+    """Every person that a camera sees for long, the longest first; at the times of all frames, NaN where they are absent."""
     frames = sorted(frames, key=lambda frame: frame.t_ns)
     going: list[_Going] = []
     ended: list[_Going] = []

@@ -35,7 +35,7 @@ from .scale import STATURE_SIGMA, KnownLength
 from .views import PersonViews
 
 _SUBJECT = "extrinsics from a person"
-# feet that spread less across their path than this do not tell where up is
+# feet that spread less across their path than this do not determine the vertical
 _PLANE_M = 0.15
 _HALVES_SHARE, _HALVES_RAD = 0.03, np.deg2rad(1.5)
 _FEET = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
@@ -83,7 +83,7 @@ def calibrate_from_person(
         CalibrationReport(_SUBJECT, (*likely_causes(views, cameras, solved), *done)).require()
     free = freed(cameras, solved)
     done += [check_intrinsics(cameras, free), check_synchronised(cameras, free)]
-    # halves take two more solves, which say nothing about a rig that already fails
+    # halves take two more solves, which do not help a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
     done.append(_check_halves(views, cameras, distance_m, length))
     rule = FloorFromFeet(feet, head) if spread_m(feet)[1] > _PLANE_M else FloorUnderBody(feet, head)

@@ -148,7 +148,7 @@ def clustered_covariance(covariance: Array, scores: Array, block: Array) -> Arra
     corners does not show (White 1980, by clusters).
 
     Args:
-        covariance: (G, G) as the noise says. scores: (L, G) in the same unit of noise. block: (L,) number of each one's block.
+        covariance: (G, G) from the noise. scores: (L, G) in the same unit of noise. block: (L,) number of each one's block.
     """
     used, place = np.unique(block[np.abs(scores).sum(axis=1) > 0], return_inverse=True)
     if len(used) < 2 or not len(covariance):
@@ -256,7 +256,7 @@ class _System:
         return np.asarray(own - np.einsum("lgq,lqr,lr->lg", self._B, inverse, self._h))
 
     def covariance(self) -> Array:
-        """(G, G) of the free global unknowns for unit noise; infinite where the data say nothing."""
+        """(G, G) of the free global unknowns for unit noise; infinite where the data do not determine them."""
         schur, _, _ = self._reduced(0.0)
         if len(schur) == 0:
             return schur

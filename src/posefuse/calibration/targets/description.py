@@ -21,7 +21,7 @@ _MM = 1e3
 
 @settings
 class TargetDescription:
-    """What a target file says.
+    """The contents of a target file.
 
     Attributes:
         kind: what it is. columns, rows: squares (charuco), inner corners (chessboard) or markers (aruco-board).

@@ -127,7 +127,9 @@ def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: flo
     for name in sorted(DICTIONARIES, key=lambda name: name != own):
         ids = _ids_in(grey_images, name)
         if ids:
-            known = f"markers of {name} are there (ids {', '.join(map(str, ids[:8]))}), the target says {target.dictionary}"
+            known = (
+                f"markers of {name} are there (ids {', '.join(map(str, ids[:8]))}), the target file states {target.dictionary}"
+            )
             return known if name != target.dictionary else _other_ids(ids, target)
     width_px = float(np.nanmax([edge_width_px, usual_edge_width_px(grey_images)]))
     if width_px > BLURRED_EDGE_PX:
@@ -150,7 +152,9 @@ def _other_chessboard(grey_images: Sequence[Array], target: Chessboard) -> str:
     sizes = [(c, r) for c in range(3, 13) for r in range(3, c + 1) if {c, r} != {target.columns, target.rows}]
     for columns, rows in sorted(sizes, key=lambda size: -size[0] * size[1]):
         if any(cv2.findChessboardCorners(image, (columns, rows), flags=cv2.CALIB_CB_FAST_CHECK)[0] for image in grey_images[:3]):
-            return f"a board of {columns} x {rows} inner corners is there, the target says {target.columns} x {target.rows}"
+            return (
+                f"a board of {columns} x {rows} inner corners is there, the target file states {target.columns} x {target.rows}"
+            )
     return "no chessboard is wholly inside the image: too small, blurred, cut off or without a white margin?"
 
 

@@ -114,7 +114,7 @@ class Charuco:
 class Chessboard:
     """Plain chessboard of columns x rows inner corners.
 
-    Nothing tells its two ends apart when seen turned by half a turn, so it serves intrinsics and not extrinsics.
+    It looks the same after half a turn, so it serves intrinsics and not extrinsics.
     """
 
     columns: int

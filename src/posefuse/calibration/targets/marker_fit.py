@@ -94,7 +94,7 @@ def fit_marker(grey: Array, quad: Array, black: Array) -> Array | None:
     look = _settled(look, xy, values, black=black, known=known, rounds=_ROUNDS)
     misfit = float(np.quantile(np.abs(_predict(look, xy, black)[0] - values), _FITTING_SHARE))
     module_px = float(np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1).max()) / len(black)
-    # said this way round, anything that is not a number fails too
+    # written in this order, NaN fails too
     fits = misfit <= _MOST_MISFIT * look.levels[1] and np.abs(look.corners - quad).max() <= _MOST_MOVED * module_px
     if not fits:
         return None
@@ -153,7 +153,7 @@ def _pixels(grey: Array, quad: Array, px_from_uv: Array, modules: int) -> tuple[
 
 
 def _edge_pixels(grey: Array, look: _Look, black: Array, module_px: float) -> tuple[Array, Array]:
-    """Places (N, 2) and grey values (N,) of single pixels next to the edges of the modules: all that tells where a marker lies.
+    """Places (N, 2) and grey values (N,) of the pixels that determine a marker's position: those next to the edges of modules.
 
     The mean of a block is no Gaussian blur of the pattern, which costs edges along the pixel rows a tenth of a block.
     """

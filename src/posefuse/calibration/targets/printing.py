@@ -1,6 +1,6 @@
 """Targets to print: PDF pages of black squares at their true size, written as vectors.
 
-A ruler of 100 mm stands on every page: measure it after printing, for printers scale pages to fit unless told not to.
+A ruler of 100 mm stands on every page: measure it after printing, because printers scale pages to fit by default.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def clocks_beside(path: Path, rig: Rig) -> dict[str, float]:
     drifting = [name for name, one in cameras.items() if one.drift_ppm]
     if drifting:
         raise InputError(f"{path}: the clock of {', '.join(drifting)} drifts; give today's offsets with --offset-ms CAMERA=MS")
-    # the settings say what is added to stamps, a clock offset by how much they are late
+    # settings state what is added to stamps, a clock offset how late they are
     return {name: -one.offset_s for name, one in cameras.items() if one.offset_s}
 
 

@@ -57,7 +57,7 @@ def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
         names = [] if cameras is None else [f"--upside-down {name.strip()}" for name in cameras.group(1).split(",")]
         return asked.again(*names), "if these cameras hang upside down"
     if kind == _CHECK:
-        return asked.again(), "after names, files or sizes are corrected as the line above says"
+        return asked.again(), "after names, files or sizes are corrected as the line above states"
     return _record(asked), "a new recording, with everything still; then the same command with it"
 
 

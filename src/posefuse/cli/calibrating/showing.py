@@ -18,7 +18,7 @@ from .next_steps import Asked, next_after
 
 @contextmanager
 def reported(path: Path | None, asked: Asked) -> Iterator[None]:
-    """Write the report of a refused calibration, and note the next command, before the error goes on."""
+    """Write the report of a refused calibration, and note the next command, before the error is raised further."""
     try:
         yield
     except RefusedCalibration as refused:

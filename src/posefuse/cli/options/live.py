@@ -108,7 +108,7 @@ class LiveSettingsOptions(SettingsOptions):
     """Camera processes (default: one per two cameras and core)."""
     camera_info: Literal["check", "use", "ignore"] | None = None
     """CameraInfo of ros: sources: compare it with the rig (default), use it instead of the rig's intrinsics, or ignore it.
-    On several machines give `use` to the fusion node, too: it takes the intrinsics that the camera nodes tell it."""
+    On several machines give `use` to the fusion node, too: it takes the intrinsics that the camera nodes send."""
 
     @property
     def given(self) -> bool:

@@ -37,7 +37,7 @@ class BlazePoseConfig:
         cache: where they are kept; None: the user's cache folder.
         precision: ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
-        most_people: people looked for per image when no one says where they are.
+        most_people: people looked for per image when no regions are given.
         least_person, least_presence: scores below which a found region, or a crop, holds no person.
         up_rad: per camera, direction of gravity's up in its picture, clockwise from the picture's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
@@ -199,7 +199,7 @@ def _in_image(look: Look, region: Region, side_px: int) -> Look:
 
 
 def _known(look: Look, others: Sequence[Look]) -> bool:
-    """Whether a look shows a person whom another one shows already: the keypoints coincide."""
+    """Whether two detections show the same person: their keypoints coincide."""
     for other in others:
         side = max(np.ptp(look.xy, axis=0).max(), np.ptp(other.xy, axis=0).max())
         if np.median(np.linalg.norm(look.xy - other.xy, axis=-1)) < _SAME_PERSON * side:

@@ -1,4 +1,4 @@
-"""Outputs of the landmark network to keypoints in the crop, and what they say about their own noise."""
+"""Outputs of the landmark network to keypoints in the crop, and their noise."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from .landmarks import landmarks_from_outputs
 from .network import BlazePoseNetwork
 from .noise import NoiseModel, read_noise
 
-# a network whose presence is below this says nothing about where keypoints are
+# below this presence the keypoints of a network carry no information
 _LEAST_PRESENCE = 0.5
 
 
@@ -67,7 +67,7 @@ class LandmarkNetwork:
         ]
 
     def look_in_mirror(self, crops: Sequence[Array]) -> list[Look]:
-        """The same through the mirror images of the crops, told in the crops' own px and sides."""
+        """The same on the mirrored crops, in pixels and sides of the original crops."""
         other = self.skeleton.mirror
         last = self.network.side_px - 1
         looks = self.look([np.ascontiguousarray(crop[:, ::-1]) for crop in crops])

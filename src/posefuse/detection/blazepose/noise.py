@@ -1,4 +1,4 @@
-"""How wrong a keypoint is likely to be, from what the network says about it.
+"""The likely error of a keypoint, from the outputs of the network.
 
     log sigma = offset[k] + weights . features,   sigma in px of the crop's own 256 px, per image coordinate
 

@@ -50,7 +50,7 @@ def fetch_all(
         cards: what is needed.
         cache_dir: the user's cache folder; made when missing.
         source: an archive, a model file, or a folder with either, instead of a download. Never written to.
-        progress: told in words what is going on, a download before it begins. advance: archives (done, total).
+        progress: gets a text for each step, before a download starts. advance: archives (done, total).
 
     Raises:
         ModelError: no network, a source without the file, or a file whose hash is not the card's.

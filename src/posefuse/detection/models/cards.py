@@ -1,4 +1,4 @@
-"""Model cards: what a network eats, what it says, and where its file comes from."""
+"""Model cards: inputs and outputs of a network, and the source of its file."""
 
 from __future__ import annotations
 

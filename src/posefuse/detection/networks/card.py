@@ -155,7 +155,7 @@ def read_network_card(path: Path) -> NetworkCard:
 
 
 def checked_file(card: NetworkCard) -> Path:
-    """The card's file, its content being what the card says.
+    """The card's file, with the content that the card states.
 
     Raises:
         ModelError: it is missing, or its hash is another; names both hashes and where the file is published.

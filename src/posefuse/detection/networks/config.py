@@ -33,7 +33,7 @@ class OnnxConfig:
         providers: execution providers of ONNX Runtime, best first, e.g. ``CUDAExecutionProvider``.
         precision: of OpenVINO; ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
-        most_people: people looked for per image when no one says where they are.
+        most_people: people looked for per image when no regions are given.
         least_person: with the card's default person detector, the score below which a found region holds no person.
         cache: where that detector is kept; None: the user's cache folder.
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
@@ -63,7 +63,7 @@ class OnnxConfig:
         """Read the card, check and compile its files.
 
         Raises:
-            ConfigError: a card that is not right. ModelError: a network that is missing or not what the card says.
+            ConfigError: an invalid card. ModelError: a network that is missing or differs from its card.
             DependencyError: ONNX Runtime is asked for and not installed.
         """
         card = read_network_card(self.card)

@@ -82,7 +82,7 @@ class _Networked:
         raise NotImplementedError
 
     def observed(self, frame: Frame, region: Region) -> Observed | None:
-        """The person in a region, with all that the network says of them; None for no person. What noise models are fitted to."""
+        """The person in a region, with all outputs of the network; None for no person. Noise models are fitted to these."""
         raise NotImplementedError
 
     def _person(self, seen: Observed) -> _Person:
@@ -121,7 +121,7 @@ class TopDownDetector(_Networked):
     """Crops of one person each through a keypoint network.
 
     Args:
-        network: of layout simcc or heatmap. finder: where people are, when no one says so.
+        network: of layout simcc or heatmap. finder: finds people when no regions are given.
         most_people: looked for per image. up_rad: per camera, see `OnnxConfig`.
     """
 
@@ -217,7 +217,7 @@ class OneStageDetector(_Networked):
         seen = people.keypoints
         if seen is None:
             return []
-        # sigma is told in shares of the crop that holds the person
+        # sigma is given in shares of the crop that holds the person
         heights = self._network.card.input.padding * np.maximum(people.box[:, 3] - people.box[:, 1], 1.0)
         return [
             Observed(

@@ -1,4 +1,4 @@
-"""Which outputs a layout has, of which shapes, and how they are read: one place, so that a wrong card is told in one line."""
+"""Which outputs a layout has, with which shapes, and how they are read. A card that does not match is refused in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How wrong a keypoint of a user's network is likely to be, from what its outputs say about it, for each image axis.
+"""The likely error of a keypoint of a user's network, from the network's outputs, for each image axis.
 
     log sigma = offset[k] + weights . features,   sigma in shares of the height of the crop
 
@@ -55,7 +55,7 @@ RULE_OF_THUMB = KeypointNoise(made_by="rule of thumb: not fitted to this network
 
 
 def features(seen: Keypoints, height_px: float) -> dict[str, Array]:
-    """What sigma may depend on, each (B, K, 2) and 0 for a keypoint seen without doubt, or where the network says nothing."""
+    """The predictors of sigma, each (B, K, 2) and 0 for a certain keypoint, or where the network has no such output."""
     with np.errstate(invalid="ignore"):
         spread = np.log(np.maximum(seen.spread_px / (height_px * _USUAL_SPREAD), 0.1))
     doubt = -np.log(np.clip(seen.score, 0.02, 1.0))

@@ -19,7 +19,7 @@ from posefuse.tracking.joint_centres import MOST_LONGER_M, JointCentres, directi
 from posefuse.tracking.segments import SEGMENTS, segment_lengths
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
-# the mesh says 12 mm down, real footage (bench/real_footage.py) says up; "sinking" is nothing when standing, and grows as the
+# the mesh gives 12 mm down, real footage (bench/real_footage.py) gives up; "sinking" is nothing when standing, and grows as the
 # thigh is lifted.
 WANTED = {
     "shoulder": ("forward", "up", "outward", "arm", "raising"),
@@ -44,7 +44,7 @@ Run = tuple[PoseSequence, Truth]
 
 
 def directions_of(skeleton: Skeleton) -> dict[str, tuple[str, ...]]:
-    """Those of `WANTED` that a keypoint set can tell: without fingers there is no palm."""
+    """Those of `WANTED` that a keypoint set determines: without fingers there is no palm."""
     xyz = np.random.default_rng(0).normal(size=(len(skeleton), 3))
     known = directions(xyz, skeleton, "left")
     return {joint: tuple(name for name in names if np.isfinite(known[joint][name]).all()) for joint, names in WANTED.items()}

@@ -42,7 +42,7 @@ class NoiseSamples:
 
 @dataclass(frozen=True, eq=False)
 class NoiseFit:
-    """A fitted model, and what it says of people that it was not fitted to.
+    """A fitted model, and its fit on held-out people.
 
     Attributes:
         noise: the model. samples: looks that it was fitted to.
@@ -57,7 +57,7 @@ class NoiseFit:
 
 
 def collect(folder: Path, detector: TopDownDetector | OneStageDetector, seed: int) -> NoiseSamples:
-    """What the network says about every person of a rendered scene, and how wrong it is, through regions as they are in use."""
+    """Network outputs and errors for every person of a rendered scene, with the regions of normal use."""
     truth = read_truth(folder / "truth" / "truth.npz")
     names, theirs, ours = shared_keypoints(detector.skeleton, truth.skeleton)
     rng = np.random.default_rng(seed)
@@ -135,7 +135,7 @@ def _stacked(scenes: Sequence[NoiseSamples]) -> NoiseSamples:
 
 
 def _model(data: NoiseSamples, made_by: str) -> KeypointNoise:
-    # both axes are samples of one law; looks without a keypoint say nothing about it and take its own average
+    # both axes are samples of one law; detections without a keypoint take its average
     square = np.minimum(data.error**2, MOST_ERROR**2)
     square = np.where(np.isfinite(square), square, np.nanmean(square, axis=(0, 2), keepdims=True))
     flat = np.moveaxis(square, 2, 1).reshape(-1, len(data.names))

@@ -1,4 +1,4 @@
-"""Standard deviations that depend on what a network says: log sigma is linear, its coefficients those of greatest likelihood."""
+"""Standard deviations that depend on the outputs of a network: log sigma is linear, with coefficients of maximum likelihood."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under named columns; the first column is text, the others are numbers unless `text` says otherwise.
+    """Rows under named columns; the first column is text, the others are numbers unless listed in `text`.
 
     Attributes:
         rows: cells as plain values or `Cell`; floats are shown to one digit after the point, NaN and None as a dash.

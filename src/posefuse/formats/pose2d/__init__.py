@@ -1,4 +1,4 @@
-"""2D poses that other tools have written: one module per format, one place that tells them apart."""
+"""2D poses that other tools have written: one module per format, and one that recognises the format."""
 
 from __future__ import annotations
 

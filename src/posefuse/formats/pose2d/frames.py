@@ -30,7 +30,7 @@ class People2D:
 
     Attributes:
         points: (P, K, 3) x, y in raw px and score; score 0 or NaN where a keypoint is missing.
-        track_id: (P,) number the other tool tracks each person by; `UNTRACKED` where it says nothing.
+        track_id: (P,) number the other tool tracks each person by; `UNTRACKED` where it has none.
     """
 
     points: Array

@@ -62,7 +62,7 @@ def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -
 
 
 def _visibility_to_score(points: dict[int, list[Array]]) -> None:
-    """Annotations say 0, 1 or 2 instead of a score; recognised by the absence of other values and at least one 2."""
+    """Annotations have 0, 1 or 2 instead of a score; recognised by the absence of other values and at least one 2."""
     scores = np.concatenate([person[:, 2] for people in points.values() for person in people])
     if np.isin(scores, list(_ANNOTATED_SCORE)).all() and (scores == 2).any():
         for people in points.values():

@@ -37,7 +37,7 @@ def read_document(path: Path) -> Any:
     Matrices written as rows, cols, data become nested lists.
 
     Raises:
-        CalibrationError: it cannot be read, or is not what its name says.
+        CalibrationError: it cannot be read, or does not match its name.
     """
     where, text = str(path), read_text(path, CalibrationError)
     if path.suffix == ".toml":

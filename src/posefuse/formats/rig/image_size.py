@@ -42,7 +42,7 @@ def fit_camera_to_video(
             evidence for bars.
 
     Raises:
-        CalibrationError: no reading, or a statement that cannot be; says both sizes and how to state what was done.
+        CalibrationError: no interpretation, or an impossible statement; the message has both sizes and how to state the resizing.
     """
     if crop is not None and scale:
         raise CalibrationError(f"{_sizes(camera, size_wh)}: expected crop or scale, got both")

@@ -90,7 +90,7 @@ def _lens_problem(camera: Camera, limits: PlausibleLimits) -> str:
 
 
 def require_placed(where: str, rig: Rig, limits: PlausibleLimits = LIMITS) -> Rig:
-    """The rig; raises CalibrationError for cameras that cannot stand where it says."""
+    """The rig; raises CalibrationError for impossible camera positions."""
     if len(rig) < 2:
         return rig
     centres = rig.centres_world()

@@ -16,7 +16,7 @@ from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros
 from .document import read_document
 from .plausible import require_placed
 
-# ROS before OpenCV: both call the intrinsics camera_matrix, and ROS says more
+# ROS before OpenCV: both call the intrinsics camera_matrix, and ROS has more keys
 _READERS: tuple[ModuleType, ...] = (caliscope_toml, anipose_toml, qualisys, ros_camera_info, opencv_storage)
 _FOLDER_SUFFIXES = (".yaml", ".yml", ".json")
 _ONE_FILE: dict[str, dict[str, Callable[[Rig], str]]] = {
@@ -59,7 +59,7 @@ def read_rig(path: Path | str) -> Rig:
 
 
 def read_placed_rig(path: Path | str) -> Rig:
-    """The rig of a file that must say where its cameras stand.
+    """The rig of a file that must have extrinsics.
 
     Raises:
         CalibrationError: as `read_rig`; and for cameras at one place (intrinsics only) or poses that are inverse.
@@ -68,7 +68,7 @@ def read_placed_rig(path: Path | str) -> Rig:
 
 
 def refusal_note(path: Path | str, rig: Rig) -> str:
-    """What to say of a rig whose calibration was refused, each time that it is used; empty for others."""
+    """The warning for each use of a rig whose calibration was refused; empty for others."""
     if not rig.refused:
         return ""
     return f"{path}: this calibration was refused ({rig.refused}) and kept all the same: do not trust positions"

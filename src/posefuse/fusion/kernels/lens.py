@@ -187,7 +187,7 @@ def straighten_group(cams, xy_img, ideal, last):
         if by_row:
             _straighten_brown_row(cams[c], xy_img[c], ideal[c], last)
         for k in range(xy_img.shape[1]):
-            # few need more than three steps; those that have no inverse are told by the full search
+            # few need more than three steps; the full search finds those without an inverse
             if by_row and last[k] < 1e-13:
                 continue
             u, v = xy_img[c, k, 0], xy_img[c, k, 1]

@@ -1,6 +1,6 @@
 """Robust fusion of a group: one person at one time step, K keypoints seen by C cameras.
 
-Noise that is stated too small or too large is rescaled by what the residuals of the whole group say.
+Noise that is stated too small or too large is rescaled by the residuals of the whole group.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ def gather(cams, ideal, sigma, scale, k, views, depth=None, planes=None):
 def middle_residual(squares, n):
     """Middle one of n squared residuals (sorted in place), in units of what it is when the stated sigma is right.
 
-    At least the third: any two rays nearly meet, so the two smallest say little. Unlike a sum it stays among the good
-    views when half of eight are wrong.
+    At least the third: any two rays nearly meet, so the two smallest carry little information. Unlike a sum it stays among the
+    good views when half of eight are wrong.
     """
     for i in range(1, n):
         value = squares[i]
@@ -163,7 +163,7 @@ def finish_robust(cams, views, n, p, xy_img, k, work, cov, planes=None):
 
 @fast_kernel()
 def has_rival(cams, views, n, p, rest, q, other, work):
-    """Whether the views that p leaves out agree on another point q in no smaller number: then no one can tell."""
+    """Whether the views that p leaves out agree in at least the same number on another point q: then the answer is ambiguous."""
     left = 0
     for i in range(n):
         if not squared_residual(cams, views, i, p) < USED:

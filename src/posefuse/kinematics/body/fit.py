@@ -114,7 +114,7 @@ def fit_views(
 def _states(
     body: BodyModel, seen: list[Measurement], settings: BodySettings, work: FrameBuffers
 ) -> tuple[BodyFilter, list[State | None], list[Measurement]]:
-    """Smoothed states of one person, fitted to rays twice: the first time tells which feet stand where."""
+    """Smoothed states of one person, fitted to rays twice: the first fit shows which feet stand where."""
     filter_ = BodyFilter(body, settings, work)
     states = smoothed(filter_, [filter_.step(one) for one in seen])
     if not settings.contact_sigma_m or not len(seen[0].projections):

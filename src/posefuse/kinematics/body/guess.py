@@ -13,7 +13,7 @@ from .model import BodyModel
 from .packed import Packed
 from .tree import BALL, NODE_SEGMENT
 
-# the joint at which a limb hangs -> the one at which its first segment ends
+# the joint to which a limb is attached -> the one at which its first segment ends
 _FIRST_SEGMENTS = (("shoulder", "elbow"), ("hip", "knee"))
 _LIMBS = {f"{side}_{upper}": f"{side}_{lower}" for side in ("left", "right") for upper, lower in _FIRST_SEGMENTS}
 

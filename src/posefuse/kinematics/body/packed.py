@@ -40,7 +40,7 @@ class Packed:
 
 
 def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
-    """Arrays of a body; limits and preferences as the settings say."""
+    """Arrays of a body; limits and preferences from the settings."""
     nodes = body.nodes
     names = [node.name for node in nodes]
     dof = degrees_of_freedom(nodes)

@@ -1,4 +1,4 @@
-"""What an error of the segment lengths does to the keypoints, with the pose fitted anew to the same rays."""
+"""What an error of the segment lengths does to the keypoints, with the pose fitted again to the same rays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from . import kernels
 from .filter import Measurement
 from .packed import Packed
 
-# a freedom that no ray tells of stays where it is
+# a degree of freedom without any ray keeps its value
 _WEAK = 1.0
 
 

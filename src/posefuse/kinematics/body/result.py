@@ -63,7 +63,7 @@ class StateReader:
         xyz = np.full((len(self._body.skeleton), 3), np.nan)
         xyz[self._body.keypoint] = self._points
         work.read(xyz, np.broadcast_to(own, (len(xyz), 3, 3)))
-        # the tree has a turn of every limb; angles say how well it is known, and are missing where it is not
+        # the tree has a turn of every limb; angles have its uncertainty, and are missing where it is unknown
         work.solve(self._planes(np.zeros_like(cov_state)))
         rotation = work.rotation.copy()
         work.solve(self._planes(cov_state))

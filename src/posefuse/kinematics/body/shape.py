@@ -52,7 +52,7 @@ class LengthPrior:
 def with_solved_lengths(
     body: BodyModel, seen: Sequence[Measurement], prior: LengthPrior, settings: BodySettings, workspace: FrameBuffers
 ) -> BodyModel:
-    """The body with the lengths that its rays at these time steps and the prior say; `BodyModel.lengths` has their sigma.
+    """The body with lengths estimated from its rays at these time steps and the prior; `BodyModel.lengths` has their sigma.
 
     The noise is Student-t. Errors that last longer than the time between two time steps count less by that. Left and right
     change by the same. Time steps without a pelvis to start from are left out.

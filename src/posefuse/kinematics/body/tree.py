@@ -15,7 +15,7 @@ class Node:
     """One joint of the tree; a frame that moves relative to its parent's.
 
     Attributes:
-        name: its name. parent: name of the node it hangs on, "" for the world.
+        name: its name. parent: name of the node it is attached to, "" for the world.
         kind: SLIDE or HINGE along or about `axis`, or BALL.
         offset: name of the offset (3,) of its origin in its parent's frame; "" is zero.
         sd: radians or metres a human departs from zero (inf: no preference).

@@ -55,7 +55,7 @@ def free_frame(points, pairs, first_axis, second_axis, rotation, by_first, by_se
 
 @kernel()
 def upper_frame(points, pairs, plane, rotation, by_first, by_second):
-    """Frame of a limb's upper segment, turned as `plane` says; returns the variance of the turn not due to these points."""
+    """Frame of a limb's upper segment, turned by `plane`; returns the variance of the turn not due to these points."""
     free_frame(points, pairs, 1, 0, rotation, by_first, by_second)
     y = rotation[:, 1].copy()
     z, _ = normal_to(plane[:3], y)

@@ -23,7 +23,7 @@ class MovingSkin:
     """One person's mesh over live time steps. No body is fitted: it follows the segment frames that the joint angles have.
 
     Proportions are medians over what was seen so far, ten times a second: made after one second, and again after 2, 4, 8, 16
-    and 32 s. A segment that is not known for a moment keeps its turn in the segment it hangs on.
+    and 32 s. A segment that is not known for a moment keeps its turn in the segment it is attached to.
 
     Attributes:
         skin: None while too little was seen. revision: one more each time it is made.

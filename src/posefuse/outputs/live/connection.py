@@ -28,7 +28,7 @@ class ConnectionConfig:
     keeps_all: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        # one object may take more than its class says
+        # an instance may accept more than its class states
         object.__setattr__(self, "takes", (*_TAKES, LiveDetections, LivePreview) if self.images else _TAKES)
 
     def build(self) -> LiveOutput:

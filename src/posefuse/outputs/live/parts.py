@@ -1,4 +1,4 @@
-"""Names of files that an output goes on in after a failure."""
+"""Names of files that an output continues in after a failure."""
 
 from __future__ import annotations
 

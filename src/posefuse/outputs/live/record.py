@@ -72,7 +72,7 @@ class RecordConfig:
     Frames, joint states and markers go with them 30 times a second, so that viewers draw the people. The file of a session that
     did not start is removed.
 
-    After a failure recording goes on in ``NAME.2.mcap``, then ``.3`` and so on; no file is written over.
+    After a failure recording continues in ``NAME.2.mcap``, then ``.3`` and so on; no file is written over.
 
     Attributes:
         path: the .mcap file; must not exist.
@@ -92,7 +92,7 @@ class RecordConfig:
     keeps_all: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        # an instance may take more than its class says
+        # an instance may accept more than its class states
         object.__setattr__(self, "takes", (*_TAKES, LivePreview) if self.images else _TAKES)
 
     def build(self) -> LiveOutput:
@@ -201,5 +201,5 @@ def _check_room(path: Path) -> None:
         free = shutil.disk_usage(path.parent).free
         if free < _LEAST_FREE_BYTES:
             raise InputError(
-                f"{path}: the disk is full: {free / 2**20:.1f} MB free, expected {_LEAST_FREE_BYTES / 2**20:g} MB to go on"
+                f"{path}: the disk is full: {free / 2**20:.1f} MB free, expected {_LEAST_FREE_BYTES / 2**20:g} MB to continue"
             )

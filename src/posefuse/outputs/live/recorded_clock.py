@@ -39,6 +39,6 @@ class RecordedClock:
 
 
 def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> None:
-    """Write what `clock` says of `t_ns` of the session."""
+    """Write the value of `clock` at `t_ns` of the session."""
     if clock.known:
         recorder.publish(topics.CLOCK, message(topics.CLOCK.type_name, clock=time_from_ns(clock.sim_from_real(t_ns))), t_ns)

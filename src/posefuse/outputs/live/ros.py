@@ -33,7 +33,7 @@ _OK, _WARNING, _ERROR = 0, 1, 2
 _LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "overload", "moved", "unsynchronised", "hangs"), _WARNING) | {
     "ok": _OK
 }
-# how long a simulator may take to say what time it is
+# how long a simulator may take to publish its time
 _CLOCK_WITHIN_S = 10.0
 # so long a discontinuity is a warning
 _CUT_SHOWN_S = 2.0
@@ -47,8 +47,8 @@ class Ros2Config:
     Attributes:
         domain_id: ROS_DOMAIN_ID. local_only: nothing leaves this machine. interface: network card; empty: the library chooses.
         peers: other machines, where multicast is off. detections: publish 2D poses too; not where they came from ROS.
-        sim_time: stamps are simulated time, as `/clock` says it (ROS: `use_sim_time`).
-        base_frame: tf frame of a robot in which hands and head are expressed; other nodes say where it is in ``world``.
+        sim_time: stamps are simulated time, from `/clock` (ROS: `use_sim_time`).
+        base_frame: tf frame of a robot in which hands and head are expressed; other nodes publish its pose in ``world``.
             Empty: the world.
         middleware: ``auto`` takes rclpy where a ROS 2 environment is sourced and no network option is given, else DDS.
     """
@@ -204,10 +204,10 @@ def _cut_line(health: LiveHealth) -> Health:
 
 
 def _output_line(name: str, output: OutputHealth) -> Health:
-    """An output that failed and goes on stays a warning: a part of what it wrote is missing."""
+    """An output that failed and continues stays a warning: a part of what it wrote is missing."""
     level, text = _LEVELS.get(output.state, _ERROR), output.text or output.state
     if level == _OK and output.failures:
-        level, text = _WARNING, f"goes on after {output.failures} failures, the last: {output.fault}"
+        level, text = _WARNING, f"continues after {output.failures} failures, the last: {output.fault}"
     figures = {"taken": output.taken, "dropped": output.dropped, "failures": output.failures}
     return Health(f"output {name}", level, text, {**_shown(figures), "where": output.where})
 

@@ -6,7 +6,7 @@ first, so that a motion and its mirror image give the same numbers.
 
 - Hip, knee, ankle, elbow, wrist, trunk, neck: Z, then X, then Y of the moved axes (Cardan ZXY).
 - Shoulder: Y, X, Y (humerus in the thorax): plane of elevation (0 = abduction, +90 deg = forward), elevation >= 0,
-  internal rotation. Where the arm hangs exactly down the plane is taken as 0.
+  internal rotation. Where the arm points exactly down the plane is taken as 0.
 
 Signs, both sides: flexion, ankle dorsiflexion, adduction, ankle inversion, internal rotation, forearm pronation and ulnar
 deviation are positive; trunk and neck: forward flexion, bending to the right and turning to the left are positive.

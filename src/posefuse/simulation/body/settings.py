@@ -1,4 +1,4 @@
-"""The shape and the colours of one simulated person, as a scene file says them."""
+"""The shape and the colours of one simulated person, as a scene file states them."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ DIR/meshes/        people, things, floor and walls as COLLADA, with their pictur
 DIR/bridge.yaml    clock, images and CameraInfo to ROS 2; DIR/launch.sh starts Gazebo and the bridge
 DIR/rig.toml       the cameras, with their lenses, as the images are after intake
 DIR/scene.yaml     every setting
-DIR/truth/         `formats.truth` at simulation times, loop.json: when the motion begins anew
+DIR/truth/         `formats.truth` at simulation times, loop.json: when the motion starts again
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class GazeboWorld:
     """What was written.
 
     Attributes:
-        folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion begins anew.
+        folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion starts again.
         keys_hz: keys per second of each animation. left_out: what of the scene Gazebo cannot show, in words.
     """
 
@@ -75,7 +75,7 @@ def export_world(
 
     Args:
         replace_older: an earlier world that posefuse wrote and that is unchanged is replaced.
-        warn: is told of files that stay behind of it.
+        warn: gets a line about files that are left over.
 
     Raises:
         ConfigError: the scene cannot be, or not in Gazebo. InputError: `out` holds anything else or cannot be written.

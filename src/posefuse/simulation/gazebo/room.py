@@ -38,7 +38,7 @@ def room_models(room: RoomSettings, size_m: tuple[float, float], seed: int, fold
 
 
 def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Tiles of one picture each, cut off at the edge: nothing hangs on how a renderer repeats pictures."""
+    """Tiles of one picture each, cut off at the edge: nothing depends on how a renderer repeats images."""
     tile = textures.FLOOR_TILE_M
     edges = [np.concatenate([np.arange(-side / 2, side / 2 - 1e-9, tile), [side / 2]]) for side in size_m]
     parts = []

@@ -39,7 +39,7 @@ def shown_scene(scene: Scene, settings: GazeboSettings) -> tuple[Scene, list[str
     if not 0 < duration_s <= settings.most_animation_s:
         raise ConfigError(
             f"duration_s: expected 0.001 to {settings.most_animation_s:g} s for Gazebo, got {scene.duration_s:g} s; "
-            "the animation begins again at its end, so a shorter scene goes on as well"
+            "the animation begins again at its end, so a shorter scene continues as well"
         )
     cameras, left_out = [], []
     for camera in placed_cameras(scene.cameras):

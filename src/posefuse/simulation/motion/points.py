@@ -1,4 +1,4 @@
-"""Recorded keypoints (TRC markers, posefuse results) for our bodies: each segment turned as its points say.
+"""Recorded keypoints (TRC markers, posefuse results) for our bodies: each segment oriented by its points.
 
 Needed: hips, knees, ankles, shoulders, elbows, wrists. Used where present: heels, toes, nose, ears, eyes, knuckles of index and
 little finger. Limb directions are kept exactly; the turn about a limb comes from the plane of the limb where it is bent and,

@@ -1,4 +1,4 @@
-"""What every motion says about the body at each time, and how the rig's bones follow from it."""
+"""The posture that every motion gives at each time, and the bone transforms that follow from it."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _NAMES = {
     "hand": ("{s}hand", "{s}wrist"),
 }
 _CHILD = {"thigh": "shank", "shank": "foot", "upper_arm": "forearm", "forearm": "hand"}
-# a rest foot that points further down than this does not tell where ahead is
+# a rest foot that points further down than this does not determine the forward direction
 _FLAT_FOOT = 0.3
 
 

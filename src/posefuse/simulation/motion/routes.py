@@ -33,7 +33,7 @@ class Route:
         place: distance walked (T,) -> x, y (T, 2). Where it loops, any distance, before 0 as well.
         heading: distance -> direction of travel (T,) in radians, continuous.
         curvature: distance -> 1/m (T,), positive to the left.
-        length_m: of one lap, or to the end. loops: whether it goes on.
+        length_m: of one lap, or to the end. loops: whether it continues.
         facing_rad: the fixed direction the person faces; None faces the direction of travel.
         ends_m: distances in one lap where the person slows down to turn back or stop.
     """

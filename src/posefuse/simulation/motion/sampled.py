@@ -30,7 +30,7 @@ class Sampled:
 
     Attributes:
         t_s: (n,) increasing, n >= 2. centre_world: (n, 3). axes_world: segment -> (n, 3, 3). toes_up_rad: (n, 2).
-        start_s: its time shown at time 0. loop: begin anew after the end; otherwise the first and last pose stay.
+        start_s: its time shown at time 0. loop: start again after the end; otherwise the first and last pose stay.
     """
 
     t_s: Array

@@ -1,4 +1,4 @@
-"""How one simulated person moves, as a scene file says it. Headings are counter-clockwise from world +X."""
+"""How one simulated person moves, as a scene file states it. Headings are counter-clockwise from world +X."""
 
 from __future__ import annotations
 
@@ -224,13 +224,13 @@ class WalkSettings:
 
 @settings
 class BvhSettings:
-    """Moves as a BVH file says.
+    """Motion from a BVH file.
 
     Attributes:
         file: the .bvh; joints by CMU, Mixamo or common names.
         position_m, heading_deg: where the pelvis is at the file's start, and where it faces; None keeps the file's own
             heading (+Z of the file, Y up, is world +X).
-        start_s: the file's time shown at time 0. loop: begin anew at the end; otherwise the last pose stays.
+        start_s: the file's time shown at time 0. loop: start again at the end; otherwise the last pose stays.
     """
 
     kind: Literal["bvh"]
@@ -243,7 +243,7 @@ class BvhSettings:
 
 @settings
 class TrcSettings:
-    """Moves as marker or keypoint trajectories in a TRC file say; see `points` for which markers are used.
+    """Motion from marker or keypoint trajectories of a TRC file; see `points` for which markers are used.
 
     Attributes:
         file: the .trc. up: the file's vertical axis. position_m: None keeps the file's own place, else as for bvh.
@@ -260,7 +260,7 @@ class TrcSettings:
 
 @settings
 class ResultSettings:
-    """Moves as a recorded posefuse result says (Real2Sim).
+    """Motion from a recorded posefuse result (Real2Sim).
 
     Attributes:
         file: the result file. person: which id in it; None takes the one seen longest.

@@ -100,7 +100,7 @@ def hip_offset(body: SimulatedBody, side: str) -> Array:
 def easy_arm(
     body: SimulatedBody, side: str, thorax: Array, flexion: Array | float = 0.0, elbow: Array | float = _EASY_ELBOW_RAD
 ) -> dict[str, Array]:
-    """Axes of an arm that hangs at ease."""
+    """Axes of a relaxed arm."""
     count = thorax.shape[:-2]
     flexion = np.broadcast_to(np.asarray(flexion, np.float64), count)
     upper = elevated_arm(thorax, side, flexion, np.full(count, -_ARM_ASIDE_RAD), np.full(count, 0.15))

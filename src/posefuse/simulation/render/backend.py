@@ -19,9 +19,9 @@ from posefuse.foundation.platform import offscreen_backends
 
 BACKENDS = offscreen_backends()
 _MODULES = {"wgl": "glfw"}  # MuJoCo draws by WGL through the module of this name
-_PYOPENGL = ("egl", "osmesa")  # what PyOpenGL has to be told
+_PYOPENGL = ("egl", "osmesa")  # platform names of PyOpenGL
 _PROBE_LIMIT_S = 120
-# what OpenGL 4.1 demands of a driver; for one that does not say what it can do
+# what OpenGL 4.1 demands of a driver; for one that does not report its features
 _SIDE_OF_EVERY_DRIVER_PX = 16_384
 _CURE = {
     "egl": "Debian/Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (EGL) or libosmesa6 (OSMesa)",
@@ -107,7 +107,7 @@ def gl_context(backend: str, width: int, height: int) -> Any:
 
 
 def _why_not(backend: str) -> str | None:
-    """None when a process with this backend can draw, else the last line of what it said."""
+    """None when a process with this backend can draw, else the last line of its output."""
     done = _in_process(f"from posefuse.simulation.render.backend import _draw_once; _draw_once({backend!r})")
     if done is None:
         return f"no picture within {_PROBE_LIMIT_S} s"

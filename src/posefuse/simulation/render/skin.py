@@ -17,7 +17,7 @@ _CLOTH_PER_M = 2.5
 
 
 class SkinnedBody(Protocol):
-    """What rendering needs of a body: a mesh at rest and the bones it hangs on."""
+    """What rendering needs of a body: a mesh at rest and the bones it is attached to."""
 
     @property
     def bone_names(self) -> tuple[str, ...]:
@@ -36,7 +36,7 @@ class SkinnedBody(Protocol):
 
     @property
     def bone_index(self) -> Array:
-        """(V, W) bones that a vertex hangs on."""
+        """(V, W) bones that a vertex is attached to."""
         ...
 
     @property

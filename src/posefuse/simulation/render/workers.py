@@ -91,7 +91,7 @@ def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> I
             yield from (future.result() for future in done)
     except BrokenProcessPool:
         raise PosefuseError(
-            "rendering: a process was ended from outside (out of memory?); simulate again with fewer processes to go on"
+            "rendering: a process was ended from outside (out of memory?); simulate again with fewer processes to continue"
         ) from None
     finally:
         stop.set()

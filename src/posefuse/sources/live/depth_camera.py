@@ -22,7 +22,7 @@ class DepthCameraConfig:
     Attributes:
         camera: name of the camera in the rig. serial: its serial number; ``any`` takes the first that is found.
         size: ``WIDTHxHEIGHT@RATE``.
-        read_s: a camera that says nothing for so long is lost.
+        read_s: a camera that sends nothing for so long is lost.
         depth: give every frame its depth, aligned with the colours by the maker's library.
     """
 
@@ -78,7 +78,7 @@ class DepthCamera(ABC):
 
 
 def _vendor_module(name: str, extra: str) -> Any:
-    """The maker's library; raises DependencyError that says how to get it, or what it lacks itself."""
+    """The maker's library; raises DependencyError with the command to install it, or with what it lacks itself."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -94,7 +94,7 @@ def _wanted_size(where: str, size: str) -> tuple[int, int, int]:
 
 
 def _chosen(where: str, wanted: str, there: list[str]) -> str:
-    """The serial number to open; raises SourceError that says which are there."""
+    """The serial number to open; raises SourceError that lists the connected cameras."""
     if not there:
         raise SourceError(f"{where}: no such camera is connected")
     if wanted in ("", _ANY):

@@ -1,7 +1,7 @@
 """Colour stream of a RealSense camera, timed by the camera at mid-exposure, and its depth aligned with it.
 
 The camera's clock is turned into the machine's by the maker's library ("global time"). Its stamp is when the image began to be
-read out; how long before that the middle of the exposure was, the camera says in two numbers of its own clock.
+read out; the time from the middle of the exposure to the readout follows from two numbers of the camera's own clock.
 """
 
 from __future__ import annotations

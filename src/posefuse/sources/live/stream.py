@@ -1,7 +1,7 @@
 """USB cameras (V4L2, AVFoundation, DirectShow) and network cameras (RTSP, HTTP), through the libraries PyAV brings.
 
 A stream's own time stamps are even but start anywhere; arrival is late by a delay that varies. The stamps are placed so
-that the frame with the least delay arrives just when it says: an offset that is the least of (arrival - stamp) over the
+that the frame with the least delay arrives exactly at its stamp: an offset that is the least of (arrival - stamp) over the
 newest seconds, so that a clock that drifts is followed.
 """
 
@@ -43,7 +43,7 @@ class StreamConfig:
         size: ``WIDTHxHEIGHT`` or ``WIDTHxHEIGHT@RATE`` to ask a USB camera for; empty takes its own choice.
         delay_s: how old an image is when it arrives, at best: half the exposure plus reading out, coding and transport.
         keep_encoded: give every frame in the camera's own encoding too.
-        open_s: how long connecting may take. read_s: a stream that says nothing for so long is lost.
+        open_s: how long connecting may take. read_s: a stream that sends nothing for so long is lost.
     """
 
     where: str
@@ -55,7 +55,7 @@ class StreamConfig:
     read_s: float = _READ_S
 
     def build(self) -> StreamSource:
-        """Connect and wait for the first image; raises SourceError that says what there is."""
+        """Connect and wait for the first image; raises SourceError that lists what is there."""
         return StreamSource(self)
 
 
@@ -191,7 +191,7 @@ def _missing(where: str) -> bool:
     try:
         return not Path(where).exists()
     except PermissionError:
-        # in a folder that may not be entered; opening it says so
+        # in a folder without access; opening it reports that
         return False
 
 

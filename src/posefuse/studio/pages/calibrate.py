@@ -122,7 +122,7 @@ class _Guide:
         ui.timer(_REFRESH_S, self._refresh)
 
     def _switch_sound(self, on: bool) -> None:
-        """What to do now is said at once: so one hears that sound works."""
+        """The current instruction is spoken immediately, so that the user hears that sound works."""
         self._sound, self._said = on, ""
 
     def _refresh(self) -> None:

@@ -12,8 +12,8 @@ offset type   header
 
 After the header:
 
-- setup (1) and labels (5): JSON, UTF-8. Setup says what stays: bones, colours, cameras, floor (see `setup_message`); labels give
-  people's names by id.
+- setup (1) and labels (5): JSON, UTF-8. Setup has the constants: bones, colours, cameras, floor (see `setup_message`); labels
+  give people's names by id.
 - poses (2): u16 people N, u16 keypoints K, u32 flags (1: ellipsoids follow); per person u32 id and 4 x u8 rgba (alpha 0: the
   colours of the bones); N*K*3 x f32 world coordinates in metres, NaN where unknown; with flag 1 N*K*9 x f32: row-major L of
   each ellipsoid ``{x + L u : |u| <= 1}``, NaN where there is none.

@@ -120,7 +120,7 @@ def _offsets(path: Any) -> dict[str, float]:
     from posefuse.pipeline.config import read_config
 
     cameras = read_config(path, ()).cameras if path.is_file() else {}
-    # the settings say what is added to stamps, a clock offset by how much they are late
+    # settings state what is added to stamps, a clock offset how late they are
     return {name: -one.offset_s for name, one in cameras.items()}
 
 

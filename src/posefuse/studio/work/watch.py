@@ -53,7 +53,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     detector = TargetDetector(without_floor(read_target(workspace.existing(target)))) if target else None
     record = str(arguments.get("record") or "")
     inputs = inputs_of_setup(workspace, setup)
-    # packets of files come in any encoding, and again from the start where a video begins again: they are encoded anew
+    # packets of files come in any encoding, and again from the start where a video begins again: they are encoded again
     packets = bool(record) and all(entry.kind != "video" for entry in inputs)
     with CameraFeed(inputs, packets=packets) as feed:
         videos = None

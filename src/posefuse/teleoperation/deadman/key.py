@@ -1,4 +1,4 @@
-"""The space bar of a terminal, by its key repeat: a terminal tells no release, but a held key repeats 20 to 40 times a second."""
+"""The space bar of a terminal, by its key repeat: a terminal reports no release; a held key repeats 20 to 40 times a second."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _JOY = "sensor_msgs/msg/Joy"
 class RosJoySwitch:
     """Button 0 held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`). joy_node repeats at 20 Hz by default.
 
-    ROS 2: messages count by their source time on this machine's clock, so the clocks of two machines must agree. ROS 1 tells no
+    ROS 2: messages count by their source time on this machine's clock, so the clocks of two machines must agree. ROS 1 has no
     source time: they count by their arrival, and a message that waited in the network counts as new.
     """
 

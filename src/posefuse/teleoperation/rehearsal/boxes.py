@@ -124,7 +124,7 @@ class MadeUpHand:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What came of it: boxes on their marks of all, seconds, error of the path after one lag, m, and that lag, s."""
+    """The result of it: boxes on their marks of all, seconds, error of the path after one lag, m, and that lag, s."""
 
     placed: int
     of: int

@@ -1,6 +1,6 @@
 """Random sequences of faults through mapping, gate, link and limits, and a judge that knows what is true.
 
-Each sequence begins with an operator whose hand moves the robot, and goes on with faults that begin and end at random: frozen,
+Each sequence begins with an operator whose hand moves the robot, and continues with faults that begin and end at random: frozen,
 late, jumping and dead cameras, exchanged people, NaN, clocks that jump, a lost network, late or repeated heartbeats, no state,
 an operator who walks to the robot. The judge looks at the true motion of the robot only, at the true time.
 """
@@ -27,7 +27,7 @@ from .world import TICK_S, World
 
 _LONG_S = 0.5
 _WARM_TICKS = 55
-# sequences go on from so many worlds; in half of them the operator has come nearer, by up to so much
+# sequences continue from so many worlds; in half of them the operator has come nearer, by up to so much
 _WORLDS = 32
 _NEARER_M = 0.45
 FAULTS = (
@@ -98,7 +98,7 @@ def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
             view = change(view, world)
     if "frozen pose" in active:
         world.frozen = view if world.frozen is None else world.frozen
-        # a pipeline that hangs behind the tracker goes on stamping
+        # a pipeline that hangs behind the tracker continues stamping
         view = replace(world.frozen, t_ns=view.t_ns, measured_ns=view.measured_ns) if rng.random() < 0.5 else world.frozen
     else:
         world.frozen = None
@@ -157,7 +157,7 @@ def engaged_world(settings: TeleoperationSettings, seed: int) -> World:
 
 
 def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None = None) -> tuple[list[Breach], bool]:
-    """One sequence that goes on from a world: what it broke of `limits` (default: its own), and whether the robot moved."""
+    """One sequence that continues from a world: what it broke of `limits` (default: its own), and whether the robot moved."""
     rng = np.random.default_rng([seed, 7])
     world = begin.copied(rng)
     # most are short; the long ones see what takes its time: losses, new engagements, people who walk

@@ -1,4 +1,4 @@
-"""A robot of three spheres that is always exactly where it is told to be: limits and gate without joints."""
+"""A robot of three spheres that is always exactly at its commanded position: limits and gate without joints."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SPHERES = np.array([[0.0, 0.0, 0.0, 0.1], [0.25, 0.0, 0.1, 0.12], [0.5, 0.0, -0
 
 
 class ExactRobot:
-    """End effectors that are where they are told to be (`protocol.Robot`). fault: what it says of itself."""
+    """End effectors at their commanded positions (`protocol.Robot`). fault: what it reports about itself."""
 
     def __init__(self, xyz: Array, wxyz: Array | None = None) -> None:
         self._xyz = np.atleast_2d(np.asarray(xyz, np.float64))

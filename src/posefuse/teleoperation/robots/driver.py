@@ -58,7 +58,7 @@ class Driver:
         return self.state(now_ns)
 
     def state(self, now_ns: int) -> RobotState:
-        """What the operator's side is told."""
+        """What the operator's side receives."""
         follower, posture = self.follower, self.posture
         order = follower.order
         return RobotState(

@@ -113,7 +113,7 @@ class MujocoRobot:
 
 
 def _drive(model: Any, joint: int, name: str) -> tuple[int, float]:
-    """The position actuator of a joint, and how far ahead of itself it is to be told to be; raises ConfigError without one."""
+    """The position actuator of a joint, and the lead of its set point; raises ConfigError without one."""
     import mujoco
 
     for a in range(model.nu):

@@ -1,4 +1,4 @@
-"""The robot's process: control steps on time, with its own watchdog. It goes on until the robot stands, even alone."""
+"""The robot's process: control steps on time, with its own watchdog. It continues until the robot stands, even alone."""
 
 from __future__ import annotations
 

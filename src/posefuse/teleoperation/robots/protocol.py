@@ -32,7 +32,7 @@ class Posture:
     """How the robot is.
 
     Attributes:
-        xyz_world, wxyz: (H, 3), (H, 4) end effectors as commanded: where the joints are told to be.
+        xyz_world, wxyz: (H, 3), (H, 4) end effectors as commanded, from the commanded joint positions.
         measured_xyz_world: (H, 3) as they are. q: (J,) joints as commanded, rad or m. spheres_world: (M, 4) that cover the robot.
         fault: why it cannot move; empty when it can.
     """

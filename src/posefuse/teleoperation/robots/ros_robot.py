@@ -39,7 +39,7 @@ from .robot_messages import pose_stamped, twist, twist_stamped
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
-# joints may be so far from where they were told to be
+# joints may be so far from their commanded positions
 _FOLLOWS_RAD = 0.35
 _ARM_RADIUS_M = 0.15
 # a point of a trajectory lies so many control periods ahead, so that the next one comes in time
@@ -91,7 +91,7 @@ class _Inbox:
 
 
 class RosJoints:
-    """Joint commands from our own inverse kinematics (`protocol.Robot`). needs: the topic that tells the joints."""
+    """Joint commands from our own inverse kinematics (`protocol.Robot`). needs: the topic with the joint states."""
 
     def __init__(self, node: Any, plan: RosPlan, chain: Chain, limits: LimitSettings, place: SE3) -> None:
         self._node, self._plan, self._place, self._back = node, plan, place, place.inverse()
@@ -109,7 +109,7 @@ class RosJoints:
         self._begun = False
 
     def known(self) -> bool:
-        """Whether all joints of the arm have been told; the first time they are where the robot begins."""
+        """Whether all joints of the arm have been reported; the first report is the start position of the robot."""
         self._listen()
         if self._heard_s and not self._begun:
             self.ik.begin(self._measured)
@@ -197,7 +197,7 @@ class RosJoints:
 
 
 class RosCartesian:
-    """Poses or twists for a controller that has its own inverse kinematics (`protocol.Robot`). needs: what tells where it is."""
+    """Poses or twists for a controller with its own inverse kinematics (`protocol.Robot`). needs: the source of its position."""
 
     def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place
@@ -212,7 +212,7 @@ class RosCartesian:
         self._goal: Goal | None = None
 
     def known(self) -> bool:
-        """Whether tf tells where all end effectors are."""
+        """Whether tf has the poses of all end effectors."""
         return self._ends() is not None
 
     def posture(self) -> Posture:
@@ -257,7 +257,7 @@ class RosCartesian:
         self._node.close()
 
     def _ends(self) -> tuple[Array, Array] | None:
-        """(H, 3) and (H, 4) of the end effectors in the world; None while tf does not tell."""
+        """(H, 3) and (H, 4) of the end effectors in the world; None while tf does not have them."""
         for inbox in self._inboxes:
             for msg in inbox.take():
                 self._tree.take(msg)

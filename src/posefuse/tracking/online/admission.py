@@ -12,7 +12,7 @@ from .settings import LiveSettings
 
 @dataclass
 class _Heard:
-    """One camera's times: the newest told, those used within the lag buffer, and what was refused."""
+    """One camera's times: the newest received, those used within the lag buffer, and what was refused."""
 
     told_ns: int | None = None
     used_ns: list[int] = field(default_factory=list)
@@ -26,7 +26,7 @@ class Admission:
     """Judges the time of every view by the newest used, the newest time asked for, and the other cameras.
 
     A single clock that jumps is refused; when at least half of the cameras agree (two, where there are two), time really
-    went on, and where no one has asked for a time yet they may also set it back: `restarts` counts how often.
+    continued, and where no one has asked for a time yet they may also set it back: `restarts` counts how often.
     """
 
     def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings) -> None:

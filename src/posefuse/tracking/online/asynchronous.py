@@ -21,10 +21,10 @@ from .settings import LiveSettings
 # a person is looked for in views no one claimed that are not older than this against the newest, so often at most
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
 _BIRTH_WAIT_NS = 20_000_000
-# who was not measured for so long may be found anew within this distance
+# who was not measured for so long may be found again within this distance
 _STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
 _SAME_PERSON_M = 0.3
-# a person whom some view measured so shortly before is in sight; the support of others counts this much
+# a person measured by some view within this time is in sight; the support of others counts this much
 _IN_SIGHT_NS, _GUESS_WEIGHT = 150_000_000, 0.5
 _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
@@ -47,7 +47,7 @@ class _Figures:
     flipped: float = 0.0
 
     def count(self, figures: Array) -> None:
-        """Work in what `kernels.step` said about a view."""
+        """Apply the answer of `kernels.step` to a view."""
         self.used += 1
         if figures[0] == 0:
             return

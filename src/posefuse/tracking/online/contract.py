@@ -46,7 +46,7 @@ class Tracker(Protocol):
         """Everybody one camera saw at its own time; late or out of order within the lag buffer, people in any order.
 
         Returns:
-            (P,) the track that each of them was taken for; -1: none, or this tracker cannot tell.
+            (P,) the track that each of them was taken for; -1: none, or this tracker does not know.
 
         Raises:
             ShapeError: a camera the rig does not have, or another skeleton. Wrong times are no error: see `health`.
@@ -63,7 +63,7 @@ class Tracker(Protocol):
         ...
 
     def looked_for(self, t_ns: int) -> Pose3D:
-        """Everybody whom the views should look for at t_ns, those included of whom it is not known yet who they are."""
+        """Every person that the views should look for at t_ns, including those without an identity so far."""
         ...
 
     @property

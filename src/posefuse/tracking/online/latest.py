@@ -63,7 +63,7 @@ class LatestTracker:
 
     @property
     def health(self) -> Mapping[str, CameraStatistics]:
-        """Ages and refusals; this tracker expects nothing, so it cannot judge what a view says."""
+        """Ages and refusals; this tracker predicts nothing, so it cannot judge a view."""
         newest_ns = self._admission.newest_ns
         return {
             name: CameraStatistics(

@@ -14,7 +14,7 @@ from .settings import LiveSettings
 
 # of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
 _SPACING_PX = 6.0
-# keypoints may be told that far outside the image, as a share of its size
+# keypoints may lie that far outside the image, as a share of its size
 _MARGIN = 0.3
 _LEAST_SIGMA_PX = 0.3
 

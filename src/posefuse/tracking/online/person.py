@@ -120,7 +120,7 @@ class _Moment:
 
 
 class Person:
-    """A person from birth on. Views may come late: what was known before them is still there, and the rest is done anew."""
+    """A person from birth on. Views may come late: what was known before them is still there, and the rest is done again."""
 
     def __init__(self, model: Model, person_id: int, t_ns: int, xyz: Array, cov: Array) -> None:
         from . import kernels
@@ -148,7 +148,7 @@ class Person:
         if figures[0] > figures[1]:
             self._measured_by_ns[view.camera] = max(view.t_ns, self._measured_by_ns.get(view.camera, view.t_ns))
         if figures[5] > 0:
-            # depth tells how far away the person is, as a second camera does
+            # depth gives the distance of the person, as a second camera does
             self._measured_by_ns[_DEPTH_OF + view.camera] = self._measured_by_ns.get(view.camera, view.t_ns)
         return figures
 

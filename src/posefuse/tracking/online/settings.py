@@ -32,7 +32,7 @@ class LiveSettings:
         max_people: how many people to follow at a time.
         lost_after_s: a keypoint is missing when no view measured it for this long; a person is dropped when that holds for all
             keypoints.
-        shown_s: of several people, one whom no view measured for this long is not in the output, but is still expected until
+        shown_s: of several people, one that no view measured for this long is not in the output, but is still expected until
             `lost_after_s`: hidden or gone.
         alone_s: a person who was measured by a single camera without depth for this long is dropped, because one ray fits any
             depth.

@@ -1,4 +1,4 @@
-"""What the rays of one time step say about segment lengths, given that the pose follows them."""
+"""Information of the rays of one time step about segment lengths, with the pose re-fitted to them."""
 
 from __future__ import annotations
 

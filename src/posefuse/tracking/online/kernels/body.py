@@ -1,4 +1,4 @@
-"""What hangs together: bones and their lengths, keypoints that come and go, the body as a whole."""
+"""The body as a whole: bones and their lengths, keypoints that appear and disappear, common motion."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def start_missing(x, cov, seen, z, now, lost_after, neighbours, acceleration):
 
 @kernel()
 def let_go_of_strays(x, share, means):
-    """Keypoints where no body can have them are no longer tracked; their next view starts them anew."""
+    """Keypoints where no body can have them are no longer tracked; their next view starts them again."""
     known = np.flatnonzero(np.isfinite(means[:, 0]))
     if len(known) < 3:
         return
@@ -128,7 +128,7 @@ def hold_bones(xyz, cov, bones, ends, sigma_m):
                 po[a] += cov[o, a, d] * unit[d]
         for a in range(3):
             along += unit[a] * (pi[a] + po[a])
-        # the curvature of a distance counts as noise: across a short or uncertain bone it tells little
+        # the curvature of a distance counts as noise: across a short or uncertain bone it has little information
         curved = (both - along) / (2.0 * length)
         s = along + sigma_m * sigma_m + 2.0 * curved * curved
         pull = (bones[b, 0] + curved - length) / s
@@ -162,7 +162,7 @@ def centre_body(x, share):
 
 @kernel()
 def alone(seen, c, t):
-    """Seconds since any camera but c measured a keypoint; `seen` (K, C) says when."""
+    """Seconds since any camera but c measured a keypoint; `seen` (K, C) are the times."""
     newest = NEVER
     for i in range(seen.shape[0]):
         for o in range(seen.shape[1]):

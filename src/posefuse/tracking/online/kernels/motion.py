@@ -13,7 +13,7 @@ from posefuse.foundation.compiled import kernel
 
 # of the changes of a keypoint's model, the share that goes to the more agile one
 _AGILER = 0.5
-_LIVELY_S = 2.0  # over which what a person does tells what they may begin to do
+_LIVELY_S = 2.0  # over which a person's motion predicts the next changes of motion
 
 
 @kernel()

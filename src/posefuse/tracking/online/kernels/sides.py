@@ -12,8 +12,8 @@ from .rays import expected, ray, squared, whitened
 from .state import GROUPS
 
 _FLIP_GAIN = 12.0  # least loss saved by exchanging a limb: noise does not exchange
-_FLIP_OBJECTION = 4.0  # least loss added by which a limb says that its own sides are right
-_FLIP_MOST = 16.0  # most a keypoint can say about it
+_FLIP_OBJECTION = 4.0  # least additional loss for which a limb supports its own sides
+_FLIP_MOST = 16.0  # largest contribution of a keypoint
 
 
 @kernel()
@@ -35,7 +35,7 @@ def flipped_groups(camera, z, white, means, spreads, mirror, group, out):
             s00, s01, s11 = expected(rows, spreads[i], 1.0)
             loss = min(squared(s00, s01, s11, error[0], error[1]), _FLIP_MOST)
             gain[g] += loss if turn == 0 else -loss
-    # a body is exchanged as a whole when no limb objects: eyes and ears are too close together to tell by themselves
+    # the whole body is swapped when no limb contradicts: eyes and ears alone are too close together to decide
     whole = gain.sum() > _FLIP_GAIN and gain.min() > -_FLIP_OBJECTION
     for g in range(GROUPS):
         out[g] = whole or gain[g] > _FLIP_GAIN

@@ -103,7 +103,7 @@ def doubt(cov):
 def move_body(
     camera, c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules, deep=None
 ):  # fmt: skip
-    """What all keypoints of one view say together about where the body is: one measurement of its three coordinates.
+    """All keypoints of one view together as a measurement of the body's position: one measurement of its three coordinates.
 
     Its information and pull are sums over the keypoints, each with what is uncertain about its own place against the body.
     Returns how many depths (K, 2) are among them.
