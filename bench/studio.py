@@ -1,11 +1,16 @@
-"""What the studio costs, in real Chromium:
+"""What the studio costs:
 
-    python bench/studio.py pages     # tiles and 3D per second, and the server's processor share with 0, 1 and 2 pages
-    python bench/studio.py latency   # of a live session of the bundled clip, with no page and with one
+    python bench/studio.py pages     # the server's processor share, and what pages get per second: none, one and two of them
+    python bench/studio.py latency   # of a live session of the bundled clip: without a page, and with one
     python bench/studio.py focus     # what the focus warning measures in the bundled clip, blurred by known amounts
 
-`pages` draws from bench/studio_source.py, so that the detector does not compete with the browser for the machine. Chromium draws
-on the processor here, where there is no graphics card: its rates are lower bounds.
+A page is either one that draws nothing (bench/studio_client.py), as if its browser were on another computer, or one in Chromium,
+which draws WebGL on the processor where there is no graphics card, and takes that from the server and the session. `pages` draws
+from bench/studio_source.py, so that no detector competes for the machine.
+
+`latency` records one session and cuts it into windows, in which there is no page, one that draws nothing, and one in Chromium,
+by turns. Latency is from mid-exposure of the newest image to the first output that rests on it. What other programs do to the
+machine lasts longer than a window: so a window with a page is compared with that without one in the same round.
 """
 
 from __future__ import annotations
@@ -14,17 +19,27 @@ import os
 import sys
 import tempfile
 import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from multiprocessing.connection import Client
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
+from studio_client import QuietPage, quiet_page
+
+from posefuse.messages.bags import read_poses
+from posefuse.studio.jobs import Jobs
+from posefuse.studio.setups import DEMO
+from posefuse.studio.workspace import StudioWorkspace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
-from studio_pages import start_session
-from studio_server import CHROMIUM, GRAPHICS, SIZES, free_port, server, session_of, stand_in, until
+from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, free_port, server, stand_in, until
 
-_CAMERAS, _SETTLE_S, _MEASURE_S = 8, 4.0, 15.0
+_CAMERAS, _SETTLE_S, _MEASURE_S, _ROUNDS = 8, 4.0, 15.0, 5
 
 
 def cpu_s(pid: int) -> float:
@@ -33,65 +48,114 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def opened(browser: Browser, base: str) -> Page:
-    """A page that draws."""
+@contextmanager
+def drawing_page(browser: Browser, base: str) -> Iterator[Page]:
+    """A page in Chromium, when its first image is there."""
     page = browser.new_page(viewport={"width": SIZES[""][0], "height": 2000})
     page.goto(f"{base}/live")
-    page.locator(".pf-tile").first.wait_for(timeout=120_000)
-    return page
+    page.wait_for_function("window.posefuseDrawn && window.posefuseDrawn.tile > 0", timeout=PATIENCE_S * 1e3)
+    yield page
+    page.close()
 
 
-def rates(pages: list[Page], pid: int, seconds: float) -> tuple[float, dict[str, float]]:
-    """Processor share of the server, and what the first page draws per second."""
-    before_s, begun = cpu_s(pid), time.monotonic()
-    counts = pages[0].evaluate("({...window.posefuseDrawn})") if pages else {}
-    if pages:
-        pages[0].wait_for_timeout(seconds * 1000)
-    else:
-        time.sleep(seconds)
-    elapsed = time.monotonic() - begun
-    now = pages[0].evaluate("({...window.posefuseDrawn})") if pages else {}
-    return (cpu_s(pid) - before_s) / elapsed, {name: (now[name] - counts[name]) / elapsed for name in now}
+def counts_of(page: Page | QuietPage) -> Counter[str]:
+    """What a page has received or drawn so far."""
+    return page.counts() if isinstance(page, QuietPage) else Counter(page.evaluate("({...window.posefuseDrawn})"))
+
+
+def rates(pages: Sequence[Page | QuietPage], pid: int) -> tuple[float, dict[str, float]]:
+    """Processor share of the server, and what the first page gets per second; images and tiles: of one camera."""
+    time.sleep(_SETTLE_S)
+    before_s, begun, counts = cpu_s(pid), time.monotonic(), [counts_of(page) for page in pages]
+    time.sleep(_MEASURE_S)
+    elapsed_s, share = time.monotonic() - begun, (cpu_s(pid) - before_s) / (time.monotonic() - begun)
+    got = counts_of(pages[0]) - counts[0] if pages else Counter()
+    return share, {name: n / elapsed_s / (_CAMERAS if name in ("images", "tile") else 1) for name, n in got.items()}
 
 
 def measure_pages() -> None:
-    """Table: pages open, server, per tile, 3D."""
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
+    """A line per kind and number of pages."""
+    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, ExitStack() as session:
         workspace, port = Path(place), free_port()
+        base = f"http://127.0.0.1:{port}"
+        session.enter_context(stand_in(workspace, _CAMERAS))
+        studio = session.enter_context(server(workspace, port))
+
+        def measure(kind: str, opening: Callable[[], AbstractContextManager[Page | QuietPage]], numbers: Sequence[int]) -> None:
+            for number in numbers:
+                with ExitStack() as opened:
+                    pages = [opened.enter_context(opening()) for _ in range(number)]
+                    share, got = rates(pages, studio.pid)
+                shown = ", ".join(f"{name} {value:.1f}" for name, value in sorted(got.items()))
+                print(
+                    f"{number} {kind}: server {share:.1%} of a core; per second: {shown} (load {os.getloadavg()[0]:.1f})",
+                    flush=True,
+                )
+
+        print(f"{_CAMERAS} cameras on {os.cpu_count()} cores")
+        measure("page that draws nothing", lambda: quiet_page(base), (0, 1, 2))
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
-        with stand_in(workspace, _CAMERAS), server(workspace, port) as studio:
-            print(f"{_CAMERAS} cameras; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-            pages: list[Page] = []
-            for count in (0, 1, 2):
-                while len(pages) < count:
-                    pages.append(opened(browser, f"http://127.0.0.1:{port}"))
-                time.sleep(_SETTLE_S)
-                share, drawn = rates(pages, studio.pid, _MEASURE_S)
-                shown = {name: round(value / (_CAMERAS if name == "tile" else 1), 1) for name, value in drawn.items()}
-                print(f"{count} pages: server {share:.1%} of a core; per second (one tile, 3D, all messages): {shown}")
+        measure("page in Chromium", lambda: drawing_page(browser, base), (1, 2))
         browser.close()
 
 
 def measure_latency() -> None:
-    """p95 from exposure to output without and with a page."""
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
-        workspace, port = Path(place), free_port()
+    """A line per window, then medians over the rounds."""
+    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, ExitStack() as session:
+        workspace, port = StudioWorkspace(Path(place)), free_port()
+        base = f"http://127.0.0.1:{port}"
+        jobs = Jobs(workspace)
+        job = jobs.start("live", "Bench", {"setup": DEMO, "people": 1, "networks": "blazepose_lite"})
+        session.callback(jobs.cancel, job.id)
+        session.enter_context(server(workspace.root, port))
+        until(lambda: "address" in jobs.report(job.id).extra or jobs.report(job.id).ended, "the session")
+        recorded(jobs.report(job.id).extra["address"])
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
-        with server(workspace, port):
-            page = browser.new_page()
-            start_session(page, f"http://127.0.0.1:{port}")
-            figure = page.locator(".pf-figure").first
-            # the figure is of the whole session so far: without a page first
-            page.goto("about:blank")
-            time.sleep(30.0)
-            for what, seconds in (("no page", 0.0), ("one page", 30.0)):
-                page.goto(f"http://127.0.0.1:{port}/live")
-                figure.wait_for(timeout=60_000)
-                page.wait_for_timeout(2000 + seconds * 1000)
-                print(f"{what}: {figure.inner_text()} (95 %, since the session began; load {os.getloadavg()[0]:.1f})")
-            (workspace / ".posefuse-studio" / "jobs" / session_of(workspace)[0] / "cancel").touch()
-            until(lambda: not session_of(workspace)[0], "the session to end")
+        kinds: dict[str, Callable[[], AbstractContextManager[object]]] = {
+            "no page": nullcontext,
+            "page that draws nothing": lambda: quiet_page(base),
+            "page in Chromium": lambda: drawing_page(browser, base),
+        }
+        windows: list[tuple[str, int, int]] = []
+        for n in range(_ROUNDS):
+            # none of them is always the first after another
+            for kind in list(kinds)[n % 3 :] + list(kinds)[: n % 3]:
+                with kinds[kind]():
+                    time.sleep(_SETTLE_S)
+                    begun_ns = time.time_ns()
+                    time.sleep(_MEASURE_S)
+                    windows.append((kind, begun_ns, time.time_ns()))
+                print(f"round {n + 1} of {_ROUNDS}: {kind}, load {os.getloadavg()[0]:.1f}", flush=True)
         browser.close()
+        jobs.cancel(job.id)
+        until(lambda: jobs.report(job.id).ended, "the session to end")
+        show_latencies(workspace.existing("recordings/latency/recording.mcap"), windows)
+
+
+def recorded(address: dict[str, Any]) -> None:
+    """Have the session record its poses."""
+    with Client(("127.0.0.1", int(address["port"])), authkey=bytes.fromhex(address["key"])) as host:
+        host.send(("record", {"name": "latency", "poses": True, "videos": False}))
+        # its state: the request before is taken by then
+        host.recv()
+
+
+def show_latencies(recording: Path, windows: Sequence[tuple[str, int, int]]) -> None:
+    """Median and 95 % of each window in ms, and what a page adds."""
+    stages = [(times["exposed"], times["output"]) for _, times in read_poses(recording) if "exposed" in times]
+    exposed_ns, output_ns = np.array(stages, np.int64).T
+    found: dict[str, list[tuple[float, ...]]] = defaultdict(list)
+    for kind, begin_ns, end_ns in windows:
+        ms = (output_ns - exposed_ns)[(output_ns >= begin_ns) & (output_ns < end_ns)] / 1e6
+        found[kind].append((*np.percentile(ms, [50, 95]), len(ms) / ((end_ns - begin_ns) / 1e9)))
+    for kind, rounds in found.items():
+        median, most, rate = np.median(rounds, axis=0)
+        more = np.array(rounds)[:, :2] - np.array(found["no page"])[:, :2]
+        text = ", ".join(
+            f"{m:+.1f} ({low:+.1f} to {high:+.1f})"
+            for m, low, high in zip(np.median(more, axis=0), more.min(axis=0), more.max(axis=0), strict=True)
+        )
+        print(f"{kind}: median {median:.1f} ms, 95 % {most:.1f} ms, {rate:.0f} outputs per s; against no page: {text}")
 
 
 def measure_focus() -> None:

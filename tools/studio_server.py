@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[1]
 CHROMIUM = "/usr/bin/chromium"
 # windows of a desk and of a phone, by the ending of pictures
 SIZES = {"": (1280, 800), "_phone": (390, 844)}
-# WebGL on the processor, where there is no graphics card
-GRAPHICS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+# WebGL on the processor, where there is no graphics card; all else of a page is drawn as the browser itself chooses then
+GRAPHICS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 PATIENCE_S = 240.0
 
 

@@ -19,3 +19,17 @@ def chromium() -> Iterator[Any]:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
         yield browser
         browser.close()
+
+
+@pytest.fixture
+def page(chromium: Any) -> Iterator[Any]:
+    """A tab that must raise no error; what it waits for may take as long as a busy machine needs."""
+    from tools.studio_server import PATIENCE_S, SIZES
+
+    errors: list[str] = []
+    tab = chromium.new_page(viewport=dict(zip(("width", "height"), SIZES[""], strict=True)))
+    tab.set_default_timeout(PATIENCE_S * 1e3)
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    yield tab
+    tab.close()
+    assert errors == []

@@ -1,8 +1,6 @@
-"""Meshes of a live session: few slots, each new mesh sent once, nothing sent that no page shows."""
+"""Meshes of a live session: few slots, each new mesh sent once."""
 
-import time
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +9,7 @@ from posefuse.core import Pose3D
 from posefuse.formats.truth import read_truth
 from posefuse.kinematics import JointTracker
 from posefuse.pipeline.demo_clip import clip_folder
-from posefuse.studio.jobs import Job, Report
 from posefuse.studio.live_bodies import LiveBodies
-from posefuse.studio.live_host import BODIES, SCENE, Host
-from posefuse.studio.live_link import LiveLink
 
 RGBA = [(1, 2, 3, 255)] * 4
 
@@ -62,55 +57,3 @@ def test_a_slot_is_used_again_and_never_moves_the_former_mesh(poses: list[Pose3D
     second = played(bodies, later, 2)[9]
     assert list(first[0]) == list(second[0]) == [0]
     assert first[1][24:26] == second[1][24:26] and first[1][26:28] != second[1][26:28]
-
-
-class OneJob:
-    """The jobs of a workspace in which one session runs."""
-
-    def __init__(self, address: dict[str, Any]) -> None:
-        self._address = address
-
-    def running(self, work: str) -> list[Job]:
-        return [Job(id="1", work=work, title="", arguments={}, begun_s=0.0)]
-
-    def report(self, job: str) -> Report:
-        return Report(extra={"address": self._address})
-
-
-class Page:
-    """Counts as one that shows a stream."""
-
-    def put(self, key: object, message: bytes) -> None:
-        """Nothing."""
-
-
-def test_a_session_is_told_what_pages_show() -> None:
-    host = Host(lambda name, values: None, lambda on: None)
-    link = LiveLink(OneJob(host.address))  # type: ignore[arg-type]
-
-    def until(condition: Any) -> None:
-        end_s = time.monotonic() + 20
-        while not condition():
-            assert time.monotonic() < end_s
-            time.sleep(0.01)
-
-    import asyncio
-
-    async def use() -> None:
-        link.begin(asyncio.get_running_loop())
-        await asyncio.to_thread(until, lambda: link._connection is not None)
-        page = Page()
-        for stream in (link.stream, link.bodies):
-            stream._subscribers.add(page)  # type: ignore[arg-type]
-            stream._tell()
-        await asyncio.to_thread(until, lambda: host.wanted(SCENE) and host.wanted(BODIES))
-        host.publish("mesh", b"kept", keep=True, channel=BODIES)
-        host.publish("pose", b"scene", keep=True)
-        await asyncio.to_thread(until, lambda: link.bodies._kept and link.stream._kept)
-        assert (link.bodies._kept, link.stream._kept) == ({"mesh": b"kept"}, {"pose": b"scene"})
-        link.bodies._subscribers.clear()
-        link.bodies._tell()
-        await asyncio.to_thread(until, lambda: not host.wanted(BODIES))
-        assert host.watched
-
-    asyncio.run(use())

@@ -9,8 +9,9 @@ import socket
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from importlib import import_module
+from types import FrameType
 from typing import Any
 
 from posefuse.core import DependencyError, InputError
@@ -34,16 +35,20 @@ from .pages import PAGES, StudioPage
 from .recording_files import add_routes
 from .shell import shell
 
-_RECONNECT_S = 10.0
+# a browser on a machine that is busy may be silent for seconds: a page that is given up too soon loads itself again
+_RECONNECT_S = 30.0
+# to build a page, with the first look for sessions
+_BUILD_S = 20.0
 
 
 def application(studio: Studio) -> Any:
     """The ASGI application; `access` is asked first. One per process: NiceGUI has one list of pages."""
     for page in PAGES:
-        ui.page(page.path, title=f"{page.title} · posefuse studio")(_builder(studio, page))
+        ui.page(page.path, title=f"{page.title} · posefuse studio", response_timeout=_BUILD_S)(_builder(studio, page))
 
-    @ui.page("/phone", title="posefuse")
-    def phone() -> None:
+    @ui.page("/phone", title="posefuse", response_timeout=_BUILD_S)
+    async def phone() -> None:
+        await _visited(studio)
         import_module("posefuse.studio.pages.phone").build(studio)
 
     @pages_app.websocket("/studio/stream/{name}")
@@ -80,13 +85,15 @@ def run(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
     access = studio.access
     listener = _listener(access.host, access.port)
     # images are compressed already: deflating them again would cost the server a core
-    config = uvicorn.Config(application(studio), log_level="error", ws_per_message_deflate=False, ws_max_size=2**20)
+    config = uvicorn.Config(
+        application(studio), log_level="error", ws_per_message_deflate=False, ws_max_size=2**20, date_header=False
+    )
     say(f"posefuse studio: {access.address()}")
     say(f"workspace {studio.workspace.root}; Ctrl-C ends the server, running sessions and jobs continue")
     if show:
         threading.Timer(1.0, webbrowser.open, (access.address(),)).start()
     with listener:
-        uvicorn.Server(config).run(sockets=[listener])
+        _Server(config).run(sockets=[listener])
 
 
 def _listener(host: str, port: int) -> socket.socket:
@@ -102,9 +109,38 @@ def _listener(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _builder(studio: Studio, page: StudioPage) -> Callable[[], None]:
-    def build() -> None:
+def _builder(studio: Studio, page: StudioPage) -> Callable[[], Awaitable[None]]:
+    async def build() -> None:
+        await _visited(studio)
         with shell(studio, page):
             import_module(f"posefuse.studio.pages.{page.module}").build(studio)
 
     return build
+
+
+async def _visited(studio: Studio) -> None:
+    client = ui.context.client
+    client.on_delete(lambda: studio.left(client.id))
+    await studio.came(client.id)
+
+
+class _Server(uvicorn.Server):
+    """Waits for the end without looking ten times a second whether it has come."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._asked = asyncio.Event()
+
+    async def main_loop(self) -> None:
+        """Until it is asked to end."""
+        self._loop = asyncio.get_running_loop()
+        # what a tick prepares: the headers of every answer
+        if not await self.on_tick(0):
+            await self._asked.wait()
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Take a signal to end."""
+        super().handle_exit(sig, frame)
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._asked.set)

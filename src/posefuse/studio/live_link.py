@@ -19,10 +19,11 @@ LIVE, WATCH = "live", "watch"
 LIVE_BODIES = "live-bodies"
 """Name of the stream of meshes."""
 _LOOK_S = 0.7
+_FIRST_LOOK_S = 1.0
 
 
 class LiveLink:
-    """Follows whatever session of a kind runs in the workspace, whichever server started it.
+    """Follows whatever session of a kind runs in the workspace, whichever server started it; while there are pages, see `awake`.
 
     Args:
         work: `LIVE` or `WATCH`.
@@ -41,9 +42,21 @@ class LiveLink:
         self._connection: Connection | None = None
         self._lock = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._awake, self._looked = threading.Event(), threading.Event()
+
+    def awake(self, on: bool) -> None:
+        """Whether to look for sessions at all: a server without a page costs nothing then."""
+        if on:
+            self._awake.set()
+        else:
+            self._awake.clear()
+
+    def wait_looked(self) -> None:
+        """Until it is known whether a session runs; at most a second, as one that hangs must not keep a page from opening."""
+        self._looked.wait(_FIRST_LOOK_S)
 
     def begin(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Look for sessions from now on; `loop`: where the stream is served."""
+        """Begin; `loop`: where the stream is served."""
         self._loop = loop
         threading.Thread(target=self._run, name=f"link {self._work}", daemon=True).start()
 
@@ -60,6 +73,9 @@ class LiveLink:
 
     def _run(self) -> None:
         while True:
+            if not self._awake.is_set():
+                self._looked.clear()
+                self._awake.wait()
             running = self._jobs.running(self._work)
             self.job = running[0] if running else None
             address = self._jobs.report(self.job.id).extra.get("address") if self.job else None
@@ -67,15 +83,17 @@ class LiveLink:
                 with suppress(OSError, EOFError, ValueError):
                     self._follow(int(address["port"]), bytes.fromhex(address["key"]))
             self.status = {}
-            time.sleep(_LOOK_S)
+            if self._awake.is_set():
+                self._looked.set()
+                time.sleep(_LOOK_S)
 
     def _follow(self, port: int, key: bytes) -> None:
-        """Until the session ends."""
+        """Until the session ends, or no page is left."""
         with Client(("127.0.0.1", port), authkey=key) as connection:
             self._connection = connection
             try:
                 self._watched()
-                while True:
+                while self._awake.is_set():
                     self._take(*connection.recv())
             finally:
                 with self._lock:
@@ -84,6 +102,7 @@ class LiveLink:
     def _take(self, kind: str, channel: str, key: Any, content: Any) -> None:
         if kind == "status":
             self.status = content
+            self._looked.set()
         elif self._loop is not None:
             self._loop.call_soon_threadsafe(self._publish, kind, channel, key, content)
 

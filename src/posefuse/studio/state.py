@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -29,6 +30,7 @@ class Studio:
     watch: LiveLink
     streams: dict[str, Stream] = field(default_factory=dict)
     phone_may_record: bool = False
+    _visitors: set[str] = field(default_factory=set)
 
     @classmethod
     def of(cls, workspace: StudioWorkspace, access: Access) -> Studio:
@@ -37,6 +39,20 @@ class Studio:
         live, watch = LiveLink(jobs), LiveLink(jobs, WATCH)
         streams = {LIVE: live.stream, LIVE_BODIES: live.bodies, WATCH: watch.stream}
         return cls(workspace=workspace, access=access, jobs=jobs, live=live, watch=watch, streams=streams)
+
+    async def came(self, visitor: str) -> None:
+        """A page is being opened: look for sessions, so that it shows at once what runs."""
+        self._visitors.add(visitor)
+        links = (self.live, self.watch)
+        for link in links:
+            link.awake(True)
+        await asyncio.gather(*(asyncio.to_thread(link.wait_looked) for link in links))
+
+    def left(self, visitor: str) -> None:
+        """A page is gone."""
+        self._visitors.discard(visitor)
+        for link in (self.live, self.watch):
+            link.awake(bool(self._visitors))
 
     def stream(self, name: str, on_watched: Callable[[int], None] | None = None) -> Stream:
         """The stream of a name, made where it is missing; `on_watched` is of the one who makes it."""
