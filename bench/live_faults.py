@@ -68,7 +68,7 @@ ONE_MACHINE = (
     Case("the same image", "frozen", ("cam01",), fault="freeze"),
     Case("clock an hour ahead", "clock", ("cam01",), fault="jump"),
     Case("1200 frames/s", "flood", ("cam01",), fault="flood"),
-    Case("says nothing", "silent", ("cam01",), fault="hang"),
+    Case("sends nothing", "silent", ("cam01",), fault="hang"),
     Case("unplugged", "lost", ("cam01",), fault="unplug"),
     Case("turned by 1.5 deg", "moved", ("cam01",), end_s=16.0, last_s=24.0, fault="bump"),
     Case("clock 50 ms ahead", "unsynchronised", ("cam01",), end_s=16.0, last_s=24.0, fault="skew"),

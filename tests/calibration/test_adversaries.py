@@ -199,7 +199,7 @@ def test_synchronised_is_not_taken_on_trust_and_offsets_are_found(lab: Any) -> N
     assert lab.errors(found.rig)[0].max() < 5.0
 
 
-def test_input_that_cannot_serve_says_so(lab: Any, plain: CornerObservations) -> None:
+def test_unusable_input_is_refused_with_the_reason(lab: Any, plain: CornerObservations) -> None:
     with pytest.raises(CalibrationError, match="looks the same from both ends"):
         calibrate_extrinsics(plain, lab.rig.cameras, Chessboard(5, 7, 0.1))
     with pytest.raises(CalibrationError, match="expected at least 2 cameras, got 1"):

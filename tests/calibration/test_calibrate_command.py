@@ -30,7 +30,7 @@ def run(*words: str) -> dict:
     return dict(found.run(Terminal(as_json=True)))
 
 
-def test_printing_needs_its_sizes_and_says_which(tmp_path: Path) -> None:
+def test_printing_without_sizes_names_the_missing_ones(tmp_path: Path) -> None:
     out = str(tmp_path / "cube.pdf")
     with pytest.raises(InputError, match="--target markers: missing --marker-mm"):
         run("print", "--cube", "--out", out)

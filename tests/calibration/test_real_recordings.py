@@ -111,7 +111,7 @@ def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_person_in_videos_gives_places_within_30_mm_and_says_where_the_reference_is_turned(
+def test_a_person_in_videos_gives_positions_within_30_mm_and_shows_where_the_reference_is_rotated(
     shared_data: Path, models: None
 ) -> None:
     """In the reference all keypoints of cam_01 and cam_03 lie next to the other cameras' rays by the same 20 to 35 px.

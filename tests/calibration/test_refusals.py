@@ -85,7 +85,7 @@ def test_a_side_in_other_units_is_refused_before_and_after_the_solve(lab: Any) -
     assert calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), small).rig.refused == ""
 
 
-def test_a_rig_that_was_refused_says_so_from_its_file(lab: Any, tmp_path: Path) -> None:
+def test_a_refused_rig_is_marked_in_its_file(lab: Any, tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", replace(lab.rig, refused="halves agree"))
     assert read_rig(tmp_path / "rig.toml").refused == "halves agree"
     write_rig(tmp_path / "rig.toml", lab.rig)

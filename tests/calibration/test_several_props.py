@@ -139,7 +139,7 @@ def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
 
 
 @pytest.mark.parametrize("target", [TWO_SIDED, ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.01, thickness_m=0.005)])
-def test_the_sides_of_a_board_are_told_by_their_markers(target: Charuco | ArucoBoard) -> None:
+def test_the_sides_of_a_board_are_distinguished_by_their_markers(target: Charuco | ArucoBoard) -> None:
     found = [detected(target, drawn(sheet)) for sheet in board_sheets(target, "a0")]
     assert [set(one.patch.tolist()) for one in found] == [{0}, {1}]
     np.testing.assert_array_equal(found[0].corner, found[1].corner)

@@ -89,7 +89,7 @@ def test_a_drift_is_found_and_one_that_is_not_asked_for_is_refused(rig: Rig) -> 
         clocks_from_person(rig, tracks, most_s=1.0)
 
 
-def test_what_cannot_be_told_is_refused_by_name(rig: Rig) -> None:
+def test_undetermined_offsets_are_refused_by_name(rig: Rig) -> None:
     good = tracks_of(rig, (0.0, 0.0, 0.0, 0.0))
     with pytest.raises(RefusedCalibration, match=r"one offset fits best: cam0\d fits 1\.0\d times as well"):
         clocks_from_person(rig, tracks_of(rig, (0.0, 0.0, 0.0, 0.0), pace=0.0), most_s=2.0)
@@ -104,7 +104,7 @@ def test_what_cannot_be_told_is_refused_by_name(rig: Rig) -> None:
         clocks_from_person(rig, (*good[:3], stranger), most_s=2.0)
 
 
-def test_without_a_rig_the_way_over_the_floor_tells_offsets_to_about_a_frame(rig: Rig) -> None:
+def test_without_a_rig_the_path_over_the_floor_gives_offsets_to_about_a_frame(rig: Rig) -> None:
     offset_s = (0.0, 1.4, -0.5, 0.2)
     tracks = moving(tracks_of(rig, offset_s))
     np.testing.assert_allclose(rough_clocks_unplaced(rig.cameras, tracks, 2.0).offset_s, offset_s, atol=0.1)

@@ -129,7 +129,7 @@ def test_noise_of_the_corners_neither_refuses_a_rig_nor_changes_its_scale(lab: A
     assert noisy.scale == pytest.approx(1, abs=2e-3)
 
 
-def test_a_point_scatters_as_its_covariance_says(lab: Any) -> None:
+def test_a_point_scatters_as_its_covariance_states(lab: Any) -> None:
     xyz = np.array([[0.2, -0.1, 1.0], [-0.5, 0.4, 1.4]])
     random, true = np.random.default_rng(3), lab.rig.project(xyz)
     true[3, 1] = np.nan
@@ -200,7 +200,7 @@ def test_a_camera_that_looks_at_another_person_is_not_called_moved(lab: Any) -> 
 
 
 @pytest.mark.parametrize(("reach_m", "turn_rad", "kinds"), [(0.0, 0.02, []), (0.0, 0.1, ["moved"]), (1.0, 0.02, ["moved"])])
-def test_who_stands_tells_of_gross_displacements_alone(lab: Any, reach_m: float, turn_rad: float, kinds: list[str]) -> None:
+def test_a_standing_person_shows_large_displacements_only(lab: Any, reach_m: float, turn_rad: float, kinds: list[str]) -> None:
     """What a network makes up for limbs that one view does not show stays as long as a person stands; a walk tells it apart."""
     start, still = walk(np.zeros(1))[0], [0.0, 0.0, 0.0]
     cameras = list(lab.rig)
@@ -214,7 +214,7 @@ def test_who_stands_tells_of_gross_displacements_alone(lab: Any, reach_m: float,
     assert [one.kind for one in run_monitor(lab.rig, pictures, seconds=9)] == kinds
 
 
-def test_a_camera_that_is_put_right_again_is_well_and_may_be_moved_anew(lab: Any) -> None:
+def test_a_camera_that_is_put_back_is_correct_and_may_be_moved_again(lab: Any) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)
     after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.start(lab.rig)

@@ -31,7 +31,7 @@ def run(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
 
 
 @pytest.mark.parametrize("command", ["plugins", "doctor"])
-def test_json_is_alone_on_stdout_and_says_what_the_table_says(command: str, capsys) -> None:
+def test_json_is_alone_on_stdout_and_has_the_values_of_the_table(command: str, capsys) -> None:
     code, out, err = run(capsys, command, "--json")
     figures = json.loads(out)
     assert code == 0
@@ -66,7 +66,7 @@ def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.Monkey
     assert "Not ready" in err and "Ready:" not in err
 
 
-def test_demo_takes_the_clip_of_the_package_and_says_what_is_next(monkeypatch, capsys, tmp_path, demo_session) -> None:
+def test_demo_takes_the_clip_of_the_package_and_prints_the_next_step(monkeypatch, capsys, tmp_path, demo_session) -> None:
     taken = []
     monkeypatch.setattr("posefuse.cli.tracking.track_session", lambda *given: taken.append(given) or {"people": 1})
     code, out, err = run(capsys, "demo", "--out", str(tmp_path / "d"), "--json")
@@ -177,7 +177,7 @@ def test_a_request_to_terminate_is_reported_and_exits_143(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(("number", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_command_that_was_interrupted_and_kept_what_it_had_says_so_by_its_code(
+def test_a_command_that_was_interrupted_with_a_partial_result_has_its_own_exit_code(
     number: int, expected: int, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     def keeps() -> Figures:

@@ -89,7 +89,7 @@ def test_ray_gradient_is_that_of_the_robust_cost():
     assert (np.linalg.eigvalsh(information) > 0).all()
 
 
-def test_predict_spreads_the_covariance_as_its_transition_says(state):
+def test_predict_spreads_the_covariance_by_its_transition(state):
     q, rot, _, _ = state
     rng = np.random.default_rng(7)
     cov = rng.normal(size=(14, 14))

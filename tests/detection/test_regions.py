@@ -85,7 +85,7 @@ def test_up_of_a_rolled_camera(ring_rig, roll_rad):
 
 
 @pytest.mark.parametrize(("side_px", "angle_rad"), [(100.0, 0.0), (300.0, 0.7), (900.0, -2.1), (1500.0, 0.3)])
-def test_a_crop_shows_a_spot_where_the_map_says(side_px, angle_rad):
+def test_a_crop_shows_a_spot_at_its_mapped_position(side_px, angle_rad):
     region = Region(centre_img=np.array([410.3, 395.8]), side_px=side_px, angle_rad=angle_rad)
     spot = region.centre_img + 0.2 * side_px * np.array([0.6, -0.8])
     y, x = np.mgrid[0:800, 0:900]

@@ -68,7 +68,7 @@ def test_flexion_agrees_with_a_gait_laboratory(shared_data):
         assert rows[f"{side}_ankle", "dorsiflexion"].sd_deg < 2.5
 
 
-def test_a_file_without_the_points_says_what_it_has(tmp_path):
+def test_a_file_without_the_points_is_refused_with_a_list_of_its_points(tmp_path):
     from posefuse.formats.c3d import C3dData, write_c3d
 
     write_c3d(

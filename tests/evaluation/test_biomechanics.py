@@ -25,7 +25,7 @@ def recording(ring_rig, figure_sequence):
 
 
 @pytest.mark.parametrize("fit", ["none", "points", "rays"])
-def test_every_file_says_the_same(recording, tmp_path, fit):
+def test_every_file_has_the_same_values(recording, tmp_path, fit):
     chosen = BiomechanicsSettings(fit=fit)
     made = write_biomechanics(recording, tmp_path, chosen)
     assert {path.name for path in made} == {path.name for path in tmp_path.iterdir()}
@@ -85,7 +85,7 @@ def test_one_time_step_has_angles_and_no_animation(recording, tmp_path):
     assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}
 
 
-def test_stages_are_told_as_they_begin(recording, tmp_path):
+def test_stages_are_reported_as_they_begin(recording, tmp_path):
     reported = []
     tell = lambda *report: reported.append(report)  # noqa: E731
     write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=tell)

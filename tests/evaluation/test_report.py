@@ -64,7 +64,7 @@ def reported(read_page, tmp_path, recording, *more):
     return read_page(write_report(recording, joints_from_poses(recording.poses), tmp_path / "r.html", *more))
 
 
-def test_the_page_says_what_it_is_about(read_page, tmp_path, ring_rig):
+def test_the_page_states_session_rig_and_version(read_page, tmp_path, ring_rig):
     recording = recording_of(ring_rig, *walker(), {"session": "trial <3>", "version": "1 & <2>"})
     page = reported(read_page, tmp_path, recording, {"cam <1>": b"\xff\xd8jpeg"}, "Knee study <b>")
     about = dict(page.tables[0])

@@ -91,7 +91,7 @@ def test_a_damaged_record_ends_the_log(log: Path) -> None:
     assert len(read_log(log).batches) == 3
 
 
-def test_writing_goes_on_after_the_whole_time_steps(log: Path) -> None:
+def test_writing_continues_after_the_whole_time_steps(log: Path) -> None:
     before = log.read_bytes()
     batches, keep = read_log(log).whole_steps()
     assert [one.step for one in batches] == [0, 1, 2, 3, 4]

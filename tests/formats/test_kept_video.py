@@ -45,7 +45,7 @@ def test_every_frame_comes_back_at_its_time(demo_session: Path, tmp_path: Path, 
             assert np.abs(one.image.astype(int) - other.image).mean() < 4
 
 
-def test_packets_are_copied_and_not_made_anew(demo_session: Path, tmp_path: Path) -> None:
+def test_packets_are_copied_and_not_encoded_again(demo_session: Path, tmp_path: Path) -> None:
     with KeptVideo(tmp_path / "a.mp4") as video:
         for frame in frames(demo_session, True):
             # a black image that is not looked at

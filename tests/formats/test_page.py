@@ -228,7 +228,7 @@ def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path):
         write_page(tmp_path / "nowhere" / "page.html", Page("t", []))
 
 
-def test_the_bundle_of_plotly_is_the_one_its_name_says():
+def test_the_bundle_of_plotly_has_the_version_of_its_name():
     head = gzip.decompress(PLOTLY.read_bytes())[:300].decode()
     assert re.search(r"plotly\.js \(basic - minified\) v([\d.]+)", head)[1] == PLOTLY.name.split("-")[2].removesuffix(
         ".min.js.gz"

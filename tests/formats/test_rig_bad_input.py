@@ -139,7 +139,7 @@ def test_files_that_are_no_rig(tmp_path: Path) -> None:
         read_rig(tmp_path / "x.txt")
 
 
-def test_writing_says_what_is_possible(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+def test_writing_an_unknown_format_lists_the_known_ones(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     with pytest.raises(CalibrationError, match=r"no rig format 'matlab'; there are: caliscope, toml, qualisys, ros, opencv"):
         write_rig(tmp_path / "rig.mat", ring_rig(2), "matlab")
     with pytest.raises(CalibrationError, match=r"format toml is written to: \.toml"):

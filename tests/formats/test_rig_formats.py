@@ -112,7 +112,7 @@ def test_toml_has_what_anipose_and_pose2sim_need(tmp_path: Path, ring_rig: Calla
     assert set(tables["metadata"]) >= {"adjusted", "error"}
 
 
-def test_a_rotation_vector_turns_as_opencv_says(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+def test_a_rotation_vector_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     cv2 = pytest.importorskip("cv2")
     rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
     write_rig(tmp_path / "rig.toml", rig)

@@ -33,7 +33,7 @@ def test_kernels_stand_only_where_their_changes_are_noticed() -> None:
     assert with_kernels <= set(kernel_files())
 
 
-def test_a_change_of_any_kernel_file_starts_anew(tmp_path: Path) -> None:
+def test_a_change_of_any_kernel_file_starts_a_new_folder(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "kernels").mkdir()
     files = [tmp_path / "a" / "kernels.py", tmp_path / "a" / "kernels" / "lens.py", tmp_path / "a" / "fast_kernels.py"]

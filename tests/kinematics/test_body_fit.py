@@ -95,7 +95,7 @@ def test_the_angles_state_their_own_error(noisy, fitted):
             assert 0.6 < np.sqrt(np.nanmean(ratio**2)) < 1.5, name
 
 
-def test_a_gap_is_filled_and_says_so(noisy, fitted):
+def test_a_gap_is_filled_and_marked(noisy, fitted):
     clean, wrist = noisy[0], noisy[0].skeleton.index("left_wrist")
     gap = slice(60, 85)
     error = np.linalg.norm(fitted.poses.xyz_world - clean.xyz_world, axis=-1)[gap, 0, wrist]

@@ -156,7 +156,7 @@ def test_live_equals_recorded_when_the_planes_are_clear(posed):
     np.testing.assert_allclose(live, joints_from_poses(sequence, EXACT).angle_rad, atol=1e-6)
 
 
-def test_each_skeleton_says_what_it_cannot_give():
+def test_each_skeleton_lists_missing_angles_with_reasons():
     paper = undefined_angles(SKELETONS["paper14"])
     assert "needs nose, left_ear, right_ear" in paper["neck.flexion"].replace(
         "left_ear, right_ear, nose", "nose, left_ear, right_ear"

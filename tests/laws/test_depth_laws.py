@@ -32,7 +32,7 @@ def squares(found, xyz):
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_covariance_is_what_it_says_with_depth(ring_rig, count):
+def test_covariance_matches_the_errors_with_depth(ring_rig, count):
     """NEES of 3; one camera alone is within its sigma of the truth."""
     rig, xyz = ring_rig(count, distortion=LENS), bodies(300)
     xy, sigma, depth = seen_by(rig, xyz)

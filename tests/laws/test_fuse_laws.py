@@ -72,7 +72,7 @@ def test_the_mirror_image_gives_the_mirror_pose(scene, weights):
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8])
 @pytest.mark.parametrize("weights", ["none", "robust"])
-def test_covariance_is_what_it_says(ring_rig, count, weights):
+def test_covariance_matches_the_errors(ring_rig, count, weights):
     """NEES of 3 with correct sigma, different in each camera."""
     rig = ring_rig(count, distortion=LENS)
     rng = np.random.default_rng(count)
@@ -84,7 +84,7 @@ def test_covariance_is_what_it_says(ring_rig, count, weights):
 
 
 @pytest.mark.parametrize(("count", "wrong"), [(4, 0.05), (8, 0.1), (16, 0.2)])
-def test_covariance_is_what_it_says_among_outliers(ring_rig, count, wrong):
+def test_covariance_matches_the_errors_with_outliers(ring_rig, count, wrong):
     rig = ring_rig(count, distortion=LENS)
     rng = np.random.default_rng(count)
     xyz = rng.normal(size=(300, 17, 3)) * 0.4 + [0, 0, 1]

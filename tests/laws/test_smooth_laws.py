@@ -85,7 +85,7 @@ def test_the_response_at_the_cutoff_is_minus_3_db_without_lag(cutoff):
         assert np.angle(response) == pytest.approx(0, abs=0.01)
 
 
-def test_covariance_is_what_it_says_on_motion_of_its_own_kind():
+def test_covariance_matches_the_errors_on_motion_of_its_own_model():
     """NEES of 3 at measured time steps and inside gaps, uneven noise."""
     rng = np.random.default_rng(4)
     noise = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 3.0]]) * 1e-5

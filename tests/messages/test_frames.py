@@ -38,7 +38,7 @@ def test_a_circle_of_frames_ends():
     assert frames.find("world", "a") is None
 
 
-def test_transforms_of_others_are_heard_and_own_ones_are_not():
+def test_transforms_of_others_are_used_and_own_ones_are_not():
     from posefuse.messages.body_messages import transform
     from posefuse.messages.dds import RosNode
     from posefuse.messages.dds_domain import Network

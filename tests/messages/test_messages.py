@@ -152,7 +152,7 @@ def test_noise_never_crashes(some_detections):
     assert intake.counts.accepted > 0
 
 
-def test_a_list_said_to_be_endless_is_refused_at_once():
+def test_a_list_of_impossible_length_is_refused_immediately():
     intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message)
     raw = b"\0\1\0\0" + bytes(8) + b"\1\0\0\0\0\0\0\0" + b"\1\0\0\0\0\0\0\0" * 2 + b"\xff\xff\xff\xff" * 4
     assert intake.take(raw) is None

@@ -41,7 +41,7 @@ def person(rng=None, noise_m=0.0, t_ns=5 * S, moved=None) -> Pose3D:
     )  # fmt: skip
 
 
-def test_axes_are_those_of_the_body_in_the_position_that_says_so():
+def test_axes_are_those_of_the_body_in_the_zero_position():
     parts = parts_from_pose(person())
     for name in ("head", "left_hand", "right_hand"):
         np.testing.assert_allclose(parts.world_from_part[0, PARTS.index(name)].matrix(), np.eye(3), atol=1e-9)
@@ -120,7 +120,7 @@ def test_noise_is_smoothed_and_a_swing_is_followed():
     np.testing.assert_allclose(even[100:], np.interp(t_s[100:] - late, t_s, truth), atol=0.25)
 
 
-def test_angles_go_the_short_way_round_and_gaps_and_new_people_begin_anew():
+def test_angles_take_the_shorter_path_and_gaps_and_new_people_start_again():
     rates = Velocities()
     for i, angle in enumerate((3.13, -3.14, -3.13)):
         rate = rates.step(i * S // 100, [1], np.array([[angle]]), angle_difference)

@@ -129,7 +129,7 @@ def test_it_is_taken_where_ros_2_is_sourced_and_no_network_option_asks_for_dds(f
     assert not ros2_is_sourced()
 
 
-def test_without_rclpy_it_says_so(monkeypatch):
+def test_without_rclpy_it_names_the_missing_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy", None)
     with pytest.raises(DependencyError, match="source a ROS 2 environment"):
         RclpyNode("x", 0)

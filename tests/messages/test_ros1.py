@@ -47,12 +47,12 @@ def test_plain_ros1_sees_tf_joints_cameras_and_diagnostics(alone, ros1_python, p
     assert found["topics"]["/humans/bodies/tracked"] == "hri_msgs/IdsList"
 
 
-def test_without_a_master_it_says_so(alone, ros1_python, pose_file):
+def test_without_a_master_it_names_the_cause(alone, ros1_python, pose_file):
     out, err = alone(sys.executable, HERE / "ros1_talker.py", ros1_python[1], pose_file).communicate(timeout=60)
     assert "SourceError ROS 1: no master answers at http://127.0.0.1:11311" in out, err
 
 
-def test_without_rospy_it_says_so(monkeypatch):
+def test_without_rospy_it_names_the_missing_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "rosgraph", None)
     with pytest.raises(DependencyError, match="python3-rospy"):
         ros1.Ros1Node("x")

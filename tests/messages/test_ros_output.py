@@ -156,7 +156,7 @@ def test_markers_come_at_the_promised_rate_or_that_of_the_poses(kept, standing, 
     assert len(kept.on("/posefuse/markers")) == pytest.approx(seconds * min(rate_hz, 30), abs=1)
 
 
-def test_markers_go_on_after_a_gap_and_after_time_was_set_back(kept, standing):
+def test_markers_continue_after_a_gap_and_after_time_was_set_back(kept, standing):
     output, pose = RosOutput(kept), standing()
     for t_s in (100, 105, 50, 50.01):
         output.step(dataclasses.replace(pose, t_ns=round(t_s * 1e9)))

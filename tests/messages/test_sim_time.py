@@ -45,7 +45,7 @@ def test_a_change_of_speed_is_followed_within_a_second():
     assert clock.sim_from_real(end_ns) == pytest.approx(2.3 * S, abs=1e6)
 
 
-def test_a_simulation_that_stands_still_or_begins_anew_is_believed_at_once():
+def test_a_simulation_that_pauses_or_restarts_is_followed_immediately():
     clock = SimulatedClock()
     end_ns = heard(clock, 0.5, 2.0)
     clock.add(clock.sim_from_real(end_ns - S // 100), end_ns)
@@ -57,7 +57,7 @@ def test_a_simulation_that_stands_still_or_begins_anew_is_believed_at_once():
     assert clock.real_from_sim(0) == end_ns + 2 * S
 
 
-def test_a_node_that_hears_no_clock_says_so():
+def test_a_node_that_receives_no_clock_reports_it():
     pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
     from posefuse.messages.cdr import encode
     from posefuse.messages.dds import RosNode

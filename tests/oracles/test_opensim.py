@@ -153,7 +153,7 @@ def test_what_is_no_model_is_refused_in_a_line(osim, tmp_path):
         write_scaled_model(tmp_path / "no.osim", tmp_path / "none", person)
 
 
-def test_without_the_package_it_says_what_to_install(monkeypatch, tmp_path):
+def test_without_the_package_it_names_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "opensim", None)
     with pytest.raises(DependencyError, match=r"posefuse\[biomech\]"):
         opensim_motion(figures(), tmp_path)

@@ -205,7 +205,7 @@ def test_at_least_one_trial_fits_into_a_machine(monkeypatch: pytest.MonkeyPatch)
         assert default_jobs() == jobs
 
 
-def test_without_a_scheduler_one_line_says_so(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_scheduler_one_line_reports_it(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     from posefuse.pipeline.batch import cluster
 

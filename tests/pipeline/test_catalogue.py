@@ -95,7 +95,7 @@ def test_later_parts_of_a_live_session_are_not_recordings_of_their_own(tmp_path:
     assert {path.name for path in find_recordings(tmp_path)} == {"a.mcap", "b.2.mcap"}
 
 
-def test_one_that_cannot_be_read_says_why(saved_walk: Saved, tmp_path: Path) -> None:
+def test_one_that_cannot_be_read_has_a_reason(saved_walk: Saved, tmp_path: Path) -> None:
     _, result = saved_walk
     (result / "recording.npz").write_bytes(b"damaged")
     one = listed(result)

@@ -8,7 +8,7 @@ from posefuse.core import ConfigError
 from posefuse.pipeline.config import TrackConfig, read_config
 
 
-def test_overrides_go_on_top_of_the_file(tmp_path: Path) -> None:
+def test_overrides_replace_values_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "posefuse.toml"
     path.write_text('start_s = 1.5\n[fuse]\nweights = "score"\n[cameras.left]\noffset_s = 0.02\n')
     config = read_config(path, ["fuse.score_threshold=0.3", "end_s=4", "cameras.right.video=a b.mp4"])

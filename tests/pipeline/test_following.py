@@ -109,7 +109,7 @@ def follower(rig: Rig, people: int) -> PeopleFollower:
     return PeopleFollower(skeleton=COCO17, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings())
 
 
-def test_one_search_then_the_pose_tells_every_view_where_to_look(ring_rig) -> None:
+def test_one_search_then_the_pose_gives_every_view_its_region(ring_rig) -> None:
     stage = Stage(ring_rig(4), {0: range(30)})
     seen = followed(stage)
     assert stage.searches == [0]

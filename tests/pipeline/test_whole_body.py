@@ -63,7 +63,7 @@ def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
     return Recording.from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
 
 
-def test_a_forearm_in_one_view_is_found_and_says_how_well(walker, ring_rig) -> None:
+def test_a_forearm_in_one_view_is_found_with_its_uncertainty(walker, ring_rig) -> None:
     rig = ring_rig(4)
     recording = seen_by(rig, walker, hidden_from=3)
     poses = with_bodies(recording, recording.views, BodySettings(), None).poses

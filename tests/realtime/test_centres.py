@@ -70,7 +70,7 @@ def somebody() -> np.ndarray:
 
 
 @pytest.mark.parametrize("wanted", [True, False])
-def test_what_goes_out_is_at_joint_centres_and_the_views_are_told_landmarks(ring_rig, somebody, wanted) -> None:
+def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, somebody, wanted) -> None:
     rig, kept, tracker = ring_rig(3), Kept(), Still(somebody)
     board = new_board(rig)
     fusion = Fusion(rig, tracker, board, SessionClock.begin(), kept, Centring(rig.names, wanted))

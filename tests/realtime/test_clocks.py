@@ -59,7 +59,7 @@ def test_every_camera_has_its_own_and_their_mean_is_zero(truth: Truth, views: Or
     assert abs(late_s.mean()) < 1e-6
 
 
-def test_what_cannot_be_known_is_not_told(truth: Truth, views: OracleViews) -> None:
+def test_what_cannot_be_known_is_not_reported(truth: Truth, views: OracleViews) -> None:
     assert fed(truth, views, MACHINES_S, RATE_HZ, 2.0, 0) == {}
     still = OracleViews(*(np.broadcast_to(a[:1], a.shape) for a in (views.xy_img, views.score, views.sigma_px)))
     assert fed(truth, still, MACHINES_S, RATE_HZ, 8.0, 0) == {}

@@ -58,7 +58,7 @@ def test_the_skeleton_of_most_cameras_is_the_sessions() -> None:
     assert alone.skeleton == COCO
 
 
-def test_another_skeleton_is_refused_counted_and_said_once() -> None:
+def test_another_skeleton_is_refused_counted_and_reported_once() -> None:
     senders = begun("a", "b")
     assert senders.admits(nobody("a"), "node", T0)
     for _ in range(5):

@@ -47,7 +47,7 @@ def test_the_fusion_works_with_the_intrinsics_of_the_nodes(ring_rig):
     assert said == ["intrinsics of cam00, cam01 are those that their nodes work with"]
 
 
-def test_a_camera_that_no_node_tells_of_is_named(ring_rig):
+def test_a_camera_that_no_node_sends_is_named(ring_rig):
     rig = ring_rig(2)
     with RosNode("cameras_a", NETWORK) as a:
         tell_intrinsics(a, rig, ["cam00"], 0)

@@ -131,7 +131,7 @@ def test_a_replay_gives_the_same_poses(killed: tuple[dict, Path, list[int]], dem
     assert max(difference_m(pose, again) for pose, again in replayed(recording, read_rig(demo_session / "rig.toml"), other)) > 0
 
 
-def test_a_recording_says_how_it_was_made(killed: tuple[dict, Path, list[int]], demo_session: Path, tmp_path: Path) -> None:
+def test_a_recording_states_how_it_was_made(killed: tuple[dict, Path, list[int]], demo_session: Path, tmp_path: Path) -> None:
     rig = read_rig(demo_session / "rig.toml")
     made = read_provenance(killed[1])
     assert (made.cameras, made.rig_id) == (rig.names, rig.id)
@@ -157,7 +157,7 @@ def test_sigterm_is_143_and_leaves_a_recording_that_replays_without_settings(dem
     assert figures["equal"] == figures["poses"] > 50
 
 
-def test_the_report_says_where_the_time_went(killed: tuple[dict, Path, list[int]], read_page: Callable) -> None:
+def test_the_report_states_the_latency_of_each_stage(killed: tuple[dict, Path, list[int]], read_page: Callable) -> None:
     figures, recording, _ = killed
     folder = recording.with_name("report")
     written = json.loads((folder / "latency.json").read_text())

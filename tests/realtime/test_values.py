@@ -208,7 +208,7 @@ def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     assert said[-1] == "1199.00 s  camera a: dead: process 1 ended"
 
 
-def test_counts_go_on_when_a_process_was_started_again() -> None:
+def test_counts_continue_when_a_process_was_restarted() -> None:
     monitor = Monitor(("a",))
     for captured in (10, 40, 5, 9):
         monitor.take_state(
@@ -374,7 +374,7 @@ def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
         (["cam00=video:x.mp4", "cam00=video:y.mp4"], ("already",)),
     ],
 )
-def test_a_source_that_cannot_be_meant_says_what_there_is(ring_rig, arguments: list[str], words: tuple[str, ...]) -> None:
+def test_an_impossible_source_is_refused_with_a_list_of_sources(ring_rig, arguments: list[str], words: tuple[str, ...]) -> None:
     with pytest.raises(SourceError) as raised:
         inputs_from_arguments(arguments, ring_rig(2))
     assert all(word in str(raised.value) for word in words)

@@ -55,7 +55,7 @@ def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.Monke
     assert counts.written >= 32
 
 
-def test_a_full_disk_ends_the_video_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(self: video_keeping.KeptVideo, one: Frame, t_ns: int) -> bool:
         raise InputError("cam.mp4: cannot be written (No space left on device)")
 

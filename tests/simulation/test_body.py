@@ -197,7 +197,7 @@ def test_stature_and_weight_are_met() -> None:
     assert volume * 980 == pytest.approx(52.0, abs=0.5)
 
 
-def test_impossible_body_says_what_is_possible() -> None:
+def test_an_impossible_body_is_refused_with_the_possible_range() -> None:
     with pytest.raises(ConfigError, match=r"weight_kg: expected \d+\.\d+ to \d+\.\d+ kg .* got 190\.00 kg"):
         build_body(BodyShapeSettings(height_m=1.7, weight_kg=190))
 

@@ -65,7 +65,7 @@ def test_edges_lose_pixels_and_are_ragged_and_the_far_is_unknown() -> None:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("distortion", [(), (-0.28, 0.09, 0.002, -0.003, -0.01)], ids=["ideal", "bent"])
-def test_depth_lies_under_the_pixels_that_project_says(distortion: tuple[float, ...], backend: str) -> None:
+def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], backend: str) -> None:
     image = ImageSettings(size_px=(320, 240), distortion=distortion)
     camera = PlacedCamera(
         name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image,

@@ -38,7 +38,7 @@ def _refined(grey: np.ndarray, guess: np.ndarray) -> np.ndarray:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("lens", LENSES)
-def test_chessboard_corners_are_where_project_says(lens, shoot):
+def test_chessboard_corners_are_at_their_projections(lens, shoot):
     path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
     live, image, visible = shoot(
         _scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path))

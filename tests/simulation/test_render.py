@@ -43,7 +43,7 @@ def _refined(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.gl
-def test_a_rolling_shutter_shears_what_moves_as_the_truth_says(shoot):
+def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shoot):
     rolling = _scene(readout_s=0.03, shutter_bands=60)
     frame = 10
     live, image, _ = shoot(rolling, frame)

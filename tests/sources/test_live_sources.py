@@ -110,7 +110,7 @@ def test_a_device_in_a_folder_that_may_not_be_entered_is_one_line(tmp_path, requ
         StreamConfig(where=str(device), camera="cam").build()
 
 
-def test_a_device_that_may_not_be_read_says_whose_group_to_join(tmp_path, request) -> None:
+def test_a_device_without_read_permission_names_the_group_to_join(tmp_path, request) -> None:
     device = tmp_path / "video0"
     device.touch(mode=0o000)
     let_others_in(tmp_path)

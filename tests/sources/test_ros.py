@@ -99,7 +99,7 @@ def test_closing_ends_the_frames(sender):
     assert not thread.is_alive()
 
 
-def test_a_topic_that_is_not_there_says_which_are(sender):
+def test_a_missing_topic_is_refused_with_a_list_of_topics(sender):
     there = "/cam/image_raw, /cam/image_raw/compressed"
     assert f"image topics in domain {DOMAIN}: {there}" in refusal("/cam2/image_raw", there)
 

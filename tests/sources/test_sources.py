@@ -148,7 +148,7 @@ def test_frames_go_to_the_nearest_time_step_and_none_is_used_twice() -> None:
     assert [s.t_ns // 1_000_000 for s in sets] == [0, 10, 20, 30, 40]
 
 
-def test_a_failing_camera_is_reported_and_the_rest_goes_on() -> None:
+def test_a_failing_camera_is_reported_and_the_rest_continues() -> None:
     lost: list[str] = []
     streams = {"a": Scripted("a", [0, 10], fails=True).frames(), "b": Scripted("b", [0, 10, 20, 30]).frames()}
     sets = list(frame_sets(streams, 0, 10_000_000, on_lost=lambda name, error: lost.append(f"{name}: {error}")))

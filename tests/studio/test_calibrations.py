@@ -148,7 +148,7 @@ def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:
     assert blamed_cameras({"subject": "cam (left)", "detail": ""}, ("cam (left)",)) == ("cam (left)",)
 
 
-def test_the_graph_says_who_shares_views_and_who_shares_enough() -> None:
+def test_the_graph_shows_cameras_with_common_views_and_with_enough_of_them() -> None:
     n = ENOUGH_TOGETHER
     together = [[90, n, n - 1, 0], [n, 90, 0, 0], [n - 1, 0, 90, 0], [0, 0, 0, 5]]
     assert [(one.a, one.b, one.enough) for one in links(together)] == [(0, 1, True), (0, 2, False)]

@@ -73,7 +73,7 @@ def test_orders_that_do_not_count_stop_the_robot(what):
     assert seconds_to_stand(driver, now_ns, lambda k, t: [WRONG[what](k, t)]) <= 0.35
 
 
-def test_good_orders_go_on():
+def test_good_orders_are_followed():
     driver, now_ns, seq = moving()
     assert seconds_to_stand(driver, now_ns, lambda k, t: [order(seq + k, t, x=100.0)]) == float("inf")
 

@@ -81,7 +81,7 @@ CAUSES = {
 
 
 @pytest.mark.parametrize("cause", CAUSES)
-def test_every_cause_holds_at_once_and_less_than_half_a_second_goes_on_by_itself(cause):
+def test_every_cause_holds_immediately_and_after_less_than_half_a_second_it_continues(cause):
     run = Run().engaged()
     # two ticks for the switch, which is let go once no beat has come for a tenth of a second
     assert run.tick(12 if cause == "switch let go" else 1, **CAUSES[cause]) is Phase.HOLD
@@ -134,7 +134,7 @@ def test_doubt_slows_before_it_stops():
     assert run.order.speed_mps == pytest.approx(0.5)
 
 
-def test_a_hand_that_was_elsewhere_meanwhile_moves_nothing_when_it_goes_on():
+def test_a_hand_that_was_elsewhere_meanwhile_moves_nothing_when_it_continues():
     run = Run().engaged()
     stood = run.state.xyz_world
     run.tick(3, hand=HAND + [0.3, 0, 0])

@@ -58,7 +58,7 @@ def test_a_plain_ros1_robot_is_read_and_gets_its_commands(alone, ros1_python, tm
 
 
 @pytest.mark.slow
-def test_a_robot_that_tells_nothing_is_one_line(alone, ros1_python, tmp_path):
+def test_a_robot_that_sends_nothing_is_one_line(alone, ros1_python, tmp_path):
     python, modules = ros1_python
     wait_for_master(alone, python)
     out, err = alone(sys.executable, HERE / "ros1_driver.py", modules, "pose", tmp_path).communicate(timeout=60)

@@ -73,7 +73,7 @@ def test_a_step_is_met_at_once_and_exactly_in_the_end():
     assert np.linalg.norm(after[-1] - xyz[-1]) < 1e-3
 
 
-def test_another_person_and_a_pause_begin_anew():
+def test_another_person_and_a_pause_start_again():
     state = None
     for i in range(50):
         state = steadied(state, person_view(np.zeros(3), T0 + i * 10_000_000, sigma_m=0.01), 0.005)

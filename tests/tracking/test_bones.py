@@ -38,7 +38,7 @@ def test_bones_that_change_are_held_less():
     assert (spread > 0.08 * length).all()
 
 
-def test_holding_bones_helps_and_the_covariance_says_by_how_much():
+def test_holding_bones_helps_and_the_covariance_matches():
     truth = tumbling(400)
     xyz, cov, used = measured(truth)
     held, narrowed = hold_bones(xyz, cov, used, COCO, 0.002)

@@ -83,7 +83,7 @@ def test_a_segment_seen_on_one_side_alone_is_learnt_from_it_and_the_others_stay(
     assert lengths[shank] == USUAL[shank]
 
 
-def test_who_leaves_is_forgotten_and_a_clock_that_is_set_back_begins_anew() -> None:
+def test_a_person_who_leaves_is_forgotten_and_a_clock_that_is_set_back_starts_again() -> None:
     learnt = LearntLengths(TABLE)
     for i in range(100):
         lengths = learnt.step(pose(i, 1.05 * BODY))

@@ -19,7 +19,7 @@ def same(one, two, tolerance=0.0):
 
 
 @pytest.mark.parametrize("name", TRACKERS)
-def test_a_replay_says_the_same(world, name):
+def test_a_replay_gives_the_same_poses(world, name):
     w = world()
     views = w.views(1.0)
     poses = []
@@ -114,7 +114,7 @@ def test_a_first_camera_an_hour_ahead_is_outvoted(world):
     assert np.isnan(ages_s[0]) and (np.array(ages_s[1:]) >= 0).all()
 
 
-def test_when_all_cameras_jump_time_went_on(world):
+def test_a_common_jump_of_all_cameras_is_a_jump_of_time(world):
     w = world(motion="stand")
     tracker = w.tracker()
     for view in w.views(0.6):

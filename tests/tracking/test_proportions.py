@@ -77,7 +77,7 @@ def table():
     return proportional_joint_centres(COCO)
 
 
-def test_of_people_and_detectors_as_assumed_the_offsets_are_right_on_average_and_as_sure_as_told():
+def test_for_people_and_detectors_as_assumed_the_offsets_are_unbiased_with_the_stated_sigma():
     known, rng, n = Proportions(), np.random.default_rng(0), 20_000
     share, spread = (np.array([values[s] for s in SEGMENTS]) for values in (known.share, known.spread))
     stature = known.stature_m + known.stature_sigma_m * rng.standard_normal(n)

@@ -92,7 +92,7 @@ def test_a_measurement_alone_comes_back_as_it_was():
 
 
 @pytest.mark.parametrize("width", [1, 3])
-def test_outliers_are_left_out_and_said_so(width):
+def test_outliers_are_left_out_and_marked(width):
     truth, seen = wander(200, seed=1)
     seen[60 : 60 + width, 0, 5] += [0.3, -0.2, 0.4]
     result = smooth(sequence(seen), LOOSE)

@@ -119,7 +119,7 @@ class ResultPlayer:
             self._task = asyncio.create_task(self._show())
 
     def step(self, count: int) -> None:
-        """Go on by so many time steps."""
+        """Move by a number of time steps."""
         t_s = self.opened.t_s
         i = self.opened.playback.step_at(round(self.t_s * 1e9)) + count
         self.seek(float(t_s[np.clip(i, 0, len(t_s) - 1)]))

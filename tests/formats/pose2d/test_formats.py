@@ -229,7 +229,7 @@ def test_visibilities_of_annotations_become_scores(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("count", "name"), [(26, "halpe_26"), (133, "coco_wholebody_133"), (136, "halpe_136"), (33, "blazepose33")]
 )
-def test_larger_keypoint_sets_are_told_by_their_number(count: int, name: str, tmp_path: Path) -> None:
+def test_larger_keypoint_sets_are_recognised_by_their_number(count: int, name: str, tmp_path: Path) -> None:
     people = [{"pose_keypoints_2d": np.ones((count, 3)).ravel().tolist()}]
     save(tmp_path / "a_0.json", {"people": people})
     assert read_pose2d(tmp_path, "cam").skeleton.name == name
