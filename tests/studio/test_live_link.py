@@ -57,7 +57,7 @@ def in_loop(link: LiveLink, use: Callable[[], Coroutine[Any, Any, None]]) -> Non
     asyncio.run(main())
 
 
-def test_a_session_is_told_what_pages_show(host: Host) -> None:
+def test_a_session_receives_what_pages_show(host: Host) -> None:
     link = LiveLink(OneJob(host))  # type: ignore[arg-type]
 
     async def use() -> None:
