@@ -93,7 +93,7 @@ def pictures(watched: Watched, base: str, folder: Path | None, names: dict[str, 
             page.goto(f"{base}{path}")
             page.wait_for_timeout(5000)
             if path == "/live":
-                # a picture with a person in it; where the machine is too slow for one, it is taken all the same
+                # an image with a person in it; where the machine is too slow for one, it is taken all the same
                 with contextlib.suppress(PlaywrightError):
                     page.locator(".pf-person").first.wait_for(state="visible", timeout=_PERSON_MS)
             if page.evaluate("document.documentElement.scrollWidth") > size[0]:

@@ -1,4 +1,4 @@
-"""A studio to try things on: for the tools, benches, pictures and tests that open its pages in a browser."""
+"""A studio to try things on: for the tools, benches, images and tests that open its pages in a browser."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 CHROMIUM = "/usr/bin/chromium"
-# windows of a desk and of a phone, by the ending of pictures
+# windows of a desk and of a phone, by the ending of images
 SIZES = {"": (1280, 800), "_phone": (390, 844)}
 # WebGL on the processor, where there is no graphics card; all else of a page is drawn as the browser itself chooses then
 GRAPHICS = ("--no-sandbox", "--enable-unsafe-swiftshader")

@@ -38,7 +38,7 @@ _RIG = "calibrations/room/rig.toml"
 _TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "220"}
 
 
-# pictures of docs/studio.md, and what they show
+# images of docs/studio.md, and what they show
 _DOCS = {
     "studio_cameras": "cameras of targets",
     "studio_calibrate": "verification",
@@ -56,7 +56,7 @@ class Walk:
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        """Time it, and take a picture of how it ended, also where it failed."""
+        """Time it, and take an image of how it ended, also where it failed."""
         begun_s, good = time.monotonic(), False
         try:
             yield
@@ -67,7 +67,7 @@ class Walk:
             self.picture(f"{len(self.took_s):02d} {what}".replace(" ", "_"))
 
     def picture(self, name: str, page: Page | None = None) -> None:
-        """A screenshot of this tab or another one, where pictures are wanted."""
+        """A screenshot of this tab or another one, where images are wanted."""
         if self._pictures is not None:
             page = page or self.page
             # the header stays at the top of the window

@@ -1,4 +1,4 @@
-"""Pictures of a tracked session: what a camera saw, with the estimate, and with the truth next to it."""
+"""Images of a tracked session: what a camera saw, with the estimate, and with the truth next to it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BONES = (*_LIMBS, ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"
 
 
 def pictures(run: Run, camera: int, instants: Sequence[int], width_px: int = 480) -> dict[str, Array]:
-    """Captions to pictures of one camera at time steps of the recording, with the fused skeleton drawn in."""
+    """Captions to images of one camera at time steps of the recording, with the fused skeleton drawn in."""
     from posefuse.outputs import view_tile
 
     width, height = run.recording.rig.cameras[camera].size_wh
@@ -36,7 +36,7 @@ def pictures(run: Run, camera: int, instants: Sequence[int], width_px: int = 480
 
 
 def moments(run: Run, camera: int, instants: Sequence[int], side_px: int = 420) -> dict[str, Array]:
-    """Captions to square pictures cut out around the person, with its true skeleton in red and the estimate in blue."""
+    """Captions to square images cut out around the person, with its true skeleton in red and the estimate in blue."""
     poses = run.recording.poses
     placed = run.recording.rig.cameras[camera]
     found = {}

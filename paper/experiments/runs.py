@@ -1,4 +1,4 @@
-"""What every experiment needs: rendered sessions, the pipeline run on them, pictures, the machine."""
+"""What every experiment needs: rendered sessions, the pipeline run on them, images, the machine."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the documentation site makes from the code: command line, settings, Python reference, pictures."""
+"""What the documentation site makes from the code: command line, settings, Python reference, images."""

@@ -1,7 +1,7 @@
-"""Pictures of the documentation: what the gallery scripts draw, and the moving picture of the README.
+"""Images of the documentation: what the gallery scripts draw, and the moving image of the README.
 
 python -m tools.docs_site.pictures          all
-python -m tools.docs_site.pictures moving   only the moving picture
+python -m tools.docs_site.pictures moving   only the moving image
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The front door: recordings, rigs and the functions that make them, as `import posefuse` offers them."""
+"""The public interface: recordings, rigs and the functions that make them, as exported by `import posefuse`."""

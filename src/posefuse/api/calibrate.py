@@ -280,7 +280,7 @@ def verify(
     clock_offset_s: Mapping[str, float] | None = None,
     progress: Progress | bool | None = None,
 ) -> RigVerification:
-    """Measure the errors of a rig with a target it was not made from, held anywhere.
+    """Measure the errors of a rig with a target that was not used for its calibration, held anywhere.
 
     Args:
         rig: the rig to verify.

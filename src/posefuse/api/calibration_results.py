@@ -19,7 +19,7 @@ from posefuse.foundation.output_file import check_output_file
 
 from .rig import Rig
 
-# a full colour of the verification pictures
+# a full colour of the verification images
 _FULL_PX = 3.0
 
 

@@ -65,7 +65,7 @@ class Newest:
 class LiveSession:
     """A running live session; made by `live`. Use as a context manager and iterate over it: the newest pose wins.
 
-    A program that takes long over one pose misses those in between and gets the newest next; it never delays the session.
+    A slow program skips poses and gets the newest one next; it never delays the session.
 
     Attributes:
         angles: joint angles of the newest pose (T = 1); None before the first, or where they are switched off.

@@ -242,7 +242,7 @@ class Recording(core.Recording):
 
 
 def recording_of(value: core.Recording) -> Recording:
-    """The same result as the handle of the front door."""
+    """The same result as the recording of the public interface."""
     if isinstance(value, Recording):
         return value
     return Recording(**{field.name: getattr(value, field.name) for field in fields(core.Recording)})
@@ -251,7 +251,7 @@ def recording_of(value: core.Recording) -> Recording:
 def read(path: str | Path) -> Recording:
     """Read a result folder (of `track` or `Recording.save`), or the .mcap of a live session with its later parts.
 
-    A recording that was cut off gives what there is, and a `UserWarning`.
+    A truncated recording is read as far as possible, with a `UserWarning`.
 
     Raises:
         InputError: not a result, one of a newer format, or damaged.

@@ -63,7 +63,7 @@ def read_rig(path: str | Path) -> Rig:
 
 
 def rig_of(value: core.Rig) -> Rig:
-    """The same cameras as the handle of the front door."""
+    """The same cameras as the rig of the public interface."""
     return (
         value
         if isinstance(value, Rig)

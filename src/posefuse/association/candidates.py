@@ -11,7 +11,7 @@ from posefuse.core import Camera, Detections2D, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 
-# what a detection read with left and right exchanged supports a person, of what it would as named
+# factor on the support of a detection with left and right swapped
 _TURNED_SHARE = 0.7
 
 

@@ -15,7 +15,7 @@ from .candidates import Candidates
 
 # by camera and the number of another tool's track: the person
 Hints = Mapping[tuple[str, int], int]
-# what a detection supports the person to whom it was assigned lately, of what it does without a hint
+# factor on the support of a detection for the person to whom it was recently assigned
 _HINT_WEIGHT = 1.3
 
 
@@ -30,7 +30,7 @@ def hints_after(hints: Hints, assignment: Assignment, detections: Sequence[Detec
 
 
 def hint_weights(candidates: Candidates, detections: Sequence[Detections2D], people: Sequence[int], hints: Hints) -> Array:
-    """(N, D) what another tool's tracks make of the support that each detection gives to each of `people`."""
+    """(N, D) the support that each detection gives to each of `people`, changed by another tool's tracks."""
     factor = np.ones((len(people), len(candidates)))
     if not hints:
         return factor

@@ -25,7 +25,7 @@ from .memory import median_known
 from .traits import Traits, body_lengths_m, plausible_share, sameness
 
 UNNAMED = -1
-# so many frames of a track decide who it is, where several people are possible; with such a log-likelihood ratio, fewer
+# frames of a track that decide its identity among several people; fewer are enough above this log-likelihood ratio
 _NAMING_FRAMES, _SURE_FRAMES, _SURE_EVIDENCE = 8, 4, 4.0
 # tracks closer than this touch, and have parted beyond that: middles of bodies
 _TOUCH_M, _PARTED_M = 0.6, 0.75
@@ -183,7 +183,7 @@ class Identity:
         return self._with_names([unnamed[row] for row in ready], options, likely[ready])
 
     def _likely(self, tracks: list[int], options: list[int], known: int) -> Array:
-        """(tracks, options) log-likelihood ratios; 0 for strangers, who come after the first `known` options."""
+        """(tracks, options) log-likelihood ratios; 0 for strangers, which follow the first `known` options."""
         likely = np.zeros((len(tracks), len(options)))
         for row, number in enumerate(tracks):
             for column, person in enumerate(options[:known]):

@@ -115,7 +115,7 @@ def _followed(previous: Pose3D, seen_ns: Array | None, t_ns: int) -> list[_Known
 
 
 def _found_again(candidates: Candidates, members: Array, lost: list[_Known], settings: AssociateSettings) -> _Known | None:
-    """Which of the people out of sight can be here, the nearest of them; None when no one can have come this far."""
+    """The nearest of the people out of sight who can have moved here; None if the distance is too large for all."""
     if not lost:
         return None
     pose = member_points(candidates, members, settings.tolerance_m)

@@ -19,12 +19,12 @@ LENGTHS = 7
 _GIRDLES = ("shoulder", "hip")
 # adults of one population: standard deviation of a length as a share of it
 _POPULATION_SHARE = 0.08
-# what other cameras and other poses change about a measured length: the bundled network's errors that do not average away
+# change of a measured length with cameras and poses: the part of the bundled network's errors that does not average out
 _LASTING_M = 0.010
-# clothes: standard deviations of L*, a*, b* among people, and of what light, camera and side of the body change about them
+# clothes: standard deviations of L*, a*, b* among people, and those due to light, camera and side of the body
 _POPULATION_LAB = np.array([22.0, 12.0, 16.0])
 _LASTING_LAB = np.array([7.0, 4.0, 4.0])
-# a cue is wrong for this share of people: another person stood before them all the time, a jacket came off, a bad pose
+# a cue is wrong for this share of people: hidden behind another person all the time, a jacket taken off, a bad pose
 _WRONG_CUE = 0.03
 # what is learnt and compared as one cue: lengths of the body, clothes of trunk, thighs and shanks
 _CUES = (slice(0, 7), slice(7, 10), slice(10, 13), slice(13, 16))
@@ -109,7 +109,7 @@ class Traits:
 def sameness(one: Traits, other: Traits) -> float:
     """Log-likelihood ratio: one person measured twice, against two people drawn from the population. 0 is neutral.
 
-    Each cue (lengths, clothes of trunk, thighs, shanks) counts by itself, and none of them is trusted blindly.
+    Each cue (lengths, clothes of trunk, thighs, shanks) is bounded separately, so that no single cue decides.
     """
     known = (one.frames >= _LEAST_FRAMES) & (other.frames >= _LEAST_FRAMES)
     if not known.any():

@@ -1,4 +1,4 @@
-"""What a calibration leaves behind: rig file, report, coverage picture, and the clock offsets as settings of `posefuse track`."""
+"""What a calibration leaves behind: rig file, report, coverage image, and the clock offsets as settings of `posefuse track`."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def numbered(path: Path, name: str, count: int) -> Path:
 
 
 def coverage_path(rig_path: Path) -> Path:
-    """Where the coverage picture of a rig file goes."""
+    """Where the coverage image of a rig file goes."""
     return rig_path.with_name(f"{rig_path.stem}_coverage.png")
 
 
 def write_coverage(path: Path, observations: CornerObservations) -> TargetCoverage:
-    """The picture of how much of each image the target has covered."""
+    """The coverage image: which part of each image the target has covered."""
     found = coverage(observations)
     _, png = cv2.imencode(".png", cv2.cvtColor(coverage_sheet(found, observations.sizes_wh), cv2.COLOR_RGB2BGR))
     keep_copy(path)

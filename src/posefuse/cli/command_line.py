@@ -106,7 +106,7 @@ def _common(
     *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
     json: Annotated[bool, Parameter(help="Print the figures as one JSON object on stdout, all else on stderr.")] = False,
 ) -> None:
-    """What every command takes, in any place."""
+    """Options that every command takes, at any position."""
 
 
 def application() -> App:

@@ -30,7 +30,7 @@ class MachineCheck:
 
     Attributes:
         name: what was looked at. ok: it is there. needed: without it `track` cannot work.
-        found: what was found. cure: what to do when it is not ok.
+        found: what was found. cure: remedy when it is not ok.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What `posefuse record` does: videos on one clock, what is wrong while it can still be mended, and what to do next."""
+"""What `posefuse record` does: videos on one clock, warnings while problems can still be fixed, and the next step."""
 
 from __future__ import annotations
 

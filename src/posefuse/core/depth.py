@@ -1,7 +1,7 @@
 """Depth that an RGB-D camera adds to what it sees: the image, how noisy it is, and the depth of keypoints.
 
 A depth camera measures the skin or the clothes, a keypoint lies below them: at a joint, about half as deep as the limb is
-thick. `keypoint_depth` adds that, with what is uncertain about it, wherever depth becomes a measurement. Stored values stay
+thick. `keypoint_depth` adds that, with its uncertainty, wherever depth becomes a measurement. Stored values stay
 as the camera measured them.
 """
 

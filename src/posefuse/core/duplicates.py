@@ -18,7 +18,7 @@ def duplicates(detections: Detections2D, share: float) -> Array:
     """(P,) bool: the detection marks the same body as a surer one of the same view.
 
     Two detections are one body when the median distance of their keypoints is below `share` of the longer side of the larger
-    box. Left and right exchanged are the same body, too. Of several equally sure ones the first stays.
+    box. A body with left and right swapped is the same body, too. Of several with equal scores the first is kept.
     """
     count = len(detections)
     repeated = np.zeros(count, bool)

@@ -1,4 +1,4 @@
-"""An image as its camera encoded it, for who keeps videos without encoding them again."""
+"""An image as its camera encoded it, to store videos without encoding them again."""
 
 from __future__ import annotations
 

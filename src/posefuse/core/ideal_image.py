@@ -1,8 +1,8 @@
-"""The real lens: an ideal picture wide enough to hold all the lens sees, and the map that bends it.
+"""The real lens: an ideal image that covers the field of view of the lens, and the map that distorts it.
 
-OpenGL draws ideal pinhole pictures only. A `SourceView` is such a picture in the plane x/z, y/z of the camera; every
+OpenGL draws ideal pinhole images only. A `SourceView` is such an image in the plane x/z, y/z of the camera; every
 pixel of the wanted image is looked up in it at `Camera.norm_from_px` of its centre. Pixel centres are at integers, so a
-picture of w px covers -0.5 ... w - 0.5.
+image of w px covers -0.5 ... w - 0.5.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SQUARE = 1e-9
 
 @dataclass(frozen=True)
 class SourceView:
-    """An ideal picture with square pixels.
+    """An ideal image with square pixels.
 
     Attributes:
         left, top: x/z and y/z of its outer top left corner. step: x/z from one pixel to the next.
@@ -38,7 +38,7 @@ class SourceView:
     height: int
 
     def px_from_norm(self, xy_norm: Array) -> Array:
-        """Pixels (..., 2) of this picture, centres at integers, of x/z, y/z (..., 2)."""
+        """Pixels (..., 2) of this image, centres at integers, of x/z, y/z (..., 2)."""
         return np.asarray((xy_norm - [self.left, self.top]) / self.step - 0.5)
 
     def cut(self, column: int, row: int, width: int, height: int) -> SourceView:
@@ -48,10 +48,10 @@ class SourceView:
 
 @dataclass(frozen=True, eq=False)
 class IdealOptics:
-    """How a camera's image is made from an ideal picture.
+    """How a camera's image is made from an ideal image.
 
     Attributes:
-        view: the ideal picture.
+        view: the ideal image.
         map_px: (H, W, 2) float32 place of every image pixel in it, NaN where the lens shows nothing; None: they are equal.
     """
 
@@ -60,7 +60,7 @@ class IdealOptics:
 
 
 def optics_of(camera: Camera) -> IdealOptics:
-    """Source picture and map; raises ConfigError when the lens sees further aside than can be rendered."""
+    """Source image and map; raises ConfigError when the lens sees further aside than can be rendered."""
     width, height = camera.size_wh
     fx, fy, skew = camera.K[0, 0], camera.K[1, 1], camera.K[0, 1]
     if not camera.distortion.any() and camera.model == "pinhole" and abs(fx - fy) < _SQUARE * fx and skew == 0:
@@ -95,7 +95,7 @@ def has_lens(camera: Camera) -> bool:
 
 def drawn_camera(camera: Camera) -> Camera:
     """The camera that a renderer without lenses is asked to draw for `camera`: the same one where it has no lens to speak of,
-    else a pinhole camera, of another image size, whose image is the ideal picture.
+    else a pinhole camera, of another image size, whose image is the ideal image.
 
     Raises:
         ConfigError: see `optics_of`.

@@ -95,7 +95,7 @@ class JointAngles:
         """The angle (joint, angle name) of the one person in it, or the angle of a name of OpenSim, e.g. ``"pelvis_tilt"``.
 
         Raises:
-            InputError: no such joint or angle (the message lists those that exist), or several people: choose one with `of`.
+            InputError: unknown joint or angle (the message lists the known ones), or several people: select one with `of`.
         """
         if isinstance(key, str):
             return self._opensim(key)

@@ -1,4 +1,4 @@
-"""Poses over time in which people come and go."""
+"""Poses over time with a changing set of people."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .poses import Kind, Pose3D, PoseSequence
 
 
 def sequence_of_all(poses: Sequence[Pose3D]) -> PoseSequence:
-    """Poses of increasing times with all people that any of them has; a person is missing where a pose does not have them.
+    """Poses of increasing times with all people of any of them; a person is missing (NaN) in poses without that person.
 
     Raises:
         ShapeError: no pose, another skeleton, or times that do not increase.

@@ -1,4 +1,4 @@
-"""The one way in which long work reports how far it is; the terminal, a notebook and the browser show it."""
+"""Progress reports of long work; the terminal, a notebook and the browser show them."""
 
 from __future__ import annotations
 

@@ -114,8 +114,8 @@ class LiveOutputConfig(Protocol):
     """Config of a live output: a frozen dataclass that can be sent to another process.
 
     Attributes:
-        takes: classes of `core.live_messages` the output is given, besides `LiveStart`.
-        keeps_all: it is given every message there is room for (a recording); else, when it falls behind, the newest.
+        takes: classes of `core.live_messages` that the output accepts, in addition to `LiveStart`.
+        keeps_all: it gets every message that fits into its queue (a recording); otherwise only the newest when it falls behind.
     """
 
     takes: ClassVar[tuple[type[LiveMessage], ...]]

@@ -19,7 +19,7 @@ from .views_over_time import ViewSequence, observations_from_views, views_over_t
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Recording:
-    """A finished result: what was observed, what came out, and how it was made.
+    """A finished result: observations, poses, and provenance.
 
     Attributes:
         rig: the cameras used.

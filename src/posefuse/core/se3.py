@@ -40,7 +40,7 @@ class SE3:
             raise ShapeError("SE3: expected finite values (or NaN for missing), got infinity")
         # as `np.linalg.norm`, whose care for other cases costs more
         norm = np.sqrt(np.add.reduce(wxyz * wxyz, axis=-1, keepdims=True))
-        # one that is of length 1 already stays as it is, so that a transform comes back from a file to the last bit
+        # a quaternion of length 1 is unchanged, so that a transform is read back from a file to the last bit
         whole = np.abs(norm - 1) <= _ROUNDING
         if not whole.all():
             if (norm < 1e-12).any():

@@ -1,4 +1,4 @@
-"""The people of a recording in every camera at the common time steps: what fusion and pictures work on."""
+"""The people of a recording in every camera at the common time steps: input of fusion and of drawings."""
 
 from __future__ import annotations
 

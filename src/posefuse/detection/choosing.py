@@ -47,7 +47,7 @@ def measured_costs(
     clock_s: Callable[[], float] = time.perf_counter,
     until: Callable[[NetworkCost], bool] = lambda _: False,
 ) -> list[NetworkCost]:
-    """Cost of each of the networks whose files are there; about a second each.
+    """Cost of each network whose files are present; measuring takes about a second each.
 
     Args:
         names: bundled networks, from the smallest to the largest. config: of the detector; its network does not count.

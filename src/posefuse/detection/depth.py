@@ -19,7 +19,7 @@ _NEAR_SHARE = 0.25
 _THICK_M = 0.05
 # pixels of a window whose depth must be known, as a share
 _LEAST_KNOWN = 0.3
-# a keypoint that the network is less sure of is often hidden: the surface is then that of what hides it, one's own body as well
+# a keypoint with a lower score is often hidden: the surface is then that of the occluder, often the person's own body
 _LEAST_SCORE = 0.5
 # no keypoint is further from the middle of its body along the optical axis
 _REACH_M = 1.0

@@ -103,7 +103,7 @@ class OracleDetector:
         return None
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
-        """Everybody who is seen; with regions, for each the person whose middle lies nearest to it and inside.
+        """All visible people; with regions, for each region the person whose centre is inside and nearest to its centre.
 
         Raises:
             InputError: a camera the truth does not know, or a frame more than 1 ms from any of its frames.

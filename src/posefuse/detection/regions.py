@@ -54,7 +54,7 @@ def region_from_pose(camera: Camera, xyz_world: Any, skeleton: Skeleton) -> Regi
     Upright by the spine, or by gravity where the spine is unknown.
 
     Returns:
-        Region: None when the person is behind the camera, out of the picture, or hardly known.
+        Region: None when the person is behind the camera, out of the image, or hardly known.
     """
     xyz = np.asarray(xyz_world, np.float64)
     known = np.isfinite(xyz).all(-1)
@@ -72,9 +72,9 @@ def region_from_pose(camera: Camera, xyz_world: Any, skeleton: Skeleton) -> Regi
 
 
 def up_angle_rad(camera: Camera) -> float:
-    """How far the world's up is turned from the image's up (-y) in the picture's middle, clockwise as seen on screen.
+    """How far the world's up is turned from the image's up (-y) in the image's middle, clockwise as seen on screen.
 
-    0 for a camera that looks straight up or down, where the picture has no up.
+    0 for a camera that looks straight up or down, where the image has no up.
     """
     axis_world = camera.cam_from_world.inverse().matrix() @ np.array([0.0, 0.0, 1.0])
     up_cam = camera.cam_from_world.matrix() @ (np.array([0.0, 0.0, 1.0]) - axis_world[2] * axis_world)

@@ -61,7 +61,7 @@ def crowd_figures(distance_m: Array, asked: Array, there: Array, rate_hz: float,
 
     Args:
         distance_m: (T, N, M), see `person_distances`.
-        asked: (T, N) whether the person counts in that frame. One who is there but hidden from nearly all cameras does not;
+        asked: (T, N) whether the person counts in that frame. A person who is hidden from nearly all cameras does not;
             a result that follows them anyway is neither right nor wrong.
         there: (T, M) which results exist.
         rate_hz: frames per second. gate_m: farther apart, two are not the same person.

@@ -27,7 +27,7 @@ _TRUNK_M = 0.5
 def poses_from_lab(path: Path) -> PoseSequence:
     """Joint centres (hip, knee, ankle) and foot markers of a Plug-in-Gait C3D as an ``anatomical23`` recording.
 
-    The laboratory's pelvis axis (PELO to PELP) stands for the trunk, whose shoulders the file may lack: so the hip angles
+    The laboratory's pelvis axis (PELO to PELP) replaces the trunk, because the file may lack the shoulders: so the hip angles
     share the laboratory's pelvis, and only those of knee and ankle are wholly ours.
 
     Raises:

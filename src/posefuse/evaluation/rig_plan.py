@@ -138,7 +138,7 @@ def _slope(camera: Camera, xyz_world: Array) -> Array:
 
 
 def _sigma_px(camera: Camera, xy_m: Array, noise: FuseSettings) -> Array:
-    """(...) standard deviation of a keypoint of a person who stands at places (..., 2), in this image."""
+    """(...) standard deviation in this image of a keypoint of a person at positions (..., 2)."""
     half_x, half_y, height = _BODY_M[0] / 2, _BODY_M[1] / 2, _BODY_M[2]
     corners = np.array([(x, y, z) for x in (-half_x, half_x) for y in (-half_y, half_y) for z in (0.0, height)])
     floor = np.concatenate([xy_m, np.zeros((*xy_m.shape[:-1], 1))], axis=-1)

@@ -33,7 +33,7 @@ class Surface:
     """What a part of a mesh looks like, matt.
 
     Attributes:
-        colour: red, green, blue in [0, 1]. texture: picture file, relative to the .dae; it replaces the colour.
+        colour: red, green, blue in [0, 1]. texture: image file, relative to the .dae; it replaces the colour.
     """
 
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)

@@ -225,7 +225,7 @@ def move_aside(folder: Path) -> Path | None:
 
 
 def clear_aside(aside: Path, new: Path, warn: Warn | None = None) -> None:
-    """Remove what posefuse wrote of a result that `new` replaces; what else is there stays, and is reported.
+    """Remove the files that posefuse wrote into a result that `new` replaces; other files are kept and reported.
 
     Files of the desktop (`manifest.DESKTOP_FILES`) go along to the same place in `new`.
     """

@@ -13,7 +13,7 @@ import yaml
 
 from posefuse.core import InputError
 
-# YAML aliases let a few lines stand for 9^9 values; no settings or calibration file comes near this number of values
+# YAML aliases can expand a few lines to 9^9 values; no settings or calibration file has nearly this number of values
 MOST_YAML_VALUES = 1_000_000
 # digits of the largest integer that is kept exactly; longer ones become floating point, as in other JSON readers
 _EXACT_DIGITS = 18

@@ -22,9 +22,9 @@ from .triangulate import RobustSolution, Triangulated, settled, solve_robust
 _GAIN = 24.0
 # and no limb may lose this much
 _OBJECTION = 6.0
-# share of a limb's keypoints in a view that must misfit before it is looked at, and fit once exchanged
+# share of a limb's keypoints in a view that must misfit before a swap is tested, and that must fit after it
 _MISFIT, _FIT = 0.3, 0.3
-# and pairs of keypoints must vote for it: so many, so large a share of them, so many for each that votes against
+# and pairs of keypoints must vote for it: least number, least share, least number for each vote against
 _WON_LEAST, _WON_SHARE, _WON_PER_LOST = 2, 0.4, 2
 _REDUNDANT = 3
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")

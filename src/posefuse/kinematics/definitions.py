@@ -26,7 +26,7 @@ POINTS = (
     "right_ankle", "left_heel", "right_heel", "left_toe", "right_toe", "nose", "left_ear", "right_ear",
 )  # fmt: skip
 
-# how far the nose lies below level, seen from the ears, of people who hold their heads level: mean of the shapes of adults in
+# angle of the nose below the horizontal through the ears for a level head: mean of the shapes of adults in
 # `kinematics/skin` (sd 1.3 degrees)
 NOSE_BELOW_RAD = np.radians(6.6)
 

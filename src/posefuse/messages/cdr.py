@@ -90,7 +90,7 @@ def _fields(type_name: str, prefix: str) -> Iterator[_Field]:
 
 
 class _Run:
-    """Numbers that follow one another, with what lies between them to align each to its size."""
+    """Consecutive numbers, with padding that aligns each to its size."""
 
     def __init__(self) -> None:
         self.fields: list[_Field] = []

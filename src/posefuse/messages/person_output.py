@@ -50,7 +50,7 @@ class PersonOutput:
         self._models.pop(one, None)
 
     def step(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
-        """One pose, its stamp as it is to be sent, and the bodies made of it."""
+        """One pose, its outgoing stamp, and the bodies derived from it."""
         self._show_whereabouts(pose, bodies, ids)
         wanted = [one for one in ids if any(self._wanted(one, f"{part}/{what}") for part in PARTS for what in topics.PART_TOPICS)]
         if wanted:

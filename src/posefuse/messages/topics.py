@@ -21,8 +21,8 @@ class Topic:
         name: with its leading slash, e.g. ``/humans/bodies/tracked``.
         type_name: ``pkg/msg/Type``.
         depth: how many of the newest messages a writer or reader keeps.
-        reliable: who asks for lost messages gets them again.
-        latched: who comes late still gets the last message (ROS 2: transient local).
+        reliable: lost messages are sent again on request.
+        latched: late subscribers still get the last message (ROS 2: transient local).
     """
 
     name: str

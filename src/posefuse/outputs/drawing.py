@@ -51,7 +51,7 @@ class Grid:
     """Equal tiles in rows that hold one image each, whole and undistorted in shape.
 
     Attributes:
-        columns: tiles per row. tile_wh: px, even. size_wh: of the whole picture, px.
+        columns: tiles per row. tile_wh: px, even. size_wh: of the whole image, px.
     """
 
     columns: int
@@ -201,7 +201,7 @@ def view_tile(
 
 
 def jpeg_of(picture: Array, quality: int) -> bytes:
-    """An RGB picture (H, W, 3) as JPEG; quality 1 to 100."""
+    """An RGB image (H, W, 3) as JPEG; quality 1 to 100."""
     import cv2
 
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])

@@ -1,4 +1,4 @@
-"""Output ``overview``: one picture of a result, views and 3D, for a report or a README."""
+"""Output ``overview``: one image of a result, views and 3D, for a report or a README."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def best_instant(recording: Recording) -> int:
 
 
 def write_png(path: Path, picture: Array) -> None:
-    """Write an RGB picture (H, W, 3); raises InputError when the place cannot be written to."""
+    """Write an RGB image (H, W, 3); raises InputError when the place cannot be written to."""
     import cv2
 
     with atomic_file(path) as staged:

@@ -19,14 +19,14 @@ _TRAIL_SHADE = 0.45
 _ELLIPSE_POINTS = 24
 _ELLIPSE_SIGMAS = 3.0
 _TRAIL_POINTS = 120
-# where the bystander may stand, how high for one metre away, and how much of the picture stays empty
+# where the bystander may stand, how high for one metre away, and how much of the image stays empty
 _AZIMUTHS = 24
 _RISE = 0.45
 _MARGIN = 0.09
 
 
 def stage_picture(recording: Recording, i: int, size_wh: tuple[int, int]) -> Array:
-    """RGB picture (H, W, 3) of time step i: people with 3-sigma ellipses, their paths, cameras, the floor."""
+    """RGB image (H, W, 3) of time step i: people with 3-sigma ellipses, their paths, cameras, the floor."""
     view = bystander(recording, i, size_wh)
     picture = np.full((size_wh[1], size_wh[0], 3), EMPTY_RGB, np.uint8)
     _floor(picture, view, recording)
@@ -46,7 +46,7 @@ def stage_picture(recording: Recording, i: int, size_wh: tuple[int, int]) -> Arr
 
 
 def bystander(recording: Recording, i: int, size_wh: tuple[int, int]) -> Camera:
-    """A camera that looks down at people and cameras, all of them in the picture, from where they appear largest."""
+    """A camera that looks down at people and cameras, all of them in the image, from where they appear largest."""
     seen = recording.poses.xyz_world[i].reshape(-1, 3)
     points = np.concatenate([recording.rig.centres_world(), seen[np.isfinite(seen).all(axis=-1)]])
     azimuths = np.linspace(0, 2 * np.pi, _AZIMUTHS, endpoint=False)

@@ -1,4 +1,4 @@
-"""The surface of a person drawn into a camera's picture, without a graphics card."""
+"""The surface of a person drawn into a camera's image, without a graphics card."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class SurfaceSink(FrameSink, Protocol):
 
 
 def draw_surface(tile: Array, camera: Camera, scale: float, vertices_world: Array, faces: Array) -> None:
-    """Draw a surface translucently into a tile (H, W, 3) that shows the camera's picture at this scale, top left.
+    """Draw a surface translucently into a tile (H, W, 3) that shows the camera's image at this scale, top left.
 
     Painter's algorithm: triangles that face the camera, the farthest first, lit from the camera. Triangles that reach behind
     the camera are left out.

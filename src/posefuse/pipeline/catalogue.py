@@ -1,6 +1,6 @@
-"""The recordings below a folder with how good each is at a glance, and a small picture of each.
+"""The recordings below a folder with how good each is at a glance, and a small image of each.
 
-Figures and pictures are kept in posefuse's cache folder, by content of the files that they are about, never among the recordings.
+Figures and images are kept in posefuse's cache folder, by content of the files that they are about, never among the recordings.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from posefuse.core.duplicates import duplicates
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.values import DETECTION_ARRAYS
 
-# a person seen by one camera alone may be a picture on the wall
+# a person seen by one camera alone may be a poster on the wall
 _LEAST_CAMERAS = 2
 
 

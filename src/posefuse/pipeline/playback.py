@@ -1,4 +1,4 @@
-"""A recording and the videos that it was made from, on one timeline: any moment of any camera as a small picture."""
+"""A recording and the videos that it was made from, on one timeline: any moment of any camera as a small image."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ KEPT = "the detections made so far are kept; the same command with --resume cont
 
 @dataclass(frozen=True, kw_only=True)
 class ResultFolder:
-    """Where a result goes, and what may happen to what is there.
+    """The folder of a result, and what may happen to existing files in it.
 
     Attributes:
         path: new or empty folder. force: replace an older, unchanged result, and drop interrupted work.

@@ -38,7 +38,7 @@ class SolveSettings:
         associate, fuse: see the packages.
         smooth: None: every time step as it was fused, no smoothing, no bridged gaps.
         centres: moves keypoints to joint centres; None: they stay where the detector marks them.
-        body: fits one skeleton per person to what all views saw; None: keypoints stay as they were fused and smoothed.
+        body: fits one skeleton per person to all views; None: keypoints remain as fused and smoothed.
         gap_s: None: each camera gives one frame to each time step, interpolated between neighbouring time steps. Otherwise all
             of a camera's frames count at their own times, and two that are no farther apart are interpolated between.
         edits: stretches that are left out, and the person who is kept.
@@ -158,7 +158,7 @@ def solve_again(
     """Solve a recording again from its observations, with its own settings or others; a live session by `solve_live`.
 
     Args:
-        edits: what is left out, and who is kept; None: as the recording was made.
+        edits: what is left out, and which person is kept; None: those of the recording.
 
     Raises:
         InputError: the provenance does not have the settings (the recording was not made by posefuse), or edits that are about

@@ -69,7 +69,7 @@ class RunOptions:
     """Options of one run that exist on the command line only.
 
     Attributes:
-        duration_s: it ends by itself after so long. loop_s: recorded and simulated sources begin again after so long.
+        duration_s: the session ends after this time. loop_s: recorded and simulated sources restart after this time.
         zero_s: Unix time at which recorded and simulated sources begin.
     """
 

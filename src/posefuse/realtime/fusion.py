@@ -92,7 +92,7 @@ class Fusion:
         """Run until `until(now)` is true."""
         period_ns = round(_S / rate_hz)
         due_ns = self.clock.now_ns() + period_ns
-        # what is there by now stays; a collection would stop the output tick for milliseconds
+        # objects that exist by now are permanent; a garbage collection would delay the output tick by milliseconds
         gc.collect()
         gc.freeze()
         try:

@@ -27,7 +27,7 @@ class KeypointGateSettings:
     Attributes:
         sigma_m: a keypoint whose stated standard deviation, along the axis that is known worst, is larger is withheld.
             Below it, 0.2 % of hips of an overloaded session were impossible (`bench/live_overload.py`).
-        unmeasured_s: a keypoint that no view measured for so long is withheld, however sure the prediction is.
+        unmeasured_s: a keypoint that no view measured for this long is withheld, even if the prediction is certain.
     """
 
     sigma_m: Annotated[float, Gt(0)] = 0.15

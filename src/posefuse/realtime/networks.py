@@ -64,7 +64,7 @@ def settled_network(
 ) -> tuple[DetectorChoice, NetworkChooser | None]:
     """The detector with the largest network that sustains so many cameras, announced; and what reconsiders it.
 
-    A detector whose network is named stays as it is, without a chooser.
+    A detector with a named network is unchanged, without a chooser.
 
     Raises:
         ModelError: none of the networks to choose from is there.
@@ -72,7 +72,7 @@ def settled_network(
     if not is_auto(choice):
         return choice, None
     config: BlazePoseConfig = plugin_config("detectors", choice.name, choice.options)
-    # in a process of its own, whose memory is free afterwards, and which Ctrl-C in the terminal does not reach
+    # in a separate process, which frees its memory at the end and does not receive Ctrl-C of the terminal
     ignored = (signal.SIGINT, signal.SIG_IGN)
     with ProcessPoolExecutor(1, get_context("spawn"), initializer=signal.signal, initargs=ignored) as other:
         costs = other.submit(measured_costs, config=config, until=partial(_too_slow, cameras)).result()

@@ -36,7 +36,7 @@ _LONGEST_RETRY_S = 10.0
 # it reports four times a second: after the first limit its silence is reported, after the second it is ended
 _SILENT_S = 2.0
 _HUNG_S = 10.0
-# messages travel in bundles, as every one that is sent wakes the other process: so long and so many bytes at most, far below what
+# messages are sent in batches, because each one wakes the other process: longest time and most bytes of a batch, far below what
 # a channel carries at once
 _BUNDLE_S, _BUNDLE_BYTES = 0.05, 1 << 16
 

@@ -126,7 +126,7 @@ class Groups:
         return skeletons.pop()
 
     def centres(self) -> list[Centres]:
-        """Offsets of joint centres from what the detector of each group marks, once they are ready."""
+        """Offsets of joint centres from the keypoints of each group's detector, when they are ready."""
         return [
             Centres(tuple(entry.camera for entry in member.plan.inputs), member.marks.joint_centres)
             for member in self._members

@@ -25,7 +25,7 @@ def expected_gain(pose: Pose3D, rig: Rig, sigma_px: Array) -> Array:
     """(C,) information one frame of each camera would add to a predicted pose, in nats.
 
     A keypoint with covariance P, seen through the projection's Jacobian J with pixel noise s, gains
-    1/2 log det(I + J P J' / s^2); keypoints outside the picture gain nothing. P grows while no one looks, and most
+    1/2 log det(I + J P J' / s^2); keypoints outside the image gain nothing. P grows while no one looks, and most
     along directions no recent view has measured, so a view is worth more the longer it and its like were left out.
 
     Args:

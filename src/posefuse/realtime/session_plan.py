@@ -53,7 +53,7 @@ class SessionPlan:
 
     Attributes:
         outputs: where results go, with the cameras and the clock. config: all settings.
-        duration_s: ends by itself after so long; None does not.
+        duration_s: the session ends after this time; None: no limit.
         remote: views come from other machines, whose clocks are compared on the way.
     """
 

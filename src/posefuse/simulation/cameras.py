@@ -30,14 +30,14 @@ MOST_HZ = 1000
 
 @settings
 class ImageSettings:
-    """Picture and lens of a camera.
+    """Image and lens of a camera.
 
     Attributes:
         size_px: (width, height).
         horizontal_fov_deg: angle seen between the left and right edge by an ideal lens; K replaces it.
         K: 3x3 intrinsic matrix in px, pixel centres at integers.
         lens: ``pinhole`` or ``fisheye``, OpenCV's models.
-        distortion: coefficients in OpenCV's order; the picture is really bent by them.
+        distortion: coefficients in OpenCV's order; the image is really bent by them.
     """
 
     size_px: tuple[Annotated[int, Ge(16), Le(MOST_SIDE_PX)], Annotated[int, Ge(16), Le(MOST_SIDE_PX)]] = (640, 480)
@@ -226,7 +226,7 @@ def _cam_from_world(placed: PlacedCamera) -> SE3:
     if distance < _SQUARE_LEAST:
         raise ConfigError(f"camera {placed.name}: look_at_m is its own position {placed.position_m}; give another point")
     forward = forward / distance
-    # straight up or down has no horizon: take world y as the top of the picture
+    # straight up or down has no horizon: take world y as the top of the image
     reference = _UP if np.linalg.norm(np.cross(forward, _UP)) > _SQUARE_LEAST else np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, reference)
     right = right / np.linalg.norm(right)

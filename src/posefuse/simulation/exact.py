@@ -43,7 +43,7 @@ def truth_of(scene: Scene) -> Truth:
     """The truth of a scene without rendering it: seconds for minutes of session.
 
     Visibility is by ray casting against the boxes (exact) and people as capsules (approximate), see `visibility`; props
-    hide nothing here. A rendered session tests the depth of the picture instead.
+    hide nothing here. A rendered session tests the depth of the image instead.
     """
     live = live_scene(scene)
     return truth_with(live, visible_to_all(live))

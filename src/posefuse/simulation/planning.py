@@ -70,7 +70,7 @@ def free_camera_name(scene: Scene) -> str:
 
 
 def with_test_walk(scene: Scene, duration_s: float) -> Scene:
-    """With one person who walks about the middle of the room for so long, at a usual pace."""
+    """With one person who walks around the middle of the room for this time, at a usual speed."""
     size_m = scene.room.size_m or _ROOM_M
     half_x, half_y = (max(_LEAST_HALF_M, _WALKED * size / 2) for size in size_m)
     path = RandomPath(shape="random", low_m=(-half_x, -half_y), high_m=(half_x, half_y))

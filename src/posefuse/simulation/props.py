@@ -104,7 +104,7 @@ class Prop:
         name, kind, dictionary: as in the scene.
         marker_id: (M,) ids. corners_prop: (M, 4, 3) metres, in OpenCV's order of corners (top left, then clockwise).
         chess_prop: (Q, 3) inner chessboard corners of a ChArUco board in OpenCV's order; (0, 3) otherwise.
-        vertices: (V, 3). uv: (V, 2) texture coordinates from the picture's top left. faces: (F, 3).
+        vertices: (V, 3). uv: (V, 2) texture coordinates from the image's top left. faces: (F, 3).
         texture: (H, W, 3) uint8 RGB.
         path: how it moves.
     """
@@ -256,7 +256,7 @@ def _plate(width_m: float, height_m: float, half_uv: Array | float) -> tuple[Arr
 
 
 def _marker_face(name: str, dictionary_name: str, marker_id: int, side_per_marker: float) -> tuple[Array, float]:
-    """Picture of a white square with a marker in its middle, and half the face's edge in texture coordinates."""
+    """Image of a white square with a marker in its middle, and half the face's edge in texture coordinates."""
     dictionary = _dictionary(name, dictionary_name, marker_id)
     cells = dictionary.markerSize + 2
     # an even number, so that the marker's centre is the face's
@@ -282,7 +282,7 @@ def _dictionary(name: str, dictionary_name: str, highest_id: int) -> cv2.aruco.D
 
 
 def _power_of_two(picture: Array) -> tuple[Array, Array]:
-    """The picture padded to sides that halve without a rest, and the share (2,) of width and height it fills.
+    """The image padded to sides that halve without a rest, and the share (2,) of width and height it fills.
 
     OpenGL draws small textures from ones halved again and again; a rest would move what is printed on them.
     """

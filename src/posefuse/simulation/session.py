@@ -114,7 +114,7 @@ def _existing(folder: Path) -> Path:
 
 
 def model_of(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
-    """The scene as the renderer wants it; `largest_wh` is the largest ideal picture any camera needs."""
+    """The scene as the renderer wants it; `largest_wh` is the largest ideal image any camera needs."""
     return render_model(
         live.bodies,
         live.boxes,

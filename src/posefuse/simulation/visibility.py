@@ -2,7 +2,7 @@
 
 A joint lies inside the body, so the first surface on the line of sight is nearly always before it. A joint counts as
 hidden when that surface is further before it than the flesh around the joint is thick (`FLESH_M`): then it belongs to
-another limb, another person or a thing. Two ways to find the surface: the depth of the rendered picture, which is
+another limb, another person or a thing. Two ways to find the surface: the depth of the rendered image, which is
 exact, and, without rendering, `hidden_by_shapes`: boxes exactly, people as capsules between their keypoints.
 """
 

@@ -13,7 +13,7 @@ import av
 from posefuse.core import Frame
 from posefuse.core.encoded import EncodedImage
 
-# codecs whose packets go to an .mp4 as they are
+# codecs whose packets are written to an .mp4 unchanged
 _COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1", "mpeg4")
 # those whose decoder needs its parameters before the first packet
 _NEED_PARAMETERS = ("h264", "hevc", "av1")

@@ -40,7 +40,7 @@ class Access:
 
     @classmethod
     def of(cls, host: str, port: int, token: str = "") -> Access:
-        """The rule for an address; beyond loopback a token is made where none is given."""
+        """The rule for an address; beyond loopback a token is created if none is given."""
         local = is_loopback(host)
         return cls(
             host=host,

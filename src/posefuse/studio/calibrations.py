@@ -1,4 +1,4 @@
-"""A calibration of the workspace: what is known of each camera, and what to do next. Decided here, shown by the page.
+"""A calibration of the workspace: what is known of each camera, and the next step. Decided here, shown by the page.
 
 A folder ``calibrations/NAME`` has ``project.json``, a folder of videos per recording, and the results of `work.calibrate`.
 """

@@ -36,7 +36,7 @@ def links(together: Sequence[Sequence[int]]) -> list[Link]:
 
 
 def graph_words(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> str:
-    """What the drawing shows, for those who do not see it."""
+    """The text alternative of the drawing."""
     found = links(together)
     pairs = [f"{cameras[one.a]} and {cameras[one.b]} {one.count}{'' if one.enough else ', too few'}" for one in found]
     alone = [name for c, name in enumerate(cameras) if not any(c in (one.a, one.b) for one in found)]

@@ -23,7 +23,7 @@ from .workspace import STATE_FOLDER, StudioWorkspace
 JobState = Literal["starting", "running", "done", "failed", "cancelled", "lost"]
 ENDED = ("done", "failed", "cancelled", "lost")
 JOBS_FOLDER = f"{STATE_FOLDER}/jobs"
-# a process reports once a second; one that has not for so long has died
+# a process reports once a second; one that is silent for this long is dead
 _LOST_S = 15.0
 _STARTING_S = 60.0
 _MOST_NEWS = 50

@@ -1,6 +1,7 @@
-"""Between a live session and the servers that show it: packs what pages draw, takes their requests. Lives in the session's job.
+"""Between a live session and the servers that show it: packs what pages draw, receives their requests.
 
-Servers come and go; the session is not changed by that. While no page looks, nothing is packed and no image is made.
+It runs in the session's job. Servers may start and end without effect on the session. While no page is open, nothing is
+packed and no image is made.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def heat_picture(plan: RigPlan, room: RoomMap) -> str:
 
 
 def cameras_svg(cameras: tuple[PlacedCamera, ...], chosen: str, room: RoomMap) -> str:
-    """What lies over the colours: walls, cameras with what they see, names."""
+    """Overlays of the colour map: walls, cameras with their fields of view, names."""
     left, top = room.px(-room.size_m[0] / 2, room.size_m[1] / 2)
     width, height = (size * room.scale for size in room.size_m)
     parts = [

@@ -86,7 +86,7 @@ class ResultPlayer:
         opened: the recording. stream: what it draws to.
 
     Attributes:
-        t_s: where it stands, session seconds. playing: whether it moves on by itself. speed: of playing.
+        t_s: current position, session seconds. playing: whether playback runs. speed: of playback.
     """
 
     def __init__(self, opened: OpenedRecording, stream: Stream) -> None:

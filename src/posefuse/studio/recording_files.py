@@ -1,4 +1,4 @@
-"""What pages fetch by address: small pictures of recordings, and files that posefuse made in the workspace."""
+"""What pages fetch by address: small images of recordings, and files that posefuse made in the workspace."""
 
 from __future__ import annotations
 

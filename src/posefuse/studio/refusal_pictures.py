@@ -1,4 +1,4 @@
-"""Pictures of what was refused: an image of each camera that a failed check names, with the target as it was found there."""
+"""Images of what was refused: an image of each camera that a failed check names, with the target as it was found there."""
 
 from __future__ import annotations
 

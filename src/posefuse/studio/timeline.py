@@ -29,7 +29,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Span:
-    """The time that the picture shows, in seconds."""
+    """The time that the image shows, in seconds."""
 
     begin_s: float
     end_s: float
@@ -69,7 +69,7 @@ def picture(t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], u
 
 
 def cursor(span: Span, t_s: float, exclusions: Sequence[Exclusion], marked_s: tuple[float, float] | None) -> str:
-    """What lies over the picture: the time, stretches that are left out, the stretch that is being marked."""
+    """Overlays of the image: the time, excluded ranges, the range that is being marked."""
     height = SIZE_PX[1]
     bands = [(one.start_s, one.end_s, "#e53935", one.camera or "all cameras") for one in exclusions]
     if marked_s is not None:

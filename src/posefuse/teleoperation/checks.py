@@ -12,7 +12,7 @@ from .values import OperatorView, RobotState, all_finite
 if TYPE_CHECKING:
     from .gate import CameraReport, Gate
 
-# a gate that was not stepped for so long does not know what happened meanwhile
+# a gate that was not stepped for this long has lost track of the state
 _STALLED_S = 0.1
 # clocks of one machine, and poses that are predicted to the next output tick, may be ahead by so much
 _AHEAD_S = 0.05
@@ -58,7 +58,7 @@ def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSett
 
 
 def hand_finding(gate: Gate, view: OperatorView | None, now_ns: int, settings: GateSettings) -> Finding:
-    """The hands are those of the operator, new, measured, sure, and where a hand can be."""
+    """The hands are the operator's, recent, measured, certain, and at a plausible position."""
     if view is None or view.person_id < 0:
         return Finding(0.0, "no person is seen")
     if gate.person_id is not None and view.person_id != gate.person_id:

@@ -1,6 +1,6 @@
 """The robot's side: orders in, a limited motion of every end effector out. One pure step, and its own watchdog.
 
-It trusts nothing that comes: an order that is old, repeated, not finite or not there makes it brake.
+It does not trust its input: an old, repeated, non-finite or missing order makes it brake.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class Gate:
     Attributes:
         phase: see `Phase`. person_id: the operator while engaged or holding, else None.
         now_ns: when it was stepped last. lost_ns: since when something has been missing; None: nothing is.
-        fine_ns: since when nothing has been missing. let_go: the switch was let go since it was last used.
+        fine_ns: start of the present time without any fault. let_go: the switch was released since its last use.
         view_t_ns, changed_ns: newest pose, and when its hands differed last from the pose before.
         hand_xyz: (H, 3) hands in it; None: none yet. forearm_m: (H,) mean length of the forearms of person
             `seen_id`; None: not known yet.

@@ -1,4 +1,4 @@
-"""One live pose -> what teleoperation needs of it: the hands, how sure they are, and where the body is."""
+"""One live pose -> input of teleoperation: the hands with their uncertainty, and the position of the body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dead-man's switch as heartbeats: at least ten a second while it is held, none when it is let go, dies or is cut off."""
+"""The dead-man's switch as heartbeats: at least ten a second while held, none when it is released, fails or is disconnected."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def rebased(motion: Motion) -> Motion:
 def brake(motion: Motion, bounds: Bounds, dt_s: float, left_out: int = 0) -> Motion:
     """One step of braking as hard as the acceleration allows. left_out: steps that were due before and never done.
 
-    The velocity of those falls too, so that a process that runs late takes no longer to stand; the position moves once.
+    The velocity of those falls too, so that a late process does not take longer to stop; the position moves once.
     """
     for _ in range(left_out):
         motion = replace(motion, velocity=brake(motion, bounds, dt_s).velocity)

@@ -61,7 +61,7 @@ def moved(
 ) -> Clutch:
     """The clutch after the hands moved: the target follows, stays in the box and near the robot, and winds nothing up.
 
-    Where the target is held back, `home` moves along, so that it follows at once when the hand turns round.
+    Where the target is held back, `home` moves along, so that it follows immediately when the hand reverses.
     """
     turn = _about_vertical(np.deg2rad(mapping.turn_deg))
     wanted = clutch.home_xyz + mapping.scale * (hand_xyz - clutch.hand_xyz) @ turn.T
@@ -105,7 +105,7 @@ def _near(wanted: Array, robot: Array) -> Array:
 
 
 def rotvec_between(start: Array, end: Array) -> Array:
-    """(3,) rotation vector, world axes, that takes one unit quaternion to the other by the shorter way."""
+    """(3,) rotation vector, world axes, from one unit quaternion to the other along the shorter path."""
     q = quaternion_product(end, conjugate(start))
     q = -q if q[0] < 0 else q
     sine = float(np.linalg.norm(q[1:]))

@@ -21,7 +21,7 @@ class MappingSettings:
     Attributes:
         scale: metres of the target per metre of the hand.
         turn_deg: the robot's axes against the operator's, about the vertical: 0 moves the target as the hand moves in the
-            world, 180 suits an operator who faces the robot and wants it as in a mirror's place.
+            world, 180 suits an operator who faces the robot like a mirror image.
         orientation: ``none`` keeps the orientation of the end effector; ``forearm`` turns it as the forearm turns.
         rest_noise_m: noise of a resting hand's place, root mean square, that is smoothed away at most; 0 smooths nothing. A hand
             that moves, or that is known exactly, passes unchanged (`steady`).
@@ -75,7 +75,7 @@ class SeparationSettings:
         limb_radius_m: bones of the skeleton count as capsules of this radius.
         sigmas: so many standard deviations of a keypoint count as nearer.
         approach_mps: a person may have come nearer at this speed since the pose was measured (ISO 13855: 1.6 m/s).
-        memory_s: a limb that is not seen stands where it was seen last, and comes nearer at that speed, for so long.
+        memory_s: a hidden limb stays at its last position, and approaches at that speed, for this time.
     """
 
     slow_m: Positive = 0.8
@@ -134,7 +134,7 @@ class RobotSettings:
     """The robot's side.
 
     Attributes:
-        rate_hz: control rate. watchdog_s: without an order for so long the robot stops by itself.
+        rate_hz: control rate. watchdog_s: without an order for this time the robot stops by itself.
         position_xy_m, heading_deg: where the robot's base frame lies in the world of the rig.
         shared: the robot is in the operator's room. False switches the separation off: use it only for a robot elsewhere.
     """

@@ -21,7 +21,7 @@ def views_at_joint_centres(poses: PoseSequence, rig: Rig, views: ViewSequence, t
     as in 3D. Without a table keypoints stay where they are.
 
     Args:
-        poses: the 3D, at joint centres. rig, views: of the same people, cameras and time steps. table: what moved them there.
+        poses: the 3D, at joint centres. rig, views: of the same people, cameras and time steps. table: of their offsets.
     """
     landmarks = from_joint_centres(poses, table) if table else poses
     named = sides_like(landmarks, rig, views)

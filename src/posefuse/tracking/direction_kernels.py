@@ -49,7 +49,7 @@ def _limbs(unit, out):
 
 @kernel()
 def _planes(unit, sign, out):
-    """Up, outward and forward of chest, pelvis, knee and ankle, and what the arm makes of the chest's."""
+    """Up, outward and forward of chest, pelvis, knee and ankle, and the chest's directions as changed by the arm."""
     _normal(unit[_SPINE], unit[_CHEST], out[1])
     _normal(unit[_SPINE], unit[_PELVIS], out[13])
     _normal(unit[_PELVIS], unit[_THIGH], out[19])

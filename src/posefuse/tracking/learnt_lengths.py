@@ -15,7 +15,7 @@ from .segments import SEGMENTS, lengths_at
 _S = len(SEGMENTS)
 # a new person counts as usual, as surely as if that had been seen for so long; see `bench/live_centres.py`
 USUAL_S = 0.3
-# what is older fades, in case another person has taken a person's place unnoticed
+# older measurements fade, in case of an undetected change of person
 _MEMORY_S = 60.0
 # poses this close in time add no information
 _EVERY_NS = 50_000_000
@@ -37,7 +37,7 @@ class _Learnt:
 class LearntLengths:
     """Means over time of the lengths in live poses, drawn to the table's usual ones until they have been seen for long enough.
 
-    So nothing jumps: what is known of a person goes over from usual to their own. Who leaves is forgotten.
+    So poses do not jump: lengths change gradually from average to measured ones. People who leave are forgotten.
     """
 
     def __init__(self, table: JointCentres, usual_s: float = USUAL_S) -> None:

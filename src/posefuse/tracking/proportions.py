@@ -128,7 +128,7 @@ def usual_lengths(known: Proportions | None = None) -> tuple[Array, Array]:
 def conditional_offsets(known: Proportions) -> tuple[Array, Array]:
     """Metres per metre of unusual length (D, S), and covariance (D, D) of the offsets that are left, in the order of the table.
 
-    Lengths as measured are those between joint centres, less what the offsets would add: L = usual + people's deviation - A b.
+    Lengths as measured are those between joint centres, minus the effect of the offsets: L = usual + people's deviation - A b.
     """
     _, people = usual_lengths(known)
     lengthens = np.array([[added.get(segment, 0.0) for segment in SEGMENTS] for added in _LENGTHENS.values()]).T

@@ -10,7 +10,7 @@ from posefuse.core import Pose3D, PoseSequence, ShapeError
 
 
 def sequence_from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
-    """Stack time steps whose people come and go: everybody has a row throughout, missing (NaN) where they are not there.
+    """Stack time steps with changing people: every person has a row throughout, NaN where absent.
 
     Raises:
         ShapeError: no pose at all, different skeletons, or times that do not increase.

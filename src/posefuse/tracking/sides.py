@@ -32,7 +32,7 @@ _LEAST_GAIN, _SCALE_SIGMA = 2.0, 2.0
 
 
 def steady_sides(sequence: PoseSequence) -> PoseSequence:
-    """Exchange left and right of arms and legs where that lets them move on steadily, for each person by itself.
+    """Swap left and right of arms and legs where that makes their motion steady, for each person separately.
 
     The labelling of least total surprise over the whole recording (Viterbi over pairs of time steps; surprise is the distance
     from constant velocity); legs also stay on the side of the body given by the shoulders. Arms are never

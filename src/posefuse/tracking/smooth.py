@@ -62,7 +62,7 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     Each keypoint is a point under white jerk, measured with its own covariance at its own times (irregular times are
     fine): the exact posterior given all its measurements, past and future, so there is no lag. The strength of the jerk
     is set so that at the keypoint's typical noise the response is that of `cutoff_hz`. Measurements the others
-    contradict are left out, and covariances grow by as much as the residuals exceed what they promise, and by what lasting
+    contradict are left out, and covariances grow by the ratio of residuals to stated values, and by what lasting
     errors leave. Bone lengths then hold the keypoints of each time step together (`tracking.bones`).
 
     Returns:
@@ -79,7 +79,7 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
             xyz[:, n, k], cov[:, n, k], used[:, n, k], lasting[:, n, k] = _smooth_point(sequence.t_ns, *point, rate_hz, settings)
         if settings.bones and len(sequence.skeleton.bone_indices):
             xyz[:, n], cov[:, n] = hold_bones(xyz[:, n], cov[:, n], used[:, n], sequence.skeleton, settings.bone_sigma_m)
-    # after the bones: they hold what the smoother knows, not how far all of it may be off together
+    # after the bones: they constrain the smoother's estimate, not the common error of all keypoints
     cov += lasting
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))

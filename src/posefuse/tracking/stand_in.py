@@ -1,4 +1,4 @@
-"""A made-up person in front of the cameras: what the pipeline is shown beforehand, so that its kernels are compiled in time."""
+"""A synthetic person in front of the cameras: the pipeline processes it beforehand, so that kernels are compiled in time."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def _spread(items: Array, most: int) -> Array:
 
 
 def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterable[int], limits: VerifyLimits) -> CameraError:
-    """One camera's pose, focal length and clock let free, the others held."""
+    """One camera's pose, focal length and clock are free, the others fixed."""
     trusted = sorted(others)
     shared = np.unique(views.instant[np.isin(views.camera, trusted)])
     seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.instant, shared))

@@ -1,8 +1,8 @@
 """Clocks of cameras to about a frame, however far apart they started, from a person they all watch.
 
-With the rig known, what two cameras saw at one moment meets in space: the offset sought is the one at which points lie nearest to
-each other's epipolar lines. Without a rig, every point of the body goes about near a plane, which two cameras see as two pictures
-of one plane; the wanted offset is the one at which homographies map one path best onto the other. Every pair of cameras shows by
+With a known rig, simultaneous rays of two cameras meet in space: the wanted offset is the one at which points are nearest to
+each other's epipolar lines. Without a rig, every point of the body moves approximately in a plane, of which two cameras see two
+images; the wanted offset is the one at which homographies map one path best onto the other. Every pair of cameras shows by
 how much each offset is better than the usual one; the offsets of all cameras are those on which the pairs agree best.
 """
 

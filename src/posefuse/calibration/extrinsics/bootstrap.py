@@ -98,7 +98,7 @@ def _misfit(cam_from_prop: Poses, xyz: Array, xy: Array) -> Array:
 
 
 def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | None = None) -> dict[tuple[int, int], Edge]:
-    """How cameras lie to each other, from time steps at which two of them see the prop."""
+    """Relative poses of cameras, from time steps at which two of them see the prop."""
     edges: dict[tuple[int, int], Edge] = {}
     poses = views.cam_from_prop if cam_from_prop is None else cam_from_prop
     instants, place = np.unique(views.instant, return_inverse=True)

@@ -38,7 +38,7 @@ _FOCUS = "focus or zoom has changed since they were calibrated, or they are of a
 
 
 def intrinsics_wrong(trouble: Trouble) -> Iterator[CauseTrial]:
-    """The intrinsics of one camera, of two, or of all are let free; or the given ones belong to other cameras."""
+    """The intrinsics of one camera, two, or all are free; or the given ones belong to other cameras."""
     solved = trouble.solved
     if solved is None:
         return

@@ -21,12 +21,12 @@ from .pipeline import Options, Solved
 
 # residuals beyond so many standard deviations count ever less
 _ROBUST = 3.0
-# what a corner costs that the hypothesis cannot place, and one that only has noise (mean of log(1 + chi2 / 9))
+# cost of a corner that the hypothesis does not explain, and of one with noise only (mean of log(1 + chi2 / 9))
 _LOST, _NOISE = 3.0, 0.095
 # what detection leaves of a corner: the yardstick that an explanation has to come near
 _LEAST_SIGMA_PX, _MOST_SIGMA_PX = 0.1, 0.6
 _LEAST_EXPLAINED, _ABOUT_AS_MUCH, _INSEPARABLE = 0.5, 0.1, 0.02
-# what explains so much leaves nothing to look for from the beginning
+# with this share explained, no solve from the beginning is needed
 _ENOUGH = 0.85
 
 
@@ -80,7 +80,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A hypothesis with the share (0 to 1) of the excess residual that it takes away."""
+    """A hypothesis with the share (0 to 1) of the excess residual that it removes."""
 
     trial: CauseTrial
     explained: float

@@ -76,7 +76,7 @@ def half_checks(cameras: Sequence[Camera], solved: Solved, halves: Halves, dista
 def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float, limits: Limits) -> Check:
     """One rig fits both halves as well as each fits its own, or the difference is none of the poses.
 
-    Larger residuals alone do not refuse: uneven time stamps, or a lens model that fits one region better, enlarge them too.
+    Larger residuals alone refuse nothing: uneven time stamps, or a lens model that fits one region better, also cause them.
     A camera that was moved has poses that differ by more than their standard errors.
     """
     ratio = np.nan_to_num(halves.together / np.maximum(halves.apart, 1e-6), nan=1.0).max(axis=0)

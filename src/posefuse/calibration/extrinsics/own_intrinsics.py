@@ -1,4 +1,4 @@
-"""Intrinsics from the very recording that gives the camera poses: where they start, and whether the recording carries them."""
+"""Intrinsics from the same recording as the camera poses: start values, and whether the recording determines them."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def solve_linked(
 
 
 def _disagreeing_patches(seen: Snapshots, solution: PropSolution, shape: PropShape) -> dict[int, float]:
-    """Patches of which most views do not fit, with the share that does; of a further prop, all when its held one is among them.
+    """Patches with mostly misfitting views, with the fitting share; all patches of a further prop if its reference patch is one.
 
     The held patch of the first prop stays: without it there is nothing to calibrate from.
     """

@@ -82,7 +82,7 @@ def known_shape(seen: Snapshots, prop_from_patch: Mapping[int, Poses]) -> PropSh
 def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape:
     """Which markers sit on one rigid prop and where, from images that show two of them or more.
 
-    The prop of most agreement is number 0. What is left makes further props, each of which moves by itself.
+    The prop with most agreement is number 0. The remaining patches form further props, which move independently.
     """
     edges: dict[tuple[int, int], Edge] = {}
     for (i, j), (first, second) in _together(views.camera, views.instant, views.patch, patch_count).items():

@@ -70,7 +70,7 @@ def _change_of(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> Len
 
 
 def let_lenses_free(cameras: tuple[Camera, ...], solved: Solved, offset: bool, of: tuple[int, ...] | None = None) -> PropSolution:
-    """The solve once more, with intrinsics that are hardly held: of all cameras, or of some."""
+    """The solve again with nearly free intrinsics, of all cameras or of some."""
     focal_px = _FREE_FOCAL * float(focal_lengths_px(cameras).mean())
     sigma = np.array([focal_px, focal_px, *_FREE_LENS])
     freedom = Freedom(

@@ -71,7 +71,7 @@ def solution_checks(
 
 
 def check_walk(hips: Array, distance_m: float) -> Check:
-    """The hips (T, 3) go far enough, for cameras so far away."""
+    """The hips (T, 3) cover enough distance, relative to the distance of the cameras."""
     walked_m, least_m = float(spread_m(hips)[0]), _LEAST_WALK_SHARE * distance_m
     return Check(
         "the person walks about", walked_m >= least_m,

@@ -102,7 +102,7 @@ def calibrate_out_of_step(
 def _halves_apart_s(
     tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, clocks: ClockEstimate
 ) -> Array:
-    """(C,) how far apart the clocks are that the first and the second half of the recording give, each with a rig of its own."""
+    """(C,) difference between the clocks of the first and the second half of the recording, each solved with a separate rig."""
     offsets = []
     for second in (False, True):
         part = []

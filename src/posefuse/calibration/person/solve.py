@@ -60,7 +60,7 @@ def rough_rig(views: PersonViews, cameras: tuple[Camera, ...], length: KnownLeng
 def calibrate_from_person(
     views: PersonViews, cameras: tuple[Camera, ...], length: KnownLength, upside_down: tuple[str, ...] = ()
 ) -> PersonCalibration:
-    """Camera poses from a walking person; the floor is what the feet stand on.
+    """Camera poses from a walking person; the floor is the plane of the feet.
 
     Raises:
         CalibrationError: input that cannot be used. RefusedCalibration (one of them, with the report): a check fails.

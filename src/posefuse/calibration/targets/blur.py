@@ -18,7 +18,7 @@ _EVERY, _MOST = 4, 40
 
 
 def moving_pixels(before: Array, image: Array, after: Array) -> Array:
-    """(H, W) bool: what is in a grey image only, and not in those before and after it (three-frame difference)."""
+    """(H, W) bool: what differs from both the image before and the image after (three-frame difference)."""
     changed = cv2.min(cv2.absdiff(image, before), cv2.absdiff(image, after)) > _MOVED_GREY
     return np.asarray(cv2.dilate(changed.astype(np.uint8), np.ones((_AROUND_PX, _AROUND_PX), np.uint8)) > 0)
 

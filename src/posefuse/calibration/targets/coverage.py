@@ -70,7 +70,7 @@ class TargetCoverage:
 
 
 def coverage_sheet(found: TargetCoverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
-    """RGB picture (H, W, 3) of all cameras, each with its name, in two columns; `width_px` is that of one camera."""
+    """RGB image (H, W, 3) of all cameras, each with its name, in two columns; `width_px` is that of one camera."""
     tiles = []
     for name, cells, (width, height) in zip(found.cameras, found.cells, sizes_wh, strict=True):
         tile = coverage_picture(cells, (width_px, round(width_px * height / width)))
@@ -126,7 +126,7 @@ def linked_groups(linked: Array) -> list[list[int]]:
 
 
 def coverage_picture(cells: Array, size_wh: tuple[int, int], image: Array | None = None) -> Array:
-    """RGB picture (H, W, 3) of one camera's cells (rows, columns) over its image (or over grey): red poor, green rich."""
+    """RGB image (H, W, 3) of one camera's cells (rows, columns) over its image (or over grey): red poor, green rich."""
     width, height = size_wh
     base = np.full((height, width, 3), 96, np.uint8) if image is None else image
     level = np.clip(cells / _FULL_COUNT, 0, 1)[..., None]

@@ -1,4 +1,4 @@
-"""What is held in front of the cameras: markers and boards, and where their corners lie.
+"""Calibration targets: markers and boards, and the positions of their corners.
 
 A target is made of patches, each a rigid flat piece with numbered corners. Loose square markers are one patch each,
 named by their id, and where they sit on the prop is unknown; a board is a patch of known geometry, number 0, and where it is

@@ -40,7 +40,7 @@ _SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What is fitted: where the marker lies, and how the picture came about.
+    """What is fitted: where the marker lies, and how the image came about.
 
     Attributes:
         px_from_uv: (3, 3) homography to px; u right and v down are -1 ... 1 from edge to edge. Its last entry is 1.
@@ -225,7 +225,7 @@ def _place_jacobian(per_uv: Array, uv: Array, flat: Array, inverse: Array, px_fr
 
 
 def _membership(place: Array, spread: float, modules: int) -> tuple[Array, Array, Array]:
-    """How much of each module (N, n) a blurred look at a place (N,) takes in; its change with it, and with log blur."""
+    """The share of each module (N, n) in a blurred sample at a position (N,); its derivatives by position and log blur."""
     z = (place[:, None] - np.arange(modules + 1)) / spread
     step, bell = ndtr(z), np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
     fall = z * bell

@@ -1,4 +1,4 @@
-"""`posefuse calibrate guide`: a table and what to do next once a second, and pictures where they were asked for."""
+"""`posefuse calibrate guide`: a table and the next step once a second, and images on request."""
 
 from __future__ import annotations
 

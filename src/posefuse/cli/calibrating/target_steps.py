@@ -63,7 +63,7 @@ def extrinsics(
     files: RigOptions,
     terminal: Terminal,
 ) -> Mapping[str, Any]:
-    """Poses of the cameras from a moving target: rig file, coverage picture, report, and clocks where they count."""
+    """Poses of the cameras from a moving target: rig file, coverage image, report, and clocks where they count."""
     picture = coverage_path(files.out)
     outputs = (("--out", files.out), ("--report", files.report), ("--out", picture))
     check_files((*inputs, options.intrinsics, floor.floor_points), outputs, force=files.force)

@@ -11,7 +11,7 @@ from posefuse.cli.terminal import Terminal
 
 Figures = Mapping[str, Any]
 Shown = Annotated[Terminal, Parameter(parse=False)]
-"""Where a command shows what it does; the caller gives it."""
+"""Where a command shows its progress; given by the caller."""
 
 InputKind = Literal["auto", "videos", "images", "pose2d"]
 # in the order of the help
@@ -94,7 +94,7 @@ class SettingsOptions(NetworkOptions):
 
     @property
     def overrides(self) -> list[str]:
-        """``KEY=VALUE`` settings; those of ``--set`` come last and win."""
+        """``KEY=VALUE`` settings; those of ``--set`` come last and override."""
         return [*super().overrides, *self.set_]
 
 

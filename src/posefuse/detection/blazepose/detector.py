@@ -39,7 +39,7 @@ class BlazePoseConfig:
         streams: images worked on at once; 0: one per core.
         most_people: people looked for per image when no regions are given.
         least_person, least_presence: scores below which a found region, or a crop, holds no person.
-        up_rad: per camera, direction of gravity's up in its picture, clockwise from the picture's up
+        up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
 

@@ -1,4 +1,4 @@
-"""What landmark networks make of crops: one network once, or several of them, also in the mirror, averaged."""
+"""Landmarks in crops: one inference of one network, or the average of several networks, also on mirrored crops."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class LandmarkNetwork:
 def averaged(looks: Sequence[Look]) -> Look:
     """One look from several at the same crop, weighted by 1/sigma^2.
 
-    Networks trained on the same pictures err alike, so agreement does not make the average surer than its parts; what they
+    Networks trained on the same images have correlated errors, so the average is not more certain than its parts; what they
     disagree by is added to its variance. Looks that see no person are left out, unless none sees any person.
     """
     heard = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)

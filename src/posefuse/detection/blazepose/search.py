@@ -33,7 +33,7 @@ def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[SearchStage]:
 
     Args:
         size_wh: of the image.
-        up_rad: where gravity's up is in the picture, clockwise from the image's up; 0 when unknown.
+        up_rad: where gravity's up is in the image, clockwise from the image's up; 0 when unknown.
 
     Yields:
         The whole image as it is; turned upright by gravity; turned by quarters; and tiles of it, ever smaller.

@@ -1,4 +1,4 @@
-"""Heatmap outputs (ViTPose, HRNet, AlphaPose's FastPose): one small picture per keypoint.
+"""Heatmap outputs (ViTPose, HRNet, AlphaPose's FastPose): one small image per keypoint.
 
 Sub-pixel rules: Xiao et al. 2018 (a quarter cell towards the higher neighbour); Zhang et al. 2020, "Distribution-aware coordinate
 representation for human pose estimation" (Taylor expansion of the logarithm after a blur).

@@ -99,7 +99,7 @@ def smooth_path(rng: np.random.Generator, low: Sequence[float], high: Sequence[f
 
 
 def moving(seed: int, legs: Range, arms: Range) -> TrcData:
-    """Keypoints of a person who stands in place and moves trunk, legs and arms between limits.
+    """Keypoints of a person who stays in one place and moves trunk, legs and arms between limits.
 
     Rest: +X ahead, +Y left, +Z up, arms down.
     """

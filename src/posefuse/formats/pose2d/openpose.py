@@ -16,7 +16,7 @@ from .frames import People2D, Pose2DFrames, frame_number, read_json
 from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
 
 NAME = "openpose"
-# mid_hip lies within a quarter of the hips' distance of their middle, however the person stands
+# mid_hip is within a quarter of the hip width of the middle of the hips, in any posture
 _HIP_SHARE = 4.0
 _ENOUGH_PEOPLE = 200
 

@@ -1,4 +1,4 @@
-"""Numbers that are legal in a rig file and cannot be meant: each named with what is probably wrong."""
+"""Numbers that are legal in a rig file but implausible: each is named with its probable cause."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Feet that stand: which points of them are at rest on the floor when, and where.
 
-A point of a foot stands while it is slow, as low as it ever stands, and does not drift. During one stance it neither moves nor
+A point of a foot is in contact while it is slow, at its lowest height, and does not drift. During one stance it neither moves nor
 sinks: its place is the mean over the stance, its height the mean of that and of all stances of the person, which share one floor.
 """
 

@@ -193,7 +193,7 @@ def _pivot(in_parent: Array, relative: Array) -> tuple[Array, Array]:
 
 
 def _reachable(offsets: dict[str, Array]) -> tuple[Node, ...]:
-    """The nodes whose place is known, and whose parents' are."""
+    """The nodes with a known position whose parents' positions are known, too."""
     kept: list[Node] = []
     names = {""}
     for node in NODES:

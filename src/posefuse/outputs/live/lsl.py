@@ -29,7 +29,7 @@ class LslConfig:
 
     Attributes:
         stream: NAME.
-        person: whose; None: a person stays chosen while followed, then the one with the lowest id is.
+        person: id of the person; None: the selected person is kept while followed, then the one with the lowest id is selected.
     """
 
     stream: str = "posefuse"

@@ -12,7 +12,7 @@ from .processes import run_in_process
 from .tasks import Outcome, Task
 
 _CONNECT_S = 15.0
-# a worker that dies takes its tasks to another one; a task that kills so many is at fault itself
+# tasks of a dead worker move to another one; a task that kills so many workers is the cause itself
 _RETRIES = 2
 
 

@@ -1,7 +1,7 @@
 """A process per trial: whatever becomes of it, killed for memory included, the others continue.
 
 The process reads its task from its standard input and writes its outcome, one line of JSON, to its standard output. Its standard
-input stays open while it is wanted: it ends by itself when the process that started it is gone.
+input stays open while it is needed: it ends by itself when its parent process has ended.
 """
 
 from __future__ import annotations

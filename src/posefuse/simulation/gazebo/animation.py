@@ -131,7 +131,7 @@ def prop_actor(
 
 
 def prop_mesh(prop: Prop, texture: str) -> Mesh:
-    """A prop's mesh with its picture."""
+    """A prop's mesh with its image."""
     normals = np.zeros_like(prop.vertices)
     corners = prop.vertices[prop.faces]
     # its vertices belong to one flat side each

@@ -1,7 +1,7 @@
 """A scene as a folder that Gazebo opens: world, meshes with baked motion, bridge to ROS 2, and the exact truth.
 
 DIR/world.sdf      everything that is seen, and the cameras
-DIR/meshes/        people, things, floor and walls as COLLADA, with their pictures
+DIR/meshes/        people, things, floor and walls as COLLADA, with their images
 DIR/bridge.yaml    clock, images and CameraInfo to ROS 2; DIR/launch.sh starts Gazebo and the bridge
 DIR/rig.toml       the cameras, with their lenses, as the images are after intake
 DIR/scene.yaml     every setting

@@ -38,7 +38,7 @@ def room_models(room: RoomSettings, size_m: tuple[float, float], seed: int, fold
 
 
 def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Tiles of one picture each, cut off at the edge: nothing depends on how a renderer repeats images."""
+    """Tiles of one image each, cut off at the edge: nothing depends on how a renderer repeats images."""
     tile = textures.FLOOR_TILE_M
     edges = [np.concatenate([np.arange(-side / 2, side / 2 - 1e-9, tile), [side / 2]]) for side in size_m]
     parts = []
@@ -63,6 +63,6 @@ def _walls(size_m: tuple[float, float]) -> list[tuple[Array, Array]]:
 
 
 def _rectangle(corner: Array, right: Array, up: Array) -> tuple[Array, Array, Array]:
-    """A picture of its own: vertices (4, 3), uv (4, 2) from the picture's top left, faces (2, 3) seen from right x up."""
+    """An image of its own: vertices (4, 3), uv (4, 2) from the image's top left, faces (2, 3) seen from right x up."""
     vertices = np.array([corner, corner + right, corner + right + up, corner + up])
     return vertices, np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]]), np.array([[0, 1, 2], [0, 2, 3]])

@@ -40,7 +40,7 @@ class CameraSensor:
 
 @dataclass(frozen=True, kw_only=True)
 class StillModel:
-    """A textured mesh that does not move: its .dae and picture, relative to the world file, and its pose."""
+    """A textured mesh that does not move: its .dae and image, relative to the world file, and its pose."""
 
     name: str
     mesh: str

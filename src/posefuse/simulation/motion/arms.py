@@ -1,4 +1,4 @@
-"""Motions of one hand of a person who stands: reaching for points, and following a path."""
+"""Motions of one hand of a standing person: reaching for points, and following a path."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def idle(body: SimulatedBody, settings: IdleSettings, seed: int) -> Callable[[Ar
 
 
 class Ease:
-    """The small movements of a person who stands."""
+    """The small movements of a standing person."""
 
     def __init__(self, rng: np.random.Generator, size: float) -> None:
         self._size = size

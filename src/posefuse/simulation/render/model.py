@@ -67,7 +67,7 @@ def render_model(
     largest_wh: tuple[int, int],
     seed: int,
 ) -> RenderModel:
-    """The model of a scene; `largest_wh` is the largest picture that will be drawn of it."""
+    """The model of a scene; `largest_wh` is the largest image that will be drawn of it."""
     assets: dict[str, bytes] = {}
     asset_xml, world_xml, skin_xml, skin_person = [], [], [], []
     asset_xml.append(_cloth(assets, seed))

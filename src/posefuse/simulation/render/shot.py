@@ -24,7 +24,7 @@ _DEPTH_SEED = 7
 
 @dataclass(frozen=True)
 class ExposureMoment:
-    """What is exposed when, as one picture to draw.
+    """What is exposed when, as one image to draw.
 
     Attributes:
         first_row, last_row: rows of the image, last one excluded. after_s: since the frame's mid-exposure.
@@ -52,7 +52,7 @@ class Shot:
 
 
 def moments_of(sensor: SensorSettings, height: int) -> tuple[ExposureMoment, ...]:
-    """The pictures that make one frame: bands of a rolling shutter times samples of the exposure."""
+    """The images that make one frame: bands of a rolling shutter times samples of the exposure."""
     bands = min(sensor.shutter_bands, height) if sensor.readout_s else 1
     edges = np.round(np.linspace(0, height, bands + 1)).astype(int)
     samples = sensor.blur_samples if sensor.exposure_s else 1
@@ -102,7 +102,7 @@ class CameraShooter:
         return Shot(image=self._with_noise(image, noise_seed), visible=visible, depth=measured)
 
     def _draw(self, moment: ExposureMoment) -> tuple[Array, Array, SourceView, Array]:
-        """The rows of one moment (h, W, 3) and their depth (h, W), and the ideal picture they come from with its depth."""
+        """The rows of one moment (h, W, 3) and their depth (h, W), and the ideal image they come from with its depth."""
         rows = slice(moment.first_row, moment.last_row)
         view, map_px = _view_of_rows(self._optics, rows)
         rgb, depth = self._stage.draw(view, self._camera.cam_from_world)
@@ -135,7 +135,7 @@ class CameraShooter:
 
 
 def _view_of_rows(optics: IdealOptics, rows: slice) -> tuple[SourceView, Array | None]:
-    """The part of the ideal picture that image rows need, and the map into that part."""
+    """The part of the ideal image that image rows need, and the map into that part."""
     view = optics.view
     if optics.map_px is None:
         return view.cut(0, rows.start, view.width, rows.stop - rows.start), None

@@ -1,4 +1,4 @@
-"""A scene in this process's OpenGL: move its bodies, draw ideal pictures, depths and who is where."""
+"""A scene in this process's OpenGL: move its bodies; draw ideal images, depths and segmentations."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class RenderStage:
         return self._person_of_number()[numbers]
 
     def _person_of_number(self) -> Array:
-        """(geoms + 1,) who a segmentation number stands for; 0 is the background."""
+        """(geoms + 1,) the person of each segmentation number; 0 is the background."""
         people = np.full(self._scene.ngeom + 1, NOBODY)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == self._mujoco.mjtObj.mjOBJ_SKIN:

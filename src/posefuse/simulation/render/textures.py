@@ -1,4 +1,4 @@
-"""Pictures on floor, walls and cloth: drawn from a seed, so no file has to be shipped."""
+"""Images on floor, walls and cloth: drawn from a seed, so no file has to be shipped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SKIRTING_M = 0.10
 
 
 def png(picture: Array) -> bytes:
-    """An RGB or grey uint8 picture as PNG."""
+    """An RGB or grey uint8 image as PNG."""
     _, data = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture)
     return data.tobytes()
 
@@ -49,7 +49,7 @@ def cloth_picture(rng: np.random.Generator) -> Array:
 
 
 def _furnish(wall: Array, length_m: float, height_m: float, rng: np.random.Generator) -> None:
-    """Windows, pictures, shelves: what a lab's wall shows."""
+    """Windows, posters, shelves: what a lab's wall shows."""
     at_m = rng.uniform(0.3, 0.9)
     while at_m < length_m - 1.2:
         width_m = float(rng.uniform(0.7, 1.6))

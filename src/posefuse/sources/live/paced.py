@@ -13,7 +13,7 @@ from posefuse.core import Frame
 from posefuse.sources.packets import with_earlier
 from posefuse.sources.video import VideoConfig, VideoSource
 
-# decoding takes time of its own; and so much is forgiven the first frame, whose successor is not known yet
+# decoding takes time, too; the first frame may be this late, because its successor is unknown
 _SLACK_NS, _FIRST_NS = 15_000_000, 100_000_000
 
 

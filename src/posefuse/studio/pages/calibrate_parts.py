@@ -41,7 +41,7 @@ def lights_table(project: Project, known: Known) -> None:
 def result_card(
     studio: Studio, step: str, result: Mapping[str, Any], folder: str, coverage: Mapping[str, Any] | None = None
 ) -> None:
-    """Checks of a step: those that fail first, each with cause, remedy and a picture. `coverage`: of its recording."""
+    """Checks of a step: those that fail first, each with cause, remedy and an image. `coverage`: of its recording."""
     checks = [(one["subject"], check) for one in result["reports"] for check in one["checks"]]
     bad = [(subject, check) for subject, check in checks if not check["passed"]]
     with card(_TITLES[step]) as head:

@@ -52,7 +52,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
 def _pictures(
     result: Mapping[str, Any], videos: Mapping[str, Path], target: Path, workspace: StudioWorkspace, arguments: Mapping[str, Any]
 ) -> dict[str, str]:
-    """By camera, names of pictures of what was refused."""
+    """By camera, names of images of what was refused."""
     coverage = read_json(workspace.existing(str(arguments["recording"])) / "coverage.json")
     folder = workspace.existing(str(arguments["folder"])) / "refused"
     made = refusal_pictures(result, videos, target, folder, coverage)

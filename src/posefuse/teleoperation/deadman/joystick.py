@@ -31,7 +31,7 @@ class JoystickSwitch:
         self._seq, self._rest = 0, b""
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`; a device that is pulled out is let go."""
+        """See `DeadMan`; an unplugged device counts as released."""
         went_down: set[int] = set()
         while self._fd >= 0:
             try:

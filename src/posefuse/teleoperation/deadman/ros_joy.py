@@ -31,7 +31,7 @@ class RosJoySwitch:
         self._seq, self._grip, self._down = 0, False, frozenset[int]()
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`; messages that cannot be read count as let go."""
+        """See `DeadMan`; unreadable messages count as released."""
         beats, events = [], set[int]()
         offset_ns = time.time_ns() - now_ns
         for sample in self._reader.take():

@@ -27,7 +27,7 @@ from .world import TICK_S, World
 
 _LONG_S = 0.5
 _WARM_TICKS = 55
-# sequences continue from so many worlds; in half of them the operator has come nearer, by up to so much
+# number of worlds from which sequences start; in half of them the operator has approached by up to this distance
 _WORLDS = 32
 _NEARER_M = 0.45
 FAULTS = (

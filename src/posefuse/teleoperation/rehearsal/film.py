@@ -1,4 +1,4 @@
-"""A picture and a short video of the operator next to the robot, drawn by MuJoCo while the boxes are moved."""
+"""An image and a short video of the operator next to the robot, drawn by MuJoCo while the boxes are moved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A judge who looks at the true motion of the robot only, at the true time."""
+"""A judge of the true motion of the robot at the true time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .world import TICK_S, World
 
 # the true distance counts as kept while the robot brakes: pose age, watchdog and braking from full speed
 REACTION_S = 0.45
-# a robot that no one gives orders stands after so long
+# a robot without orders must stand still after this time
 STANDING_S = 0.35
 
 

@@ -52,7 +52,7 @@ class WholeBodyIk:
         self.error_m, self.condition = 0.0, 1.0
 
     def solve(self, xyz: Array, wxyz: Array, dt_s: float) -> bool:
-        """Find the joints for (H, 3), (H, 4) after `dt_s`; `take` makes them the commanded ones. False where there are none."""
+        """Find the joints for (H, 3), (H, 4) after `dt_s`; `take` then commands them. False if there is no solution."""
         chain = self.chain
         chain.place(self.q)
         jacobians = chain.jacobians()

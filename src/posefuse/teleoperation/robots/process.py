@@ -57,7 +57,7 @@ class Leave:
 
 
 def run_robot(channel: Channel, plan: RobotPlan) -> None:
-    """Entry point of the process; the other end of `channel` gives orders and takes states."""
+    """Entry point of the process; the other end of `channel` sends orders and receives states."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         robot = built(plan)

@@ -1,6 +1,6 @@
 """People followed live, from views of different cameras, times and ages.
 
-The two trackers take the same calls: `build_tracker` makes the one that is asked for.
+The two trackers take the same calls: `build_tracker` makes the requested one.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class Tracker(Protocol):
     def at(self, t_ns: int) -> Pose3D:
         """Everybody who is tracked, at t_ns; NaN where lost. See `LiveSettings.measured_s` for kind FUSED and PREDICTED.
 
-        With several people, person_id numbers tracks: one who was lost for long comes back under another number.
+        With several people, person_id numbers tracks: a person who was lost for long gets another number.
 
         n_views counts the cameras, and reproj_px is over the views, of the last `LiveSettings.measured_s`.
         """

@@ -1,4 +1,4 @@
-"""One tracked person: views in the order of their own times, and what was known after each of them."""
+"""One tracked person: views in the order of their own times, and the state after each of them."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class _Moment:
 
 
 class Person:
-    """A person from birth on. Views may come late: what was known before them is still there, and the rest is done again."""
+    """A person from the first view on. For a late view, the state before it is restored and later views are applied again."""
 
     def __init__(self, model: Model, person_id: int, t_ns: int, xyz: Array, cov: Array) -> None:
         from . import kernels

@@ -142,7 +142,7 @@ def hold_bones(xyz, cov, bones, ends, sigma_m):
 
 @kernel()
 def centre_body(x, share):
-    """Give the body what its keypoints have in common: whose motion it is would stay open otherwise."""
+    """Move the common part of the keypoints' motion to the body; without this the split between both is undetermined."""
     k, m = len(x) - 1, x.shape[1]
     mean, count = np.zeros(9), 0
     for i in range(k):
@@ -175,7 +175,7 @@ def alone(seen, c, t):
 def hold_depth(camera, dt, x_before, share_before, x, cov, share):
     """Take back what one camera alone did to the body's depth: its rays fit any, and small errors of it add up to metres.
 
-    The body moves across the line of sight only, and its motion along it fades; by what was taken back it may be off.
+    The body moves across the line of sight only, and its motion along it fades; the removed motion is added to the covariance.
     """
     m = len(share)
     sight, length, moved = np.empty(3), 0.0, 0.0

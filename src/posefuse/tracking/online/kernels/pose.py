@@ -78,7 +78,7 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
 
 @kernel()
 def _add_lasting(share, averaging, known, mean, seen, precision, deepness, oldest, cameras, spread):
-    """spread += what errors that last from frame to frame make of the views not older than `oldest`.
+    """spread += the effect of temporally correlated errors of the views not older than `oldest`.
 
     It is what these views of one moment would give, less what the filter averages: the longer it looks back, the smaller its
     own covariance `known` after the newest view, and the less is left.

@@ -1,4 +1,4 @@
-"""One view of one person worked in: what was known before it becomes what is known after it."""
+"""One view of one person applied: the state before it becomes the state after it."""
 
 from __future__ import annotations
 

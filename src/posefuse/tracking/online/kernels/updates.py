@@ -105,7 +105,7 @@ def move_body(
 ):  # fmt: skip
     """All keypoints of one view together as a measurement of the body's position: one measurement of its three coordinates.
 
-    Its information and pull are sums over the keypoints, each with what is uncertain about its own place against the body.
+    Its information and pull are sums over the keypoints, each with the uncertainty of its position relative to the body.
     Returns how many depths (K, 2) are among them.
     """
     depths = 0
