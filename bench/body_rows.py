@@ -81,6 +81,8 @@ def _motion(name: str, seed: int) -> dict[str, Any]:
         return _WALK
     if name.startswith("T-pose"):
         return {"kind": "tpose", "heading_deg": heading}
+    if name == "idle":
+        return {"kind": "idle", "heading_deg": heading}
     period_s = {"squat": 2.7, "reach": 1.5, "wave": 0.9, "overhead": 2.6, "sit": 3.0, "turn": 4.0}[name] * pace
     one_arm = {"side": side} if name in ("reach", "wave") else {}
     return {"kind": name, "heading_deg": heading, "period_s": period_s, **one_arm}

@@ -86,7 +86,7 @@ class Model:
     def step_rules(self) -> Array:
         """As `kernels.step` wants them."""
         s = self.settings
-        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s, s.learnt_share, s.learnt_s, s.alone_hold_s])
+        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s, s.new_share, s.alone_hold_s])
 
     @cached_property
     def pose_rules(self) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from posefuse.core.duplicates import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
@@ -52,10 +52,9 @@ class LiveSettings:
             the covariance of a pose includes it.
         averaging: how much of the temporally correlated errors is averaged out by filtering over time; with 0 they are stated
             as if the filter used the newest views alone.
-        learnt_share: share of the variance of a view that is learnt as an error of that camera alone. It is smaller than
-            `lasting_share`, because slow motion must not be learnt as an error. Motion models, switch_s, averaging,
-            learnt_share and learnt_s are fitted together by `bench/fit_tracker.py`.
-        learnt_s: time in which such an error fades.
+        new_share: share of the stated variance of a view that counts as noise new in every view. The rest moves slowly with
+            the person, so no filter tells it from motion; it is stated by `lasting_share`. Motion models, switch_s, averaging and
+            new_share are fitted together by `bench/fit_tracker.py`.
         outlier_chi2: squared distance in standard deviations from which a view counts less.
         gate_chi2: squared distance in standard deviations from which a view does not count.
         duplicate_share: two detections of one view are the same body when the median distance of their keypoints is below this
@@ -93,9 +92,8 @@ class LiveSettings:
     )
     switch_s: Annotated[float, Gt(0)] = 1.0
     lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
-    averaging: Annotated[float, Ge(0)] = 0.1
-    learnt_share: Annotated[float, Ge(0), Lt(1)] = 0.6
-    learnt_s: Annotated[float, Gt(0)] = 1.8
+    averaging: Annotated[float, Ge(0)] = 0.067
+    new_share: Annotated[float, Gt(0), Le(1)] = 0.36
     outlier_chi2: Annotated[float, Gt(0)] = 9.0
     gate_chi2: Annotated[float, Gt(0)] = 36.0
     duplicate_share: Annotated[float, Ge(0), Le(1)] = DUPLICATE_SHARE

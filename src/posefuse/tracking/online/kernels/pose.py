@@ -41,7 +41,7 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
     rules: measured_s, lost_after_s, lasting_share, averaging, bone_sigma_m, kinds FUSED and PREDICTED.
     """
     k, m, count, b = sizes
-    x, p, share, lively, seen, square, precision, _, deepness, _, _, bones, time = parts(state, k, m, count, b)
+    x, p, share, lively, seen, square, precision, deepness, _, _, _, bones, time = parts(state, k, m, count, b)
     dt = t - time[0]
     f, q = all_models(dt, models)
     body, common = np.empty(3), np.empty((3, 3))

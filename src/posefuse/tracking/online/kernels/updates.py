@@ -13,32 +13,32 @@ from .motion import combined, normalise
 from .rays import depth_row, expected, expected_depth, ray, squared, whitened
 
 _DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
+_FOUND_M = 0.03  # of a place where rays meet
 
 
 @kernel()
-def update(x, cov, share, rows, away, noise, common, outlier, gate):
+def update(x, cov, share, rows, away, new, common, outlier, gate):
     """One ray into all models of a keypoint; `away` (M, 2) its error from each, `common` (3, 3) what the body adds to it.
 
+    Whether the ray is an outlier is judged by its stated variance; what counts is the share `new` of it.
     Returns its squared distance from the model that expected it most; nothing is changed beyond `gate`.
     """
     m = len(share)
     nearest = np.inf
     for j in range(m):
-        s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
+        s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, 1.0)
         nearest = min(nearest, squared(s00, s01, s11, away[j, 0], away[j, 1]))
     if not nearest <= gate:
         return nearest
     # beyond the knee a view is believed as if it were as noisy as it turned out to be
-    extra = max(nearest / outlier, 1.0) - 1.0
+    noise = new + max(nearest / outlier, 1.0) - 1.0
     best = np.inf
     for j in range(m):
         s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
-        best = min(best, squared(s00 + extra, s01, s11 + extra, away[j, 0], away[j, 1]))
+        best = min(best, squared(s00, s01, s11, away[j, 0], away[j, 1]))
     gain = np.empty((9, 2))
     for j in range(m):
         s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
-        s00 += extra
-        s11 += extra
         det = s00 * s11 - s01 * s01
         e0, e1 = away[j, 0], away[j, 1]
         share[j] *= math.exp(0.5 * (best - squared(s00, s01, s11, e0, e1))) / math.sqrt(det)
@@ -91,6 +91,22 @@ def update_depth(x, cov, share, row, away, common, outlier, gate):
 
 
 @kernel()
+def begin_again(x, cov, share, place):
+    """All models (M, 9) of a keypoint at a place (3,) against the body where cameras agree on it, and unsure how fast.
+
+    It is so sure of the place that the view that was wrong before does not count again.
+    """
+    for j in range(len(x)):
+        x[j, :] = 0.0
+        cov[j, :, :] = 0.0
+        share[j] = 1.0 / len(x)
+        for a in range(3):
+            x[j, a] = place[a]
+            cov[j, a, a] = _FOUND_M**2
+            cov[j, 3 + a, 3 + a] = _DOUBT_M_S**2
+
+
+@kernel()
 def doubt(cov):
     """Make a keypoint's models (M, 9, 9) unsure where it is and how fast."""
     for j in range(len(cov)):
@@ -101,7 +117,7 @@ def doubt(cov):
 
 @kernel()
 def move_body(
-    camera, c, t, z, white, late, x, cov, share, means, spreads, seen, lasting, mirror, group, exchanged, rules, deep=None
+    camera, z, white, late, x, cov, share, means, spreads, mirror, group, exchanged, rules, deep=None
 ):  # fmt: skip
     """All keypoints of one view together as a measurement of the body's position: one measurement of its three coordinates.
 
@@ -125,17 +141,11 @@ def move_body(
         if not ray(camera, point, h, slope):
             continue
         whitened(white[o], slope, z[o], h, rows, error)
-        keep = math.exp(-(t - seen[i, c]) / rules[5])
-        for r in range(2):
-            error[r] -= keep * (white[o, r, 0] * lasting[i, c, 0] + white[o, r, 1] * lasting[i, c, 1])
-        noise = 1.0 - (rules[4] - lasting[i, c, 2]) * keep * keep
-        s00, s01, s11 = expected(rows, spreads[i] + spreads[k], noise)
+        s00, s01, s11 = expected(rows, spreads[i] + spreads[k], 1.0)
         far = squared(s00, s01, s11, error[0], error[1])
         if not far <= rules[1]:
             continue
-        s00, s01, s11 = expected(rows, spreads[i], noise)
-        extra = max(far / rules[0], 1.0) - 1.0
-        s00, s11 = s00 + extra, s11 + extra
+        s00, s01, s11 = expected(rows, spreads[i], rules[4] + max(far / rules[0], 1.0) - 1.0)
         det = s00 * s11 - s01 * s01
         for a in range(3):
             g0 = (rows[0, a] * s11 - rows[1, a] * s01) / det
@@ -203,15 +213,3 @@ def _pull(x, cov, share, about, info, pull):
     for j in range(m):
         share[j] *= math.exp(likely[j] - best)
     normalise(share)
-
-
-@kernel()
-def learn_lasting(lasting, white, s00, s01, s11, error):
-    """What of an error is this camera's own and will be there in its next view too."""
-    det = s00 * s11 - s01 * s01
-    v = lasting[2]
-    g0, g1 = v * (s11 * error[0] - s01 * error[1]) / det, v * (s00 * error[1] - s01 * error[0]) / det
-    scale = white[0, 0] * white[1, 1] - white[0, 1] * white[1, 0]
-    lasting[0] += (white[1, 1] * g0 - white[0, 1] * g1) / scale
-    lasting[1] += (white[0, 0] * g1 - white[1, 0] * g0) / scale
-    lasting[2] = v - 0.5 * v * v * (s00 + s11) / det
