@@ -8,7 +8,7 @@ import pytest
 
 from posefuse.core import ConfigError, Kind, ShapeError
 from posefuse.core.skeleton import BODY_25, COCO17
-from posefuse.tracking.lasting import LASTING_S
+from posefuse.tracking.lasting import LASTING_S, LASTING_SHARE
 from posefuse.tracking.online import TRACKERS, LiveSettings
 
 LATE_S = 0.07
@@ -70,6 +70,21 @@ def with_errors_at_rest(views, rng):
         white = rng.standard_normal(view.xy_img.shape)
         stays = 1 - NEW_AT_REST - WANDERING_AT_REST
         errors = np.sqrt(stays) * lasting + np.sqrt(WANDERING_AT_REST) * slow + np.sqrt(NEW_AT_REST) * white
+        told.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
+    return told
+
+
+def with_lasting_errors(views, rng):
+    """Noise of the stated size, of which a part wanders as `track.lasting` says."""
+    wandering, told = {}, []
+    for view in views:
+        fresh = rng.standard_normal(view.xy_img.shape)
+        before_ns, slow = wandering.get(view.camera, (view.t_ns, fresh))
+        keep = np.exp(-(view.t_ns - before_ns) * 1e-9 / LASTING_S)
+        slow = keep * slow + np.sqrt(1 - keep**2) * fresh
+        wandering[view.camera] = view.t_ns, slow
+        white = rng.standard_normal(view.xy_img.shape)
+        errors = np.sqrt(LASTING_SHARE) * slow + np.sqrt(1 - LASTING_SHARE) * white
         told.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
     return told
 

@@ -27,8 +27,9 @@ def parts(state, k, m, c, b):
 
     x (K + 1, M, 9), its covariance (K + 1, M, 9, 9), the share (K + 1, M) of each model: the body as a whole in the last row,
     the keypoints against it in the others; variance (K + 1,) of their accelerations lately; per camera (K, C): when it last
-    measured, the squared px residual, 1/variance; 1/variance of its depth (K, C), 0 where it has none; its newest ray (K, C, RAY),
-    see `consensus`; views of any camera refused in a row (K,); share of exchanged views (GROUPS,); bones (B, 2): mean length, views; the time (1,).
+    measured, the squared px residual, 1/variance, 1/variance of its depth (0 where it has none); its newest ray (K, C, RAY), see
+    `consensus`; views of any camera refused in a row (K,); share of exchanged views (GROUPS,); bones (B, 2): mean length, views;
+    the time (1,).
     """
     rows = k + 1
     at = rows * m * 9
