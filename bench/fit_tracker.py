@@ -74,11 +74,17 @@ def settings_of(constants: Mapping[str, float]) -> LiveSettings:
 
 
 def seen(keep: Path, row: str, seed: int) -> tuple[Recording, Truth]:
-    """What the network saw, from the folder, else rendered and looked at."""
-    session, folder = keep / f"{seed}-{row}", keep / f"{seed}-{row}-tracked"
+    """What the network saw in a scene, from the folder, else rendered and looked at."""
+    session = keep / f"{seed}-{row}"
+    if not (session / "truth" / "truth.npz").exists():
+        simulate(replace(scene_of(row, seed), rate_hz=RATE_HZ, duration_s=SECONDS), session, processes=1)
+    return seen_in(keep, session)
+
+
+def seen_in(keep: Path, session: Path) -> tuple[Recording, Truth]:
+    """The same of a rendered session."""
+    folder = keep / f"{session.name}-tracked"
     if not (folder / "done").exists():
-        if not (session / "truth" / "truth.npz").exists():
-            simulate(replace(scene_of(row, seed), rate_hz=RATE_HZ, duration_s=SECONDS), session, processes=1)
         config = replace(read_config(None, []), outputs=(), body="off")
 
         def silent(*_: object) -> None: ...
@@ -137,16 +143,17 @@ class Trial:
             if t_ns >= first_ns + WARM_UP_S * 1e9 and len(pose.person_id):
                 yield pose
 
-    def accuracy(self, settings: LiveSettings) -> tuple[float, float]:
-        """Mean error of the joints at output time in mm, and NEES."""
+    def accuracy(self, settings: LiveSettings) -> tuple[float, float, float]:
+        """Mean error of the joints at output time in mm, NEES, and the share of joints that came out, in per cent."""
         poses = list(self.poses(settings))
         at = [poses[0].skeleton.index(name) for name in JOINTS]
         true = true_xyz_at(self.truth, np.array([pose.t_ns for pose in poses]))[:, 0]
         error = np.array([pose.xyz_world[0, at] for pose in poses]) - pick_keypoints(true, self.truth.skeleton, JOINTS)
         found = np.isfinite(error).all(axis=-1)
+        share = 100 * float(found.mean())
         error, cov = error[found], np.array([pose.cov_world[0, at] for pose in poses])[found]
         nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov), error)
-        return float(1000 * np.linalg.norm(error, axis=-1).mean()), float(nees.mean())
+        return float(1000 * np.linalg.norm(error, axis=-1).mean()), float(nees.mean()), share
 
 
 class Trials:
@@ -163,7 +170,7 @@ class Trials:
     def judged(self, constants: Mapping[str, float]) -> tuple[float, Rows]:
         """Score (less is better), and per scene and way to arrive the mean error in mm, and NEES."""
         settings = settings_of(constants)
-        rows = {name: trial.accuracy(settings) for name, trial in self._made.items()}
+        rows = {name: trial.accuracy(settings)[:2] for name, trial in self._made.items()}
         error, nees = np.array(list(rows.values())).T
         return float(np.log(error).mean() + HONESTY * np.square(np.log(nees / 3)).mean()), rows
 

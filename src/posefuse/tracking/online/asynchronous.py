@@ -14,6 +14,7 @@ from posefuse.core.duplicates import duplicates
 
 from .admission import Admission
 from .contract import CameraStatistics, Solve
+from .cross_check import CrossCheck
 from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
 from .settings import LiveSettings
@@ -30,6 +31,8 @@ _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
 _BIRTH_SPEED_M_S = 1.5
 _LEAST_KEYPOINTS = 3
+# the cameras' views of a person are compared so often
+_CHECK_EVERY_NS = 200_000_000
 # of a sprinter: what is faster is no body any more
 _FASTEST_M_S = 13.0
 _HEALTH_MEMORY = 0.01
@@ -69,6 +72,7 @@ class AsynchronousTracker:
         self._optics = [Optics(camera, settings) for camera in rig]
         self._figures = {name: _Figures() for name in rig.names}
         self._people: list[Person] = []
+        self._checks: dict[Person, CrossCheck] = {}
         self._unclaimed: dict[str, Detections2D] = {}
         self._tried_ns: int | None = None
         self._restarts = 0
@@ -93,18 +97,29 @@ class AsynchronousTracker:
         rays = self._optics[c].rays(detections)
         claims = self._claims(rays, c, detections.t_ns)
         for person, p in claims:
+            wrong = self._checks[person].keep(detections.people(np.array([p])))
+            z = np.where(wrong[:, None], np.nan, rays.z[p])
             view = View(
-                t_ns=detections.t_ns, camera=c, z=rays.z[p], white=rays.white[p], late_s=rays.late_s[p],
+                t_ns=detections.t_ns, camera=c, z=z, white=rays.white[p], late_s=rays.late_s[p],
                 sigma_px=rays.sigma_px[p], depth_m=None if rays.depth_m is None else rays.depth_m[p],
             )  # fmt: skip
             told = person.add(view)
             if told is not None:
                 figures.count(told)
                 tracks[looked_at[p]] = person.id
+        self._cross_check(detections.t_ns)
         self._keep_unclaimed(detections, {p for _, p in claims}, figures)
         self._forget()
         self._look_for_newcomers()
         return tracks
+
+    def _cross_check(self, t_ns: int) -> None:
+        """At most one person at a time: the output tick does not wait for all of them."""
+        if not self._people:
+            return
+        person = min(self._people, key=lambda one: self._checks[one].checked_ns)
+        if t_ns - self._checks[person].checked_ns >= _CHECK_EVERY_NS:
+            self._checks[person].check(person, t_ns)
 
     def at(self, t_ns: int) -> Pose3D:
         """See `Tracker.at`. Times older than the lag buffer are forgotten: no person."""
@@ -183,6 +198,7 @@ class AsynchronousTracker:
         self._people = [
             p for p in self._people if p.measured_ns >= lost_ns and p.crossed_ns >= alone_ns and p.speed_m_s < _FASTEST_M_S
         ]
+        self._checks = {person: self._checks[person] for person in self._people}
         for person in self._people:
             person.forget(newest_ns - round(settings.lag_s * 1e9))
 
@@ -231,6 +247,7 @@ class AsynchronousTracker:
             # with one person a later track is the same person; with several it may be any of them
             self._next_id += self._model.settings.max_people > 1
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
+        self._checks[self._people[-1]] = CrossCheck(self._model.rig, self._model.skeleton, self._solve)
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
 

@@ -159,6 +159,13 @@ class Person:
             keep += 1
         del self._moments[:keep]
 
+    def begin_again(self, xyz: Array) -> None:
+        """Keypoints (K, 3) are where they are said to be, and were all the time; NaN: as before."""
+        from . import kernels
+
+        for moment in self._moments:
+            kernels.begin_again(moment.state, self._model.sizes, xyz)
+
     @property
     def measured_ns(self) -> int:
         """When a view last measured the person."""

@@ -8,5 +8,6 @@ from .pose import pose, where
 from .rays import agreement, measure
 from .state import born, state_size
 from .step import FIGURES, step
+from .updates import begin_again
 
-__all__ = ["FIGURES", "agreement", "born", "measure", "pose", "state_size", "step", "where"]
+__all__ = ["FIGURES", "agreement", "begin_again", "born", "measure", "pose", "state_size", "step", "where"]

@@ -21,7 +21,7 @@ def where(state, t, sizes, models, means, sigmas):
     """Positions (K, 3) expected at time t and how sure (K,), standard deviation; NaN where not tracked."""
     k, m, c, b = sizes
     spread = np.empty((3, 3))
-    x, cov, share, _, _, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
+    x, cov, share, _, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     f, q = all_models(t - time[0], models)
     body, common = np.empty(3), np.empty((3, 3))
     position(x[k], cov[k], share[k], f[1], q[1], body, common)
@@ -41,7 +41,7 @@ def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_view
     rules: measured_s, lost_after_s, lasting_share, averaging, bone_sigma_m, kinds FUSED and PREDICTED.
     """
     k, m, count, b = sizes
-    x, p, share, lively, seen, square, precision, deepness, _, _, _, bones, time = parts(state, k, m, count, b)
+    x, p, share, lively, seen, square, precision, deepness, _, _, bones, time = parts(state, k, m, count, b)
     dt = t - time[0]
     f, q = all_models(dt, models)
     body, common = np.empty(3), np.empty((3, 3))

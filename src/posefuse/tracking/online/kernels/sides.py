@@ -42,7 +42,7 @@ def flipped_groups(camera, z, white, means, spreads, mirror, group, out):
 
 
 @kernel()
-def exchange_person(x, cov, share, seen, square, precision, deepness, newest, mirror, group, g):
+def exchange_person(x, cov, share, seen, square, precision, deepness, mirror, group, g):
     """Exchange left and right of one limb of the person."""
     for i in range(len(mirror)):
         o = mirror[i]
@@ -55,5 +55,3 @@ def exchange_person(x, cov, share, seen, square, precision, deepness, newest, mi
                 square[i, c], square[o, c] = square[o, c], square[i, c]
                 precision[i, c], precision[o, c] = precision[o, c], precision[i, c]
                 deepness[i, c], deepness[o, c] = deepness[o, c], deepness[i, c]
-                for r in range(newest.shape[2]):
-                    newest[i, c, r], newest[o, c, r] = newest[o, c, r], newest[i, c, r]

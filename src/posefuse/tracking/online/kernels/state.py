@@ -8,8 +8,6 @@ import numpy as np
 
 from posefuse.foundation.compiled import kernel
 
-from .consensus import RAY
-
 GROUPS = 3  # arms, legs, head: what is exchanged together
 NEVER = -1e9
 _BODY_BORN_M = 0.05  # the newborn body's middle
@@ -18,7 +16,7 @@ _BODY_BORN_M = 0.05  # the newborn body's middle
 @kernel()
 def state_size(k, m, c, b):
     """Length of a state of k keypoints, m models, c cameras, b bones."""
-    return (k + 1) * (m * 91 + 1) + (4 + RAY) * k * c + k + GROUPS + 2 * b + 1
+    return (k + 1) * (m * 91 + 1) + 4 * k * c + k + GROUPS + 2 * b + 1
 
 
 @kernel()
@@ -27,9 +25,8 @@ def parts(state, k, m, c, b):
 
     x (K + 1, M, 9), its covariance (K + 1, M, 9, 9), the share (K + 1, M) of each model: the body as a whole in the last row,
     the keypoints against it in the others; variance (K + 1,) of their accelerations lately; per camera (K, C): when it last
-    measured, the squared px residual, 1/variance, 1/variance of its depth (0 where it has none); its newest ray (K, C, RAY), see
-    `consensus`; views of any camera refused in a row (K,); share of exchanged views (GROUPS,); bones (B, 2): mean length, views;
-    the time (1,).
+    measured, the squared px residual, 1/variance, 1/variance of its depth (0 where it has none); views refused in a row (K,);
+    share of exchanged views (GROUPS,); bones (B, 2): mean length, views; the time (1,).
     """
     rows = k + 1
     at = rows * m * 9
@@ -48,20 +45,18 @@ def parts(state, k, m, c, b):
     at += k * c
     deepness = state[at : at + k * c].reshape(k, c)
     at += k * c
-    newest = state[at : at + RAY * k * c].reshape(k, c, RAY)
-    at += RAY * k * c
     refused = state[at : at + k]
     at += k
     flips = state[at : at + GROUPS]
     at += GROUPS
     bones = state[at : at + 2 * b].reshape(b, 2)
-    return x, cov, share, lively, seen, square, precision, deepness, newest, refused, flips, bones, state[at + 2 * b :]
+    return x, cov, share, lively, seen, square, precision, deepness, refused, flips, bones, state[at + 2 * b :]
 
 
 @kernel()
 def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, models):
     """Fill a state at time 0: positions (K, 3) with covariance (K, 3, 3), NaN where not known yet."""
-    x, cov, share, _, seen, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
+    x, cov, share, _, seen, _, _, _, _, _, _, time = parts(state, k, m, c, b)
     state[:] = 0.0
     seen[:] = NEVER
     time[0] = 0.0

@@ -9,12 +9,11 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
-from .consensus import ASK_AFTER, elsewhere
 from .motion import all_models, combined, forward, learn_liveliness, mix
 from .rays import depth_row, expected, ray, squared, whitened
 from .sides import exchange_person, flipped_groups
 from .state import GROUPS, parts
-from .updates import begin_again, doubt, move_body, update, update_depth
+from .updates import doubt, move_body, update, update_depth
 
 FIGURES = 6  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs; the body's speed; depths used
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
@@ -38,7 +37,7 @@ def step(
     """
     k, m, count, b = sizes
     after[:] = before
-    x, cov, share, lively, seen, square, precision, deepness, newest, refused, flips, bones, time = parts(after, k, m, count, b)
+    x, cov, share, lively, seen, square, precision, deepness, refused, flips, bones, time = parts(after, k, m, count, b)
     dt = t - time[0]
     time[0] = t
     figures[:] = 0.0
@@ -52,14 +51,14 @@ def step(
         cameras[c], z, white, late, x, cov, share, means, spreads, mirror, group, exchanged, rules, deep
     )  # fmt: skip
     _work_in(
-        cameras, c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, newest, refused,
-        mirror, neighbours, group, exchanged, rules, figures, deepness, deep,
+        cameras[c], c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, refused,
+        mirror, group, exchanged, rules, figures, deepness, deep,
     )  # fmt: skip
     for g in range(GROUPS):
         figures[3] += exchanged[g]
         flips[g] += _FLIP_MEMORY * (exchanged[g] - flips[g])
         if flips[g] > _FLIP_STATE:
-            exchange_person(x, cov, share, seen, square, precision, deepness, newest, mirror, group, g)
+            exchange_person(x, cov, share, seen, square, precision, deepness, mirror, group, g)
             flips[g] = 0.0
     let_go_of_strays(x[:k], share, means[:k])
     learn_bones(bones, ends, means, spreads)
@@ -104,12 +103,12 @@ def _carried_on(x, cov, share, dt, switch_s, models, means, spreads):
 
 @kernel()
 def _work_in(
-    cameras, c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, newest, refused, mirror,
-    neighbours, group, exchanged, rules, figures, deepness, deep=None,
+    camera, c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, refused, mirror,
+    group, exchanged, rules, figures, deepness, deep=None,
 ):  # fmt: skip
     """Every keypoint's ray into the keypoint itself, once the body has moved; fills figures but for the exchanged limbs."""
-    k, m, camera = len(z), x.shape[1], cameras[c]
-    body, found = np.zeros(3), np.empty(3)
+    k, m = len(z), x.shape[1]
+    body = np.zeros(3)
     for a in range(3):
         for j in range(m):
             body[a] += share[k, j] * x[k, j, 3 + a]
@@ -128,8 +127,6 @@ def _work_in(
         if not ray(camera, point, h, slope):
             continue
         whitened(white[o], slope, z[o], h, rows, error)
-        newest[i, c, 0], newest[i, c, 1], newest[i, c, 3] = z[o, 0], z[o, 1], t
-        newest[i, c, 2] = 0.5 * (white[o, 0, 0] ** 2 + white[o, 0, 1] ** 2 + white[o, 1, 0] ** 2 + white[o, 1, 1] ** 2)
         for j in range(m):
             for r in range(2):
                 away[j, r] = error[r]
@@ -138,15 +135,6 @@ def _work_in(
         s00, s01, s11 = expected(rows, spreads[i] + spreads[k], 1.0)
         figures[0] += 1.0
         figures[2] += min(squared(s00, s01, s11, error[0], error[1]), 4.0 * rules[1])
-        disagrees = squared(s00, s01, s11, error[0], error[1]) > rules[0]
-        newest[i, c, 4] = newest[i, c, 4] + 1.0 if disagrees else 0.0
-        if newest[i, c, 4] >= ASK_AFTER and elsewhere(
-            i, cameras, newest[i], c, t, body, means, neighbours, mirror, found
-        ):  # fmt: skip
-            newest[i, :, 4] = refused[i] = 0.0
-            begin_again(x[i], cov[i], share[i], found - means[k])
-            combined(x[i], cov[i], share[i], means[i], spreads[i])
-            continue
         nearest = update(x[i], cov[i], share[i], rows, away, rules[4], spreads[k], rules[0], rules[1])
         if not nearest <= rules[1]:
             figures[1] += 1.0
@@ -178,4 +166,4 @@ def _work_in(
         if ray(camera, point, h, slope):
             whitened(white[o], slope, z[o], h, rows, error)
             square[i, c] = (error[0] ** 2 + error[1] ** 2) * px_scale[o] ** 2
-        precision[i, c] = newest[i, c, 2]
+        precision[i, c] = 0.5 * (white[o, 0, 0] ** 2 + white[o, 0, 1] ** 2 + white[o, 1, 0] ** 2 + white[o, 1, 1] ** 2)

@@ -11,6 +11,7 @@ from posefuse.tracking.matrix_kernels import inverse3
 
 from .motion import combined, normalise
 from .rays import depth_row, expected, expected_depth, ray, squared, whitened
+from .state import parts
 
 _DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
 _FOUND_M = 0.03  # of a place where rays meet
@@ -91,19 +92,29 @@ def update_depth(x, cov, share, row, away, common, outlier, gate):
 
 
 @kernel()
-def begin_again(x, cov, share, place):
-    """All models (M, 9) of a keypoint at a place (3,) against the body where cameras agree on it, and unsure how fast.
+def begin_again(state, sizes, xyz):
+    """Put keypoints at world places xyz (K, 3), unsure how fast, into a state; NaN leaves one as it is.
 
-    It is so sure of the place that the view that was wrong before does not count again.
+    Their places are so sure that the views that were wrong before do not count again.
     """
-    for j in range(len(x)):
-        x[j, :] = 0.0
-        cov[j, :, :] = 0.0
-        share[j] = 1.0 / len(x)
+    k, m, c, b = sizes
+    x, cov, share, _, _, _, _, _, refused, _, _, _ = parts(state, k, m, c, b)
+    body = np.zeros(3)
+    for j in range(m):
         for a in range(3):
-            x[j, a] = place[a]
-            cov[j, a, a] = _FOUND_M**2
-            cov[j, 3 + a, 3 + a] = _DOUBT_M_S**2
+            body[a] += share[k, j] * x[k, j, a]
+    for i in range(k):
+        if not math.isfinite(xyz[i, 0]):
+            continue
+        refused[i] = 0.0
+        for j in range(m):
+            share[i, j] = 1.0 / m
+            x[i, j, :] = 0.0
+            cov[i, j, :, :] = 0.0
+            for a in range(3):
+                x[i, j, a] = xyz[i, a] - body[a]
+                cov[i, j, a, a] = _FOUND_M**2
+                cov[i, j, 3 + a, 3 + a] = _DOUBT_M_S**2
 
 
 @kernel()
