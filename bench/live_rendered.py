@@ -5,8 +5,9 @@
 Four cameras of 640 x 480 at 30 frames/s look at bodies that no constant was fitted to: their seeds are drawn by chance at the
 first run and kept in DIR, with the scenes and what the network saw in them. Views arrive 20 to 60 ms after their exposure, as in
 a session of two cores; poses come out at 100 Hz, at joint centres, and are compared with the truth at their own time. *At once*
-is the same without latency. `--session` adds a rendered session, such as examples/demo. NEES is the squared error in units of the stated covariance: 3 when it is honest. A table on
-stderr, one JSON object on stdout.
+is the same without latency. NEES is the squared error in units of the stated covariance: 3 when it is honest. The last figure is
+the share of the joints that came out. `--session` adds a rendered session, such as examples/demo. A table on stderr, one JSON
+object on stdout.
 """
 
 import argparse
