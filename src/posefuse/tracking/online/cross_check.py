@@ -74,32 +74,39 @@ class CrossCheck:
 
     def _judged(self, pose: Pose3D, now: Array, together: list[Detections2D]) -> tuple[dict[str, Array], Array]:
         """By camera (K,) whether it is wrong, and (K, 3) keypoints that are elsewhere; NaN where they are not."""
-        near_m, found = min(((_apart_m(now, xyz), n) for n, xyz in enumerate(pose.xyz_world)), default=(np.inf, 0))
+        near_m, found = min(((_median_apart_m(now, xyz), n) for n, xyz in enumerate(pose.xyz_world)), default=(np.inf, 0))
         if near_m > _SAME_PERSON_M:
             return {}, np.full(now.shape, np.nan)
-        xyz = _sides_as(now, pose.xyz_world[found], self._mirror)
+        xyz = pose.xyz_world[found]
+        xyz = np.where(_exchanged(now, xyz, self._mirror)[:, None], xyz[self._mirror], xyz)
         wrong = {}
         for camera, focal_px, view in zip(self._rig, self._focal_px, together, strict=True):
             if not len(view):
                 continue
-            away_px = np.linalg.norm(view.xy_img[0] - camera.project(xyz), axis=-1)
-            depth_m = np.linalg.norm(xyz - camera.centre_world, axis=-1)
+            # a view with left and right exchanged as a whole is put right by the filter
+            expected, depth_m = camera.project(xyz), _apart(xyz, camera.centre_world)
+            other = expected[self._mirror]
+            turned = np.nansum(_apart(view.xy_img[0], other)) < np.nansum(_apart(view.xy_img[0], expected))
+            away_px = _apart(view.xy_img[0], other if turned else expected)
             wrong[camera.name] = (away_px > _WRONG_SIGMAS * view.sigma_px[0]) & (away_px * depth_m > _WRONG_M * focal_px)
-        far = np.linalg.norm(xyz - now, axis=-1) > _ELSEWHERE_M
+        far = _apart(xyz, now) > _ELSEWHERE_M
         again = far & self._far
         self._far = far & ~again
         return wrong, np.where(again[:, None], xyz, np.nan)
 
 
-def _apart_m(one: Array, other: Array) -> float:
-    distances = np.linalg.norm(one - other, axis=-1)
+def _apart(one: Array, other: Array) -> Array:
+    """(K,) distances."""
+    return np.asarray(np.linalg.norm(one - other, axis=-1))
+
+
+def _median_apart_m(one: Array, other: Array) -> float:
+    distances = _apart(one, other)
     known = distances[np.isfinite(distances)]
     return float(np.median(known)) if len(known) else np.inf
 
 
-def _sides_as(now: Array, xyz: Array, mirror: Array) -> Array:
-    """Keypoints (K, 3) with left and right as they are now: which side is which is not judged here."""
-    other = xyz[mirror]
-    same, exchanged = np.linalg.norm(xyz - now, axis=-1), np.linalg.norm(other - now, axis=-1)
-    closer = exchanged + exchanged[mirror] < same + same[mirror]
-    return np.where(closer[:, None], other, xyz)
+def _exchanged(now: Array, points: Array, mirror: Array) -> Array:
+    """(K,) which points lie closer to those of now with left and right exchanged; which side is which is not judged here."""
+    same, other = _apart(points, now), _apart(points[mirror], now)
+    return np.asarray(other + other[mirror] < same + same[mirror])
