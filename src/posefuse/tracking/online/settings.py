@@ -53,8 +53,8 @@ class LiveSettings:
         averaging: how much of the temporally correlated errors is averaged out by filtering over time; with 0 they are stated
             as if the filter used the newest views alone.
         new_share: share of the stated variance of a view that counts as noise new in every view. The rest moves slowly with
-            the person, so no filter can separate it from motion; it is stated by `lasting_share`. Motion models, switch_s, averaging and
-            new_share are fitted together by `bench/fit_tracker.py`.
+            the person, so no filter can separate it from motion; `lasting_share` states it. Motion models, switch_s, averaging
+            and new_share are fitted together by `bench/fit_tracker.py`.
         outlier_chi2: squared distance in standard deviations from which a view counts less.
         gate_chi2: squared distance in standard deviations from which a view does not count.
         duplicate_share: two detections of one view are the same body when the median distance of their keypoints is below this
