@@ -76,7 +76,7 @@ def photograph(browser: Browser, port: int, ending: str, size_wh: tuple[int, int
         page.on("pageerror", lambda error, name=name: problems.append(f"{name}: {error}"))
         page.goto(base + address)
         if name == "recording":
-            page.get_by_text("left_knee flexion").first.wait_for(timeout=_ANGLES_MS)
+            page.get_by_text("left knee flexion").first.wait_for(timeout=_ANGLES_MS)
         page.wait_for_timeout(_SETTLED_MS)
         if name == "recording" and not ending:
             page.set_viewport_size({"width": size_wh[0], "height": _TALL_PX})

@@ -220,7 +220,7 @@ def _report(way: Walk) -> None:
         page.get_by_role("link", name="recordings/walk/recording.mcap", exact=True).click(timeout=_PATIENCE_MS)
         way.see("Angles and gait events")
     with way.step("its angles"):
-        way.see("left_knee flexion")
+        way.see("left knee flexion")
     with way.step("its report"):
         way.press("Make the report")
         link = page.get_by_role("link", name="Open the page")

@@ -31,10 +31,12 @@ def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
             for page in PAGES:
                 _nav_link(page, here)
         ui.space()
-        with ui.button(icon="qr_code_2", on_click=lambda: _phone(studio)).props('flat round dense aria-label="Phone"'):
+        with ui.button(icon="qr_code_2", color=None, on_click=lambda: _phone(studio)).props(
+            'flat round dense aria-label="Phone"'
+        ):
             ui.tooltip("On a phone")
         _jobs_menu(studio)
-        with ui.button(icon="contrast", on_click=lambda: dark.set_value(not dark.value)).props(
+        with ui.button(icon="contrast", color=None, on_click=lambda: dark.set_value(not dark.value)).props(
             'flat round dense aria-label="Light or dark"'
         ):
             ui.tooltip("Light or dark")
@@ -113,6 +115,11 @@ def refused(error: Exception) -> None:
     ui.notify(str(error), type="negative", multi_line=True, close_button="Close", timeout=0)
 
 
+def words(name: str) -> str:
+    """``left_knee flexion`` as people read it."""
+    return name.replace("_", " ")
+
+
 def job_line(studio: Studio, job: Job) -> None:
     """One job: its title, how far it is, its newest news or its error, and a button to cancel."""
     report = studio.jobs.report(job.id)
@@ -144,7 +151,7 @@ def _nav_link(page: StudioPage, here: StudioPage) -> None:
 
 def _jobs_menu(studio: Studio) -> None:
     shown: list[object] = []
-    with ui.button(icon="bolt").props('flat round dense aria-label="Jobs"').classes("pf-jobs-button") as button:
+    with ui.button(icon="bolt", color=None).props('flat round dense aria-label="Jobs"').classes("pf-jobs-button") as button:
         badge = ui.badge("").props("floating color=accent")
         with ui.menu().classes("pf-jobs"):
             lines = ui.column().classes("pf-jobs-lines")

@@ -10,16 +10,15 @@ from nicegui import ui
 from posefuse.core import PosefuseError
 from posefuse.studio.live_link import LIVE, LIVE_BODIES
 from posefuse.studio.pages.live_parts import health_line, outputs_card, people_card, record_card
-from posefuse.studio.scene.view import CameraTile, RigScene, ValuePlot
+from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
 from posefuse.studio.setups import DEMO, setups
-from posefuse.studio.shell import card, job_line, light, refused, title
+from posefuse.studio.shell import card, job_line, light, refused, title, words
 from posefuse.studio.state import Studio
 
 _REFRESH_S = 0.5
 _NETWORKS = {"": "chosen by the speed of this machine", "blazepose_lite": "lite", "blazepose_full": "full",
              "blazepose_heavy": "heavy", "blazepose_best": "best"}  # fmt: skip
 _PLOTTED = ("left_knee flexion", "right_knee flexion")
-_VIEWS = {"home": "Overview", "top": "From above", "front": "Front", "side": "Side"}
 
 
 def build(studio: Studio) -> None:
@@ -115,7 +114,7 @@ def _scene_card(*, bodies: bool) -> None:
     with card("3D") as head, ui.element("div").classes("pf-stage"):
         scene = RigScene(LIVE, bodies=LIVE_BODIES, ellipsoids=True, trails=True)
         with ui.row().classes("pf-stage-views"):
-            for where, text in _VIEWS.items():
+            for where, text in VIEWS.items():
                 ui.button(text, on_click=lambda where=where: scene.look(where)).props("flat dense no-caps size=sm")
     with head:
         ui.space()
@@ -201,11 +200,6 @@ def _angles_card(studio: Studio) -> None:
     choice.on_value_change(
         lambda event: plot.choose([names.index(one) for one in event.value], [words(one) for one in event.value])
     )
-
-
-def words(name: str) -> str:
-    """``left_knee flexion`` as people read it."""
-    return name.replace("_", " ")
 
 
 def _news_card(refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:

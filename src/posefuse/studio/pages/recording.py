@@ -14,8 +14,8 @@ from posefuse.studio.edit_card import EditCard
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.output_card import output_card
 from posefuse.studio.player import ResultPlayer, joint_angles, open_recording
-from posefuse.studio.scene.view import CameraTile, RigScene
-from posefuse.studio.shell import card, refused, title
+from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene
+from posefuse.studio.shell import card, refused, title, words
 from posefuse.studio.state import Studio
 from posefuse.studio.timeline import SIZE_PX, Curve, Span, cursor, picture
 
@@ -85,8 +85,8 @@ class _Recording:
                 scene = RigScene(stream, trails=False)
                 with head:
                     ui.space()
-                    for where in ("home", "top", "front", "side"):
-                        ui.button(where, on_click=lambda w=where: scene.look(w)).props("flat dense no-caps")
+                    for where, text in VIEWS.items():
+                        ui.button(text, on_click=lambda w=where: scene.look(w)).props("flat dense no-caps")
         self._transport()
         self._angles()
         with ui.element("div").classes("pf-split"):
@@ -143,7 +143,7 @@ class _Recording:
                 self._person = ui.select(people, value=0 if people else None, on_change=self._redraw).props(
                     'dense outlined aria-label="Person"'
                 )
-                self._chosen = ui.select([], multiple=True, value=[], on_change=self._redraw).props(
+                self._chosen = ui.select({}, multiple=True, value=[], on_change=self._redraw).props(
                     'dense outlined aria-label="Angles"'
                 )
             with ui.element("div").classes("pf-timeline-frame"):
@@ -173,7 +173,7 @@ class _Recording:
         """Take the angles when they are there."""
         self._joints, self._worked_out = joints, True
         names = [] if joints is None else [f"{j} {a}" for q, j in enumerate(joints.joints) for a in joints.angle_names[q]]
-        self._chosen.set_options(names, value=_first(names))
+        self._chosen.set_options({name: words(name) for name in names}, value=_first(names))
         self._redraw()
 
     def _redraw(self) -> None:
@@ -216,7 +216,7 @@ def _curve(joints: JointAngles, n: int, text: str) -> Curve:
     q = joints.joints.index(joint)
     values = np.degrees(joints.angle_rad[:, n, q, joints.angle_names[q].index(angle)])
     side = joint.split("_")[0]
-    return Curve(text.replace("_", " "), values, side if side in _SIDES else "mid")
+    return Curve(words(text), values, side if side in _SIDES else "mid")
 
 
 def _first(names: list[str]) -> list[str]:

@@ -8,6 +8,9 @@ from typing import Any
 import nicegui.elements.scene  # noqa: F401
 from nicegui.element import Element
 
+VIEWS = {"home": "Overview", "top": "From above", "front": "Front", "side": "Side"}
+"""Where a scene can be looked at from, see `RigScene.look`, and its words."""
+
 
 class RigScene(Element, component="rig_scene.js", esm={"posefuse-studio": "lib"}):
     """3D: skeletons, ellipsoids, trails, cameras and floor.
@@ -32,7 +35,7 @@ class RigScene(Element, component="rig_scene.js", esm={"posefuse-studio": "lib"}
         self.update()
 
     def look(self, where: str) -> None:
-        """``home``, ``top``, ``front`` or ``side``."""
+        """One of `VIEWS`."""
         self.run_method("look", where)
 
 

@@ -5,7 +5,9 @@ import { THREE } from "nicegui-scene";
 const WITH_SKELETON = 0.5;
 
 export class Bodies {
-  constructor(scene) {
+  // `surface`: makes a material of a roughness
+  constructor(scene, surface) {
+    this.surface = surface;
     this.group = new THREE.Group();
     this.slots = new Map();
     this.clear = false;
@@ -20,7 +22,7 @@ export class Bodies {
     geometry.setAttribute("skinIndex", new THREE.BufferAttribute(joint, 4));
     geometry.setIndex(new THREE.BufferAttribute(faces, 1));
     geometry.computeVertexNormals();
-    const mesh = new THREE.SkinnedMesh(geometry, new THREE.MeshStandardMaterial({ roughness: 0.75 }));
+    const mesh = new THREE.SkinnedMesh(geometry, this.surface(0.75));
     // bones stand outside the scene: their matrices are what the message says
     const bones = Array.from({ length: joints }, () => new THREE.Bone());
     mesh.bind(new THREE.Skeleton(bones, bones.map(() => new THREE.Matrix4())), new THREE.Matrix4());

@@ -4,6 +4,7 @@ import { THREE, OrbitControls, CSS2DRenderer, CSS2DObject } from "nicegui-scene"
 import { Bodies } from "./bodies.js";
 
 const MOST_BONES = 2000, MOST_POINTS = 2000;
+const MOST_STEPS = 20000;
 const BONE_M = 0.016, JOINT_M = 0.024, TRAIL_S = 2.0;
 const UP = new THREE.Vector3(0, 1, 0);
 
@@ -24,16 +25,18 @@ export class RigDrawing {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = false;
     this.controls.addEventListener("change", () => this.changed());
-    this.bones = instances(new THREE.CylinderGeometry(1, 1, 1, 10), new THREE.MeshStandardMaterial({ roughness: 0.55 }), MOST_BONES);
-    this.joints = instances(new THREE.SphereGeometry(1, 14, 10), new THREE.MeshStandardMaterial({ roughness: 0.4 }), MOST_POINTS);
-    const glass = new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.28, depthWrite: false });
-    this.ellipsoids = instances(new THREE.SphereGeometry(1, 18, 12), glass, MOST_POINTS);
-    this.bodies = new Bodies(this.scene);
+    const surface = slow ? () => new THREE.MeshLambertMaterial() : (roughness) => new THREE.MeshStandardMaterial({ roughness });
+    const ball = slow ? () => new THREE.IcosahedronGeometry(1, 1) : () => new THREE.SphereGeometry(1, 16, 12);
+    this.bones = instances(new THREE.CylinderGeometry(1, 1, 1, slow ? 6 : 10), surface(0.55), MOST_BONES);
+    this.joints = instances(ball(), surface(0.4), MOST_POINTS);
+    const glass = Object.assign(surface(1.0), { transparent: true, opacity: 0.28, depthWrite: false });
+    this.ellipsoids = instances(ball(), glass, MOST_POINTS);
+    this.bodies = new Bodies(this.scene, surface);
     this.still = new THREE.Group();
     this.people = new Map();
-    this.trails = new THREE.Group();
+    this.trails = new Trails();
     this.past = new Map();
-    this.scene.add(this.bones, this.joints, this.ellipsoids, this.still, this.trails);
+    this.scene.add(this.bones, this.joints, this.ellipsoids, this.still, this.trails.lines);
     this.setup = { bones: [], bone_rgb: [], keypoint_rgb: [], trails: [], cameras: [], floor: { centre: [0, 0], half_m: 3 } };
     this.shown = { skeletons: true, meshes: false, ellipsoids: true, trails: false, cameras: true };
     this.names = {};
@@ -121,7 +124,7 @@ export class RigDrawing {
   }
 
   take_trails({ t_s, people, keypoints, xyz, ids }) {
-    dispose(this.trails);
+    this.trails.clear();
     if (!this.shown.trails) return this.past.clear();
     const now = new Set();
     for (let n = 0; n < people; n++) {
@@ -132,13 +135,11 @@ export class RigDrawing {
         past.push({ t_s, xyz: [xyz[at], xyz[at + 1], xyz[at + 2]] });
         this.past.set(key, past);
         const known = past.filter((one) => !Number.isNaN(one.xyz[0]));
-        const geometry = new THREE.BufferGeometry();
-        geometry.setAttribute("position", new THREE.Float32BufferAttribute(known.flatMap((one) => one.xyz), 3));
         const [r, g, b] = this.setup.keypoint_rgb[k];
-        const material = new THREE.LineBasicMaterial({ color: (r << 16) | (g << 8) | b, transparent: true, opacity: 0.8 });
-        this.trails.add(new THREE.Line(geometry, material));
+        this.trails.add(known.map((one) => one.xyz), [r / 255, g / 255, b / 255]);
       }
     }
+    this.trails.finish();
     for (const key of this.past.keys()) if (!now.has(key)) this.past.delete(key);
   }
 
@@ -177,7 +178,7 @@ export class RigDrawing {
     this.bodies.group.visible = this.shown.meshes;
     this.bodies.set_clear(this.shown.skeletons);
     if (!this.shown.ellipsoids) finish(this.ellipsoids, 0);
-    if (!this.shown.trails) dispose(this.trails);
+    if (!this.shown.trails) this.trails.clear();
     this.changed();
   }
 
@@ -218,9 +219,42 @@ export class RigDrawing {
     this.observer.disconnect();
     this.controls.dispose();
     dispose(this.still);
-    dispose(this.trails);
+    dispose(this.trails.lines);
     this.bodies.close();
     this.renderer.dispose();
+  }
+}
+
+// all trails as one mesh of lines, whose buffers stay
+class Trails {
+  constructor() {
+    const geometry = new THREE.BufferGeometry();
+    for (const name of ["position", "color"]) geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(6 * MOST_STEPS), 3));
+    this.lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.8 }));
+    this.lines.frustumCulled = false;
+    this.clear();
+  }
+
+  clear() {
+    this.count = 0;
+    this.lines.geometry.setDrawRange(0, 0);
+  }
+
+  // a line through these points
+  add(points, rgb) {
+    const { position, color } = this.lines.geometry.attributes;
+    const [r, g, b] = new THREE.Color().setRGB(...rgb, THREE.SRGBColorSpace).toArray();
+    for (let i = 1; i < points.length && this.count < MOST_STEPS; i++) {
+      const at = 2 * this.count++;
+      position.setXYZ(at, ...points[i - 1]).setXYZ(at + 1, ...points[i]);
+      color.setXYZ(at, r, g, b).setXYZ(at + 1, r, g, b);
+    }
+  }
+
+  finish() {
+    const { geometry } = this.lines;
+    geometry.setDrawRange(0, 2 * this.count);
+    for (const attribute of Object.values(geometry.attributes)) send(attribute, 2 * this.count);
   }
 }
 
@@ -243,8 +277,15 @@ function instances(geometry, material, most) {
 
 function finish(mesh, count) {
   mesh.count = count;
-  mesh.instanceMatrix.needsUpdate = true;
-  mesh.instanceColor.needsUpdate = true;
+  send(mesh.instanceMatrix, count);
+  send(mesh.instanceColor, count);
+}
+
+// to the graphics card: only what is drawn of a buffer that has room for many
+function send(attribute, count) {
+  attribute.clearUpdateRanges();
+  if (count) attribute.addUpdateRange(0, count * attribute.itemSize);
+  attribute.needsUpdate = count > 0;
 }
 
 function rgb_of(colour, rgb) {
