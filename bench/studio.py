@@ -152,21 +152,21 @@ def recorded(address: dict[str, Any]) -> None:
 
 
 def show_latencies(recording: Path, windows: Sequence[tuple[str, int, int]]) -> None:
-    """Median and 95 % of each window in ms, and what a page adds."""
+    """Median and 95 % of each window in ms, then what a page adds; a window without any output is left out with its pair."""
     stages = [(times["exposed"], times["output"]) for _, times in read_poses(recording) if "exposed" in times]
-    exposed_ns, output_ns = np.array(stages, np.int64).T
+    exposed_ns, output_ns = np.array(stages, np.int64).reshape(-1, 2).T
     found: dict[str, list[tuple[float, ...]]] = defaultdict(list)
     for kind, begin_ns, end_ns in windows:
         ms = (output_ns - exposed_ns)[(output_ns >= begin_ns) & (output_ns < end_ns)] / 1e6
-        found[kind].append((*np.percentile(ms, [50, 95]), len(ms) / ((end_ns - begin_ns) / 1e9)))
-    for kind, rounds in found.items():
-        median, most, rate = np.median(rounds, axis=0)
-        more = np.array(rounds)[:, :2] - np.array(found["no page"])[:, :2]
-        text = ", ".join(
-            f"{m:+.1f} ({low:+.1f} to {high:+.1f})"
-            for m, low, high in zip(np.median(more, axis=0), more.min(axis=0), more.max(axis=0), strict=True)
-        )
-        print(f"{kind}: median {median:.1f} ms, 95 % {most:.1f} ms, {rate:.0f} outputs per s; against no page: {text}")
+        median, most = np.percentile(ms, [50, 95]) if len(ms) else (np.nan, np.nan)
+        found[kind].append((median, most))
+        print(f"{kind}: median {median:.1f} ms, 95 % {most:.1f} ms of {len(ms)} outputs")
+    with_page = next(kind for kind in found if kind != "no page")
+    more = np.array(found[with_page]) - np.array(found["no page"])
+    more = more[np.isfinite(more).all(axis=1)]
+    for name, values in zip(("median", "95 %"), more.T, strict=True):
+        spread = f"{np.median(values):+.1f} ms, {values.min():+.1f} to {values.max():+.1f}" if len(values) else "not known"
+        print(f"{with_page} against no page, {name}, of {len(values)} pairs: {spread}")
 
 
 def measure_focus() -> None:

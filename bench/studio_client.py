@@ -53,7 +53,7 @@ def quiet_page(base: str) -> Iterator[QuietPage]:
         yield page
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(60)
 
 
 async def main(base: str) -> None:

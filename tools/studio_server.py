@@ -39,7 +39,7 @@ def server(workspace: Path, port: int, *options: str) -> Iterator[subprocess.Pop
         yield process
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(PATIENCE_S)
 
 
 @contextmanager
@@ -51,7 +51,7 @@ def stand_in(workspace: Path, cameras: int) -> Iterator[None]:
         yield
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(PATIENCE_S)
 
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
