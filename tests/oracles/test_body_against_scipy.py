@@ -77,11 +77,9 @@ def test_the_same_rays_and_cost_give_the_same_body(someone, ring_rig, outliers: 
 
     q, rot = q0.copy(), rot0.copy()
     nothing = np.zeros((len(points), 3, 3))
-    kernels.gauss_newton(
-        p.parent, p.kind, p.axis, p.offset, p.dof, p.limits, p.mirrored, p.node, p.local, q0.copy(), rot0.copy(), prior,
-        np.full(len(body.nodes), np.inf), points, nothing, projections, xy, np.full(xy.shape[:2], SIGMA_PX**-2), DOF, 1.0, 60,
-        q, rot,
-    )  # fmt: skip
+    rays = kernels.Seen(points, nothing, projections, xy, np.full(xy.shape[:2], SIGMA_PX**-2))
+    free = np.full(len(body.nodes), np.inf)
+    kernels.gauss_newton(p.tree, (q0.copy(), rot0.copy()), prior, free, rays, DOF, 1.0, 60, q, rot)
     ours = kernels.difference(p.kind, p.dof, q, rot, q0, rot0)
     theirs = least_squares(residuals, ours, max_nfev=20)
     assert np.linalg.norm(places(p, q, rot) - places(p, *moved(theirs.x)), axis=-1).max() < 0.002

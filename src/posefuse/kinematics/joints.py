@@ -38,6 +38,9 @@ _HINGE_MEMORY_S = 0.2
 _ORIGINS = SEGMENT_PAIRS[:, 0]
 GROUND = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
 
+_SEGMENT_TABLE = kernels.SegmentTable(SEGMENT_PAIRS, SEGMENT_AXES, SEGMENT_RAISED, LIMB_BEND)
+_JOINT_TABLE = kernels.JointTable(JOINT_SEGMENTS, JOINT_SEQUENCE, JOINT_MIRRORED, JOINT_SIGN, GROUND)
+
 
 def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> JointAngles:
     """Segment frames and joint angles of a recording, the planes of straight limbs carried from both sides in time.
@@ -161,6 +164,8 @@ class FrameBuffers:
         self.reasons = np.zeros((q, 3), np.uint8)
         self.weights = np.empty((q, p, 3, 3))
         self.limits = np.array([np.sin(settings.lock_rad), settings.sigma_limit_rad])
+        self._frames = kernels.Frames(self.rotation, self.by_first, self.by_second, self.turn_var)
+        self._angles = kernels.Angles(self.angles, self.sigmas, self.reasons, self.weights)
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:
         """Take in keypoints (K, 3) and covariances (K, 3, 3)."""
@@ -179,9 +184,8 @@ class FrameBuffers:
     def solve(self, planes: Array) -> None:
         """Frames and angles of the points taken in, limbs turned by `planes` (L, PLANE_SIZE)."""
         kernels.solve(
-            self.points, self.points_cov, planes, SEGMENT_PAIRS, SEGMENT_AXES, SEGMENT_RAISED, LIMB_BEND, JOINT_SEGMENTS,
-            JOINT_SEQUENCE, JOINT_MIRRORED, JOINT_SIGN, self.determined, GROUND, self.limits, self.rotation, self.by_first,
-            self.by_second, self.turn_var, self.angles, self.sigmas, self.reasons, self.weights,
+            self.points, self.points_cov, planes, _SEGMENT_TABLE, _JOINT_TABLE, self.determined, self.limits, self._frames,
+            self._angles,
         )  # fmt: skip
 
     def drop_uncertain(self) -> None:

@@ -144,31 +144,11 @@ class BodyFilter:
         steps: int,
     ) -> Array:
         p = self.packed
+        measured = kernels.Seen(seen.xyz, information, seen.projections, seen.xy, seen.inverse_var)
         hessian, _ = kernels.gauss_newton(
-            p.parent,
-            p.kind,
-            p.axis,
-            p.offset,
-            p.dof,
-            p.limits,
-            p.mirrored,
-            p.node,
-            p.local,
-            q.copy(),
-            rot.copy(),
-            prior,
-            p.preferred_sd * np.sqrt(max(1.0, habit)),
-            seen.xyz,
-            information,
-            seen.projections,
-            seen.xy,
-            seen.inverse_var,
-            self.settings.robust_dof,
-            repeats,
-            steps,
-            q,
-            rot,
-        )
+            p.tree, (q.copy(), rot.copy()), prior, p.preferred_sd * np.sqrt(max(1.0, habit)), measured,
+            self.settings.robust_dof, repeats, steps, q, rot,
+        )  # fmt: skip
         return np.asarray(hessian)
 
 

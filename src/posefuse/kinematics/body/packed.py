@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from posefuse.core.arrays import Array
 
+from . import kernels
 from .model import BodyModel, degrees_of_freedom
 from .settings import BodySettings
 from .tree import BALL, SLIDE, Node
@@ -32,6 +34,13 @@ class Packed:
     accel: Array
     node: Array
     local: Array
+
+    @cached_property
+    def tree(self) -> kernels.Tree:
+        """For the kernels."""
+        return kernels.Tree(
+            self.parent, self.kind, self.axis, self.offset, self.dof, self.limits, self.mirrored, self.node, self.local
+        )
 
     @property
     def size(self) -> int:

@@ -90,10 +90,7 @@ class StateReader:
 
     def _place(self, state: State) -> None:
         p = self._packed
-        kernels.keypoints(
-            p.parent, p.kind, p.axis, p.offset, p.dof, p.node, p.local, state.q, state.rot, self._frame, self._origin,
-            self._points, self._jacobians,
-        )  # fmt: skip
+        kernels.keypoints(p.tree, state.q, state.rot, self._frame, self._origin, self._points, self._jacobians)
 
     def _planes(self, cov: Array) -> Array:
         """The limb planes as the tree itself holds them, straight or not."""

@@ -134,15 +134,12 @@ def _add_time_step(
     weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), _WEAK))
     expected = np.where([node.slack for node in body.nodes], 0.0, q)
     points, jacobians = np.empty((len(p.node), 3)), np.empty((len(p.node), 3, p.size))
+    rays = kernels.Seen(one.xyz, np.zeros((len(p.node), 3, 3)), one.projections, one.xy, one.inverse_var)
     hessian, _ = kernels.gauss_newton(
-        p.parent, p.kind, p.axis, p.offset, p.dof, p.limits, p.mirrored, p.node, p.local, expected, rot.copy(), weak,
-        p.preferred_sd, one.xyz, np.zeros((len(p.node), 3, 3)), one.projections, one.xy, one.inverse_var, settings.robust_dof,
-        1.0, steps, q, rot,
+        p.tree, (expected, rot.copy()), weak, p.preferred_sd, rays, settings.robust_dof, 1.0, steps, q, rot
     )  # fmt: skip
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
-    kernels.keypoints(
-        p.parent, p.kind, p.axis, p.offset, p.dof, p.node, p.local, q, rot, frame, origin, points, jacobians
-    )  # fmt: skip
+    kernels.keypoints(p.tree, q, rot, frame, origin, points, jacobians)
     kernels.length_information(
         points, jacobians, length_derivatives(p, slopes, frame), one.projections, one.xy, one.inverse_var, settings.robust_dof,
         hessian, information, slope,

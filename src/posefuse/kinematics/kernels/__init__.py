@@ -9,11 +9,40 @@ It is a scalar Kalman filter: the last plane is carried in the axes of the paren
 follows the long axis, its variance grows with time, and each new plane counts by its own variance.
 """
 
-from .angles import DEFINED, GIMBAL_LOCK, MISSING, NOT_DETERMINED, STRAIGHT_LIMB, UNCERTAIN, solve, unwrap
+from .angles import (
+    DEFINED,
+    GIMBAL_LOCK,
+    MISSING,
+    NOT_DETERMINED,
+    STRAIGHT_LIMB,
+    UNCERTAIN,
+    Angles,
+    Frames,
+    JointTable,
+    SegmentTable,
+    solve,
+    unwrap,
+)  # fmt: skip
 from .frames import gather, quaternions
 from .planes import MEMORY_SIZE, PLANE_SIZE, UNKNOWN_VAR, step_planes
 
 __all__ = [
-    "DEFINED", "GIMBAL_LOCK", "MEMORY_SIZE", "MISSING", "NOT_DETERMINED", "PLANE_SIZE", "STRAIGHT_LIMB", "UNCERTAIN",
-    "UNKNOWN_VAR", "gather", "quaternions", "solve", "step_planes", "unwrap",
+    "DEFINED",
+    "GIMBAL_LOCK",
+    "MEMORY_SIZE",
+    "MISSING",
+    "NOT_DETERMINED",
+    "PLANE_SIZE",
+    "STRAIGHT_LIMB",
+    "UNCERTAIN",
+    "UNKNOWN_VAR",
+    "Angles",
+    "Frames",
+    "JointTable",
+    "SegmentTable",
+    "gather",
+    "quaternions",
+    "solve",
+    "step_planes",
+    "unwrap",
 ]  # fmt: skip

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
 from .frames import segment_frames
@@ -15,31 +17,63 @@ DEFINED, NOT_DETERMINED, MISSING, STRAIGHT_LIMB, GIMBAL_LOCK, UNCERTAIN = 0, 1, 
 ZXY, YXY, YXZ, YZX = 0, 1, 2, 3
 
 
+class JointTable(NamedTuple):
+    """What the angles (Q, 3) of all joints are made of: segments (Q, 2), sequence and mirrored (Q,), sign (Q, 3)."""
+
+    segments: Array
+    sequence: Array
+    mirrored: Array
+    sign: Array
+    ground: Array
+
+
+class SegmentTable(NamedTuple):
+    """What the frames of all segments (S) are made of, see `segment_frames`."""
+
+    pairs: Array
+    axes: Array
+    raised: Array
+    bends: Array
+
+
+class Frames(NamedTuple):
+    """Filled: rotation, by_first, by_second (S, 3, 3), turn_var (S,), see `segment_frames`."""
+
+    rotation: Array
+    by_first: Array
+    by_second: Array
+    turn_var: Array
+
+
+class Angles(NamedTuple):
+    """Filled: angles, standard deviations and reasons (Q, 3); weights (Q, P, 3, 3), d(angles)/d(points)."""
+
+    angles: Array
+    sigmas: Array
+    reasons: Array
+    weights: Array
+
+
 @kernel()
-def solve(
-    points, points_cov, planes, pairs, axes, raised, bends, joint_segments, sequence, mirrored, sign, determined, ground, limits,
-    rotation, by_first, by_second, turn_var, angles, sigmas, reasons, weights,
-):  # fmt: skip
+def solve(points, points_cov, planes, table, joints, determined, limits, frames, out):
     """Frames, then angles; frames whose turn is less certain than the limit become NaN afterwards."""
-    segment_frames(points, planes, pairs, axes, raised, bends, rotation, by_first, by_second, turn_var)
-    joint_angles(
-        rotation, by_first, by_second, turn_var, points_cov, pairs, joint_segments, sequence, mirrored, sign, determined,
-        ground, limits, angles, sigmas, reasons, weights,
-    )  # fmt: skip
+    rotation, by_first, by_second, turn_var = frames
+    segment_frames(points, planes, table.pairs, table.axes, table.raised, table.bends, rotation, by_first, by_second, turn_var)
+    joint_angles(frames, points_cov, table.pairs, joints, determined, limits, out)
     for s in range(rotation.shape[0]):
         if turn_var[s] > limits[1] * limits[1]:
             rotation[s] = np.nan
 
 
 @kernel()
-def joint_angles(
-    rotation, by_first, by_second, turn_var, points_cov, pairs, joint_segments, sequence, mirrored, sign, determined,
-    ground, limits, angles, sigmas, reasons, weights,
-):  # fmt: skip
-    """All angles (J, 3), standard deviations and reasons; `weights` (J, P, 3, 3) receives d(angles)/d(points).
+def joint_angles(frames, points_cov, pairs, joints, determined, limits, out):
+    """All angles, standard deviations and reasons.
 
     `limits`: sine below which a joint is locked, and the standard deviation from which an angle is not given.
     """
+    rotation, by_first, by_second, turn_var = frames
+    joint_segments, sequence, mirrored, sign, ground = joints
+    angles, sigmas, reasons, weights = out
     relative = np.empty((3, 3))
     axes = np.empty((3, 3))
     for q in range(joint_segments.shape[0]):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
 from .algebra import solve_rows
@@ -13,16 +16,29 @@ from .tree import derivative, difference, forward, place, retract
 CONVERGED = 1e-5
 
 
+class Seen(NamedTuple):
+    """What was measured of keypoints (A) in one time step.
+
+    xyz, information: (A, 3), (A, 3, 3) points in the world; projections, xy, inverse_var: (C, 3, 4), (A, C, 2), (A, C) rays.
+    """
+
+    xyz: Array
+    information: Array
+    projections: Array
+    xy: Array
+    inverse_var: Array
+
+
 @kernel()
-def gauss_newton(
-    parent, kind, axis, offset, dof, limits, mirrored, node, local, q_expected, rot_expected, expected_information,
-    preferred_sd, seen, information, projections, xy, inverse_var, robust, repeats, iterations, q, rot,
-):  # fmt: skip
+def gauss_newton(tree, expected, expected_information, preferred_sd, seen, robust, repeats, iterations, q, rot):
     """Fit one time step, in place from (q, rot); returns the information (D, D) at the optimum and the iterations used.
 
-    What was measured counts `repeats` times less than it states, as its error is that of as many time steps; whether it is an
-    outlier is judged by what it states.
+    `expected`: the state (q, rot) it is expected in. What was measured counts `repeats` times less than it states, as its error
+    is that of as many time steps; whether it is an outlier is judged by what it states.
     """
+    parent, kind, axis, offset, dof, limits, mirrored, node, local = tree
+    xyz, information, projections, xy, inverse_var = seen
+    q_expected, rot_expected = expected
     size = dof[-1]
     frame = np.empty((kind.shape[0], 3, 3))
     origin = np.empty((kind.shape[0], 3))
@@ -42,7 +58,7 @@ def gauss_newton(
             gradient[:] = 0.0
             local_information[:] = 0.0
             if information[p, 0, 0] > 0.0:
-                point_information(x, seen[p], information[p], robust, gradient, local_information)
+                point_information(x, xyz[p], information[p], robust, gradient, local_information)
             ray_information(x, projections, xy[p], inverse_var[p], robust, gradient, local_information)
             if local_information[0, 0] > 0.0:
                 gradient /= repeats

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
 SLIDE, HINGE, BALL = 0, 1, 2
+
+
+class Tree(NamedTuple):
+    """A body as the kernels want it: nodes (n, ...) with the place `dof` (n + 1,) of their freedom, and keypoints (A, ...)."""
+
+    parent: Array
+    kind: Array
+    axis: Array
+    offset: Array
+    dof: Array
+    limits: Array
+    mirrored: Array
+    node: Array
+    local: Array
 
 
 @kernel()
@@ -145,8 +161,9 @@ def difference(kind, dof, q, rot, q_from, rot_from):
 
 
 @kernel()
-def keypoints(parent, kind, axis, offset, dof, node, local, q, rot, frame, origin, points, jacobians):
+def keypoints(tree, q, rot, frame, origin, points, jacobians):
     """Places (A, 3) of the tree's keypoints and their derivatives (A, 3, D); leaves frames and origins of the nodes."""
+    parent, kind, axis, offset, dof, _, _, node, local = tree
     forward(parent, kind, axis, offset, q, rot, frame, origin)
     columns = np.empty(dof[-1], np.int64)
     values = np.empty((dof[-1], 3))
