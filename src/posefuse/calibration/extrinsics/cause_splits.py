@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, angle_between
-from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .cause_solves import near_solve
@@ -29,10 +29,29 @@ def moved_or_jumped(trouble: Trouble) -> Iterator[CauseTrial]:
     solved = trouble.solved
     if solved is None:
         return
-    changes = [(*_change_step(solved, c), c) for c in range(len(trouble.cameras))]
-    for _, step, c in sorted(changes, reverse=True)[:_CANDIDATES]:
+    changes = [(_change_step(solved, c)[0], c) for c in range(len(trouble.cameras))]
+    for _, c in sorted(changes, reverse=True)[:_CANDIDATES]:
+        # the refused solution lies between before and after, and so do its residuals: they do not show the time
+        others = _solved_by_others(trouble, solved, c)
+        step = _change_step(others, c)[1]
         if step >= 0:
-            yield from _split(trouble, solved, c, step)
+            yield from _split(trouble, others, c, step)
+
+
+def _solved_by_others(trouble: Trouble, solved: Solved, c: int) -> Solved:
+    """The solution of the other cameras; with the residuals of camera `c` there, whose pose and clock stay as they were."""
+    seen, rows = solved.seen, solved.seen.camera == c
+    reference = solved.links.reference if solved.links.reference != c else int(c == 0)
+    moving = tuple(i for i in range(len(trouble.cameras)) if i not in (c, reference))
+    freedom = Freedom(reference=reference, held_patches=solved.links.shape.held, moving=moving)
+    found = near_solve(replace(solved, seen=seen.rows(~rows)), trouble.cameras, solved.solution.state, freedom)
+    state, camera, patch = found.state, seen.camera[rows], seen.patch[rows]
+    xyz_prop = state.prop_from_patch[patch].move(solved.corners[patch, seen.corner[rows]])
+    xyz_cam = state.cam_from_world[camera].move(state.world_from_prop[seen.instant[rows]].move(xyz_prop))
+    residual_px = np.empty_like(solved.solution.residual_px)
+    residual_px[~rows] = found.residual_px
+    residual_px[rows] = Lenses(trouble.cameras, state.lens_delta).px(camera, xyz_cam) - seen.xy_img[rows]
+    return replace(solved, solution=replace(found, residual_px=residual_px))
 
 
 def _change_step(solved: Solved, c: int) -> tuple[float, int]:
@@ -79,16 +98,15 @@ def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array, A
 
 def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[CauseTrial]:
     """Solve with the camera taken as two, before and after the step."""
-    cameras = (*trouble.cameras, replace(trouble.cameras[c], name=f"{trouble.cameras[c].name} later"))
     t_s = float(solved.seen.t_s[step])
     start_s = middle_ns(trouble.observations) / 1e9 - trouble.observations.t_ns.min() / 1e9
-    apart, solution = _solve_split(trouble, solved, cameras, c, t_s, None)
+    apart, solution = _solve_split(trouble, solved, c, t_s)
     mine = np.isin(apart.seen.camera, (c, len(trouble.cameras)))
     if _size(solution, mine) > _STILL_LARGER * _size(solution, ~mine):
         # a jump of the clock beyond what the motion of the corners extrapolates to
         clocks_s = _rough_clocks_s(trouble, solved, c, t_s)
         if clocks_s is not None:
-            again = _solve_split(trouble, solved, cameras, c, t_s, clocks_s)
+            again = _solve_split(trouble, solved, c, t_s, clocks_s)
             apart, solution = min(((apart, solution), again), key=lambda one: _size(one[1]))
     words, remedy, frees = _split_story(trouble, solution, c, t_s + start_s, apart)
     camera = np.where(apart.seen.camera == len(trouble.cameras), c, apart.seen.camera)
@@ -119,12 +137,12 @@ def _rough_clocks_s(trouble: Trouble, solved: Solved, c: int, t_s: float) -> tup
 def _solve_split(
     trouble: Trouble,
     solved: Solved,
-    cameras: tuple[Camera, ...],
     c: int,
     t_s: float,
-    clocks_s: tuple[float, float] | None,
+    clocks_s: tuple[float, float] | None = None,
 ) -> tuple[Solved, PropSolution]:
-    """With the clocks of the camera before and after `t_s`; None starts from the clock that it has."""
+    """With the camera taken as two, before and after `t_s`, and their clocks; None starts from the clock that it has."""
+    cameras = (*trouble.cameras, replace(trouble.cameras[c], name=f"{trouble.cameras[c].name} later"))
     seen, state, count = solved.seen, solved.solution.state, len(trouble.cameras)
     delay = np.concatenate([state.delay_s, state.delay_s[c : c + 1]])
     if clocks_s is not None:

@@ -58,16 +58,25 @@ class LensChange:
         return np.where(self.confirmed, excess, np.minimum(excess, 1.0))
 
     def confirmed_by(self, parts: Sequence[LensChange]) -> LensChange:
-        """The same, counting only what two parts of the data show alike, each by some standard errors."""
+        """The same, counting only what two parts of the data show alike: each by some standard errors, and by as much.
+
+        Noise makes standard errors; a lens model that is not quite the lens errs differently in each part, and by far more. Half
+        the difference of the parts is the standard error of their mean that they themselves show: the change is to be two of it.
+        """
         if len(parts) != 2:
             return self
-        one, two = (part.in_sigmas() for part in parts)
-        return replace(self, confirmed=(np.minimum(np.abs(one), np.abs(two)) >= _EACH_PART_SIGMA) & (one * two > 0))
+        one, two = (part.sizes() / np.maximum(part.sigmas(), 1e-12) for part in parts)
+        sure = (np.minimum(np.abs(one), np.abs(two)) >= _EACH_PART_SIGMA) & (one * two > 0)
+        apart = np.abs(parts[0].sizes() - parts[1].sizes())
+        return replace(self, confirmed=sure & (apart <= np.abs(self.sizes())))
 
-    def in_sigmas(self) -> Array:
-        """(C, 3) each change in standard errors."""
-        pairs = ((self.focal, self.focal_sigma), (self.centre_rad, self.centre_sigma), (self.bend_px, self.bend_sigma))
-        return np.stack([value / np.maximum(sigma, 1e-12) for value, sigma in pairs], axis=1)
+    def sizes(self) -> Array:
+        """(C, 3) change of focal length (share), principal point (rad) and distortion (px)."""
+        return np.stack([self.focal, self.centre_rad, self.bend_px], axis=1)
+
+    def sigmas(self) -> Array:
+        """(C, 3) standard errors of `sizes`."""
+        return np.stack([self.focal_sigma, self.centre_sigma, self.bend_sigma], axis=1)
 
 
 def lens_change(
@@ -112,7 +121,7 @@ def check_lenses(cameras: Sequence[Camera], change: LensChange, limits: Limits) 
     """The intrinsics, when they are let free, stay."""
     excess = change.excess(cameras, limits)
     worst, kind = (int(i) for i in np.unravel_index(np.argmax(excess), excess.shape))
-    unsure = "" if change.confirmed[worst, kind] else "; the halves of the recording do not both show it"
+    unsure = "" if change.confirmed[worst, kind] else "; the halves of the recording do not agree on it"
     return Check(
         "intrinsics fit", bool(excess[worst, kind] <= 1), lens_words(cameras, change, limits, worst, kind) + unsure,
         "focus or zoom has changed since they were calibrated, or they belong to another camera or image size:"
