@@ -146,14 +146,13 @@ def test_the_faults_of_the_benchmark_are_never_silent(monkeypatch: pytest.Monkey
     """One seed of every sixth fault, and every tenth good session."""
     monkeypatch.syspath_prepend(str(BENCH))
     import calibration_faults
-    from faults.good_sessions import SESSIONS
-    from faults.verdict import SILENT, verdict
+    from faults.verdict import SILENT, GoodSession, verdict
 
-    for case in calibration_faults.quick(calibration_faults.CASES):
-        if not case.not_in_images:
-            assert verdict(case, case.run(3)) != SILENT, case.name
-    for good in SESSIONS[::10]:
-        answer = good.run(3)
-        assert not answer.refused, f"{good.name}: {answer.words}"
+    for run in calibration_faults.chosen_runs("", [3], quick=True):
+        if isinstance(run.of, GoodSession):
+            answer = run.of.run(run.seed)
+            assert not answer.refused, f"{run.of.name}: {answer.words}"
+        elif not run.of.not_in_images:
+            assert verdict(run.of, run.of.run(run.seed)) != SILENT, run.of.name
     for name in [name for name in sys.modules if name == "faults" or name.startswith("faults.")]:
         monkeypatch.delitem(sys.modules, name)
