@@ -208,8 +208,8 @@ def settled(
             rig, xy_img[at], score[at], sigma[at], settings, most_scale=robust.LAST_SCALE, depth=deep
         )  # fmt: skip
         at, kept = at[~again.contradicted], np.flatnonzero(~again.contradicted)
-        for plane, solved in zip(vars(points).values(), vars(again.unambiguous()).values(), strict=True):
-            plane[at] = solved[kept]
+        for plane, renewed in zip(vars(points).values(), vars(again.unambiguous()).values(), strict=True):
+            plane[at] = renewed[kept]
     return points
 
 

@@ -24,6 +24,8 @@ _WRONG_SIGMAS, _WRONG_M = 5.0, 0.06
 # a keypoint that is tracked so far from where the newest views put it begins there again
 _ELSEWHERE_M = 0.12
 _SAME_PERSON_M = 0.3
+# a view is exchanged as a whole where that brings it so much closer
+_CLEARLY = 0.5
 
 
 class CrossCheck:
@@ -86,7 +88,7 @@ class CrossCheck:
             # a view with left and right exchanged as a whole is put right by the filter
             expected, depth_m = camera.project(xyz), _apart(xyz, camera.centre_world)
             other = expected[self._mirror]
-            turned = np.nansum(_apart(view.xy_img[0], other)) < np.nansum(_apart(view.xy_img[0], expected))
+            turned = np.nansum(_apart(view.xy_img[0], other)) < _CLEARLY * np.nansum(_apart(view.xy_img[0], expected))
             away_px = _apart(view.xy_img[0], other if turned else expected)
             wrong[camera.name] = (away_px > _WRONG_SIGMAS * view.sigma_px[0]) & (away_px * depth_m > _WRONG_M * focal_px)
         far = _apart(xyz, now) > _ELSEWHERE_M
