@@ -77,7 +77,7 @@ def test_the_same_rays_and_cost_give_the_same_body(someone, ring_rig, outliers: 
 
     q, rot = q0.copy(), rot0.copy()
     nothing = np.zeros((len(points), 3, 3))
-    rays = kernels.Seen(points, nothing, projections, xy, np.full(xy.shape[:2], SIGMA_PX**-2))
+    rays = kernels.SeenKeypoints(points, nothing, projections, xy, np.full(xy.shape[:2], SIGMA_PX**-2))
     free = np.full(len(body.nodes), np.inf)
     kernels.gauss_newton(p.tree, (q0.copy(), rot0.copy()), prior, free, rays, DOF, 1.0, 60, q, rot)
     ours = kernels.difference(p.kind, p.dof, q, rot, q0, rot0)

@@ -41,7 +41,7 @@ def solved_pose(p, state, one: Measurement) -> tuple[np.ndarray, np.ndarray]:
     """Where scipy begins: its own descent in poses needs thousands of steps."""
     (q, rot), slack = state, p.slack_var > 0
     weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), 1e-9))
-    rays = kernels.Seen(one.xyz, np.zeros((len(p.node), 3, 3)), one.projections, one.xy, one.inverse_var)
+    rays = kernels.SeenKeypoints(one.xyz, np.zeros((len(p.node), 3, 3)), one.projections, one.xy, one.inverse_var)
     expected = np.where(np.diff(p.dof) == 1, 0.0, q), rot.copy()
     kernels.gauss_newton(p.tree, expected, weak, p.preferred_sd, rays, DOF, 1.0, 60, q, rot)
     return q, rot

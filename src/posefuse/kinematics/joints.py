@@ -164,7 +164,7 @@ class FrameBuffers:
         self.reasons = np.zeros((q, 3), np.uint8)
         self.weights = np.empty((q, p, 3, 3))
         self.limits = np.array([np.sin(settings.lock_rad), settings.sigma_limit_rad])
-        self._frames = kernels.Frames(self.rotation, self.by_first, self.by_second, self.turn_var)
+        self._frames = kernels.FrameArrays(self.rotation, self.by_first, self.by_second, self.turn_var)
         self._angles = kernels.Angles(self.angles, self.sigmas, self.reasons, self.weights)
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:

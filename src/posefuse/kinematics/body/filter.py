@@ -144,7 +144,7 @@ class BodyFilter:
         steps: int,
     ) -> Array:
         p = self.packed
-        measured = kernels.Seen(seen.xyz, information, seen.projections, seen.xy, seen.inverse_var)
+        measured = kernels.SeenKeypoints(seen.xyz, information, seen.projections, seen.xy, seen.inverse_var)
         hessian, _ = kernels.gauss_newton(
             p.tree, (q.copy(), rot.copy()), prior, p.preferred_sd * np.sqrt(max(1.0, habit)), measured,
             self.settings.robust_dof, repeats, steps, q, rot,

@@ -36,7 +36,7 @@ class SegmentTable(NamedTuple):
     bends: Array
 
 
-class Frames(NamedTuple):
+class FrameArrays(NamedTuple):
     """Filled: rotation, by_first, by_second (S, 3, 3), turn_var (S,), see `segment_frames`."""
 
     rotation: Array

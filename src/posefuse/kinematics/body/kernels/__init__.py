@@ -9,12 +9,12 @@ place, so that 3D points and the rays of all cameras enter the same normal equat
 from .algebra import inverse, solve_rows, times_transposed
 from .filter import absorb, add_point_variance, predict, smooth_step
 from .measurements import ray_information
-from .newton import Seen, gauss_newton
+from .newton import SeenKeypoints, gauss_newton
 from .shape import length_information
 from .tree import BALL, HINGE, SLIDE, Tree, derivative, difference, exp3, forward, keypoints, log3, place, retract
 
 __all__ = [
-    "BALL", "HINGE", "SLIDE", "Seen", "Tree", "absorb", "add_point_variance", "derivative", "difference", "exp3", "forward",
-    "gauss_newton", "inverse", "keypoints", "length_information", "log3", "place", "predict", "ray_information", "retract",
-    "smooth_step", "solve_rows", "times_transposed",
+    "BALL", "HINGE", "SLIDE", "SeenKeypoints", "Tree", "absorb", "add_point_variance", "derivative", "difference", "exp3",
+    "forward", "gauss_newton", "inverse", "keypoints", "length_information", "log3", "place", "predict", "ray_information",
+    "retract", "smooth_step", "solve_rows", "times_transposed",
 ]  # fmt: skip

@@ -16,7 +16,7 @@ from .tree import derivative, difference, forward, place, retract
 CONVERGED = 1e-5
 
 
-class Seen(NamedTuple):
+class SeenKeypoints(NamedTuple):
     """What was measured of keypoints (A) in one time step.
 
     xyz, information: (A, 3), (A, 3, 3) points in the world; projections, xy, inverse_var: (C, 3, 4), (A, C, 2), (A, C) rays.
