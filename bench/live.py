@@ -46,6 +46,7 @@ _ASKED = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mi
 TWIN = "_twin"
 # by so much a twin stands next to its camera, as a rig file takes no two cameras at one place
 _ASIDE_M = 0.005
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def live(rig: Path, sources: list[str], seconds: float, *options: str) -> dict:
@@ -75,7 +76,7 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
             poses.append(centring.moved(tracker.at(due_ns)))
             due_ns += period_ns
         for name in rig.names:
-            c = views.camera_names.index(name.removesuffix(TWIN))
+            c = views.camera_names.index(name.replace(TWIN, ""))
             seen = {"xy_img": views.xy_img[i, :, c], "score": views.score[i, :, c], "sigma_px": views.sigma_px[i, :, c]}
             box = np.full((len(views.person_id), 4), np.nan)
             tracker.add(Detections2D(camera=name, t_ns=int(t_ns), skeleton=views.skeleton, box_img=box, **seen))
@@ -163,14 +164,18 @@ def main() -> None:
     print(json.dumps({"seconds": args.seconds, "repeat": args.repeat, "scenarios": rows}, indent=2))
 
 
-def twins(session: Path, path: Path) -> list[str]:
-    """A rig with every camera twice, and the videos as its sources; a rig file refuses two cameras at one place."""
+def twins(session: Path, path: Path, copies: int = 1) -> list[str]:
+    """A rig with every camera and so many twins of it, and the videos as sources; a rig file refuses two cameras at one place."""
     rig = read_rig(session / "rig.toml")
-    aside = SE3(np.array([1.0, 0.0, 0.0, 0.0]), np.array([_ASIDE_M, 0.0, 0.0]))
-    twins = (replace(c, name=f"{c.name}{TWIN}", cam_from_world=aside @ c.cam_from_world) for c in rig.cameras)
-    write_rig(path, replace(rig, cameras=(*rig.cameras, *twins)))
+    names = ("", *(TWIN * (i + 1) for i in range(copies)))
+    cameras = [
+        replace(c, name=f"{c.name}{name}", cam_from_world=SE3(_UPRIGHT, np.array([i * _ASIDE_M, 0.0, 0.0])) @ c.cam_from_world)
+        for i, name in enumerate(names)
+        for c in rig.cameras
+    ]
+    write_rig(path, replace(rig, cameras=tuple(cameras)))
     films = {camera.name: session / "videos" / f"{camera.name}.mp4" for camera in rig}
-    return [f"{name}{twin}=video:{film}" for name, film in films.items() for twin in ("", TWIN)]
+    return [f"{name}{twin}=video:{film}" for name, film in films.items() for twin in names]
 
 
 if __name__ == "__main__":

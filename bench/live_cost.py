@@ -218,7 +218,7 @@ def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--networks", default="blazepose_lite")
-    parser.add_argument("--cameras", type=int, choices=(4, 8), default=8)
+    parser.add_argument("--cameras", type=int, choices=(4, 8, 12), default=8)
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
     which = parser.add_mutually_exclusive_group()
@@ -229,12 +229,12 @@ def main() -> None:
     console, spent = Console(stderr=True, width=120), Spent()
     with tempfile.TemporaryDirectory() as scratch:
         rig_file = Path(scratch) / "rig.toml"
-        sources = [source for source in twins(args.session, rig_file) if args.cameras == 8 or TWIN not in source]
+        sources = twins(args.session, rig_file, args.cameras // 4 - 1)
         rig = read_rig(rig_file)
         rig = rig.only(source.partition("=")[0] for source in sources)
         if args.empty:
             rooms = empty_rooms(args.session, Path(scratch), args.seconds + _EMPTY_LEAD_S + 2)
-            sources = [f"{name}=video:{rooms[name.removesuffix(TWIN)]}" for name in rig.names]
+            sources = [f"{name}=video:{rooms[name.replace(TWIN, '')]}" for name in rig.names]
         else:
             video = sorted((args.session / "videos").glob("*.mp4"))[0]
             image_stages(capture_stages(video, spent), rig[video.stem], args.networks, rig, spent)

@@ -76,6 +76,7 @@ class AsynchronousTracker:
         self._unclaimed: dict[str, Detections2D] = {}
         self._tried_ns: int | None = None
         self._restarts = 0
+        self._asked = False
         self._next_id = 0
 
     def add(self, detections: Detections2D) -> Array:
@@ -114,9 +115,10 @@ class AsynchronousTracker:
         return tracks
 
     def _cross_check(self, t_ns: int) -> None:
-        """At most one person at a time: the output tick does not wait for all of them."""
-        if not self._people:
+        """At most one person, and with the first view after an output: so the next output does not wait for it."""
+        if not self._people or not self._asked:
             return
+        self._asked = False
         person = min(self._people, key=lambda one: self._checks[one].checked_ns)
         if t_ns - self._checks[person].checked_ns >= _CHECK_EVERY_NS:
             self._checks[person].check(person, t_ns)
@@ -124,6 +126,7 @@ class AsynchronousTracker:
     def at(self, t_ns: int) -> Pose3D:
         """See `Tracker.at`. Times older than the lag buffer are forgotten: no person."""
         self._admission.asked(t_ns)
+        self._asked = True
         out = Pose3DArrays(len(self._people), self._model.sizes[0])
         ids: list[int] = []
         for person in self._people:

@@ -35,6 +35,7 @@ class CrossCheck:
         self._rig, self._skeleton, self._solve = rig, skeleton, solve
         self._mirror = np.asarray(skeleton.mirror)
         self._focal_px = np.array([camera.K[0, 0] for camera in rig])
+        self._centres = np.stack([camera.centre_world for camera in rig])
         self._newest: dict[str, Detections2D] = {}
         self._wrong: dict[str, Array] = {}
         # (K,) keypoints that the check before found elsewhere
@@ -82,11 +83,11 @@ class CrossCheck:
         xyz = pose.xyz_world[found]
         xyz = np.where(_exchanged(now, xyz, self._mirror)[:, None], xyz[self._mirror], xyz)
         wrong = {}
-        for camera, focal_px, view in zip(self._rig, self._focal_px, together, strict=True):
+        for camera, centre, focal_px, view in zip(self._rig, self._centres, self._focal_px, together, strict=True):
             if not len(view):
                 continue
             # a view with left and right exchanged as a whole is put right by the filter
-            expected, depth_m = camera.project(xyz), _apart(xyz, camera.centre_world)
+            expected, depth_m = camera.project(xyz), _apart(xyz, centre)
             other = expected[self._mirror]
             turned = np.nansum(_apart(view.xy_img[0], other)) < _CLEARLY * np.nansum(_apart(view.xy_img[0], expected))
             away_px = _apart(view.xy_img[0], other if turned else expected)
