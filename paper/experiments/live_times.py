@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
@@ -97,8 +97,10 @@ class Listener:
             self._heard.append((time.monotonic_ns(), datagram))
 
 
-def live_times(folder: Path, context: Context, duration_s: float) -> LiveTimes:
+def live_times(folder: Path, context: Context, duration_s: float, loop_s: float | None = None) -> LiveTimes:
     """Play a session live for a while and follow every view from its exposure to another program.
+
+    It is played again and again, every `loop_s`; None plays it once.
 
     Raises:
         SourceError: no view got through.
@@ -107,7 +109,8 @@ def live_times(folder: Path, context: Context, duration_s: float) -> LiveTimes:
     settings = LiveConfig(detector=config.detector, associate=config.associate, fuse=config.fuse)
     with Listener() as listener:
         plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs={"json": JsonConfig(to=(listener.address,))})
-        done = run_live(rig, inputs_from_arguments([f"sim:{folder}"], rig), settings, plan, duration_s, context.console.note)
+        inputs = tuple(replace(entry, loop_s=loop_s) for entry in inputs_from_arguments([f"sim:{folder}"], rig))
+        done = run_live(rig, inputs, settings, plan, duration_s, context.console.note)
     offset_ns = plan.clock.offset_ns
     arrivals = {t_ns: came_ns + offset_ns for t_ns, came_ns in listener.arrivals_ns().items()}
     ways = list(done.fusion.latencies.newest)
