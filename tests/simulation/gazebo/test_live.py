@@ -16,7 +16,7 @@ from running import Running
 pytest.importorskip("cyclonedds")
 pytest.importorskip("mujoco")
 
-from posefuse.messages.bags import read_mcap
+from posefuse.messages.bags import read_clock, read_mcap
 from posefuse.simulation.cameras import ImageSettings, RingCameras, SensorSettings
 from posefuse.simulation.gazebo import GazeboSettings, export_world
 from posefuse.simulation.motion.settings import CirclePath, WalkSettings
@@ -26,6 +26,8 @@ from posefuse.simulation.session import simulate
 pytestmark = [pytest.mark.slow, pytest.mark.gl]
 DOMAIN = 16 + os.getpid() % 80
 RATE, POSES_S, PATIENCE_S = 0.4, 6.0, 240.0
+# a wrong length of the motion, and what has to be recorded to tell it from the true one, in simulated time
+WRONG_LOOP_NS, LEAST_SIM_NS = 3_000_000_000, 5_000_000_000
 SCENE = Scene(
     duration_s=6.0,
     rate_hz=10,
@@ -47,13 +49,15 @@ def compared(world: Path, recording: Path) -> dict:
 
 
 def wait_for_poses(recording: Path, live: Running) -> None:
-    """Until so many seconds with a person in them are recorded."""
+    """Until so many seconds with a person in them are recorded, and enough of simulated time has passed."""
     end_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s and live.process.poll() is None:
         time.sleep(2.0)
         if recording.exists():
             entries = read_mcap(recording, {"/posefuse/pose"}, lambda line: None)
-            if sum(len(one.msg.person_id) > 0 for one in entries) > 100 * POSES_S:
+            sim_ns = read_clock(recording, lambda line: None)[1]
+            shown = sum(len(one.msg.person_id) > 0 for one in entries)
+            if shown > 100 * POSES_S and len(sim_ns) and sim_ns[-1] >= LEAST_SIM_NS:
                 return
     raise AssertionError(live.err.rest() if live.process.poll() is not None else "too few poses")
 
@@ -81,7 +85,7 @@ def test_images_of_a_simulator_are_tracked_and_compared_by_simulation_time(tmp_p
     # and it is simulation time that does it: with a truth of another length they would be somewhere else
     other = tmp_path / "other"
     shutil.copytree(world, other)
-    (other / "truth" / "loop.json").write_text(json.dumps({"loop_ns": 4_700_000_000}))
+    (other / "truth" / "loop.json").write_text(json.dumps({"loop_ns": WRONG_LOOP_NS}))
     assert compared(other, recording)["mean_mm"] > 2 * found["mean_mm"]
 
 
