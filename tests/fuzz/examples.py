@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from posefuse.core import SKELETONS, Camera, Kind, PoseSequence, Recording, Rig
+from posefuse.core.skeleton import BODY_25
 from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.mot import MotTable, write_mot
@@ -21,6 +22,7 @@ from posefuse.formats.recording import write_recording
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.formats.video import VideoWriter
+from posefuse.tracking.stand_in import made_up_person
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden" / "files"
@@ -174,9 +176,7 @@ def openpose_session(folder: Path) -> None:
     rig: Rig = read_rig(DEMO / "rig.toml").only(("cam00", "cam01"))
     write_rig(folder / "rig.toml", rig)
     (folder / "posefuse.toml").write_text('rate_hz = 30.0\nraw = true\noutputs = ["json"]\n[cameras.cam00]\noffset_s = 0.0\n')
-    rng = np.random.default_rng(3)
-    person = rng.normal(0, 0.3, (25, 3)) + [0, 0, 1]
-    person[8] = (person[9] + person[12]) / 2
+    person = made_up_person(BODY_25)
     for camera in rig:
         place = folder / "pose2d" / f"{camera.name}_json"
         place.mkdir(parents=True)

@@ -7,10 +7,32 @@ from collections.abc import Iterator
 import numpy as np
 
 from posefuse.core import Detections2D, Rig, Skeleton
+from posefuse.core.arrays import Array
 
 _PERIOD_NS = 33_333_333
 _STAGGER_NS = 3_000_000
 _AT_ODDS_EVERY, _AT_ODDS_PX = 5, 150.0
+# of an adult who stands, metres: forward, to the side, up
+_STANDING = {
+    "nose": (0.12, 0.0, 1.62), "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "neck": (0.0, 0.0, 1.45),
+    "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14), "wrist": (0.12, 0.28, 0.90), "mid_hip": (0.0, 0.0, 0.93),
+    "hip": (0.0, 0.10, 0.93), "knee": (0.03, 0.11, 0.50), "ankle": (0.0, 0.11, 0.09), "heel": (-0.05, 0.11, 0.03),
+    "big_toe": (0.18, 0.10, 0.03), "small_toe": (0.16, 0.15, 0.03), "foot_index": (0.18, 0.11, 0.03),
+}  # fmt: skip
+_ELSEWHERE, _ELSEWHERE_M = (0.0, 0.0, 1.2), 0.2
+
+
+def made_up_person(skeleton: Skeleton) -> Array:
+    """(K, 3) metres, z up: of human size, as two cameras take nothing else for a person; what has no place is near the trunk."""
+    rng = np.random.default_rng(0)
+    places = []
+    for name in skeleton.keypoints:
+        side, _, part = name.partition("_")
+        place = _STANDING.get(part if side in ("left", "right") else name)
+        beside = -1 if side == "right" else 1
+        loose = np.array(_ELSEWHERE) + rng.normal(size=3) * _ELSEWHERE_M
+        places.append(loose if place is None else np.array(place) * (1, beside, 1))
+    return np.array(places)
 
 
 def made_up_detections(rig: Rig, skeleton: Skeleton, instants: int, start_ns: int = 0) -> Iterator[list[Detections2D]]:
@@ -21,7 +43,8 @@ def made_up_detections(rig: Rig, skeleton: Skeleton, instants: int, start_ns: in
     rng = np.random.default_rng(0)
     k = len(skeleton)
     middle = rig.centres_world().mean(axis=0) + np.mean([c.cam_from_world.matrix()[2] for c in rig], axis=0)
-    person = middle + rng.normal(size=(k, 3)) * 0.4
+    standing = made_up_person(skeleton)
+    person = middle + standing - standing.mean(axis=0)
     for i in range(instants):
         seen = rig.project(person + rng.normal(size=(k, 3)) * 0.02)
         sure = np.isfinite(seen[..., 0])
