@@ -103,7 +103,10 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
             f"p99 {ticks['behind_due_ms']['p99']:.2f} ms behind due, "
             f"{ticks['period_deviation_ms']['p99']:.2f} ms off the period, {ticks['skipped']} skipped"
         ),
-        "processor": f"fusion {figures['cpu_fusion_share']:.0%}, the rest {figures['cpu_children_share']:.0%} of a core",
+        "processor": (
+            f"fusion {figures['cpu_fusion_share']:.0%} of a core, "
+            f"the rest {figures['cpu_children_share']:.0%} with the start of their processes"
+        ),
         "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
     }
     if any(figures["withheld"].values()):

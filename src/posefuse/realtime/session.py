@@ -104,6 +104,8 @@ def run_session(
             for told in views.centres():
                 fusion.take(told)
             zero_ns = views.start(clock)
+            # what was compiled and loaded before is not the session's
+            begun = os.times()
             news = News(fusion, zero_ns, say, views.notices)
             with punctual():
                 over = _until(plan.duration_s, zero_ns, fusion, news, stopped)
@@ -125,7 +127,7 @@ def run_session(
         outputs_failed=outputs.failed,
         lost=outputs.lost,
         restarts=restarts,
-        cpu_s=(times.user + times.system, times.children_user + times.children_system),
+        cpu_s=(times.user + times.system - begun.user - begun.system, times.children_user + times.children_system),
         memory_mb=memory_mb,
         clock_offset_s={name: known_s.get(name, float("nan")) for name in rig.names} if plan.remote else {},
     )

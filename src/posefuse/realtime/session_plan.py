@@ -27,7 +27,7 @@ class Finished:
         outputs: per output, what happened to what it was given. output_events: what changed.
         outputs_failed: whether any output failed at any time. lost: messages the outputs' process never got.
         restarts: of camera processes.
-        cpu_s: processor time of the fusion process, and of all its children.
+        cpu_s: processor time of the fusion process during the session, and of all its children, their start included.
         memory_mb: most memory of this process and its camera processes, added up.
         clock_offset_s: by camera, on several machines only; NaN while it is not known.
     """
