@@ -197,7 +197,7 @@ def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
     packed = packed_from_body(body, BodySettings())
     q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
     frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))
-    kernels.forward(packed.parent, packed.kind, packed.axis, packed.offset, q, rot, frame, origin)
+    kernels.forward(packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin)
     for side in ("left", "right"):
         elbow = sequence.xyz_world[0, 0, sequence.skeleton.index(f"{side}_elbow")]
         assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02

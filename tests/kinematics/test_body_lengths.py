@@ -66,13 +66,15 @@ def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
 
     def places(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frame, origin = np.empty_like(state[1]), np.empty((len(body.nodes), 3))
-        kernels.forward(packed.parent, packed.kind, packed.axis, offset, *state, frame, origin)
-        return np.stack([kernels.place(frame, origin, n, x) for n, x in zip(packed.node, packed.local, strict=True)]), frame
+        kernels.forward(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
+        return np.stack(
+            [kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
+        ), frame
 
     slopes = slopes_of(body, NAMES)
-    told = length_derivatives(packed, slopes, places(packed.offset)[1])
+    told = length_derivatives(packed, slopes, places(packed.tree.offset)[1])
     for s in range(len(NAMES)):
-        ahead, back = (places(packed.offset + sign * 1e-5 * slopes[:, s])[0] for sign in (1, -1))
+        ahead, back = (places(packed.tree.offset + sign * 1e-5 * slopes[:, s])[0] for sign in (1, -1))
         np.testing.assert_allclose(told[..., s], (ahead - back) / 2e-5, atol=1e-8)
         assert np.abs(told[..., s]).max() > 0.4, NAMES[s]
 

@@ -121,13 +121,13 @@ class BodyFilter:
         elapsed_s = (seen.t_ns - last.t_ns) * 1e-9
         q, rot, velocity, cov = (a.copy() for a in (last.state.q, last.state.rot, last.state.velocity, last.state.cov))
         transition = kernels.predict(
-            p.kind, p.dof, p.slack_var, p.accel, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov
+            p.tree.kind, p.tree.dof, p.slack_var, p.accel, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov
         )
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
         prior = kernels.inverse(np.ascontiguousarray(cov[: p.size, : p.size]))
         repeats = self._repeats(elapsed_s)
         hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
-        step = kernels.difference(p.kind, p.dof, q, rot, expected.q, expected.rot)
+        step = kernels.difference(p.tree.kind, p.tree.dof, q, rot, expected.q, expected.rot)
         kernels.absorb(cov, prior, kernels.inverse(hessian), step, velocity)
         return FilteredStep(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
 
@@ -167,13 +167,13 @@ def smoothed(filter_: BodyFilter, moments: list[FilteredStep | None]) -> list[St
             continue
         change = np.concatenate(
             [
-                kernels.difference(p.kind, p.dof, later.q, later.rot, after.expected.q, after.expected.rot),
+                kernels.difference(p.tree.kind, p.tree.dof, later.q, later.rot, after.expected.q, after.expected.rot),
                 later.velocity - after.expected.velocity,
             ]
         )
         step, cov = kernels.smooth_step(moment.state.cov, *after.transition, after.expected.cov, later.cov, change)
         q, rot = moment.state.q.copy(), moment.state.rot.copy()
-        kernels.retract(p.kind, p.dof, step[: p.size], q, rot)
+        kernels.retract(p.tree.kind, p.tree.dof, step[: p.size], q, rot)
         out[i] = replace(moment.state, q=q, rot=rot, velocity=moment.state.velocity + step[p.size :], cov=cov)
     return out
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -22,30 +21,15 @@ SLACK_S = 0.5
 class Packed:
     """The tree of one body, and its constants of motion, as arrays (nodes, ...) and (D, ...)."""
 
-    parent: Array
-    kind: Array
-    axis: Array
-    offset: Array
-    dof: Array
-    limits: Array
-    mirrored: Array
+    tree: kernels.Tree
     preferred_sd: Array
     slack_var: Array
     accel: Array
-    node: Array
-    local: Array
-
-    @cached_property
-    def tree(self) -> kernels.Tree:
-        """For the kernels."""
-        return kernels.Tree(
-            self.parent, self.kind, self.axis, self.offset, self.dof, self.limits, self.mirrored, self.node, self.local
-        )
 
     @property
     def size(self) -> int:
         """D."""
-        return int(self.dof[-1])
+        return int(self.tree.dof[-1])
 
 
 def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
@@ -59,7 +43,7 @@ def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
             slack_var[dof[n]] = node.sd**2
         elif node.kind == SLIDE:
             accel[dof[n]] = settings.move_accel_m_s15
-    return Packed(
+    tree = kernels.Tree(
         parent=np.array([names.index(node.parent) if node.parent else -1 for node in nodes]),
         kind=np.array([node.kind for node in nodes]),
         axis=np.array([node.axis for node in nodes]),
@@ -67,12 +51,11 @@ def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
         dof=dof,
         limits=np.array([_limits(node, settings.joint_limits) for node in nodes]),
         mirrored=np.array([node.name.startswith("left_") for node in nodes]),
-        preferred_sd=np.array([np.inf if node.slack else node.sd for node in nodes]),
-        slack_var=slack_var,
-        accel=accel,
         node=body.keypoint_node,
         local=np.ascontiguousarray(body.keypoint_local),
     )
+    preferred_sd = np.array([np.inf if node.slack else node.sd for node in nodes])
+    return Packed(tree=tree, preferred_sd=preferred_sd, slack_var=slack_var, accel=accel)
 
 
 def _limits(node: Node, wanted: bool) -> Array:

@@ -35,9 +35,9 @@ def length_response(p: Packed, seen: Measurement, robust: float, points: Array, 
 
 def length_derivatives(p: Packed, slopes: Array, frame: Array) -> Array:
     """(A, 3, S) metres that each keypoint moves per metre of each segment, the pose held: turns (nodes, 3, 3) of the nodes."""
-    above = np.where((p.parent >= 0)[:, None, None], frame[p.parent], np.eye(3))
+    above = np.where((p.tree.parent >= 0)[:, None, None], frame[p.tree.parent], np.eye(3))
     moved = np.einsum("nij,nsj->nis", above, slopes)
-    for n, parent in enumerate(p.parent):
+    for n, parent in enumerate(p.tree.parent):
         if parent >= 0:
             moved[n] += moved[parent]
-    return np.ascontiguousarray(moved[p.node])
+    return np.ascontiguousarray(moved[p.tree.node])

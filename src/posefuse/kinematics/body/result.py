@@ -97,7 +97,7 @@ class StateReader:
         planes = np.full((len(LIMBS), PLANE_SIZE), np.nan)
         for i, node in enumerate(self._limb_nodes):
             if node >= 0:
-                turn = self._packed.dof[node] + 1
+                turn = self._packed.tree.dof[node] + 1
                 planes[i] = [*self._frame[node][:, 2], cov[turn, turn], np.inf, 0.0]
         return planes
 

@@ -133,8 +133,8 @@ def _add_time_step(
     slack = p.slack_var > 0
     weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), _WEAK))
     expected = np.where([node.slack for node in body.nodes], 0.0, q)
-    points, jacobians = np.empty((len(p.node), 3)), np.empty((len(p.node), 3, p.size))
-    rays = kernels.SeenKeypoints(one.xyz, np.zeros((len(p.node), 3, 3)), one.projections, one.xy, one.inverse_var)
+    points, jacobians = np.empty((len(p.tree.node), 3)), np.empty((len(p.tree.node), 3, p.size))
+    rays = kernels.SeenKeypoints(one.xyz, np.zeros((len(p.tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
     hessian, _ = kernels.gauss_newton(
         p.tree, (expected, rot.copy()), weak, p.preferred_sd, rays, settings.robust_dof, 1.0, steps, q, rot
     )  # fmt: skip

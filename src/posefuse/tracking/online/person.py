@@ -160,7 +160,7 @@ class Person:
         del self._moments[:keep]
 
     def begin_again(self, xyz: Array) -> None:
-        """Keypoints (K, 3) are where they are said to be, and were all the time; NaN: as before."""
+        """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
         from . import kernels
 
         for moment in self._moments:
