@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import PoseSequence, Truth
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at, typical_nees
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
-from posefuse.tracking.segments import SEGMENTS, segment_lengths
+from posefuse.tracking.segments import segment_lengths
 
 SIDES = ("left", "right")
 JOINTS = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))

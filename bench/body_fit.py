@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import PoseSequence, Recording, Truth
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
 from posefuse.kinematics.body import BodyModel, bodies_from_poses, fit_poses, fit_views
-from posefuse.tracking.segments import SEGMENTS, segment_lengths
+from posefuse.tracking.segments import segment_lengths
 
 # the last word of a node's offset -> the segment it is as long as; half of those that lie across the body
 ALONG = {"elbow": "upper_arm", "wrist": "forearm", "knee": "thigh", "ankle": "shank", "neck": "trunk"}

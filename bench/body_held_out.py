@@ -26,6 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Recording
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.truth import read_truth
 from posefuse.pipeline.clock import StageClock
@@ -34,7 +35,6 @@ from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import config_of, solve_again
 from posefuse.simulation.session import simulate
-from posefuse.tracking.segments import SEGMENTS
 
 BODIES = 12
 WAYS = ("off", "auto")

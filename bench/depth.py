@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.association import AssociateSettings, associate
-from posefuse.core import Detections2D, Pose3D, PoseSequence, Rig, Truth
+from posefuse.core import Detections2D, JointCentres, Pose3D, PoseSequence, Rig, Truth
 from posefuse.core.live_observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.core.views_over_time import views_over_time
@@ -47,7 +47,7 @@ from posefuse.pipeline.session import find_session
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import simulate
 from posefuse.simulation.session_folder import SessionPaths
-from posefuse.tracking import JointCentres, LearntLengths, SmoothSettings, at_joint_centres, joint_centres_of
+from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres, joint_centres_of
 from posefuse.tracking.online import LiveSettings, build_tracker
 
 RATE_HZ = 30.0

@@ -17,17 +17,18 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import PoseSequence, Truth
+from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection.models import read_any_card
-from posefuse.evaluation.fitting import fitted, render_moving, table_text
+from posefuse.evaluation.fitting import fitted, render_moving
 from posefuse.evaluation.fitting.joint_centres import ARM, MOST_M
 from posefuse.evaluation.fitting.scenes import MOVES, RATE_HZ, SCENES_EACH
 from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
 from posefuse.formats.truth import read_truth
-from posefuse.tracking import read_joint_centres, to_joint_centres
+from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
-from posefuse.tracking.joint_centres import JOINTS, SIDES, JointCentres, directions
+from posefuse.tracking.joint_centres import JOINTS, SIDES, directions
 
 Run = tuple[PoseSequence, Truth]
 PARTS = 4
@@ -112,9 +113,9 @@ def write_card(card_name: str, table: JointCentres, only: tuple[str, ...]) -> No
     path = card.folder / f"{card.name}.joint_centres.toml"
     if only:
         before = read_joint_centres(path)
-        offsets = before.offsets | {joint: table.offsets[joint] for joint in only}
+        offsets = {**before.offsets, **{joint: table.offsets[joint] for joint in only}}
         table = replace(before, made_by=f"{before.made_by}; {', '.join(only)}: {table.made_by}", offsets=offsets)
-    path.write_text(table_text(table), encoding="utf-8")
+    path.write_text(joint_centres_text(table), encoding="utf-8")
     print(f"written: {path.name}")
 
 

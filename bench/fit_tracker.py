@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 from body_rows import scene_of
 
-from posefuse.core import Detections2D, Pose3D, Recording, Truth
+from posefuse.core import Detections2D, JointCentres, Pose3D, Recording, Truth
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import read_config
 from posefuse.pipeline.run import track_session
@@ -37,7 +37,6 @@ from posefuse.realtime.joint_centres import Centring
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.session import ready_tracker
 from posefuse.simulation.session import simulate
-from posefuse.tracking import JointCentres
 from posefuse.tracking.online import LiveSettings
 from posefuse.tracking.online.settings import MotionModelSettings
 
@@ -117,7 +116,7 @@ def arrivals_of(recording: Recording, arrive: str, seed: int) -> list[tuple[int,
 
 def table_of(recording: Recording) -> JointCentres:
     """From the network's keypoints to joint centres."""
-    return settings_from_mapping(recording.provenance["joint_centres"], JointCentres, where="provenance: joint_centres")
+    return joint_centres_from_mapping(recording.provenance["joint_centres"], "provenance: joint_centres")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.core import Detections2D, Pose3D, Truth
+from posefuse.core import Detections2D, JointCentres, Pose3D, Truth
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.truth import read_truth
@@ -33,7 +33,7 @@ from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import ready_tracker
-from posefuse.tracking import JointCentres, LearntLengths, at_joint_centres
+from posefuse.tracking import LearntLengths, at_joint_centres
 from posefuse.tracking.body_directions import HEAD, SIDES
 from posefuse.tracking.joint_centres import JOINTS
 from posefuse.tracking.learnt_lengths import USUAL_S

@@ -20,11 +20,12 @@ from rich.table import Table
 
 from posefuse.detection.models import CARDS_FOLDER
 from posefuse.evaluation.metrics import joint_errors
+from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
 from posefuse.fusion import WEIGHTS, FuseSettings
 from posefuse.pipeline.second_pass import poses_over_time
-from posefuse.tracking import SmoothSettings, read_joint_centres
+from posefuse.tracking import SmoothSettings
 
 JOINT_CENTRES = CARDS_FOLDER / "blazepose_full.joint_centres.toml"
 

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import SKELETONS, Kind, PoseSequence
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.fitting.scenes import everyday_scene
 from posefuse.formats.trc import read_trc
@@ -25,7 +26,7 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse.simulation.exact import truth_of
 from posefuse.simulation.scene import Scene
 from posefuse.tracking import proportional_joint_centres, to_joint_centres
-from posefuse.tracking.segments import SEGMENTS, lengths_at
+from posefuse.tracking.segments import lengths_at
 
 COCO = SKELETONS["coco17"]
 JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")

@@ -33,6 +33,7 @@ from posefuse.core import PoseSequence, Recording, Truth
 from posefuse.core.arrays import Array
 from posefuse.evaluation.fitting.scenes import FLOORS, RATE_HZ, is_rendered
 from posefuse.evaluation.metrics import joint_errors
+from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.trc import read_trc
 from posefuse.formats.truth import read_truth
@@ -46,7 +47,6 @@ from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import config_of
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import simulate
-from posefuse.tracking import JointCentres
 
 SCENES, FIRST_BODY = 30, 7400
 FORMS = ("nothing", "constant", "view", "pose and view", "half of it")
@@ -151,7 +151,7 @@ def learned_from(folders: Sequence[Path]) -> list[dict[str, Seen]]:
 
 def unsmoothed(recording: Recording) -> Recording:
     """The scenes have too few time steps per second to be smoothed."""
-    table = settings_from_mapping(recording.provenance["joint_centres"], JointCentres, where="provenance")
+    table = joint_centres_from_mapping(recording.provenance["joint_centres"], "provenance")
     return replace(recording, poses=poses_over_time(recording.views, recording.rig, config_of(recording).fuse, None, table))
 
 

@@ -12,14 +12,13 @@ from typing import Any
 from paper.experiments.console import Console
 from paper.scenes.scenes import scene_name
 from posefuse import __version__
-from posefuse.core import PoseSequence, Recording, Truth
+from posefuse.core import JointCentres, PoseSequence, Recording, Truth
 from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import read_truth
 from posefuse.formats.page import Page
 from posefuse.foundation import usable_cores
 from posefuse.pipeline import UNFINISHED_FILE, StageClock, TrackConfig, find_session, poses_over_time, read_config, track_session
 from posefuse.simulation import Scene, simulate
-from posefuse.tracking import JointCentres
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-contrib-python-headless")

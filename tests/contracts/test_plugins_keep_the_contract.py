@@ -119,7 +119,7 @@ class Guesser:
 
     def __init__(self, fault: str = "") -> None:
         self.fault = fault
-        self.joint_centres_file = Path("nowhere.toml") if fault == "table" else None
+        self.joint_centres = Path("nowhere.toml") if fault == "table" else None
 
     def detect(self, frames, regions):
         answers = [self._one(frame, 0 if given is None else len(given)) for frame, given in zip(frames, regions, strict=True)]
@@ -151,7 +151,7 @@ def test_the_detector_check_can_fail() -> None:
         ("score", "\\[0, 1\\]"),
         ("sigma", "sigma_px > 0"),
         ("camera", "frame's camera"),
-        ("table", "joint_centres_file names a table that can be read .*nowhere.toml"),
+        ("table", "joint_centres is a core.JointCentres, or None"),
     ):
         with pytest.raises(ContractError, match=rule):
             check_detector(Guesser(fault), frames)

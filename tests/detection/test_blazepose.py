@@ -89,7 +89,7 @@ def test_an_ensemble_that_looks_in_the_mirror_knows_no_left_and_right(tmp_path, 
     card = tmp_path / "both.toml"
     card.write_text('kind = "landmark_ensemble"\nsummary = ""\nmembers = ["blazepose_full"]\nmirrored = true\n')
     detector = BlazePoseConfig(landmarks=str(card)).build()
-    assert detector.joint_centres_file is None
+    assert detector.joint_centres is None
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
     width = frame.image.shape[1]
     mirrored = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(frame.image[:, ::-1]))

@@ -27,6 +27,7 @@ from posefuse.core.observations import LIVE_STEP, NOT_KEPT, OBSERVATION_ARRAYS
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.core.views_over_time import keypoint_boxes
 from posefuse.detection import read_card
+from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.messages.bags import Recorder
 from posefuse.outputs.live import RecordConfig
@@ -37,7 +38,6 @@ from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.solve import solve_again
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.provenance import notes_of
-from posefuse.tracking import read_joint_centres
 
 SIDE_NAMES = {
     "mouth_left": "left_mouth",
@@ -250,7 +250,7 @@ def test_the_table_of_joint_centres_is_that_of_the_session(tmp_path: Path, rig: 
     output = RecordConfig(path=tmp_path / "a.mcap").build()
     notes = notes_of(rig, LiveConfig())
     output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes))
-    output.take(LiveJointCentres(t_ns=BEGIN_NS, cameras=rig.names[2:], fields=asdict(table)))
+    output.take(LiveJointCentres(t_ns=BEGIN_NS, cameras=rig.names[2:], table=table))
     for view in frames_of(rig, 12):
         output.take(LiveDetections(detections=view))
     for pose in poses_of(40):

@@ -8,6 +8,7 @@ import pytest
 from posefuse.core import Kind, PoseSequence, Recording
 from posefuse.core.skeleton import COCO17
 from posefuse.detection.models import read_card
+from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings
 from posefuse.pipeline.config import TrackConfig, changed_config
@@ -15,7 +16,7 @@ from posefuse.pipeline.solve import SolveSettings
 from posefuse.pipeline.whole_body import with_bodies
 from posefuse.simulation.exact import truth_of
 from posefuse.simulation.scene import Scene
-from posefuse.tracking import proportional_joint_centres, read_joint_centres
+from posefuse.tracking import proportional_joint_centres
 
 SIGMA_PX, SIGMA_M, STEPS = 1.0, 0.005, 40
 HIDDEN = slice(12, 30)

@@ -1,15 +1,26 @@
 """Joint centres live: what goes out has moved, what the views are told has not, and a recording says by which table."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from posefuse.cli.replay import difference_m, replayed
-from posefuse.core import Detections2D, LiveDetections, LiveJointCentres, LiveMessage, LivePose, LiveStart, MessageError, Pose3D
+from posefuse.core import (
+    Detections2D,
+    JointCentres,
+    LiveDetections,
+    LiveJointCentres,
+    LiveMessage,
+    LivePose,
+    LiveStart,
+    MessageError,
+    Pose3D,
+)
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
+from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.messages.cdr import encode
 from posefuse.messages.intake import decode
 from posefuse.outputs.live import RecordConfig
@@ -21,7 +32,7 @@ from posefuse.realtime.joint_centres import Centring, centres_from_message, live
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.session import new_board, ready_tracker
-from posefuse.tracking import JointCentres, at_joint_centres, read_joint_centres
+from posefuse.tracking import at_joint_centres
 from posefuse.tracking.segments import segment_lengths
 
 K = len(BLAZEPOSE33)
@@ -86,7 +97,7 @@ def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, so
     assert fusion.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
     # the table belongs to the views, wanted or not
     told = [message for message in kept.offered if isinstance(message, LiveJointCentres)]
-    assert [(message.cameras, message.fields) for message in told] == [(rig.names, asdict(FULL))]
+    assert [(message.cameras, message.table) for message in told] == [(rig.names, FULL)]
 
 
 def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) -> None:

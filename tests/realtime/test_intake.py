@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Detections2D, LiveHealth, Rig, Skeleton
+from posefuse.core import SKELETONS, Detections2D, JointCentres, LiveHealth, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.health.cameras import Monitor, Verdict
 from posefuse.messages.cdr import encode
@@ -21,7 +21,6 @@ from posefuse.realtime.news import News
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.senders import Senders
 from posefuse.realtime.session import new_board, ready_tracker
-from posefuse.tracking import JointCentres
 from posefuse.tracking.stand_in import made_up_detections
 
 S = 1_000_000_000

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from running import Running
 
-from posefuse.core import SKELETONS, Detections2D
+from posefuse.core import SKELETONS, Detections2D, JointCentres
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.joint_centres import message_from_centres
 from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import NetworkIntake
-from posefuse.tracking import JointCentres
 
 pytestmark = pytest.mark.realtime
 

@@ -1,23 +1,16 @@
 """Joint centres next to landmarks: offsets move with the body, mirror with it, and never invent a point."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import ConfigError, Kind, PoseSequence, Recording
+from posefuse.core import JointCentres, Kind, PoseSequence, Recording
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
-from posefuse.tracking import (
-    JointCentres,
-    at_joint_centres,
-    from_joint_centres,
-    read_joint_centres,
-    to_joint_centres,
-    views_at_joint_centres,
-)
+from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.tracking import at_joint_centres, from_joint_centres, to_joint_centres, views_at_joint_centres
 from posefuse.tracking.body_directions import keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, directions
 from posefuse.tracking.segments import segment_lengths
@@ -148,25 +141,6 @@ def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
     columns = BLAZEPOSE33.indices([keypoint_of(side, joint) for side in SIDES for joint in JOINTS])
     moved = np.linalg.norm(to_joint_centres(before, table).xyz_world - before.xyz_world, axis=-1)[..., columns]
     assert (moved > 0.0005).all() and (moved < 0.05).all()
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ('made_by = "x"\n[offsets.tail]\nup = 0.1\n', ["tail", "shoulder", "ankle"]),
-        ('made_by = "x"\n[offsets.hip]\nsideways = 0.1\n', ["sideways", "outward", "offsets.hip"]),
-        ('made_by = "x"\n[offsets.hip]\nup = "much"\n', ["offsets.hip.up", "much"]),
-        ('made_by = "x"\n[offsets]\n[lengths]\nnose = 0.1\n', ["lengths", "nose", "thigh"]),
-        ('made_by = "x"\n[offsets]\n[by_length.hip.up]\nthigh = 0.1\n', ["by_length.hip.up", "thigh"]),
-    ],
-)
-def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, words: list[str]) -> None:
-    path = tmp_path / "wrong.toml"
-    path.write_text(content)
-    with pytest.raises(ConfigError) as caught:
-        read_joint_centres(path)
-    assert "wrong.toml" in str(caught.value) and "\n" not in str(caught.value)
-    assert all(word in str(caught.value) for word in words)
 
 
 def somebody_standing() -> PoseSequence:

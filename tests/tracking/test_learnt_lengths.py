@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posefuse.core import Kind, Pose3D, PoseSequence
+from posefuse.core import JointCentres, Kind, Pose3D, PoseSequence
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.core.skeleton import COCO17
-from posefuse.tracking import JointCentres, LearntLengths, to_joint_centres
-from posefuse.tracking.segments import SEGMENTS, lengths_at, segment_lengths
+from posefuse.tracking import LearntLengths, to_joint_centres
+from posefuse.tracking.segments import lengths_at, segment_lengths
 
 K, S = len(COCO17), len(SEGMENTS)
 _HALF = np.random.default_rng(2).normal(size=(K, 3)) * 0.2

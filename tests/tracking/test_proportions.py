@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Kind, PoseSequence
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.tracking import Proportions, proportional_joint_centres, to_joint_centres
 from posefuse.tracking.proportions import _LENGTHENS, conditional_offsets, offset_sigma_m
-from posefuse.tracking.segments import SEGMENTS
 
 COCO = SKELETONS["coco17"]
 T = 30

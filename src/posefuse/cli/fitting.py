@@ -10,17 +10,8 @@ from posefuse.cli.options.fit_noise import FitOptions
 from posefuse.core import InputError
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card
-from posefuse.evaluation.fitting import (
-    NoiseFit,
-    Run,
-    collect,
-    fit_noise,
-    fitted,
-    noise_text,
-    render_everyday,
-    render_moving,
-    table_text,
-)
+from posefuse.evaluation.fitting import NoiseFit, Run, collect, fit_noise, fitted, noise_text, render_everyday, render_moving
+from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.atomic import atomic_file
 from posefuse.pipeline.clock import StageClock
@@ -87,7 +78,8 @@ def _joint_centres(
         return None
     steps = sum(len(poses) for poses, _ in runs)
     path = Path(card_file.with_suffix(".joint_centres.toml"))
-    _write(path, table_text(fitted(runs, f"posefuse fit-noise: {len(runs)} rendered scenes, {steps} time steps of {card.name}")))
+    made_by = f"posefuse fit-noise: {len(runs)} rendered scenes, {steps} time steps of {card.name}"
+    _write(path, joint_centres_text(fitted(runs, made_by)))
     return path
 
 

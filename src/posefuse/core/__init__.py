@@ -15,6 +15,7 @@ from .errors import (
     choices,
 )
 from .joint_angles import AngleSeries, JointAngles
+from .joint_centres import JointCentres
 from .live_messages import (
     CameraHealth,
     LiveDetections,
@@ -57,6 +58,7 @@ __all__ = [
     "Frame",
     "InputError",
     "JointAngles",
+    "JointCentres",
     "Kind",
     "LiveDetections",
     "LiveHealth",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from .joint_angles import JointAngles
+from .joint_centres import JointCentres
 from .poses import Pose3D
 from .rig import Rig
 from .values import Detections2D
@@ -40,12 +40,12 @@ class LiveJointCentres:
 
     Attributes:
         t_ns: when it became known. cameras: their names.
-        fields: of `track.JointCentres` by name; without offsets where the keypoints are not moved.
+        table: the offsets; None: there are none, or they are not known.
     """
 
     t_ns: int
     cameras: tuple[str, ...]
-    fields: Mapping[str, Any]
+    table: JointCentres | None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

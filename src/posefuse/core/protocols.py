@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import ClassVar, Protocol, runtime_checkable
 
+from .joint_centres import JointCentres
 from .live_messages import LiveMessage
 from .recording import Recording
 from .skeleton import Skeleton
@@ -49,8 +50,8 @@ class Detector(Protocol):
         ...
 
     @property
-    def joint_centres_file(self) -> Path | None:
-        """Table of the offsets from keypoints to anatomical joint centres, in the format of `tracking.joint_centres`.
+    def joint_centres(self) -> JointCentres | None:
+        """How far anatomical joint centres lie from the keypoints.
 
         None where that was not fitted, or where the keypoints are joint centres already.
         """

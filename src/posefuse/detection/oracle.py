@@ -98,7 +98,7 @@ class OracleDetector:
         return self._truth.skeleton
 
     @property
-    def joint_centres_file(self) -> None:
+    def joint_centres(self) -> None:
         """The truth's keypoints are joint centres."""
         return None
 

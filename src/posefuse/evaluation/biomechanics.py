@@ -15,8 +15,9 @@ from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.gltf import write_gltf
+from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import motion_from_joints, write_mot
-from posefuse.foundation.settings import settings, settings_from_mapping
+from posefuse.foundation.settings import settings
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
@@ -25,7 +26,7 @@ from posefuse.kinematics.opensim_path import opensim_motion
 from posefuse.kinematics.opensim_scale import write_scaled_model
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import person_suffix
-from posefuse.tracking import JointCentres, views_at_joint_centres
+from posefuse.tracking import views_at_joint_centres
 
 from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
 from .report import TITLE, write_report
@@ -74,7 +75,7 @@ def rays_at_joint_centres(recording: Recording) -> ViewSequence:
     stored = recording.provenance.get("joint_centres")
     if not isinstance(stored, Mapping):
         return recording.views
-    table = settings_from_mapping(stored, JointCentres, where="provenance: joint_centres")
+    table = joint_centres_from_mapping(stored, "provenance: joint_centres")
     return views_at_joint_centres(recording.poses, recording.rig, recording.views, table)
 
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import (
-    ConfigError,
     Detector,
     Frame,
+    JointCentres,
     LiveMessage,
     LiveOutput,
     LiveOutputConfig,
@@ -28,7 +28,6 @@ from posefuse.core import (
     Sink,
     Source,
 )
-from posefuse.tracking import read_joint_centres
 
 from .live_session import made_up_messages, made_up_start
 
@@ -59,12 +58,13 @@ def check_source(source: Source, most_frames: int = _ENOUGH_FRAMES) -> None:
 def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
     """A detector: one answer per frame in order, its own skeleton, missing is NaN with score 0, sigma where a score is.
 
-    A table of joint centres it names can be read.
+    Where it knows joint centres, it hands over a `core.JointCentres`.
 
     `frames` are a few images, with or without people, of any cameras.
     """
     _require(isinstance(detector, Detector), f"{type(detector).__name__} lacks a member of core.Detector")
-    _check_joint_centres(detector.joint_centres_file)
+    centres = detector.joint_centres
+    _require(centres is None or isinstance(centres, JointCentres), "joint_centres is a core.JointCentres, or None")
     _require(detector.detect([], []) == [], "no frames give no answers")
     half = min(frames[0].size_wh) / 2
     region = Region(centre_img=np.array(frames[0].size_wh) / 2, side_px=2 * half)
@@ -80,14 +80,6 @@ def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
             _require(bool(np.isfinite(answer.xy_img[seen]).all()), "a scored keypoint has coordinates")
             _require(bool(np.isnan(answer.xy_img[~seen]).all()), "a keypoint with score 0 is NaN")
             _require(bool((answer.sigma_px[seen] > 0).all()), "a scored keypoint has sigma_px > 0")
-
-
-def _check_joint_centres(path: Path | None) -> None:
-    try:
-        if path is not None:
-            read_joint_centres(path)
-    except ConfigError as error:
-        raise ContractError(f"contract broken: joint_centres_file names a table that can be read ({error})") from None
 
 
 def check_sink(sink: Sink, recording: Recording, folder: Path) -> None:

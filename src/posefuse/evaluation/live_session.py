@@ -35,7 +35,6 @@ _PERIOD_NS = 10_000_000
 _PEOPLE_PER_TICK = (0, 1, 2, 2, 1, 0, 0, 2)
 _K = len(BLAZEPOSE33)
 _FIGURES = ("captured", "used", "replaced", "latency_p95_ms", "innovation_sigmas", "age_ms")
-_EMPTY_TABLE = {"made_by": "", "offsets": {}, "lengths": {}, "by_length": {}}
 
 
 def made_up_rig() -> Rig:
@@ -59,7 +58,7 @@ def made_up_start(part: int) -> LiveStart:
 def made_up_messages() -> Iterator[LiveMessage]:
     """Every kind of message after the first, in an order a session may have."""
     rig, angles = made_up_rig(), JointTracker(BLAZEPOSE33, JointSettings())
-    yield LiveJointCentres(t_ns=_BEGIN_NS, cameras=rig.names, fields=_EMPTY_TABLE)
+    yield LiveJointCentres(t_ns=_BEGIN_NS, cameras=rig.names, table=None)
     yield LiveNames(t_ns=_BEGIN_NS, names={7: "Ada"})
     for tick, people in enumerate(_PEOPLE_PER_TICK):
         pose = _pose(_BEGIN_NS + tick * _PERIOD_NS, people)

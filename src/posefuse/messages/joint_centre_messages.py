@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import MessageError
+from posefuse.core import ConfigError, JointCentres, MessageError
 from posefuse.core.arrays import Array
 
 from .messages import header
@@ -18,21 +18,24 @@ JOINT_CENTRES_TYPE = "posefuse_msgs/msg/JointCentres"
 MAX_ENTRIES = 512
 MAX_OFFSET_M, MAX_LENGTH_M, MAX_SLOPE = 0.5, 3.0, 1.0
 _WHERE = "JointCentres message"
+# what goes over the network where no offsets are known
+_NO_TABLE = JointCentres(made_by="", offsets={})
 
 
-def message_from_joint_centres(cameras: Sequence[str], table: Mapping[str, Any], t_ns: int) -> Any:
-    """`posefuse_msgs/JointCentres` of the fields of `track.JointCentres` by name, stamped `t_ns`."""
-    offsets, slopes = list(_leaves(table["offsets"])), list(_leaves(table["by_length"]))
+def message_from_joint_centres(cameras: Sequence[str], table: JointCentres | None, t_ns: int) -> Any:
+    """`posefuse_msgs/JointCentres`, stamped `t_ns`; without offsets where there is no table."""
+    table = table or _NO_TABLE
+    offsets, slopes = list(_leaves(table.offsets)), list(_leaves(table.by_length))
     return message(
         JOINT_CENTRES_TYPE,
         header=header(t_ns, ""),
         cameras=list(cameras),
-        made_by=table["made_by"],
+        made_by=table.made_by,
         joint=[joint for (joint, _), _ in offsets],
         direction=[direction for (_, direction), _ in offsets],
         offset_m=np.array([metres for _, metres in offsets], np.float64),
-        segment=list(table["lengths"]),
-        length_m=np.array(list(table["lengths"].values()), np.float64),
+        segment=list(table.lengths),
+        length_m=np.array(list(table.lengths.values()), np.float64),
         slope_joint=[joint for (joint, _, _), _ in slopes],
         slope_direction=[direction for (_, direction, _), _ in slopes],
         slope_segment=[segment for (_, _, segment), _ in slopes],
@@ -40,11 +43,8 @@ def message_from_joint_centres(cameras: Sequence[str], table: Mapping[str, Any],
     )
 
 
-def joint_centres_from_message(msg: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Cameras and table as given to `message_from_joint_centres`; raises MessageError for anything that does not fit.
-
-    That joints, directions and segments of such names exist is for the receiver to see.
-    """
+def joint_centres_from_message(msg: Any) -> tuple[tuple[str, ...], JointCentres | None]:
+    """Cameras and table as given to `message_from_joint_centres`; raises MessageError for anything that does not fit."""
     if not 0 < len(msg.cameras) <= MAX_ENTRIES:
         raise MessageError(f"{_WHERE}: expected 1 to {MAX_ENTRIES} cameras, got {len(msg.cameras)}")
     offsets = _entries("offset_m", msg.offset_m, (msg.joint, msg.direction), lambda m: np.abs(m) <= MAX_OFFSET_M)
@@ -58,7 +58,10 @@ def joint_centres_from_message(msg: Any) -> tuple[tuple[str, ...], dict[str, Any
         table["lengths"][segment] = metres
     for (joint, direction, segment), slope in slopes.items():
         table["by_length"].setdefault(joint, {}).setdefault(direction, {})[segment] = slope
-    return tuple(msg.cameras), table
+    try:
+        return tuple(msg.cameras), JointCentres(**table) if table["offsets"] else None
+    except ConfigError as error:
+        raise MessageError(f"{_WHERE}: {error}") from None
 
 
 def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], float]]:

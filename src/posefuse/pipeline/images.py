@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, LookKind, Pose3D, Region, Rig, Skeleton, SourceError
+from posefuse.core import Detections2D, Detector, Frame, JointCentres, LookKind, Pose3D, Region, Rig, Skeleton, SourceError
 from posefuse.core.arrays import Array
 from posefuse.detection import region_from_pose, with_clothing, with_depth
 from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
-from posefuse.tracking import JointCentres, joint_centres_of
+from posefuse.tracking import joint_centres_of
 
 from .config import TrackConfig
 

@@ -11,7 +11,18 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.association.settings import MOST_NAME, MOST_NAMES
-from posefuse.core import ConfigError, Detections2D, InputError, MessageError, Pose3D, PosefuseError, Recording, Rig, SourceError
+from posefuse.core import (
+    ConfigError,
+    Detections2D,
+    InputError,
+    JointCentres,
+    MessageError,
+    Pose3D,
+    PosefuseError,
+    Recording,
+    Rig,
+    SourceError,
+)
 from posefuse.core.errors import choices
 from posefuse.core.live_observations import observations_from_frames
 from posefuse.core.pose_sequences import sequence_of_all
@@ -25,8 +36,6 @@ from posefuse.messages.joint_centre_messages import joint_centres_from_message
 from posefuse.messages.messages import detections_from_message, pose_from_message
 from posefuse.messages.people_names import names_from_message
 from posefuse.outputs.live.record import NOTES
-from posefuse.tracking import JointCentres
-from posefuse.tracking.joint_centres import check_joint_centres
 
 from .live_people import people_of_detections
 from .live_settings import track_config_of_live
@@ -130,13 +139,11 @@ def _read_part(part: Path, content: _Content, say: Warn) -> None:
 
 
 def _tables_of(part: Path, msg: Any) -> Iterator[tuple[str, JointCentres | None]]:
-    cameras, fields = joint_centres_from_message(msg)
-    table = JointCentres(**fields)
     try:
-        checked = check_joint_centres(table, table.made_by) if table.offsets else None
-    except ConfigError as error:
-        raise MessageError(f"{part}: joint centres: {error}") from None
-    return ((camera, checked) for camera in cameras)
+        cameras, table = joint_centres_from_message(msg)
+    except MessageError as error:
+        raise MessageError(f"{part}: {error}") from None
+    return ((camera, table) for camera in cameras)
 
 
 def _rig_of(path: Path, notes: Mapping[str, str]) -> Rig:

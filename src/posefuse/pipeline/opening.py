@@ -8,11 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import InputError, Rig, Skeleton, SourceError
+from posefuse.core import InputError, JointCentres, Rig, Skeleton, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.sources import RecordedSource
-from posefuse.tracking import JointCentres
 
 from .config import CONFIG_FILE, TrackConfig
 from .images import ImageInstants, Timeline, common_timeline

@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from posefuse.core import Camera, Detections2D, InputError, LookKind, Pose3D, Rig, Skeleton
+from posefuse.core import Camera, Detections2D, InputError, JointCentres, LookKind, Pose3D, Rig, Skeleton
 from posefuse.core.errors import choices
+from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.pose2d import Pose2DFrames, read_pose2d
 from posefuse.sources import Coverage, incomplete_cameras
-from posefuse.tracking import JointCentres, read_joint_centres
 
 from .config import CameraInput, TrackConfig
 from .images import Timeline, check_time_steps

@@ -11,7 +11,17 @@ from typing import Any, Protocol
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import DetectionBatch, InputError, Observations, PosefuseError, Recording, Rig, Skeleton, ViewSequence
+from posefuse.core import (
+    DetectionBatch,
+    InputError,
+    JointCentres,
+    Observations,
+    PosefuseError,
+    Recording,
+    Rig,
+    Skeleton,
+    ViewSequence,
+)
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
@@ -19,7 +29,7 @@ from posefuse.foundation.plain_values import plain
 from posefuse.health.recorded import rig_findings
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
-from posefuse.tracking import JointCentres, proportional_joint_centres
+from posefuse.tracking import proportional_joint_centres
 
 from .clock import StageClock
 from .config import TrackConfig

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from posefuse.core import InputError, Observations, Pose3D, PoseSequence, Rig, ViewSequence
+from posefuse.core import InputError, JointCentres, Observations, Pose3D, PoseSequence, Rig, ViewSequence
 from posefuse.core.views_over_time import people_in
 from posefuse.fusion import FuseSettings, fuse
-from posefuse.tracking import JointCentres, SmoothSettings, sides_like, smooth, steady_sides, to_joint_centres
+from posefuse.tracking import SmoothSettings, sides_like, smooth, steady_sides, to_joint_centres
 
 # a person followed in fewer time steps than this is not one
 _LEAST_STEPS = 5

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 
 from posefuse.association import AssociateSettings
-from posefuse.core import InputError, Observations, Recording, Rig, views_over_time
+from posefuse.core import InputError, JointCentres, Observations, Recording, Rig, views_over_time
 from posefuse.core.arrays import Array
 from posefuse.core.live_observations import on_time_steps
 from posefuse.core.observations import NOT_KEPT
+from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings
 from posefuse.kinematics.body import BodySettings
-from posefuse.tracking import JointCentres, SmoothSettings
+from posefuse.tracking import SmoothSettings
 
 from .clock import StageClock
 from .config import TrackConfig
@@ -166,7 +167,7 @@ def solve_again(
     """
     about = {**recording.provenance}
     table = about.get("joint_centres")
-    centres = settings_from_mapping(table, JointCentres, where="provenance: joint_centres") if table else None
+    centres = joint_centres_from_mapping(table, "provenance: joint_centres") if table else None
     chosen = config or config_of(recording)
     edits = edits_of(recording) if edits is None else edits
     check_edits(edits, recording)

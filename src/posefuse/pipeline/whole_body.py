@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from posefuse.core import InputError, Recording, ViewSequence
+from posefuse.core import InputError, JointCentres, Recording, ViewSequence
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
-from posefuse.tracking import JointCentres, usual_lengths, views_at_joint_centres
-from posefuse.tracking.segments import SEGMENTS
+from posefuse.tracking import usual_lengths, views_at_joint_centres
 
 
 def usual_length_prior() -> LengthPrior:

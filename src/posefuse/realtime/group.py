@@ -13,12 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Frame, InputError, PosefuseError, Region, Rig
+from posefuse.core import Camera, Detections2D, Frame, InputError, JointCentres, PosefuseError, Region, Rig
 from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
-from posefuse.tracking import JointCentres
 
 from .board import Board, Expected
 from .capture import Capture, Caught, LiveInput, pick

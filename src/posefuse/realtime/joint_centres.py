@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
-from posefuse.core import ConfigError, LiveJointCentres, MessageError, Pose3D
-from posefuse.messages.joint_centre_messages import joint_centres_from_message
-from posefuse.outputs.live.ros import message_from_live_centres
-from posefuse.tracking import JointCentres, LearntLengths, at_joint_centres
-from posefuse.tracking.joint_centres import check_joint_centres
+from posefuse.core import JointCentres, LiveJointCentres, Pose3D
+from posefuse.messages.joint_centre_messages import joint_centres_from_message, message_from_joint_centres
+from posefuse.tracking import LearntLengths, at_joint_centres
 
 from .messages import Centres
-
-# what goes over the network where no one knows
-_NO_TABLE = JointCentres(made_by="", offsets={})
 
 
 class Centring:
@@ -53,19 +47,14 @@ class Centring:
 
 def live_centres(centres: Centres, t_ns: int) -> LiveJointCentres:
     """For outputs."""
-    return LiveJointCentres(t_ns=t_ns, cameras=centres.cameras, fields=asdict(centres.table or _NO_TABLE))
+    return LiveJointCentres(t_ns=t_ns, cameras=centres.cameras, table=centres.table)
 
 
 def message_from_centres(centres: Centres, t_ns: int) -> Any:
     """For the network."""
-    return message_from_live_centres(live_centres(centres, t_ns))
+    return message_from_joint_centres(centres.cameras, centres.table, t_ns)
 
 
 def centres_from_message(msg: Any) -> Centres:
     """What `message_from_centres` made; raises MessageError for what a stranger may send."""
-    cameras, fields = joint_centres_from_message(msg)
-    table = JointCentres(**fields)
-    try:
-        return Centres(cameras, check_joint_centres(table, table.made_by) if table.offsets else None)
-    except ConfigError as error:
-        raise MessageError(f"JointCentres message: {error}") from None
+    return Centres(*joint_centres_from_message(msg))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from posefuse.core import Detections2D, Skeleton
+from posefuse.core import Detections2D, JointCentres, Skeleton
 from posefuse.health.cameras import CameraState
-from posefuse.tracking import JointCentres
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import LiveNames, LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
+from posefuse.core import JointCentres, LiveNames, LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.kinematics import JointTracker
-from posefuse.tracking import JointCentres, at_joint_centres
+from posefuse.tracking import at_joint_centres
 from posefuse.tracking.online import Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 

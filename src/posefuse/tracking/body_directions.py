@@ -9,20 +9,10 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.joint_centres import JOINT_DIRECTIONS
 from posefuse.core.skeleton import pick_keypoints
 
 SIDES = ("left", "right")
-# joint -> directions it may be moved along, in the order of `body_directions`
-JOINT_DIRECTIONS = {
-    "shoulder": ("forward", "up", "outward", "arm", "raising"),
-    "elbow": ("upper_arm", "forearm", "bend", "lowering"),
-    "wrist": ("forearm", "hand", "palm"),
-    "hip": ("forward", "up", "outward", "thigh", "sinking"),
-    "knee": ("thigh", "bend", "outward", "forward"),
-    "ankle": ("shank", "foot", "outward", "forward"),
-    "ear": ("face", "crown", "outward"),
-    "nose": ("face", "crown"),
-}
 # of the head, which has no joint centres: a line through them gives its tilt
 HEAD = ("ear", "nose")
 _MIDLINE = ("nose",)

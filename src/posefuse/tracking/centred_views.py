@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.core import PoseSequence, Rig, ViewSequence
+from posefuse.core import JointCentres, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array
 
-from .joint_centres import JointCentres, from_joint_centres
+from .joint_centres import from_joint_centres
 from .sides import sides_like
 
 

@@ -9,88 +9,28 @@ usual. The table is fitted elsewhere; see `bench/fit_joint_centres.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import field, replace
-from functools import cache, cached_property
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
 
-from posefuse.core import ConfigError, Pose3D, PoseSequence, Skeleton
+from posefuse.core import JointCentres, Pose3D, PoseSequence, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
-from posefuse.foundation.settings import read_settings, settings
+from posefuse.core.joint_centres import JOINT_DIRECTIONS
 
-from .body_directions import JOINT_DIRECTIONS, SIDES, body_directions, keypoint_of
-from .segments import SEGMENTS, segment_lengths
+from .body_directions import SIDES, body_directions, keypoint_of
+from .segments import segment_lengths
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
-_DIRECTIONS = tuple((joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names)
 # where each joint's directions begin, and the end
 _FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])
 # each round of the inverse leaves two fifths of the error or less: micrometres after these
 _INVERSE_ROUNDS = 12
 # people further from the average than those of the fit count as no further than this
 MOST_LONGER_M = 0.06
-
-
-@settings
-class JointCentres:
-    """Fitted offsets.
-
-    Attributes:
-        made_by: command and data of the fit, for people.
-        offsets: joint (without its side) -> direction (see `body_directions`) -> metres.
-        lengths: segment (see `segment_lengths`) -> metres, of the people of the fit on average.
-        by_length: joint -> direction -> segment -> metres more per metre that the person's segment is longer than that.
-    """
-
-    made_by: str
-    offsets: dict[str, dict[str, float]]
-    lengths: dict[str, float] = field(default_factory=dict)
-    by_length: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
-
-    @cached_property
-    def metres(self) -> Array:
-        """(D,) offset along each of the directions of `JOINT_DIRECTIONS` in a row."""
-        return np.array([self.offsets.get(joint, {}).get(name, 0.0) for joint, name in _DIRECTIONS])
-
-    @cached_property
-    def usual(self) -> Array:
-        """(S,) `lengths` in the order of `SEGMENTS`; NaN where unknown."""
-        return np.array([self.lengths.get(segment, np.nan) for segment in SEGMENTS])
-
-    @cached_property
-    def slopes(self) -> Array:
-        """(D, S) `by_length` in these orders."""
-        told = [self.by_length.get(joint, {}).get(name, {}) for joint, name in _DIRECTIONS]
-        return np.array([[one.get(segment, 0.0) for segment in SEGMENTS] for one in told])
-
-
-def read_joint_centres(path: Path) -> JointCentres:
-    """Read a table; raises ConfigError naming the file, and the joint or direction that does not exist."""
-    return check_joint_centres(read_settings(path, JointCentres), str(path))
-
-
-def check_joint_centres(table: JointCentres, where: str) -> JointCentres:
-    """The table; raises ConfigError naming `where`, and the joint or direction that does not exist."""
-    _check_names(f"{where}: lengths", "segment", table.lengths, SEGMENTS)
-    for part, joints in (("offsets", table.offsets), ("by_length", table.by_length)):
-        _check_names(f"{where}: {part}", "joint", joints, JOINT_DIRECTIONS)
-        for joint, along in joints.items():
-            _check_names(f"{where}: {part}.{joint}", "direction", along, JOINT_DIRECTIONS[joint])
-    for joint, slopes in table.by_length.items():
-        for direction, segments in slopes.items():
-            _check_names(f"{where}: by_length.{joint}.{direction}", "segment", segments, table.lengths)
-    return table
-
-
-def _check_names(where: str, what: str, got: Iterable[str], known: Iterable[str]) -> None:
-    for name in got:
-        if name not in known:
-            raise ConfigError(f"{where}: no {what} {name!r}; there are: {choices(known)}")
 
 
 def to_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Kind, Pose3D
+from posefuse.core import JointCentres, Kind, Pose3D
 from posefuse.core.arrays import Array
+from posefuse.core.joint_centres import SEGMENTS
 
-from .joint_centres import MOST_LONGER_M, JointCentres, at_joint_centres
-from .segments import SEGMENTS, lengths_at
+from .joint_centres import MOST_LONGER_M, at_joint_centres
+from .segments import lengths_at
 
 _S = len(SEGMENTS)
 # a new person counts as usual, as surely as if that had been seen for so long; see `bench/live_centres.py`

@@ -14,12 +14,10 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt
 
-from posefuse.core import Detector, Skeleton
+from posefuse.core import Detector, JointCentres, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.foundation.settings import settings
-
-from .joint_centres import JointCentres, read_joint_centres
-from .segments import SEGMENTS
 
 Positive = Annotated[float, Gt(0)]
 # keypoint sets of detectors trained on marks of annotators; others are joint centres, or have a table fitted to their network
@@ -107,13 +105,9 @@ def proportional_joint_centres(skeleton: Skeleton, known: Proportions | None = N
 
 
 def joint_centres_of(detector: Detector, *, proportions: bool) -> JointCentres | None:
-    """Where joint centres lie relative to a detector's keypoints: fitted to it, or with `proportions` from body proportions.
-
-    Raises:
-        ConfigError: an invalid table.
-    """
-    if detector.joint_centres_file:
-        return read_joint_centres(detector.joint_centres_file)
+    """Where joint centres lie relative to a detector's keypoints: fitted to it, or with `proportions` from body proportions."""
+    if detector.joint_centres is not None:
+        return detector.joint_centres
     return proportional_joint_centres(detector.skeleton) if proportions else None
 
 

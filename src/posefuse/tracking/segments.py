@@ -6,19 +6,11 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.core.skeleton import pick_keypoints
 
 from .body_directions import SIDES
 
-SEGMENTS = {
-    "upper_arm": ("{side}_shoulder", "{side}_elbow"),
-    "forearm": ("{side}_elbow", "{side}_wrist"),
-    "thigh": ("{side}_hip", "{side}_knee"),
-    "shank": ("{side}_knee", "{side}_ankle"),
-    "shoulders": ("left_shoulder", "right_shoulder"),
-    "hips": ("left_hip", "right_hip"),
-    "trunk": ("mid_hip", "neck"),
-}
 # fewer time steps do not determine the lengths of the person's segments
 _LEAST_INSTANTS = 10
 _ENDS = [[[end.format(side=side) for end in ends] for ends in SEGMENTS.values()] for side in SIDES]

@@ -10,10 +10,11 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Le
 
-from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
+from posefuse.core import Detections2D, Frame, JointCentres, Region, ShapeError, Skeleton
 from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
 from posefuse.detection.openvino_cpu import Precision
 from posefuse.detection.regions import cut, img_from_crop, region_from_keypoints
+from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir
@@ -65,13 +66,13 @@ class BlazePoseConfig:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
         persons, chosen, members = self._cards()
         files = self.fetch()
-        streams = self.streams or usable_cores()
+        streams, table = self.streams or usable_cores(), chosen.joint_centres_file
         return BlazePoseDetector(
             self,
             PersonNetwork.compiled(persons, files[0], self.precision, streams),
             [LandmarkNetwork.compiled(*member, self.precision, streams) for member in zip(members, files[1:], strict=True)],
             mirrored=isinstance(chosen, EnsembleCard) and chosen.mirrored,
-            joint_centres_file=chosen.joint_centres_file,
+            joint_centres=read_joint_centres(table) if table else None,
         )
 
     def _cards(self) -> tuple[ModelCard, ModelCard | EnsembleCard, list[ModelCard]]:
@@ -95,10 +96,10 @@ class BlazePoseDetector:
         persons: PersonNetwork,
         landmarks: Sequence[LandmarkNetwork],
         mirrored: bool,
-        joint_centres_file: Path | None,
+        joint_centres: JointCentres | None,
     ) -> None:
         self._config, self._persons, self._landmarks, self._mirrored = config, persons, landmarks, mirrored
-        self._joint_centres_file = joint_centres_file
+        self._joint_centres = joint_centres
         self._skeleton = landmarks[0].skeleton
         self._side_px = landmarks[0].network.side_px
 
@@ -108,9 +109,9 @@ class BlazePoseDetector:
         return self._skeleton
 
     @property
-    def joint_centres_file(self) -> Path | None:
-        """Table of the offsets of joint centres from the network's landmarks, in the format of `tracking.joint_centres`."""
-        return self._joint_centres_file
+    def joint_centres(self) -> JointCentres | None:
+        """The table that was fitted to the landmark network, if there is one."""
+        return self._joint_centres
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Detections2D, Frame, Region, ShapeError, Skeleton
+from posefuse.core import Detections2D, Frame, JointCentres, Region, ShapeError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.detection.regions import region_from_keypoints
+from posefuse.formats.joint_centres import read_joint_centres
 
 from .crops import crop_from_img, cut, img_from_input, letterbox_from_img
 from .keypoints import Keypoints, People
@@ -54,6 +54,8 @@ class _Networked:
     def __init__(self, network: OnnxNetwork, most_people: int, up_rad: Mapping[str, float]) -> None:
         self._network, self._most_people, self._up_rad = network, most_people, up_rad
         self._noise: KeypointNoise = read_keypoint_noise(network.card.noise_file)
+        table = network.card.joint_centres_file
+        self._joint_centres = read_joint_centres(table) if table else None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -61,9 +63,9 @@ class _Networked:
         return self._network.card.skeleton
 
     @property
-    def joint_centres_file(self) -> Path | None:
-        """The card's fitted table of joint centres, if it has one."""
-        return self._network.card.joint_centres_file
+    def joint_centres(self) -> JointCentres | None:
+        """The card's fitted table, if it has one."""
+        return self._joint_centres
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""

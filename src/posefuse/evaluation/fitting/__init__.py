@@ -1,10 +1,10 @@
 """Fits to simulated people: noise of keypoints and their offsets to joint centres, for any detector."""
 
-from .joint_centres import Run, fitted, table_text
+from .joint_centres import Run, fitted
 from .keypoint_noise import NoiseFit, NoiseSamples, collect, fit_noise, noise_text
 from .scenes import is_rendered, render_everyday, render_moving
 
 __all__ = [
     "NoiseFit", "NoiseSamples", "Run", "collect", "fit_noise", "fitted", "is_rendered", "noise_text", "render_everyday",
-    "render_moving", "table_text",
+    "render_moving",
 ]  # fmt: skip

@@ -9,14 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from posefuse.core import PoseSequence, Skeleton, Truth
+from posefuse.core import JointCentres, PoseSequence, Skeleton, Truth
 from posefuse.core.arrays import Array
+from posefuse.core.joint_centres import SEGMENTS
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import SIDES, keypoint_of
-from posefuse.tracking.joint_centres import MOST_LONGER_M, JointCentres, directions
-from posefuse.tracking.segments import SEGMENTS, segment_lengths
+from posefuse.tracking.joint_centres import MOST_LONGER_M, directions
+from posefuse.tracking.segments import segment_lengths
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
 # the mesh gives 12 mm down, real footage (bench/real_footage.py) gives up; "sinking" is nothing when standing, and grows as the
@@ -118,22 +119,3 @@ def _slopes(
     left = np.concatenate([missing - moved_by(a, metres) for a, missing in parts])
     slopes = solve(np.concatenate(along), left, RIDGE).reshape(-1, len(SEGMENTS))
     return {name: dict(zip(SEGMENTS, row, strict=True)) for name, row in zip(names, slopes.tolist(), strict=True)}
-
-
-def table_text(table: JointCentres) -> str:
-    """The table as TOML, as `read_joint_centres` reads it."""
-    lines = [
-        "# metres from the fused landmark to the joint centre along directions of the body itself, see tracking/joint_centres.py",
-        f'made_by = "{table.made_by}"',
-        *_section("lengths", table.lengths, 3),
-    ]
-    for joint, offsets in table.offsets.items():
-        lines += _section(f"offsets.{joint}", offsets, 4)
-    for joint, directions_ in table.by_length.items():
-        for name, slopes in directions_.items():
-            lines += _section(f"by_length.{joint}.{name}", slopes, 3)
-    return "\n".join(lines) + "\n"
-
-
-def _section(name: str, values: dict[str, float], digits: int) -> list[str]:
-    return ["", f"[{name}]", *(f"{key} = {value:.{digits}f}" for key, value in values.items())]

@@ -167,7 +167,7 @@ class RosLiveOutput:
 
 def message_from_live_centres(centres: LiveJointCentres) -> Any:
     """`posefuse_msgs/JointCentres`."""
-    return message_from_joint_centres(centres.cameras, centres.fields, centres.t_ns)
+    return message_from_joint_centres(centres.cameras, centres.table, centres.t_ns)
 
 
 def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> None:

@@ -1,0 +1,85 @@
+"""Tables of joint centres: what is written is read again, and a wrong table is refused in one line."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posefuse.core import ConfigError, JointCentres, ShapeError
+from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENTS
+from posefuse.detection import read_card
+from posefuse.formats.joint_centres import joint_centres_from_mapping, joint_centres_text, read_joint_centres
+
+TABLE = JointCentres(
+    made_by="a test",
+    offsets={"hip": {"up": -0.02, "outward": 0.0051}, "nose": {"crown": 0.001}},
+    lengths={"thigh": 0.4, "shank": 0.39},
+    by_length={"hip": {"up": {"thigh": 0.125, "shank": -0.5}}},
+)
+
+
+def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "table.toml"
+    path.write_text(joint_centres_text(TABLE))
+    assert read_joint_centres(path) == TABLE
+    assert joint_centres_from_mapping(asdict(TABLE), "a result") == TABLE
+
+
+@pytest.mark.parametrize("card", ["blazepose_lite", "blazepose_full", "blazepose_heavy"])
+def test_the_tables_of_the_package_are_as_the_fit_writes_them(card: str) -> None:
+    path = read_card(card).joint_centres_file
+    assert path is not None
+    assert joint_centres_text(read_joint_centres(path)) == path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('made_by = "x"\n[offsets.tail]\nup = 0.1\n', ["tail", "shoulder", "ankle"]),
+        ('made_by = "x"\n[offsets.hip]\nsideways = 0.1\n', ["sideways", "outward", "offsets.hip"]),
+        ('made_by = "x"\n[offsets.hip]\nup = "much"\n', ["offsets.hip.up", "much"]),
+        ('made_by = "x"\n[offsets]\n[lengths]\nnose = 0.1\n', ["lengths", "nose", "thigh"]),
+        ('made_by = "x"\n[offsets.hip]\nup = nan\n', ["offsets.hip.up", "nan"]),
+        ('made_by = "x"\n[offsets]\n[slopes.hip.up]\nthigh = 0.1\n', ["slopes", "offsets", "by_length"]),
+        ('made_by = "x"\n[offsets]\n[by_length.hip.up]\nthigh = 0.1\n', ["by_length.hip.up", "thigh"]),
+    ],
+)
+def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, words: list[str]) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        read_joint_centres(path)
+    assert "wrong.toml" in str(caught.value) and "\n" not in str(caught.value)
+    assert all(word in str(caught.value) for word in words)
+
+
+def test_arrays_stand_in_the_order_of_directions_and_segments() -> None:
+    directions = [(joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names]
+    row, thigh, shank = directions.index(("hip", "up")), *(list(SEGMENTS).index(name) for name in ("thigh", "shank"))
+    assert TABLE.metres.shape == (len(directions),)
+    assert TABLE.metres[row] == -0.02
+    assert TABLE.metres[directions.index(("hip", "outward"))] == 0.0051
+    assert np.count_nonzero(TABLE.metres) == 3
+    assert (TABLE.usual[thigh], TABLE.usual[shank]) == (0.4, 0.39)
+    assert np.isnan(TABLE.usual).sum() == len(SEGMENTS) - 2
+    assert TABLE.slopes.shape == (len(directions), len(SEGMENTS))
+    assert (TABLE.slopes[row, thigh], TABLE.slopes[row, shank]) == (0.125, -0.5)
+    assert np.count_nonzero(TABLE.slopes) == 2
+    assert not any(array.flags.writeable for array in (TABLE.metres, TABLE.usual, TABLE.slopes))
+
+
+def test_the_value_itself_refuses_what_a_plug_in_may_get_wrong() -> None:
+    with pytest.raises(ConfigError, match="offsets: no joint 'left_knee'; there are: shoulder, elbow"):
+        JointCentres(made_by="x", offsets={"left_knee": {"thigh": 0.01}})
+    wrong: list[dict[str, Any]] = [
+        {"offsets": {"knee": {"thigh": np.inf}}},
+        {"lengths": {"thigh": np.nan, "shank": 0.4}},
+        {"by_length": {"knee": {"thigh": {"thigh": np.nan}}}},
+    ]
+    for change in wrong:
+        with pytest.raises(ShapeError, match=f"{next(iter(change))}: expected finite numbers"):
+            replace(TABLE, **change)
+    with pytest.raises(ShapeError, match="offsets: expected an array"):
+        JointCentres(made_by="x", offsets={"knee": {"thigh": "a little"}})  # type: ignore[dict-item]
