@@ -13,7 +13,7 @@ from live_tracking import OUTLIER_PX, OUTLIERS, SWAPS, noise
 
 from posefuse.core import CameraTruth, Detections2D, LookKind, Pose3D, Region, Truth
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.core.views_over_time import keypoint_boxes
+from posefuse.core.values import keypoint_boxes
 from posefuse.detection import region_from_pose
 from posefuse.detection.clothing import lab_from_srgb
 from posefuse.formats.truth import read_truth, write_truth

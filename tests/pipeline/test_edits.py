@@ -13,7 +13,7 @@ from posefuse.cli.main import main
 from posefuse.core import ConfigError, DetectionBatch, Detections2D, InputError, LookKind, Observations, Recording, Rig
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.skeleton import COCO17
-from posefuse.core.views_over_time import keypoint_boxes
+from posefuse.core.values import keypoint_boxes
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.plain_values import plain

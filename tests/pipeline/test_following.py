@@ -10,7 +10,7 @@ import pytest
 from posefuse.association import AssociateSettings
 from posefuse.core import SE3, DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
 from posefuse.core.skeleton import COCO17
-from posefuse.core.views_over_time import keypoint_boxes
+from posefuse.core.values import keypoint_boxes
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import PeopleFollower, observations_of
 from posefuse.pipeline.images import common_timeline

@@ -25,7 +25,7 @@ from posefuse.core import (
 from posefuse.core.live_observations import observations_from_frames, on_time_steps
 from posefuse.core.observations import LIVE_STEP, NOT_KEPT, OBSERVATION_ARRAYS
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
-from posefuse.core.views_over_time import keypoint_boxes
+from posefuse.core.values import keypoint_boxes
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording, write_recording

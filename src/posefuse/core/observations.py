@@ -8,12 +8,13 @@ from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields
 from .depth import joined_depth
 from .errors import ShapeError, choices
 from .skeleton import Skeleton
-from .values import DETECTION_ARRAYS, Detections2D
+from .values import DETECTION_ARRAYS, DETECTION_DTYPES, Detections2D, check_keypoints, freeze_depth
 
 LIVE_STEP = -1
 NOT_KEPT = -1
@@ -43,7 +44,7 @@ class DetectionBatch:
     detections: tuple[Detections2D, ...]
 
 
-_DTYPES = {
+_DTYPES: dict[str, DTypeLike] = {
     "step_t_ns": np.int64,
     "frame_camera": np.int16,
     "frame_t_ns": np.int64,
@@ -51,13 +52,7 @@ _DTYPES = {
     "frame_look": np.uint8,
     "n_detections": np.int32,
     "person_id": np.int64,
-    "xy_img": np.float32,
-    "score": np.float32,
-    "sigma_px": np.float32,
-    "box_img": np.float32,
-    "clothing_lab": np.float32,
-    "track_id": np.int64,
-}
+} | DETECTION_DTYPES
 _AXES = {
     "step_t_ns": "T",
     "frame_camera": "F",
@@ -66,13 +61,7 @@ _AXES = {
     "frame_look": "F",
     "n_detections": "F",
     "person_id": "R",
-    "xy_img": "R K 2",
-    "score": "R K",
-    "sigma_px": "R K",
-    "box_img": "R 4",
-    "clothing_lab": "R 3 3",
-    "track_id": "R",
-}
+} | {name: axes.replace("P", "R") for name, axes in DETECTION_ARRAYS.items()}
 OBSERVATION_ARRAYS = tuple(_AXES)
 
 
@@ -125,13 +114,8 @@ class Observations:
         object.__setattr__(self, "camera_names", tuple(self.camera_names))
         freeze_fields(self, _DTYPES)
         sizes = check_fields(self, _AXES)
-        if self.depth_m is not None:
-            freeze_fields(self, {"depth_m": np.float32})
-            check_fields(self, {"score": "R K", "depth_m": "R K 2"})
-        if sizes["K"] != len(self.skeleton):
-            raise ShapeError(
-                f"Observations: skeleton {self.skeleton.name} has {len(self.skeleton)} keypoints, arrays have {sizes['K']}"
-            )
+        check_keypoints(self, sizes)
+        freeze_depth(self, np.float32)
         _check_range("frame_camera", self.frame_camera, 0, len(self.camera_names))
         _check_range("frame_step", self.frame_step, LIVE_STEP, sizes["T"])
         if (np.diff(self.step_t_ns) <= 0).any():

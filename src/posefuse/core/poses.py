@@ -119,16 +119,8 @@ class PoseSequence:
 
     def at(self, i: int) -> Pose3D:
         """The time step at place i of axis T."""
-        return Pose3D(
-            t_ns=int(self.t_ns[i]),
-            skeleton=self.skeleton,
-            person_id=self.person_id,
-            xyz_world=self.xyz_world[i],
-            cov_world=self.cov_world[i],
-            reproj_px=self.reproj_px[i],
-            n_views=self.n_views[i],
-            kind=self.kind[i],
-        )
+        arrays = {name: getattr(self, name)[i] for name in _POSE_AXES if name != "person_id"}
+        return Pose3D(t_ns=int(self.t_ns[i]), skeleton=self.skeleton, person_id=self.person_id, **arrays)
 
     @staticmethod
     def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields
 from .depth import DepthImage
@@ -27,6 +28,9 @@ DETECTION_ARRAYS = {
     "clothing_lab": "P 3 3",
     "track_id": "P",
 }
+DETECTION_DTYPES: dict[str, DTypeLike] = {**dict.fromkeys(DETECTION_ARRAYS, np.float32), "track_id": np.int64}
+# the arrays of one person per row and camera, of `Views`, and their axes
+VIEW_ARRAYS = {"person_id": "N", "xy_img": "N C K 2", "score": "N C K", "sigma_px": "N C K"}
 NO_TRACK = -1
 
 
@@ -37,6 +41,34 @@ def check_keypoints(value: Any, sizes: Mapping[str, int]) -> None:
         raise ShapeError(
             f"{type(value).__name__}: skeleton {skeleton.name} has {len(skeleton)} keypoints, arrays have {sizes['K']}"
         )
+
+
+def freeze_depth(value: Any, dtype: DTypeLike) -> None:
+    """Freeze ``depth_m`` of a value, if it has any: (..., 2) of its ``score`` (...)."""
+    if value.depth_m is not None:
+        freeze_fields(value, {"depth_m": dtype})
+        if value.depth_m.shape != (*value.score.shape, 2):
+            raise ShapeError(
+                f"{type(value).__name__}.depth_m: expected shape {(*value.score.shape, 2)}, got {value.depth_m.shape}"
+            )
+
+
+def check_views(value: Any, axes: Mapping[str, str]) -> None:
+    """Freeze and check the arrays of `Views` or `ViewSequence`, whose axes are `axes`."""
+    freeze_fields(value, {name: np.int64 if name in ("t_ns", "person_id") else np.float64 for name in axes})
+    sizes = check_fields(value, axes)
+    check_keypoints(value, sizes)
+    freeze_depth(value, np.float64)
+    if sizes["C"] != len(value.camera_names):
+        raise ShapeError(f"{type(value).__name__}: {len(value.camera_names)} camera names, arrays have {sizes['C']} cameras")
+
+
+def keypoint_boxes(xy_img: Array, score: Array) -> Array:
+    """(P, 4) left, top, right, bottom of the keypoints (P, K, 2) that were seen; NaN where none was."""
+    seen = ((score > 0) & np.isfinite(xy_img).all(axis=-1))[..., None]
+    low, high = np.where(seen, xy_img, np.inf).min(axis=1), np.where(seen, xy_img, -np.inf).max(axis=1)
+    box = np.concatenate([low, high], axis=-1)
+    return np.where(np.isfinite(box), box, np.nan)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -135,11 +167,9 @@ class Detections2D:
             object.__setattr__(self, "clothing_lab", np.full((people, 3, 3), np.nan))
         if not len(self.track_id):
             object.__setattr__(self, "track_id", np.full(people, NO_TRACK))
-        freeze_fields(self, dict.fromkeys(DETECTION_ARRAYS, np.float32) | {"track_id": np.int64})
+        freeze_fields(self, DETECTION_DTYPES)
         check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
-        if self.depth_m is not None:
-            freeze_fields(self, {"depth_m": np.float32})
-            check_fields(self, {"score": "P K", "depth_m": "P K 2"})
+        freeze_depth(self, np.float32)
 
     def __len__(self) -> int:
         return len(self.xy_img)
@@ -187,11 +217,9 @@ class Views:
     depth_m: Array | None = None
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"person_id": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
-        sizes = check_fields(self, {"person_id": "N", "xy_img": "N C K 2", "score": "N C K", "sigma_px": "N C K"})
-        check_keypoints(self, sizes)
-        if self.depth_m is not None:
-            freeze_fields(self, {"depth_m": np.float64})
-            check_fields(self, {"score": "N C K", "depth_m": "N C K 2"})
-        if sizes["C"] != len(self.camera_names):
-            raise ShapeError(f"Views: {len(self.camera_names)} camera names, arrays have {sizes['C']} cameras")
+        check_views(self, VIEW_ARRAYS)
+
+    def people(self, which: Array) -> Views:
+        """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
+        chosen: dict[str, Any] = {name: getattr(self, name)[which] for name in VIEW_ARRAYS}
+        return replace(self, depth_m=None if self.depth_m is None else self.depth_m[which], **chosen)

@@ -7,17 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Array, check_fields, freeze_fields
-from .errors import ShapeError
+from .arrays import Array
 from .observations import LIVE_STEP, NOT_KEPT, DetectionBatch, LookKind, Observations
 from .skeleton import Skeleton
-from .values import Detections2D, Views
+from .values import VIEW_ARRAYS, Detections2D, Views, check_views, keypoint_boxes
 
 # a frame this close to its time step counts as taken at it
 _SAME_TIME_NS = 200_000
 # two frames further apart than this many periods are not interpolated between
 _REACH_PERIODS = 1.6
-_PLANES = ("xy_img", "score", "sigma_px")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,16 +38,7 @@ class ViewSequence:
     depth_m: Array | None = None
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64} | dict.fromkeys(_PLANES, np.float64))
-        axes = {"t_ns": "T", "person_id": "N", "xy_img": "T N C K 2", "score": "T N C K", "sigma_px": "T N C K"}
-        sizes = check_fields(self, axes)
-        if (sizes["C"], sizes["K"]) != (len(self.camera_names), len(self.skeleton)):
-            raise ShapeError(
-                f"ViewSequence: {len(self.camera_names)} camera names and {len(self.skeleton)} keypoints, arrays have {sizes}"
-            )
-        if self.depth_m is not None:
-            freeze_fields(self, {"depth_m": np.float64})
-            check_fields(self, {"score": "T N C K", "depth_m": "T N C K 2"})
+        check_views(self, {"t_ns": "T"} | {name: text if text == "N" else f"T {text}" for name, text in VIEW_ARRAYS.items()})
 
     def at(self, i: int) -> Views:
         """The time step at place i of axis T."""
@@ -128,14 +117,6 @@ def observations_from_views(views: ViewSequence) -> Observations:
         batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=tuple(detections)))
         person_ids.append(ids)
     return Observations.from_batches(views.skeleton, views.camera_names, batches, person_ids)
-
-
-def keypoint_boxes(xy_img: Array, score: Array) -> Array:
-    """(P, 4) left, top, right, bottom of the keypoints (P, K, 2) that were seen; NaN where none was."""
-    seen = ((score > 0) & np.isfinite(xy_img).all(axis=-1))[..., None]
-    low, high = np.where(seen, xy_img, np.inf).min(axis=1), np.where(seen, xy_img, -np.inf).max(axis=1)
-    box = np.concatenate([low, high], axis=-1)
-    return np.where(np.isfinite(box), box, np.nan)
 
 
 def people_in(observations: Observations) -> tuple[Array, Array]:

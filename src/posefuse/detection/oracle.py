@@ -17,8 +17,11 @@ from annotated_types import Ge, Gt, Le
 from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, ShapeError, Skeleton, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.core.values import keypoint_boxes
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings
+
+from .regions import check_regions
 
 _FAR_TIME_NS = 1_000_000
 _OUTLIER_SCORES = (0.2, 0.9)
@@ -108,8 +111,7 @@ class OracleDetector:
         Raises:
             InputError: a camera the truth does not know, or a frame more than 1 ms from any of its frames.
         """
-        if len(frames) != len(regions):
-            raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
+        check_regions(frames, regions)
         return [self._one(frame.camera, frame.t_ns, given) for frame, given in zip(frames, regions, strict=True)]
 
     def _one(self, camera: str, t_ns: int, given: Sequence[Region] | None) -> Detections2D:
@@ -127,7 +129,13 @@ class OracleDetector:
         if not len(xy):
             return Detections2D.empty(camera, t_ns, self.skeleton)
         return Detections2D(
-            camera=camera, t_ns=t_ns, skeleton=self.skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=_boxes(xy)
+            camera=camera,
+            t_ns=t_ns,
+            skeleton=self.skeleton,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+            box_img=keypoint_boxes(xy, score),
         )
 
 
@@ -197,11 +205,3 @@ def _in_regions(xy: Array, score: Array, sigma: Array, regions: Sequence[Region]
             n = seen[away.argmin()]
             out_xy[r], out_score[r], out_sigma[r] = xy[n], score[n], sigma[n]
     return out_xy, out_score, out_sigma
-
-
-def _boxes(xy: Array) -> Array:
-    known = np.asarray(np.isfinite(xy).all(-1))
-    low = np.where(known[..., None], xy, np.inf).min(1)
-    high = np.where(known[..., None], xy, -np.inf).max(1)
-    box = np.concatenate([low, high], axis=-1)
-    return np.where(np.asarray(known.any(-1))[:, None], box, np.nan)

@@ -6,12 +6,13 @@ view, so a camera whose detector sees no person still contributes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 
-from posefuse.core import Camera, Region, Skeleton
+from posefuse.core import Camera, Frame, Region, ShapeError, Skeleton
 from posefuse.core.arrays import Array
 
 # side of the region = 2 * this * farthest keypoint from the middle of the hips
@@ -20,6 +21,12 @@ _LEAST_KEYPOINTS = 4
 _LEAST_RADIUS_PX = 8.0
 _UP_STEP_M = 0.1
 _FINEST = 3
+
+
+def check_regions(frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> None:
+    """Raise ShapeError where a detector is not given regions (or None) for each of its frames."""
+    if len(frames) != len(regions):
+        raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
 
 
 def region_from_keypoints(xy_img: Any, skeleton: Skeleton, up_img: Any = None) -> Region | None:

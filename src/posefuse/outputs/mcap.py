@@ -63,16 +63,7 @@ def recorded_ns(provenance: Mapping[str, Any]) -> int:
 def _present(pose: Pose3D) -> Pose3D:
     """Only the people with any known keypoint at this time step."""
     here = np.isfinite(pose.xyz_world).all(axis=-1).any(axis=-1)
-    return Pose3D(
-        t_ns=pose.t_ns,
-        skeleton=pose.skeleton,
-        person_id=pose.person_id[here],
-        xyz_world=pose.xyz_world[here],
-        cov_world=pose.cov_world[here],
-        reproj_px=pose.reproj_px[here],
-        n_views=pose.n_views[here],
-        kind=pose.kind[here],
-    )
+    return pose.people(np.asarray(here))
 
 
 def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detections2D]:

@@ -213,17 +213,9 @@ def _in_image(camera: Camera, xyz_world: Array) -> bool:
 def _without(seen: _Seen, people: set[int]) -> _Seen:
     """The same look; detections of these people belong to no person."""
     keep = ~np.isin(seen.views.person_id, list(people))
-    views = replace(
-        seen.views,
-        person_id=seen.views.person_id[keep],
-        xy_img=seen.views.xy_img[keep],
-        score=seen.views.score[keep],
-        sigma_px=seen.views.sigma_px[keep],
-        depth_m=None if seen.views.depth_m is None else seen.views.depth_m[keep],
-    )
     ids = tuple(np.where(np.isin(one, list(people)), NOT_KEPT, one) for one in seen.person_ids)
     pose = with_persons(seen.pose, [NOT_KEPT if person in people else person for person in seen.pose.person_id.tolist()])
-    return replace(seen, person_ids=ids, views=views, pose=pose, clothing=seen.clothing[keep])
+    return replace(seen, person_ids=ids, views=seen.views.people(keep), pose=pose, clothing=seen.clothing[keep])
 
 
 def _some_view_lacks_a_person(views: Views) -> bool:

@@ -10,10 +10,10 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Le
 
-from posefuse.core import Detections2D, Frame, JointCentres, Region, ShapeError, Skeleton
+from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
 from posefuse.detection.openvino_cpu import Precision
-from posefuse.detection.regions import cut, img_from_crop, region_from_keypoints
+from posefuse.detection.regions import check_regions, cut, img_from_crop, region_from_keypoints
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
@@ -115,8 +115,7 @@ class BlazePoseDetector:
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
-        if len(frames) != len(regions):
-            raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
+        check_regions(frames, regions)
         unknown = [i for i, given in enumerate(regions) if given is None]
         found = dict(zip(unknown, self._search([frames[i] for i in unknown]), strict=True))
         todo = [(i, region) for i, given in enumerate(regions) for region in (found[i] if given is None else given)]

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Frame, JointCentres, Region, ShapeError, Skeleton
+from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.detection.regions import region_from_keypoints
+from posefuse.core.values import keypoint_boxes
+from posefuse.detection.regions import check_regions, region_from_keypoints
 from posefuse.formats.joint_centres import read_joint_centres
 
 from .crops import crop_from_img, cut, img_from_input, letterbox_from_img
@@ -69,8 +70,7 @@ class _Networked:
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
-        if len(frames) != len(regions):
-            raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
+        check_regions(frames, regions)
         searched = [i for i, given in enumerate(regions) if given is None]
         asked = [(i, given) for i, given in enumerate(regions) if given is not None]
         people = dict(zip(searched, self._found([frames[i] for i in searched]), strict=True))
@@ -106,8 +106,6 @@ class _Networked:
             return Detections2D.empty(frame.camera, frame.t_ns, self.skeleton)
         xy = np.stack([person.xy for person in people])
         score, sigma = (np.stack([getattr(person, name) for person in people]) for name in ("score", "sigma_px"))
-        known = np.isfinite(xy)
-        box = np.concatenate([np.where(known, xy, np.inf).min(1), np.where(known, xy, -np.inf).max(1)], axis=-1)
         return Detections2D(
             camera=frame.camera,
             t_ns=frame.t_ns,
@@ -115,7 +113,7 @@ class _Networked:
             xy_img=xy,
             score=score,
             sigma_px=sigma,
-            box_img=np.where(np.isfinite(box), box, np.nan),
+            box_img=keypoint_boxes(xy, score),
         )
 
 

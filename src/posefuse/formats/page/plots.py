@@ -57,8 +57,8 @@ class Line(_Series):
 
 
 @dataclass(frozen=True, eq=False)
-class Band(_Series):
-    """The area between low and high (n,) over x (n,), NaN for gaps."""
+class _Between(_Series):
+    """From low to high (n,) at x (n,), NaN for gaps."""
 
     name: str
     x: Array
@@ -66,8 +66,13 @@ class Band(_Series):
     high: Array
     _: KW_ONLY
     colour: str | None = None
-    type: ClassVar[str] = "band"
     of: ClassVar[tuple[str, ...]] = ("x", "low", "high")
+
+
+class Band(_Between):
+    """The area between low and high over x."""
+
+    type: ClassVar[str] = "band"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,18 +89,10 @@ class Dots(_Series):
     of: ClassVar[tuple[str, ...]] = ("x", "y")
 
 
-@dataclass(frozen=True, eq=False)
-class Spikes(_Series):
-    """Upright strokes from low to high (n,) at x (n,)."""
+class Spikes(_Between):
+    """Upright strokes from low to high at x."""
 
-    name: str
-    x: Array
-    low: Array
-    high: Array
-    _: KW_ONLY
-    colour: str | None = None
     type: ClassVar[str] = "spikes"
-    of: ClassVar[tuple[str, ...]] = ("x", "low", "high")
 
 
 @dataclass(frozen=True, eq=False)
