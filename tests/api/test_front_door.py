@@ -7,6 +7,7 @@ import sys
 import pytest
 
 import posefuse as pf
+from posefuse.core import SKELETONS
 
 
 def test_what_tab_completion_shows_is_what_is_exported() -> None:
@@ -36,9 +37,21 @@ def test_the_package_is_typed_for_its_users() -> None:
     assert files("posefuse").joinpath("py.typed").is_file()
 
 
-@pytest.mark.parametrize("name", ["compare", "detector", "live", "recording", "rig", "simulate", "track"])
-def test_examples_in_docstrings_run(name: str) -> None:
+@pytest.mark.parametrize("name", sorted(name for name in pf.__all__ if inspect.isfunction(getattr(pf, name))))
+def test_every_public_function_has_an_example_that_runs(name: str) -> None:
+    """Those that need recordings, cameras or a network are only parsed here; `tests/api/test_gallery.py` runs such programs."""
     import doctest
-    from importlib import import_module
 
-    assert doctest.testmod(import_module(f"posefuse.api.{name}")).failed == 0
+    [test] = [one for one in doctest.DocTestFinder(recurse=False).find(getattr(pf, name), globs={}) if one.examples]
+    assert doctest.DocTestRunner().run(test).failed == 0
+
+
+def test_values_print_in_one_short_line(ring_rig) -> None:
+    rig = ring_rig(4)
+    pose = pf.Pose3D.empty(5, SKELETONS["blazepose33"])
+    observed = pf.Detections2D.empty("cam00", 7, pose.skeleton)
+    assert repr(rig).startswith("Rig(4 cameras: cam00, cam01, cam02, cam03; id ")
+    assert repr(rig.cameras[0]) == "Camera(cam00, 640x480 px, pinhole)"
+    assert repr(pose) == "Pose3D(at 5 ns, people (ids) [], Skeleton(blazepose33, 33 keypoints, 29 bones))"
+    assert repr(observed) == "Detections2D(0 people in cam00 at 7 ns, Skeleton(blazepose33, 33 keypoints, 29 bones))"
+    assert repr(pf.PoseSequence.from_poses([pose])).startswith("PoseSequence(1 time steps, people (ids) [], Skeleton(")

@@ -25,6 +25,12 @@ def test_its_repr_is_a_few_lines(make_recording: Make) -> None:
     assert max(map(len, lines)) < 120
 
 
+def test_its_cameras_triangulate(make_recording: Make) -> None:
+    recording = make_recording()
+    xyz, _, _ = recording.rig.triangulate(recording.views.xy_img[4, 0])
+    np.testing.assert_allclose(xyz, recording.poses.xyz_world[4, 0], atol=1e-6)
+
+
 def test_labelled_arrays_have_named_axes_units_and_provenance(make_recording: Make) -> None:
     recording = make_recording(people=(7, 3))
     data = recording.to_xarray()

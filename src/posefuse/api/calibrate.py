@@ -89,10 +89,10 @@ def calibrate_intrinsics(
         InputError: unusable recordings.
 
     Examples:
-        >>> from posefuse.api.calibrate import calibrate_intrinsics
+        >>> import posefuse as pf
         >>> from posefuse.calibration.targets.kinds import Charuco
         >>> board = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
-        >>> found = calibrate_intrinsics(["cam00.mp4", "cam01.mp4"], target=board)  # doctest: +SKIP
+        >>> found = pf.calibrate_intrinsics(["cam00.mp4", "cam01.mp4"], target=board)  # doctest: +SKIP
         >>> found.save("lenses.toml", report="lenses.html")  # doctest: +SKIP
     """
     found, kind = [], target_of(target)
@@ -144,6 +144,12 @@ def calibrate_extrinsics(
         RefusedCalibration: a check fails; `report` names it and the next step.
         CalibrationError: input that cannot be used.
         InputError: unusable recordings.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> videos = {"cam00": "cam00.mp4", "cam01": "cam01.mp4"}
+        >>> found = pf.calibrate_extrinsics(videos, intrinsics="lenses.toml", target="cube.toml")  # doctest: +SKIP
+        >>> found.save("rig.toml", report="rig.html")  # doctest: +SKIP
     """
     lenses, kind = None if intrinsics is None else _rig(intrinsics), target_of(target)
     if lenses is None and focal_known_to_percent is not None:
@@ -215,6 +221,12 @@ def calibrate_person(
         RefusedCalibration: a check fails; `report` names it and the next step.
         CalibrationError: cameras that cannot be linked by what they see.
         InputError: unusable recordings, or not one length.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> videos = {"cam00": "cam00.mp4", "cam01": "cam01.mp4"}
+        >>> found = pf.calibrate_person(videos, intrinsics="lenses.toml", height_m=1.80)  # doctest: +SKIP
+        >>> found.save("rig.toml", report="rig.html")  # doctest: +SKIP
     """
     paths, lenses = paths_by_camera(inputs), _rig(intrinsics)
     check_recordings(paths)
@@ -259,6 +271,11 @@ def calibrate_clocks(
     Raises:
         RefusedCalibration: a check fails; `report` names it and the next step.
         InputError: no session, or no frame rate.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> found = pf.calibrate_clocks("SESSION")  # doctest: +SKIP
+        >>> found.clocks.offset_s  # seconds that each camera's times are late  # doctest: +SKIP
     """
     folder = Path(session)
     path = folder / CONFIG_FILE
@@ -296,6 +313,11 @@ def verify(
     Raises:
         CalibrationError: a camera the rig does not have, or no length that two cameras see.
         InputError: unusable recordings.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> found = pf.verify("rig.toml", {"cam00": "cam00.mp4", "cam01": "cam01.mp4"}, target="cube.toml")  # doctest: +SKIP
+        >>> found.passed, found.report  # doctest: +SKIP
     """
     cameras, kind = rig_of(_rig(rig)), target_of(target)
     offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}

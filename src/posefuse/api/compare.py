@@ -34,6 +34,11 @@ def compare(
 
     Raises:
         InputError: a file that cannot be read, no common points, or no common time.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> found = pf.compare("RESULT", "markers.c3d")  # doctest: +SKIP
+        >>> found.errors.mpjpe_mm, dict(zip(found.points, found.errors.mean_mm))  # doctest: +SKIP
     """
     from posefuse.evaluation.compare import compare as compared
     from posefuse.pipeline.comparing import to_compare

@@ -14,6 +14,7 @@ from posefuse.core import InputError, JointAngles, Progress
 from posefuse.core.arrays import Array
 
 from .progress import shown
+from .rig import Rig, rig_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,6 +41,8 @@ class Recording(core.Recording):
         >>> knee = recording.joint_angles()["left_knee", "flexion"]  # doctest: +SKIP
         >>> knee.deg, knee.sigma_deg  # doctest: +SKIP
     """
+
+    rig: Rig
 
     def __repr__(self) -> str:
         poses, rig = self.poses, self.rig
@@ -245,7 +248,8 @@ def recording_of(value: core.Recording) -> Recording:
     """The same result as the recording of the public interface."""
     if isinstance(value, Recording):
         return value
-    return Recording(**{field.name: getattr(value, field.name) for field in fields(core.Recording)})
+    parts = {field.name: getattr(value, field.name) for field in fields(core.Recording)}
+    return Recording(**parts | {"rig": rig_of(value.rig)})
 
 
 def read(path: str | Path) -> Recording:
@@ -255,6 +259,13 @@ def read(path: str | Path) -> Recording:
 
     Raises:
         InputError: not a result, one of a newer format, or damaged.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> recording = pf.read("RESULT")  # doctest: +SKIP
+        >>> recording.poses.xyz_world.shape  # time steps, people, keypoints, (x, y, z) in metres  # doctest: +SKIP
+        (300, 1, 33, 3)
+        >>> pf.read("live.mcap").solve().save("SECOND")  # a live session, solved again  # doctest: +SKIP
     """
     from posefuse.pipeline.reading import read_result
 

@@ -24,10 +24,6 @@ class Rig(core.Rig):
         [[0.1, -0.2, 1.0]]
     """
 
-    def __repr__(self) -> str:
-        names = ", ".join(self.names)
-        return f"Rig({len(self)} cameras: {names}; id {self.id}; world set by {self.world_set_by})"
-
     def triangulate(
         self, xy_img: Any, score: Any = None, sigma_px: Any = None, *, weights: Weights | None = None, depth_m: Any = None
     ) -> Triangulated:
@@ -56,6 +52,11 @@ def read_rig(path: str | Path) -> Rig:
 
     Raises:
         CalibrationError: no such file, an unknown format, or cameras that cannot be.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> pf.read_rig("examples/demo/rig.toml")
+        Rig(4 cameras: cam00, cam01, cam02, cam03; id ece765de63ef; world set by simulated)
     """
     from posefuse.formats.rig import read_rig as read
 

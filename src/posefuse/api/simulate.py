@@ -36,6 +36,11 @@ def simulate(
         ConfigError: a scene that cannot be.
         InputError: `out` holds anything else.
         DependencyError: no OpenGL, no extra ``sim``.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> session = pf.simulate("examples/scenes/walk_4cam.yaml", "SESSION", progress=True)  # doctest: +SKIP
+        >>> pf.track(session)  # doctest: +SKIP
     """
     from posefuse.simulation import read_scene
     from posefuse.simulation import simulate as render

@@ -48,6 +48,9 @@ class Camera:
         if problem:
             raise CalibrationError(f"camera {self.name}: {problem}")
 
+    def __repr__(self) -> str:
+        return f"Camera({self.name}, {self.size_wh[0]}x{self.size_wh[1]} px, {self.model})"
+
     def _problem(self) -> str | None:
         if not self.name:
             return "expected a name, got an empty one"

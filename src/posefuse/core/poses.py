@@ -53,6 +53,9 @@ class Pose3D:
         freeze_fields(self, _POSE_DTYPES)
         check_keypoints(self, check_fields(self, _POSE_AXES))
 
+    def __repr__(self) -> str:
+        return f"Pose3D(at {self.t_ns} ns, people (ids) {self.person_id.tolist()}, {self.skeleton})"
+
     @staticmethod
     def empty(t_ns: int, skeleton: Skeleton) -> Pose3D:
         """No person at this time."""
@@ -113,6 +116,9 @@ class PoseSequence:
         check_keypoints(self, check_fields(self, {"t_ns": "T"} | axes))
         if (np.diff(self.t_ns) <= 0).any():
             raise ShapeError("PoseSequence.t_ns: expected strictly increasing times")
+
+    def __repr__(self) -> str:
+        return f"PoseSequence({len(self)} time steps, people (ids) {self.person_id.tolist()}, {self.skeleton})"
 
     def __len__(self) -> int:
         return len(self.t_ns)

@@ -41,6 +41,9 @@ class Rig:
         if twice:
             raise CalibrationError(f"rig: camera names must be unique, got twice: {choices(twice)}")
 
+    def __repr__(self) -> str:
+        return f"Rig({len(self)} cameras: {', '.join(self.names)}; id {self.id}; world set by {self.world_set_by})"
+
     def __len__(self) -> int:
         return len(self.cameras)
 

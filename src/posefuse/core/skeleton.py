@@ -36,6 +36,9 @@ class Skeleton:
             for keypoint in bone:
                 self.index(keypoint)
 
+    def __repr__(self) -> str:
+        return f"Skeleton({self.name}, {len(self.keypoints)} keypoints, {len(self.bones)} bones)"
+
     def __len__(self) -> int:
         return len(self.keypoints)
 

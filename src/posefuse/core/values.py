@@ -171,6 +171,9 @@ class Detections2D:
         check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
         freeze_depth(self, np.float32)
 
+    def __repr__(self) -> str:
+        return f"Detections2D({len(self)} people in {self.camera} at {self.t_ns} ns, {self.skeleton})"
+
     def __len__(self) -> int:
         return len(self.xy_img)
 

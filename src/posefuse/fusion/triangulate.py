@@ -73,6 +73,13 @@ def triangulate(
     Raises:
         ShapeError: axes that do not fit the rig or each other.
         ConfigError: unknown `weights`, or ``all`` without `skeleton`.
+
+    Examples:
+        >>> import numpy as np, posefuse as pf
+        >>> rig = pf.read_rig("examples/demo/rig.toml")
+        >>> xyz, cov, _ = pf.triangulate(rig, rig.project(np.array([[0.1, -0.2, 1.0]])), sigma_px=np.full((4, 1), 2.0))
+        >>> xyz.round(3).tolist(), (1000 * np.sqrt(np.diag(cov[0]))).round(1).tolist()  # m, standard deviations in mm
+        ([[0.1, -0.2, 1.0]], [8.7, 8.8, 6.6])
     """
     weights = settings.weights if weights is None else weights
     if weights not in WEIGHTS:
