@@ -250,7 +250,7 @@ class AsynchronousTracker:
             # with one person a later track is the same person; with several it may be any of them
             self._next_id += self._model.settings.max_people > 1
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
-        self._checks[self._people[-1]] = CrossCheck(self._model.rig, self._model.skeleton, self._solve)
+        self._checks[self._people[-1]] = CrossCheck(self._model, self._solve)
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
 

@@ -10,36 +10,43 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
+from posefuse.core import Detections2D
 from posefuse.core.arrays import Array
 
 from .contract import Solve
-from .person import Person
+from .person import Model, Person
 
 _NEWEST_NS = 150_000_000
 # two views never tell which of them is wrong
 _LEAST_CAMERAS = 3
 # a view is wrong about a keypoint that it places so far from the others: standard deviations, and metres at the body
 _WRONG_SIGMAS, _WRONG_M = 5.0, 0.06
-# a keypoint that is tracked so far from where the newest views put it begins there again
+# a keypoint that is tracked so far from where the newest views put it may begin there again
 _ELSEWHERE_M = 0.12
 _SAME_PERSON_M = 0.3
 # a view is exchanged as a whole where that brings it so much closer
 _CLEARLY = 0.5
+# limbs are exchanged in the person when so many checks running see them so
+_TURNED_CHECKS = 3
+# checks running until a keypoint begins again elsewhere, and the same where its counterpart is tracked
+_FAR_CHECKS, _EXCHANGED_CHECKS = 2, 3
 
 
 class CrossCheck:
     """The newest views of one person. `checked_ns`: when they were last judged."""
 
-    def __init__(self, rig: Rig, skeleton: Skeleton, solve: Solve) -> None:
-        self._rig, self._skeleton, self._solve = rig, skeleton, solve
-        self._mirror = np.asarray(skeleton.mirror)
-        self._focal_px = np.array([camera.K[0, 0] for camera in rig])
-        self._centres = np.stack([camera.centre_world for camera in rig])
+    def __init__(self, model: Model, solve: Solve) -> None:
+        self._rig, self._skeleton, self._solve, self._mirror = model.rig, model.skeleton, solve, model.mirror
+        # (GROUPS, K) of which limbs each keypoint is
+        self._limbs = model.group == np.arange(model.groups)[:, None]
+        self._focal_px = np.array([camera.K[0, 0] for camera in self._rig])
+        self._centres = np.stack([camera.centre_world for camera in self._rig])
         self._newest: dict[str, Detections2D] = {}
         self._wrong: dict[str, Array] = {}
-        # (K,) keypoints that the check before found elsewhere
-        self._far = np.zeros(len(skeleton), bool)
+        # (K,) in how many checks running keypoints were found elsewhere
+        self._far = np.zeros(len(self._skeleton), np.int64)
+        # (GROUPS,) in how many checks running left and right of limbs were exchanged against what is tracked
+        self._turned = np.zeros(model.groups, np.int64)
         self.checked_ns = 0
 
     def keep(self, view: Detections2D) -> Array:
@@ -63,8 +70,20 @@ class CrossCheck:
             Detections2D.empty(name, t_ns, self._skeleton) if view is None else view
             for name, view in zip(self._rig.names, moved, strict=True)
         ]
-        pose = self._solve(together, None)
-        self._wrong, elsewhere = self._judged(pose, now, together)
+        xyz = self._fused(together, now)
+        if xyz is None:
+            self._wrong.clear()
+            return
+        exchanged = self._exchanged(_apart(xyz[self._mirror], now), _apart(xyz, now), 1.0)
+        self._turned = np.where(exchanged, self._turned + 1, 0)
+        turned = self._turned == _TURNED_CHECKS
+        if turned.any():
+            person.exchange(turned)
+            now = self._with_exchanged(now, turned)
+            exchanged, self._turned = exchanged & ~turned, np.where(turned, 0, self._turned)
+        xyz = self._with_exchanged(xyz, exchanged)
+        self._wrong = self._judged(xyz, together)
+        elsewhere = self._elsewhere(xyz, now)
         if np.isfinite(elsewhere).any():
             person.begin_again(elsewhere)
 
@@ -75,27 +94,52 @@ class CrossCheck:
         shift = np.nan_to_num(camera.project(now) - camera.project(then))
         return replace(view, t_ns=t_ns, xy_img=view.xy_img + shift)
 
-    def _judged(self, pose: Pose3D, now: Array, together: list[Detections2D]) -> tuple[dict[str, Array], Array]:
-        """By camera (K,) whether it is wrong, and (K, 3) keypoints that are elsewhere; NaN where they are not."""
-        near_m, found = min(((_median_apart_m(now, xyz), n) for n, xyz in enumerate(pose.xyz_world)), default=(np.inf, 0))
-        if near_m > _SAME_PERSON_M:
-            return {}, np.full(now.shape, np.nan)
-        xyz = pose.xyz_world[found]
-        xyz = np.where(_exchanged(now, xyz, self._mirror)[:, None], xyz[self._mirror], xyz)
+    def _fused(self, together: list[Detections2D], now: Array) -> Array | None:
+        """(K, 3) the person in the views of one moment, each camera for itself; None where it is somebody else."""
+        xyz = self._solve(together, None).xyz_world
+        near_m, found = min(((_median_apart_m(now, one), n) for n, one in enumerate(xyz)), default=(np.inf, 0))
+        return xyz[found] if near_m <= _SAME_PERSON_M else None
+
+    def _judged(self, xyz: Array, together: list[Detections2D]) -> dict[str, Array]:
+        """By camera (K,) whether it is wrong about a person at (K, 3)."""
         wrong = {}
         for camera, centre, focal_px, view in zip(self._rig, self._centres, self._focal_px, together, strict=True):
             if not len(view):
                 continue
-            # a view with left and right exchanged as a whole is put right by the filter
+            # limbs of a view that are exchanged as a whole are put right by the filter
             expected, depth_m = camera.project(xyz), _apart(xyz, centre)
-            other = expected[self._mirror]
-            turned = np.nansum(_apart(view.xy_img[0], other)) < _CLEARLY * np.nansum(_apart(view.xy_img[0], expected))
-            away_px = _apart(view.xy_img[0], other if turned else expected)
-            wrong[camera.name] = (away_px > _WRONG_SIGMAS * view.sigma_px[0]) & (away_px * depth_m > _WRONG_M * focal_px)
-        far = _apart(xyz, now) > _ELSEWHERE_M
-        again = far & self._far
-        self._far = far & ~again
-        return wrong, np.where(again[:, None], xyz, np.nan)
+            same_px, other_px = _apart(view.xy_img[0], expected), _apart(view.xy_img[0], expected[self._mirror])
+            exchanged = self._of_limbs(self._exchanged(other_px, same_px, _CLEARLY))
+            least_px = np.maximum(_WRONG_SIGMAS * view.sigma_px[0], _WRONG_M * focal_px / depth_m)
+            # a hidden limb is not where its counterpart is
+            doubled = np.isnan(depth_m) & ~exchanged & (other_px < least_px[self._mirror])
+            wrong[camera.name] = (np.where(exchanged, other_px, same_px) > least_px) | doubled
+        return wrong
+
+    def _elsewhere(self, xyz: Array, now: Array) -> Array:
+        """(K, 3) keypoints that several checks running found far from where they are tracked; NaN for the others."""
+        away_m = _apart(xyz, now)
+        self._far = np.where(away_m > _ELSEWHERE_M, self._far + 1, 0)
+        # networks exchange wrists that pass each other, so several views may be wrong in the same way for a while
+        patience = np.where(_apart(xyz[self._mirror], now) < away_m, _EXCHANGED_CHECKS, _FAR_CHECKS)
+        again = self._far >= patience
+        self._far[again] = 0
+        return np.where(again[:, None], xyz, np.nan)
+
+    def _exchanged(self, other: Array, same: Array, share: float) -> Array:
+        """(GROUPS,) limbs whose distances (K,) with left and right exchanged are less than such a share of those as they are.
+
+        Arms, legs and head each as a whole: a pair of elbows alone is never exchanged.
+        """
+        known = self._limbs & np.isfinite(other) & np.isfinite(same)
+        return np.array([other[one].sum() < share * same[one].sum() for one in known])
+
+    def _of_limbs(self, limbs: Array) -> Array:
+        """(K,) whether a keypoint is of one of these limbs (GROUPS,); those of the midline are of none."""
+        return np.asarray(self._limbs[limbs].any(axis=0))
+
+    def _with_exchanged(self, xyz: Array, limbs: Array) -> Array:
+        return np.where(self._of_limbs(limbs)[:, None], xyz[self._mirror], xyz)
 
 
 def _apart(one: Array, other: Array) -> Array:
@@ -107,9 +151,3 @@ def _median_apart_m(one: Array, other: Array) -> float:
     distances = _apart(one, other)
     known = distances[np.isfinite(distances)]
     return float(np.median(known)) if len(known) else np.inf
-
-
-def _exchanged(now: Array, points: Array, mirror: Array) -> Array:
-    """(K,) which points lie closer to those of now with left and right exchanged; which side is which is not judged here."""
-    same, other = _apart(points, now), _apart(points[mirror], now)
-    return np.asarray(other + other[mirror] < same + same[mirror])

@@ -67,6 +67,13 @@ class Model:
                 groups[i] = 0 if part in _ARMS else 1 if part in _LEGS else 2
         return groups
 
+    @property
+    def groups(self) -> int:
+        """How many groups there are."""
+        from . import kernels
+
+        return kernels.GROUPS
+
     @cached_property
     def ends(self) -> Array:
         """(B, 2) bones."""
@@ -165,6 +172,13 @@ class Person:
 
         for moment in self._moments:
             kernels.begin_again(moment.state, self._model.sizes, xyz)
+
+    def exchange(self, groups: Array) -> None:
+        """Exchange left and right of limbs (`kernels.GROUPS`,), see `Model.group`, in every kept state."""
+        from . import kernels
+
+        for moment in self._moments:
+            kernels.exchange_groups(moment.state, self._model.sizes, self._model.mirror, self._model.group, groups)
 
     @property
     def measured_ns(self) -> int:

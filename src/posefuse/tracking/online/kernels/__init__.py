@@ -6,8 +6,21 @@ Times are seconds since the person's birth. Cameras are rows of (R 9, t 3, centr
 
 from .pose import pose, where
 from .rays import agreement, measure
-from .state import born, state_size
+from .sides import exchange_groups
+from .state import GROUPS, born, state_size
 from .step import FIGURES, step
 from .updates import begin_again
 
-__all__ = ["FIGURES", "agreement", "begin_again", "born", "measure", "pose", "state_size", "step", "where"]
+__all__ = [
+    "FIGURES",
+    "GROUPS",
+    "agreement",
+    "begin_again",
+    "born",
+    "exchange_groups",
+    "measure",
+    "pose",
+    "state_size",
+    "step",
+    "where",
+]

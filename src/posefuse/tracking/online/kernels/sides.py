@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 
 from .rays import expected, ray, squared, whitened
-from .state import GROUPS
+from .state import GROUPS, parts
 
 _FLIP_GAIN = 12.0  # least loss saved by exchanging a limb: noise does not exchange
 _FLIP_OBJECTION = 4.0  # least additional loss for which a limb supports its own sides
@@ -55,3 +55,14 @@ def exchange_person(x, cov, share, seen, square, precision, deepness, mirror, gr
                 square[i, c], square[o, c] = square[o, c], square[i, c]
                 precision[i, c], precision[o, c] = precision[o, c], precision[i, c]
                 deepness[i, c], deepness[o, c] = deepness[o, c], deepness[i, c]
+
+
+@kernel()
+def exchange_groups(state, sizes, mirror, group, which):
+    """Exchange left and right of the limbs `which` (GROUPS,) of a person, and forget the views in which they were exchanged."""
+    k, m, c, b = sizes
+    x, cov, share, _, seen, square, precision, deepness, _, flips, _, _ = parts(state, k, m, c, b)
+    for g in range(GROUPS):
+        if which[g]:
+            exchange_person(x, cov, share, seen, square, precision, deepness, mirror, group, g)
+            flips[g] = 0.0
