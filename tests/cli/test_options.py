@@ -92,6 +92,10 @@ ACCEPTED = {
         "",
         "--json, --out text, --fit rays, --opensim, --opensim-model text, --title text",
     ),
+    "export RESULT": (
+        "--out text",
+        "--json, --outputs text, --session text",
+    ),
     "batch STUDY": (
         "--out text",
         "--config text, --force, --jobs 2, --json, --networks one --networks two, --no-report, --outputs text, --scheduler text, "

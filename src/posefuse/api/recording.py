@@ -174,14 +174,17 @@ class Recording(core.Recording):
 
         Raises:
             ConfigError: no such format.
-            InputError: the folder holds anything else, or a file cannot be written.
+            InputError: the folder holds anything else, or a file cannot be written; those of the other formats are.
         """
         from posefuse.pipeline.session_images import session_of
-        from posefuse.pipeline.writing import export_recording
+        from posefuse.pipeline.writing import export_recording, failures
 
         found = None if session is None else session_of(self, Path(session))
         with shown(progress) as report:
-            return export_recording(self, Path(path), formats, found, replace, report)
+            files, failed = export_recording(self, Path(path), formats, found, replace=replace, progress=report)
+        if failed:
+            raise InputError(failures(failed))
+        return files
 
     def report(
         self,

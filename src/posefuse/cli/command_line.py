@@ -34,6 +34,7 @@ COMMANDS = (
     "calibrate",
     "view",
     "report",
+    "export",
     "simulate",
     "compare",
     "models",

@@ -34,8 +34,8 @@ class C3dSink:
         late = (poses.t_ns - poses.t_ns[0]) * 1e-9 * rate - np.arange(len(poses))
         if np.abs(late).max() > max(_UNEVEN_PERIODS, 1e-6 * len(poses)):
             raise InputError(
-                f"{folder}: C3D holds evenly spaced time steps only; these are up to {np.abs(late).max():.2g} periods off "
-                f"{rate:.6g} Hz: set rate_hz, or leave c3d out of the outputs"
+                f"C3D holds evenly spaced time steps only; these are up to {np.abs(late).max():.2g} periods off {rate:.6g} Hz: "
+                "set rate_hz (of a live session: `posefuse track FILE.mcap` makes even ones), or leave c3d out of the outputs"
             )
         about = {
             "VERSION": str(provenance(recording)["version"]),

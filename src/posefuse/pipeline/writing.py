@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink
@@ -77,18 +77,40 @@ def save_recording(
 
 
 def export_recording(
-    recording: Recording, path: Path, formats: Sequence[str], session: Session | None, replace: bool, progress: StageProgress
-) -> list[Path]:
-    """Write files of other formats alone into a folder; images are drawn on where there is a session. Returns the files.
+    recording: Recording,
+    path: Path,
+    formats: Sequence[str],
+    session: Session | None,
+    *,
+    replace: bool,
+    progress: StageProgress,
+    inputs: Sequence[Path] = (),
+) -> tuple[list[Path], dict[str, str]]:
+    """Write files of other formats alone into a folder; images are drawn on where there is a session.
+
+    Returns:
+        The files, and why outputs failed, by name. One that fails does not keep the others from being written.
+
+    Args:
+        replace: an earlier export whose files are unchanged. inputs: files that must not be written over.
 
     Raises:
-        ConfigError: no such format. InputError: the folder holds anything else, or a file cannot be written.
+        ConfigError: no such format. InputError: the folder holds anything else, or none of the outputs can be written.
     """
     sinks = build_sinks(formats)
-    with output_folder(path, command="export", replace=replace) as out:
+    with output_folder(path, command="export", inputs=inputs, replace=replace) as out:
         report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
         frames = iter(()) if session is None else session_frames(recording, session, report)
-        return [out.final(file) for file in write_outputs(sinks_with_bodies(sinks, recording), recording, out.folder, frames)]
+        outcome = write_each(sinks_with_bodies(sinks, recording), recording, out.folder, frames)
+        failed = {name: _reason(error) for name, error in outcome.failed.items()}
+        if failed and not outcome.files:
+            raise InputError(failures(failed))
+        return [out.final(file) for file in outcome.files], failed
+
+
+def failures(failed: Mapping[str, str]) -> str:
+    """Outputs that failed and why, in one line."""
+    return "; ".join(f"{name}: {reason}" for name, reason in failed.items())
 
 
 def _reason(error: Exception) -> str:

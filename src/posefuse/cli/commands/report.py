@@ -11,7 +11,7 @@ from posefuse.cli.options.shared import Figures, Shown
 
 
 def report(
-    result: Annotated[Path, Parameter(metavar="DIR")],
+    result: Annotated[Path, Parameter(metavar="RESULT")],
     /,
     *,
     out: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,

@@ -11,7 +11,7 @@ from posefuse.cli.options.shared import Figures, Shown
 
 
 def view(
-    result: Annotated[Path, Parameter(metavar="DIR")],
+    result: Annotated[Path, Parameter(metavar="RESULT")],
     /,
     *,
     session: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
@@ -20,7 +20,7 @@ def view(
     """Show a result in the Rerun viewer (extra: viewer), until the viewer is closed.
 
     Args:
-        result: Folder written by `posefuse track`.
+        result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
     from posefuse.cli.viewing import view_result
