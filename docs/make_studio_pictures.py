@@ -84,7 +84,7 @@ def photograph(browser: Browser, port: int, ending: str, size_wh: tuple[int, int
         path = _IMAGES / f"studio_{name}{ending}.png"
         if page.evaluate("document.documentElement.scrollWidth") > size_wh[0]:
             problems.append(f"{name}: wider than {size_wh[0]} px")
-        page.screenshot(path=path)
+        page.screenshot(path=path, animations="disabled")
         image = cv2.imread(str(path))
         cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
         print(path.name, f"{path.stat().st_size // 1024} kB")

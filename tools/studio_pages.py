@@ -99,7 +99,7 @@ def pictures(watched: Watched, base: str, folder: Path | None, names: dict[str, 
             if page.evaluate("document.documentElement.scrollWidth") > size[0]:
                 watched.errors.append(f"{name}: wider than {size[0]} px")
             if folder is not None:
-                page.screenshot(path=folder / f"studio_{name}{suffix}.png")
+                page.screenshot(path=folder / f"studio_{name}{suffix}.png", animations="disabled")
         page.close()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -28,10 +29,11 @@ def free_port() -> int:
 
 
 @contextmanager
-def server(workspace: Path, port: int, *options: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A studio that answers; `options`: more of its command line."""
+def server(workspace: Path, port: int, *options: str, log: Path | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """A studio that answers; `options`: more of its command line. `log`: takes what it prints."""
     command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open", *options]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    with Path(os.devnull if log is None else log).open("wb") as printed:
+        process = subprocess.Popen(command, stdout=printed, stderr=printed)
     try:
         until(lambda: _answers(port) or process.poll() is not None, "the studio to answer")
         if process.poll() is not None:

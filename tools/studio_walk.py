@@ -72,7 +72,7 @@ class Walk:
             page = page or self.page
             # the header stays at the top of the window
             page.evaluate("scrollTo(0, 0)")
-            page.screenshot(path=self._pictures / f"{name}.png", full_page=True)
+            page.screenshot(path=self._pictures / f"{name}.png", full_page=True, animations="disabled")
 
     def open(self) -> None:
         """The first page, as the browser of a newcomer opens it."""

@@ -96,7 +96,10 @@ def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> N
     assert projects(workspace) == [READY]
     for number in (1, 2):
         name = f"{READY.folder}/verify-{number}"
-        write_json(workspace.folder(name) / "coverage.json", {"cameras": ["left"], "enough": number == 2})
+        write_json(
+            workspace.folder(name) / "coverage.json",
+            {"cameras": ["left"], "covered": [1.0], "linked": [[0.0]], "enough": number == 2},
+        )
     workspace.folder(f"{READY.folder}/verify-3")
     write_json(workspace.path(READY.folder) / "verify.json", result("verify", recording=f"{READY.folder}/verify-1"))
     known = known_of(workspace, READY, ["left"])

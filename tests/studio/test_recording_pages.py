@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
-from small_session import COUNT, PERIOD_NS, saved_session
+from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, saved_session
 
 import posefuse as pf
 from posefuse.core import ConfigError, Rig
 from posefuse.evaluation.rig_plan import plan_rig
+from posefuse.formats.video import VideoWriter
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.edits import Exclusion
 from posefuse.simulation.cameras import PlacedCamera, placed_cameras
@@ -196,6 +197,35 @@ def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: StudioWo
     assert 3 not in times[1:]  # newer requests take its place
     poses = [message for key, message in sent if key == "pose"]
     assert all(struct.unpack_from("<2sBBId", message)[2] == POSES for message in poses)
+
+
+def test_a_recording_begins_where_there_are_images_and_states_where_there_are_none(workspace: StudioWorkspace) -> None:
+    """As a live recording, whose videos begin a moment after its poses."""
+    video, late = workspace.path("walk/videos/cam01.mp4"), 7
+    with VideoWriter(video, SIZE_WH, 30.0, crf=5) as writer:
+        for i in range(late, COUNT):
+            writer.write(np.full((SIZE_WH[1], SIZE_WH[0], 3), grey(1, i), np.uint8), i * PERIOD_NS)
+    opened, stream = open_recording(workspace.path("result"), workspace.root), Stream()
+    sent: dict[object, bytes] = {}
+    stream.publish = lambda key, message, keep=False: sent.update({key: message})  # type: ignore[method-assign]
+    jpeg = slice(32 + 8 * 17 * 2 + 4, None)
+
+    async def use() -> None:
+        player = ResultPlayer(opened, stream)
+        player.start()
+        assert player.t_s == pytest.approx(late * PERIOD_NS / 1e9)
+        while player._busy:
+            await asyncio.sleep(0.01)
+        assert sent["image", 1][jpeg].startswith(b"\xff\xd8")
+        player.seek(0.0)
+        while player._busy:
+            await asyncio.sleep(0.01)
+        # the image of another time would be taken for that of this one
+        assert struct.unpack_from("<HHHHHH", sent["image", 1], 16) == (1, *SIZE_WH, 0, 0, 0)
+        assert len(sent["image", 1]) == 32 and sent["image", 0][jpeg].startswith(b"\xff\xd8")
+        player.close()
+
+    asyncio.run(use())
 
 
 def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) -> None:

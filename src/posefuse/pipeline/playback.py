@@ -68,6 +68,20 @@ class Playback:
         """Whether there are images of any camera."""
         return bool(self._seekers)
 
+    @property
+    def begin_ns(self) -> int:
+        """The first time step at which all cameras with images have one; the recording's first where there is no such time."""
+        t_ns = self.recording.poses.t_ns
+        begins = [int(one.times_ns[0]) for one in self._seekers.values() if len(one.times_ns)]
+        if not len(t_ns):
+            return 0
+        later = np.flatnonzero(t_ns >= max(begins, default=0))
+        return int(t_ns[later[0] if len(later) else 0])
+
+    def shown_wh(self, camera: int, width_px: int) -> tuple[int, int]:
+        """Width and height of a small image of a camera of the rig, by its number."""
+        return _tile_wh(self.recording.rig.cameras[camera].size_wh, width_px)
+
     def step_at(self, t_ns: int) -> int:
         """The time step nearest to a time."""
         return nearest(self.recording.poses.t_ns, t_ns)

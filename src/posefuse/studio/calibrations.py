@@ -212,7 +212,20 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
         found = [path for path in folder.glob(f"{step}-*") if (path / _COVERAGE).is_file()]
         if found:
             newest = max(found, key=lambda path: (path / _COVERAGE).stat().st_mtime_ns)
-            recordings[step], coverage[step] = f"{project.folder}/{newest.name}", read_json(newest / _COVERAGE)
-        if result := read_json(folder / f"{step}.json"):
+            recordings[step], seen = f"{project.folder}/{newest.name}", read_json(newest / _COVERAGE)
+            coverage[step] = seen if {"cameras", "covered", "linked"} <= seen.keys() else {}
+        if _whole(result := read_json(folder / f"{step}.json")):
             results[step] = result
     return Known(cameras=tuple(cameras), recordings=recordings, coverage=coverage, results=results)
+
+
+def _whole(result: Mapping[str, Any]) -> bool:
+    """Whether it is as `work.calibrate` writes it; a damaged one is as none."""
+    reports = result.get("reports")
+    return isinstance(result.get("passed"), bool) and isinstance(reports, list) and all(map(_whole_report, reports))
+
+
+def _whole_report(report: Any) -> bool:
+    if not isinstance(report, dict) or not {"subject", "checks", "numbers"} <= report.keys():
+        return False
+    return all(isinstance(one, dict) and {"name", "passed", "detail", "remedy"} <= one.keys() for one in report["checks"])

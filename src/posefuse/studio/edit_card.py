@@ -16,7 +16,7 @@ from posefuse.pipeline.solve import edits_of
 
 from .shell import card, refused
 from .state import Studio
-from .workspace import check_name
+from .workspace import check_name, recording_place
 
 _ALL = "all cameras (a bad stretch)"
 _EVERYBODY = -1
@@ -45,7 +45,7 @@ class EditCard:
             self._list = ui.column().classes("pf-edits")
             self._people()
             with ui.row().classes("pf-tools"):
-                self._out = ui.input("New name", value=PurePosixPath(name).stem + "-edited").props("dense outlined")
+                self._out = ui.input("New name", value=recording_place(name).stem + "-edited").props("dense outlined")
                 self._solve = ui.button("Solve again", icon="replay", on_click=self._start)
         self._show()
 
@@ -140,18 +140,15 @@ class EditCard:
         workspace = self._studio.workspace
         try:
             check_name(self._out.value)
-            parent = PurePosixPath(self._name).parent.as_posix()
-            out = workspace.free_name(parent, self._out.value) if parent != "." else _free_at_top(self._studio, self._out.value)
+            parent = recording_place(self._name).parent.as_posix()
+            # without the "./" of a recording at the top
+            out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
             arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
             self._studio.jobs.start("solve_again", f"Solve {self._name} again", arguments, page="/recordings")
         except PosefuseError as error:
             refused(error)
             return
         ui.notify(f"Solving again into {out}")
-
-
-def _free_at_top(studio: Studio, stem: str) -> str:
-    return PurePosixPath(studio.workspace.free_name(".", stem)).name
 
 
 def _names_by_id(recording: Recording) -> list[str]:

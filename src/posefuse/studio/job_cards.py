@@ -12,6 +12,7 @@ from nicegui import ui
 from .jobs import Job, Report
 from .shell import card, job_line
 from .state import Studio
+from .workspace import recording_place
 
 _POLL_S = 1.0
 # older work is in the jobs menu
@@ -44,17 +45,22 @@ def _card(studio: Studio, job: Job, report: Report) -> None:
         job_line(studio, job)
         if report.news and not report.error:
             ui.label(report.news[-1]).classes("pf-small")
-        if report.state == "done":
-            with ui.row():
-                _links(report)
+        result_links(report)
+
+
+def result_links(report: Report) -> None:
+    """What a job that is done has made."""
+    if report.state == "done":
+        with ui.row():
+            _links(report)
 
 
 def _links(report: Report) -> None:
     result = report.result
     if "page" in result:
         ui.link("Open the page", file_address(result["page"]), new_tab=True)
-    if "result" in result:
-        ui.link("Open the recording", f"/recordings?{urlencode({'open': result['result']})}")
+    for name in (*([result["result"]] if "result" in result else ()), *result.get("recordings", ())):
+        ui.link(f"Open {recording_place(name).name}", f"/recordings?{urlencode({'open': name})}")
     for name in result.get("files", ()):
         ui.link(name.split("/")[-1], file_address(name)).props("download")
 

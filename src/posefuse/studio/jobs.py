@@ -128,18 +128,16 @@ class Jobs:
         content = read_json(self._folder(job_id) / "job.json")
         known = {one.name for one in fields(Job)}
         try:
-            return Job(**{key: value for key, value in content.items() if key in known}) if content else None
-        except TypeError:
+            job = Job(**{key: value for key, value in content.items() if key in known})
+            return replace(job, arguments=dict(job.arguments), begun_s=float(job.begun_s))
+        except (TypeError, ValueError):
             return None
 
     def report(self, job_id: str) -> Report:
         """How far it is now."""
         self._reap(job_id)
         folder = self._folder(job_id)
-        content = read_json(folder / "state.json")
-        known = {one.name for one in fields(Report)}
-        report = Report(**{key: value for key, value in content.items() if key in known})
-        report = replace(report, news=tuple(report.news))
+        report = _report_of(read_json(folder / "state.json"))
         if report.ended:
             return report
         job = self.job(job_id)
@@ -179,6 +177,17 @@ class Jobs:
     def _last_words(self, folder: Path) -> str:
         lines = [line for line in self.log(folder.name).splitlines() if line.strip()]
         return lines[-1].strip() if lines else ""
+
+
+def _report_of(content: Mapping[str, Any]) -> Report:
+    """From its file; as one that has reported nothing where that is damaged."""
+    known = {one.name for one in fields(Report)}
+    try:
+        report = Report(**{key: value for key, value in content.items() if key in known})
+        result, extra = dict(report.result), dict(report.extra)
+        return replace(report, news=tuple(map(str, report.news)), told_s=float(report.told_s), result=result, extra=extra)
+    except (TypeError, ValueError):
+        return Report()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import PurePosixPath
-
 from nicegui import ui
 
 from posefuse.core import PosefuseError
@@ -13,6 +11,7 @@ from posefuse.pipeline.reporting import PAGE_FILE, report_folder
 from .job_cards import file_address
 from .shell import card, refused
 from .state import Studio
+from .workspace import recording_place
 
 _FIRST = ("trc", "c3d", "csv")
 
@@ -44,6 +43,6 @@ def output_card(studio: Studio, name: str) -> None:
                     "export",
                     "Files",
                     formats=list(chosen.value),
-                    out=studio.workspace.free_name("exports", PurePosixPath(name).stem),
+                    out=studio.workspace.free_name("exports", recording_place(name).stem),
                 ),
             )

@@ -104,7 +104,7 @@ class ResultPlayer:
         self._stream.publish("setup", setup_message(scene_setup(recording.rig, recording.poses.skeleton)), keep=True)
         names = dict(zip(recording.poses.person_id.tolist(), recording.person_names, strict=True))
         self._stream.publish("labels", labels_message(names), keep=True)
-        self.seek(self.begin_s)
+        self.seek(self.opened.playback.begin_ns / 1e9)
 
     def seek(self, t_s: float) -> None:
         """Go to a time; the 3D view follows at once, the videos as soon as they are decoded."""
@@ -152,8 +152,8 @@ class ResultPlayer:
     async def _show_camera(self, c: int, t_s: float) -> None:
         playback = self.opened.playback
         moment = await asyncio.to_thread(playback.moment, playback.cameras[c], round(t_s * 1e9), TILE_PX)
-        if moment is not None:
-            self._stream.publish(("image", c), self._image(c, moment), keep=True)
+        message = self._image(c, moment) if moment is not None else image_message(t_s, c, b"", playback.shown_wh(c, TILE_PX))
+        self._stream.publish(("image", c), message, keep=True)
 
     def _image(self, c: int, moment: PlaybackStep) -> bytes:
         people = self.opened.recording.poses.person_id.tolist()

@@ -33,8 +33,8 @@ def add_routes(app: Any, workspace: StudioWorkspace) -> None:
             path = workspace.existing(name)
         except PosefuseError as error:
             return Response(str(error), status_code=404, media_type="text/plain")
-        # the state of jobs has keys of sessions
-        if not path.is_file() or STATE_FOLDER in path.parts:
+        # the state of jobs has keys of sessions; some disks take capital letters for small ones
+        if not path.is_file() or STATE_FOLDER in (part.lower() for part in path.parts):
             return Response(f"{name}: not a file", status_code=404, media_type="text/plain")
         if path.suffix == ".html":
             return FileResponse(path, media_type="text/html", headers=_SANDBOX)

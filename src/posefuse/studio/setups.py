@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any, TypeGuard
 
 from posefuse.core import InputError, Rig, SourceError
 from posefuse.realtime.capture import LiveInput
@@ -41,9 +42,13 @@ def setups(workspace: StudioWorkspace) -> list[Setup]:
     for path in sorted(folder.glob("*.json")) if folder.is_dir() else []:
         content = read_json(path)
         sources, roles = content.get("sources"), content.get("roles", {})
-        if isinstance(sources, dict) and all(isinstance(one, str) for one in sources.values()) and isinstance(roles, dict):
+        if _texts(sources) and _texts(roles):
             found.append(Setup(name=path.stem, sources=sources, rig=str(content.get("rig", "")), roles=roles))
     return [Setup(name=DEMO), *found]
+
+
+def _texts(values: Any) -> TypeGuard[dict[str, str]]:
+    return isinstance(values, dict) and all(isinstance(one, str) for one in values.values())
 
 
 def setup_named(workspace: StudioWorkspace, name: str) -> Setup:

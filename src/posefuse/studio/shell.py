@@ -134,9 +134,8 @@ def job_line(studio: Studio, job: Job) -> None:
         if not report.ended:
             fraction = report.fraction
             ui.linear_progress(fraction or 0.0, show_value=False).props("indeterminate" if fraction is None else "")
-        line = report.error or (f"{report.stage} {report.done}" + (f" of {report.total}" if report.total else "")) * bool(
-            report.stage
-        )
+        done = f"{report.stage} {report.done}" + (f" of {report.total}" if report.total else "")
+        line = report.error or done * (bool(report.stage) and not report.ended)
         if line:
             ui.label(line).classes("pf-small")
 

@@ -53,7 +53,7 @@ def picture(t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], u
     """
     span = Span(float(t_s[0]), float(t_s[-1]))
     low, high = _range(curves)
-    parts = [_axes(span, low, high, unit)]
+    parts = [_times(span)] + ([_levels(low, high, unit)] if curves else [])
     parts += [_line(span, t_s, one, low, high) for one in curves]
     parts += [_ticks(span, times, COLOURS[side]) for side, times in strikes.items()]
     names = " ".join(
@@ -99,8 +99,9 @@ def _y_px(value: float, low: float, high: float) -> float:
     return SIZE_PX[1] - _BOTTOM - (value - low) / (high - low) * (SIZE_PX[1] - _TOP - _BOTTOM)
 
 
-def _axes(span: Span, low: float, high: float, unit: str) -> str:
-    width, height = SIZE_PX
+def _levels(low: float, high: float, unit: str) -> str:
+    """Lines at round values."""
+    width = SIZE_PX[0]
     parts = []
     for value in _round_values(low, high, 4):
         y = _y_px(value, low, high)
@@ -110,10 +111,16 @@ def _axes(span: Span, low: float, high: float, unit: str) -> str:
         parts.append(
             f'<text x="{_LEFT - 8}" y="{y + 5:.1f}" font-size="14" fill="#78909c" text-anchor="end">{value:g}{unit}</text>'
         )
-    for value in _round_values(span.begin_s, span.end_s, 8):
-        x = span.x_px(value)
-        parts.append(f'<text x="{x:.1f}" y="{height - 8}" font-size="14" fill="#78909c" text-anchor="middle">{value:g} s</text>')
     return "".join(parts)
+
+
+def _times(span: Span) -> str:
+    """Round times below."""
+    style = 'font-size="14" fill="#78909c" text-anchor="middle"'
+    return "".join(
+        f'<text x="{span.x_px(value):.1f}" y="{SIZE_PX[1] - 8}" {style}>{value:g} s</text>'
+        for value in _round_values(span.begin_s, span.end_s, 8)
+    )
 
 
 def _round_values(low: float, high: float, about: int) -> list[float]:
@@ -121,7 +128,8 @@ def _round_values(low: float, high: float, about: int) -> list[float]:
     rough = max(high - low, 1e-9) / about
     size = 10.0 ** np.floor(np.log10(rough))
     step = size * next(factor for factor in (1, 2, 5, 10) if factor * size >= rough)
-    return [float(round(value, 9)) for value in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
+    # no negative zero
+    return [float(round(value, 9)) + 0.0 for value in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
 
 
 def _line(span: Span, t_s: Array, curve: Curve, low: float, high: float) -> str:

@@ -12,6 +12,8 @@ from posefuse.foundation.atomic import atomic_file
 
 MOST_UPLOAD_BYTES = 4 * 2**30
 STATE_FOLDER = ".posefuse-studio"
+POSES_FILE = "recording.mcap"
+"""Of a live recording, in its folder."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}")
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{kind}{n}" for kind in ("com", "lpt") for n in range(1, 10))}
 
@@ -48,7 +50,8 @@ class StudioWorkspace:
     def existing(self, name: str) -> Path:
         """As `path`; raises InputError also where there is no such file or folder."""
         target = self.path(name)
-        if not target.exists():
+        # unlike Path.exists, this takes a name that is too long for the disk as one of a missing file
+        if not os.path.exists(target):  # noqa: PTH110
             raise InputError(f"{name!r}: not in the workspace")
         return target
 
@@ -99,6 +102,12 @@ class StudioWorkspace:
                     raise InputError(f"{file_name}: more than {most_bytes / 2**20:,.0f} MB; copy it into {self.root} instead")
                 file.write(part)
         return name
+
+
+def recording_place(name: str) -> PurePosixPath:
+    """What a recording is known by: its own name, or its folder's for the file that a live session writes there."""
+    place = PurePosixPath(name)
+    return place.parent if place.name == POSES_FILE and place.parent.name else place
 
 
 def check_name(name: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from posefuse.core import PosefuseError
+from posefuse.core import PosefuseError, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.studio.calibrations import Known, Next, Project, Step, known_of, next_step, projects, save_project
 from posefuse.studio.live_link import WATCH
@@ -57,6 +57,8 @@ def build(studio: Studio) -> None:
             project = next((one for one in projects(studio.workspace) if one.name == name), None)
             if project is None:
                 _welcome(studio, show)
+            elif project.setup not in {one.name for one in setups(studio.workspace)}:
+                _without_cameras(project)
             else:
                 _Guide(studio, project).build()
 
@@ -70,6 +72,15 @@ def _welcome(studio: Studio, show: Callable[[str], None]) -> None:
         ui.button("New calibration", icon="add", on_click=lambda: _new(studio, show)).props("unelevated no-caps size=lg").classes(
             "self-start"
         )
+
+
+def _without_cameras(project: Project) -> None:
+    with card():
+        ui.label(f"The preset {project.setup} is missing").classes("pf-next")
+        ui.label(
+            f"The calibration {project.name} belongs to these cameras. Save them under this name again on the page Cameras, or"
+            " begin a new calibration."
+        ).classes("pf-about")
 
 
 async def _new(studio: Studio, show: Callable[[str], None]) -> None:
@@ -250,7 +261,11 @@ class _Guide:
         self._results.clear()
         with self._results:
             if "extrinsics" in known.results and known.results["extrinsics"]["passed"]:
-                self._scene(known.results["extrinsics"])
+                try:
+                    rig = read_rig(self._studio.workspace.existing(f"{self._project.folder}/rig.toml"))
+                    self._scene(rig, known.results["extrinsics"])
+                except PosefuseError as error:
+                    light("bad", str(error))
             with ui.element("div").classes("pf-column"):
                 for step in ("verify", "extrinsics", "intrinsics"):
                     if step in known.results:
@@ -270,9 +285,8 @@ class _Guide:
             with self._graph:
                 graph_card(cameras, together)
 
-    def _scene(self, result: Mapping[str, Any]) -> None:
+    def _scene(self, rig: Rig, result: Mapping[str, Any]) -> None:
         name = f"rig-{self._project.name}"
-        rig = read_rig(self._studio.workspace.existing(f"{self._project.folder}/rig.toml"))
         cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in result.get("position_cov_m2", {}).items()}
         self._studio.stream(name).publish("setup", setup_message(scene_setup(rig, centre_cov=cov)), keep=True)
         with card("The rig"):

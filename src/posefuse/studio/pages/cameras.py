@@ -103,7 +103,7 @@ class _Chooser:
                 ui.button("Add", on_click=add).props("outline no-caps")
         with card("Upload videos"):
             ui.upload(multiple=True, auto_upload=True, max_file_size=4 * 2**30, on_upload=self._uploaded).props(
-                'accept="video/*" flat'
+                'accept="video/*" flat bordered label="Press + or drop videos here"'
             )
 
     async def _uploaded(self, event: Any) -> None:
@@ -140,7 +140,9 @@ class _Chooser:
         with ui.row().classes("items-center gap-3 w-full no-wrap pf-camera-row"):
             field = ui.input("Name", value=name).props("dense").classes("w-32")
             field.on("blur", lambda: self._rename(name, (field.value or "").strip()))
-            ui.select(list(_ROLES), value=self._roles.get(name, ""), label="Role",
+            role = self._roles.get(name, "")
+            # one of a preset that was written by hand may be in other words
+            ui.select(list(dict.fromkeys([*_ROLES, role])), value=role, label="Role",
                       on_change=lambda event: self._roles.update({name: event.value})).props("dense").classes("w-28")  # fmt: skip
             ui.label(source).classes("pf-small pf-grow")
             ui.button(icon="close", on_click=lambda: self._remove(name)).props(f'flat dense round aria-label="Remove {name}"')

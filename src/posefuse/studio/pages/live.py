@@ -8,6 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from posefuse.core import PosefuseError
+from posefuse.studio.job_cards import result_links
 from posefuse.studio.live_link import LIVE, LIVE_BODIES
 from posefuse.studio.pages.live_parts import health_line, outputs_card, people_card, record_card
 from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
@@ -53,7 +54,7 @@ def _start(studio: Studio) -> None:
         with ui.row().classes("items-end gap-4"):
             setup = ui.select(choices, value=choices[-1], label="Cameras").classes("w-56")
             people = ui.number("People", value=1, min=1, max=16, step=1, precision=0).classes("w-24")
-            network = ui.select(_NETWORKS, value="", label="Network").classes("w-64")
+            network = ui.select(_NETWORKS, value="", label="Network").classes("w-80")
 
         def start() -> None:
             arguments = {"setup": setup.value, "people": int(people.value or 1), "networks": network.value}
@@ -68,6 +69,7 @@ def _start(studio: Studio) -> None:
     if ended is not None:
         with card("The last session"):
             job_line(studio, ended)
+            result_links(studio.jobs.report(ended.id))
 
 
 def _starting(studio: Studio) -> None:
@@ -218,5 +220,7 @@ def _news_card(refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:
                 light("bad", line)
             for line in reversed(news):
                 ui.label(line).classes("pf-small")
+            if not (no or news):
+                ui.label("Nothing so far.").classes("pf-small")
 
     refreshers.append(refresh)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from pathlib import PurePosixPath
 
 import numpy as np
 from nicegui import events, ui
@@ -15,9 +14,10 @@ from posefuse.studio.job_cards import job_cards
 from posefuse.studio.output_card import output_card
 from posefuse.studio.player import ResultPlayer, joint_angles, open_recording
 from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene
-from posefuse.studio.shell import card, refused, title, words
+from posefuse.studio.shell import card, light, title, words
 from posefuse.studio.state import Studio
 from posefuse.studio.timeline import SIZE_PX, Curve, Span, cursor, picture
+from posefuse.studio.workspace import recording_place
 
 _POLL_S = 0.1
 _NO_VIDEOS = "No videos were kept with this recording, or they were not finished."
@@ -33,8 +33,7 @@ def build(studio: Studio, name: str) -> None:
     client = ui.context.client
     with ui.row().classes("pf-tools"):
         ui.link("All recordings", "/recordings")
-    place_name = PurePosixPath(name)
-    title(place_name.parent.name if place_name.name == "recording.mcap" else place_name.name, name)
+    title(recording_place(name).name, name)
     place = ui.column().classes("pf-page-body")
     with place, ui.row().classes("pf-tools") as waiting:
         ui.spinner()
@@ -46,7 +45,8 @@ def build(studio: Studio, name: str) -> None:
             opened = await asyncio.to_thread(open_recording, path, studio.workspace.root)
         except PosefuseError as error:
             waiting.clear()
-            refused(error)
+            with waiting:
+                light("bad", str(error).replace(f"{studio.workspace.root}/", ""))
             return
         if client.is_deleted:
             opened.playback.close()
@@ -143,6 +143,7 @@ class _Recording:
                 self._person = ui.select(people, value=0 if people else None, on_change=self._redraw).props(
                     'dense outlined aria-label="Person"'
                 )
+                self._person.set_visibility(bool(people))
                 self._chosen = ui.select({}, multiple=True, value=[], on_change=self._redraw).props(
                     'dense outlined aria-label="Angles"'
                 )
@@ -178,12 +179,12 @@ class _Recording:
 
     def _redraw(self) -> None:
         opened, n = self._opened, self._person.value
-        if n is None or not len(opened.t_s):
+        if not len(opened.t_s):
             return
         gait = opened.gaits.get(n)
         strikes = {} if gait is None else {side: times + self._span.begin_s for side, times in gait.strike_s.items()}
-        curves = [] if self._joints is None else [_curve(self._joints, n, text) for text in self._chosen.value]
-        empty = "" if self._worked_out else "Angles are being worked out ..."
+        curves = [] if n is None or self._joints is None else [_curve(self._joints, n, text) for text in self._chosen.value]
+        empty = "No person was seen." if n is None else "" if self._worked_out else "Angles are being worked out ..."
         self._plot.set_source(picture(opened.t_s, curves, strikes, "°", empty))
 
     def _pointed(self, event: events.MouseEventArguments) -> None:

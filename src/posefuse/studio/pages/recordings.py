@@ -15,7 +15,7 @@ from posefuse.pipeline.catalogue import Listed, find_recordings, listed
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.shell import card, light, refused, title
 from posefuse.studio.state import Studio
-from posefuse.studio.workspace import check_name
+from posefuse.studio.workspace import check_name, recording_place
 
 from . import recording
 
@@ -127,7 +127,7 @@ class _List:
     def _start_compare(self) -> None:
         a, b = self._chosen
         try:
-            out = self._studio.workspace.free_name("comparisons", f"{a.split('/')[-1]}-{b.split('/')[-1]}")
+            out = self._studio.workspace.free_name("comparisons", f"{recording_place(a).stem}-{recording_place(b).stem}")
             self._studio.jobs.start("compare", f"Compare {b} with {a}", {"a": a, "b": b, "out": out}, page=PATH)
         except InputError as error:
             refused(error)

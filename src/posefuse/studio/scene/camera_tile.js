@@ -20,12 +20,13 @@ export default {
       if (this.busy) return;
       this.busy = true;
       try {
+        if (!message.jpeg.size) return this.draw_missing(message);
         const image = await createImageBitmap(message.jpeg);
         if (this.canvas.width !== image.width || this.canvas.height !== image.height) {
           this.canvas.width = image.width;
           this.canvas.height = image.height;
         }
-        const pen = this.canvas.getContext("2d");
+        const pen = this.canvas.getContext("2d", { alpha: false });
         pen.drawImage(image, 0, 0);
         image.close();
         if (this.overlay) this.draw_over(pen, message);
@@ -35,6 +36,14 @@ export default {
       } finally {
         this.busy = false;
       }
+    },
+    draw_missing({ width, height }) {
+      Object.assign(this.canvas, { width, height });
+      const pen = this.canvas.getContext("2d", { alpha: false });
+      pen.fillStyle = "#9db1bd";
+      pen.font = `${Math.round(height / 16)}px Roboto, sans-serif`;
+      pen.textAlign = "center";
+      pen.fillText("no image at this time", width / 2, height / 2);
     },
     draw_over(pen, { detections, people, keypoints, rgba, seen, fused }) {
       pen.lineWidth = 2;

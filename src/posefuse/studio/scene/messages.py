@@ -18,7 +18,8 @@ After the header:
   colours of the bones); N*K*3 x f32 world coordinates in metres, NaN where unknown; with flag 1 N*K*9 x f32: row-major L of
   each ellipsoid ``{x + L u : |u| <= 1}``, NaN where there is none.
 - image (3): u16 camera, width, height, detections D, people N, keypoints K, u32 reserved; per person 4 x u8 rgba; D*K*2 x f32
-  detected and N*K*2 x f32 projected keypoints in pixels of this image; the rest is a JPEG file.
+  detected and N*K*2 x f32 projected keypoints in pixels of this image; the rest is a JPEG file, empty where the camera has no
+  image at this time.
 - values (4): u32 count V; V*2 x f32: value and standard deviation, in the order of the setup's plots.
 - mesh (6): u16 slot, revision, vertices V, joints J, u32 faces F, u32 reserved; V*3 x f32 vertices, V*4 x f32 weights,
   V*4 x u16 joints that move them, F*3 x u16 faces.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from posefuse.studio.live_host import BODIES, Host, Pace, status_pace
 from posefuse.studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.setups import inputs_of_setup, rig_of_setup, setup_named
-from posefuse.studio.workspace import StudioWorkspace, check_name
+from posefuse.studio.workspace import POSES_FILE, StudioWorkspace, check_name
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
 _MOST_NEWS = 30
@@ -46,11 +47,12 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     session.on_image = shown.image
     progress("start", 0, None, "starting the cameras and the network")
     try:
-        with session:
+        # a session has no end of its own: one that is ended has done what it was for
+        with session, suppress(KeyboardInterrupt):
             shown.run()
     finally:
         shown.end()
-    return {"recordings": shown.recordings}
+    return {"recordings": [name for name in shown.recordings if workspace.path(name).is_file()]}
 
 
 class _Shown:
@@ -224,12 +226,12 @@ class _Shown:
         folder = self._workspace.folder(place)
         write_rig(folder / "rig.toml", self._rig)
         if poses:
-            self._session.switch_on("record", {"path": folder / "recording.mcap"})
+            self._session.switch_on("record", {"path": folder / POSES_FILE})
         if videos:
             (folder / "videos").mkdir()
             self._session.keep_videos(folder / "videos")
         self._recording = {"folder": place, "since_s": time.time(), "poses": poses, "videos": videos}
-        self.recordings.append(place)
+        self.recordings.append(f"{place}/{POSES_FILE}")
 
     def _stop_recording(self) -> None:
         recording, self._recording = self._recording, None

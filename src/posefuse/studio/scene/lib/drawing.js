@@ -5,7 +5,11 @@ import { Bodies } from "./bodies.js";
 
 const MOST_BONES = 2000, MOST_POINTS = 2000;
 const MOST_STEPS = 20000;
+// what a processor draws at 30 frames a second while it decodes the images of eight cameras
+const MOST_SLOW_PIXELS = 250_000;
 const BONE_M = 0.016, JOINT_M = 0.024, TRAIL_S = 2.0;
+// share of the window that what must be seen fills at most
+const MARGIN = 0.84, LEAST_DISTANCE_M = 2.5;
 const UP = new THREE.Vector3(0, 1, 0);
 
 export class RigDrawing {
@@ -15,8 +19,8 @@ export class RigDrawing {
     this.camera = new THREE.PerspectiveCamera(45, 1, 0.05, 200);
     this.camera.up.set(0, 0, 1);
     const slow = drawn_by_processor();
+    this.slow = slow;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !slow, alpha: true });
-    this.renderer.setPixelRatio(slow ? 0.75 : Math.min(window.devicePixelRatio, 2));
     this.labels = new CSS2DRenderer({ element: labels });
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x445566, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.6);
@@ -40,7 +44,7 @@ export class RigDrawing {
     this.setup = { bones: [], bone_rgb: [], keypoint_rgb: [], trails: [], cameras: [], floor: { centre: [0, 0], half_m: 3 } };
     this.shown = { skeletons: true, meshes: false, ellipsoids: true, trails: false, cameras: true };
     this.names = {};
-    this.waiting = false;
+    this.waiting = this.sized = false;
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(element);
   }
@@ -183,22 +187,46 @@ export class RigDrawing {
   }
 
   look(where) {
-    const [x, y] = this.setup.floor.centre, narrow = Math.max(1, 1.3 / (this.camera.aspect || 1));
-    const far = (1.2 * this.setup.floor.half_m + 1.3) * narrow;
-    const from = { home: [0.75, -0.95, 0.75], top: [0, -0.001, 1.5], front: [0, -1.3, 0.25], side: [1.3, 0, 0.25] }[where];
-    this.controls.target.set(x, y, 0.9);
-    this.camera.position.set(x + from[0] * far, y + from[1] * far, 0.9 + from[2] * far);
-    this.controls.update();
+    const from = { home: [0.53, -0.67, 0.53], top: [0, -0.001, 1], front: [0, -0.98, 0.19], side: [0.98, 0, 0.19] }[where];
+    const target = this.controls.target.set(...this.setup.floor.centre, 0.9), direction = new THREE.Vector3(...from);
+    for (const far of [() => 1, () => this.distance_to_see(this.whole(), target)]) {
+      // first turned, then moved away as far as is needed in that direction
+      this.camera.position.copy(target).addScaledVector(direction, far());
+      this.controls.update();
+      this.camera.updateMatrix();
+    }
     this.changed();
+  }
+
+  // what a view shows all of: a person in the middle, and the cameras, or the floor where there is none
+  whole() {
+    const { floor: { centre: [x, y], half_m }, cameras } = this.setup, wide = cameras.length ? 1 : half_m;
+    const box = [-wide, wide].flatMap((dx) => [-wide, wide].flatMap((dy) => [0, 2].map((z) => [x + dx, y + dy, z])));
+    return [...box, ...cameras.map((one) => one.centre)].map((one) => new THREE.Vector3(...one));
+  }
+
+  // how far from the target all points are seen, in the direction in which the camera looks now
+  distance_to_see(points, target) {
+    const [right, up, back] = [0, 1, 2].map((i) => new THREE.Vector3().setFromMatrixColumn(this.camera.matrix, i));
+    const high = MARGIN * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)), wide = high * this.camera.aspect;
+    const needed = points.map((one) => {
+      const p = one.clone().sub(target);
+      return Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / high) + p.dot(back);
+    });
+    return Math.max(LEAST_DISTANCE_M, ...needed);
   }
 
   resize() {
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;
+    const most = this.slow ? Math.min(1, Math.sqrt(MOST_SLOW_PIXELS / (width * height))) : 2;
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, most));
     this.renderer.setSize(width, height, false);
     this.labels.setSize(width, height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    if (!this.sized) this.look("home");
+    this.sized = true;
     this.changed();
   }
 

@@ -1,0 +1,112 @@
+"""Files that are damaged, missing or oddly named never cost a page: in real Chromium, with a real server."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from tools.studio_server import SIZES, free_port, server
+
+pytestmark = pytest.mark.slow
+LONG = "n" * 200
+JOBS = ".posefuse-studio/jobs"
+CHECK = {"name": "enough views", "passed": True, "detail": "", "remedy": ""}
+PASSED = {"passed": True, "cameras": ["a"], "reports": [{"subject": "rig", "checks": [CHECK], "numbers": {}}]}
+FILES: dict[str, Any] = {
+    # recordings
+    "recordings/walk/recording.mcap": "no MCAP file",
+    "recordings/empty/recording.mcap": "",
+    f"{LONG}/recording.mcap": "",
+    "results/half/recording.json": "{",
+    "results/other/recording.json": {},
+    # presets: damaged, of another kind, leading out, with a role that no list has
+    "setups/half.json": "{",
+    "setups/list.json": [],
+    "setups/number.json": {"sources": {"a": 7}},
+    "setups/outside.json": {"sources": {"a": "video:../secret.mp4"}, "rig": "gone.toml", "roles": {"a": "on the shelf"}},
+    # calibrations: of a preset that was deleted; with a rig file that is gone; with results of another kind
+    "calibrations/bare/project.json": {"setup": "deleted", "cube": "", "board": "", "lenses": True},
+    "calibrations/gone/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},
+    "calibrations/gone/extrinsics.json": PASSED,
+    "calibrations/kind/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},
+    "calibrations/kind/extrinsics.json": {"passed": True},
+    "calibrations/kind/verify.json": {"passed": False, "reports": [{}]},
+    "calibrations/kind/extrinsics-1/coverage.json": {"cameras": ["a"]},
+    # jobs: not written to the end; with values of other kinds
+    f"{JOBS}/20260101-000000-live/job.json": "{",
+    f"{JOBS}/20260101-000001-report/job.json": {"id": "20260101-000001-report", "work": "report", "title": LONG, "arguments": {}},
+    f"{JOBS}/20260101-000001-report/state.json": {"state": "done", "told_s": "yesterday", "news": 5},
+    f"{JOBS}/20260101-000002-report/job.json": {"id": "x", "work": "report", "title": "t", "arguments": 3},
+    "plans/half.yaml": ": : :",
+}
+# by address, what is shown in the end
+PAGES = {
+    "/": "Your cameras",
+    "/calibrate": "What to do next",
+    "/live": "Start a session",
+    "/recordings": "results/half",
+    "/recordings?open=recordings/walk/recording.mcap": "cannot be read as MCAP",
+    "/recordings?open=../secret.txt": "expected a path inside the workspace",
+    f"/recordings?open={LONG}{LONG}": "not in the workspace",
+    "/simulate": "What to expect",
+    "/phone": "no session runs",
+}
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
+    """The address of a studio whose workspace has all of `FILES`, and what its server prints."""
+    place: Path = tmp_path_factory.mktemp("lab")
+    (place / "secret.txt").write_text("secret", encoding="utf-8")
+    for name, content in FILES.items():
+        path = place / "workspace" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    port, log = free_port(), place / "log.txt"
+    with server(place / "workspace", port, log=log):
+        yield f"http://127.0.0.1:{port}", log
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=["desk", "phone"])
+@pytest.mark.parametrize("path", PAGES)
+def test_every_page_opens_and_fits_into_its_window(page: Any, lab: tuple[str, Path], path: str, size: tuple[int, int]) -> None:
+    base, log = lab
+    failed: list[str] = []
+    page.on("response", lambda answer: failed.append(answer.url) if answer.status >= 500 else None)
+    page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+    page.goto(base + path)
+    page.get_by_text(PAGES[path]).first.wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    assert failed == []
+    assert "Traceback" not in log.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("calibration", "shown"),
+    [("bare", "The preset deleted is missing"), ("gone", "rig.toml"), ("kind", "Find where the cameras stand")],
+)
+def test_a_calibration_names_what_is_missing(page: Any, lab: tuple[str, Path], calibration: str, shown: str) -> None:
+    page.goto(f"{lab[0]}/calibrate")
+    page.get_by_label("Calibration", exact=True).click()
+    page.get_by_role("option", name=calibration, exact=True).click()
+    page.get_by_text(shown).first.wait_for()
+    assert "Traceback" not in lab[1].read_text(encoding="utf-8")
+
+
+def test_a_preset_in_other_words_is_shown(page: Any, lab: tuple[str, Path]) -> None:
+    page.goto(lab[0])
+    page.get_by_label("Preset", exact=True).click()
+    page.get_by_role("option", name="outside", exact=True).click()
+    page.get_by_text("video:../secret.mp4").wait_for()
+    page.get_by_text("on the shelf").wait_for()
+    assert "Traceback" not in lab[1].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["../secret.txt", "x" * 300, "a/" * 3000 + "b", "\0", "", ".posefuse-studio/jobs"])
+def test_a_file_that_is_none_of_the_workspace_is_not_found(lab: tuple[str, Path], name: str) -> None:
+    for kind in ("file", "thumbnail"):
+        answer = httpx.get(f"{lab[0]}/studio/{kind}", params={"name": name}, timeout=60)
+        assert answer.status_code == 404
