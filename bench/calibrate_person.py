@@ -23,12 +23,15 @@ from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.simulation import SessionPaths, simulate
+from posefuse.simulation.body.colours import completed
+from posefuse.simulation.scene import read_scene
 
 # where `python -m paper` keeps its own: the first walk is the one it reports
 SESSIONS = Path("out/paper/sessions")
 # seed, seconds, frames per second, cameras; bodies and ways that are in no fit
 WALKS = ((1, 60.0, 30.0, 4), (41, 30.0, 6.0, 4), (42, 30.0, 6.0, 4), (43, 30.0, 6.0, 8))
 SECONDS = (20.0, 30.0, 60.0)
+# of `pose2sim_single`, and about that of any other walker
 STATURE_M = 1.75
 REAL_RATE_HZ = 60.0
 TIME_STEPS = 600
@@ -57,14 +60,24 @@ def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0, cameras: int
     return paths.folder
 
 
+def height_of(paths: SessionPaths) -> float:
+    """True height in metres of the body of a rendered walk."""
+    height_m = completed(read_scene(paths.scene).people[0].body).height_m
+    assert height_m is not None
+    return float(height_m)
+
+
 def simulated(only: int | None = None) -> dict:
-    """Worst camera against the truth, for walks of some lengths; the real network on rendered videos; `only` one seed."""
+    """Worst camera against the truth, for walks of some lengths; the real network on rendered videos; `only` one seed.
+
+    The true height is given, so the scale has the error of the height's model alone.
+    """
     figures: dict = {}
     for seed, longest_s, rate_hz, count in WALKS:
         if only is not None and seed != only:
             continue
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz, count))
-        rig, length = read_rig(paths.rig), KnownLength(stature_m=STATURE_M)
+        rig, length = read_rig(paths.rig), KnownLength(stature_m=height_of(paths))
         videos = {camera.name: paths.video(camera.name) for camera in rig}
         seen = person_in_videos(videos, rig, length, DetectorChoice(), TIME_STEPS)
         views, cameras = seen.views, seen.cameras
@@ -80,7 +93,12 @@ def outcome(rig: Rig, views: PersonViews, cameras: tuple[Camera, ...], length: K
     except RefusedCalibration as refused:
         return {"refused": str(refused)}
     millimetres, degrees = after_similarity(rig, found.rig)
-    return {"position_mm": float(millimetres.max()), "rotation_deg": float(degrees.max()), "halves": halves_of(found)}
+    return {
+        "position_mm": float(millimetres.max()),
+        "rotation_deg": float(degrees.max()),
+        "scale_percent": 100 * (1 / scale_of(rigid(rig), rigid(found.rig)) - 1),
+        "halves": halves_of(found),
+    }
 
 
 def halves_of(found: PersonCalibration) -> str:

@@ -177,8 +177,14 @@ def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
     left, right = np.vstack([[[0, 0]], chord]), np.vstack([chord, [[0, 0]]])
     has_left, has_right = np.vstack([[[False]], near]), np.vstack([near, [[False]]])
     gap_left, gap_right = np.append([0.0], step)[:, None], np.append(step, [0.0])[:, None]
-    both = (left * gap_right + right * gap_left) / np.maximum(gap_left + gap_right, 1e-12)
-    return np.asarray(np.where(has_left & has_right, both, left + right))
+    total = np.maximum(gap_left + gap_right, 1e-12)
+    slope = np.where(has_left & has_right, (left * gap_right + right * gap_left) / total, left + right)
+    # the parabola through three frames has 2 * chord - slope at one end of a chord if it has that slope at the other end
+    inner = has_left & has_right
+    first, final = has_right & ~has_left, has_left & ~has_right
+    slope[:-1] = np.where(first[:-1] & inner[1:], 2 * chord - slope[1:], slope[:-1])
+    slope[1:] = np.where(final[1:] & inner[:-1], 2 * chord - slope[:-1], slope[1:])
+    return np.asarray(slope)
 
 
 def pick_instants(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
