@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import PoseSequence, Truth
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at, typical_nees
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
@@ -36,7 +36,7 @@ def figures(poses: PoseSequence, truth: Truth) -> dict[str, Any]:
         "joints_mm": dict(zip(errors.joints, errors.mean_mm.tolist(), strict=True)),
         "nees": typical_nees(poses, truth, JOINTS),
         "within_90": dict(zip(JOINTS, _held(away, sigma, (0, 2)), strict=True)),
-        "length_off": dict(zip(SEGMENTS, (np.abs(lengths - true_lengths) / true_lengths).tolist(), strict=True)),
+        "length_off": dict(zip(SEGMENT_ENDS, (np.abs(lengths - true_lengths) / true_lengths).tolist(), strict=True)),
         "skate_mm": skate_mm(poses, truth),
         **_flexions(poses, truth, inside, true_xyz),
     }

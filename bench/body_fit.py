@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import PoseSequence, Recording, Truth
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.recording import read_recording
@@ -51,7 +51,7 @@ def fits(recording: Recording, truth: Truth) -> dict[str, PoseSequence]:
     """Of one person, by name."""
     poses, rays = recording.poses, rays_at_joint_centres(recording)
     own = bodies_from_poses(poses)
-    metres = dict(zip(SEGMENTS, segment_lengths(truth.xyz_world, truth.skeleton)[0], strict=True))
+    metres = dict(zip(SEGMENT_ENDS, segment_lengths(truth.xyz_world, truth.skeleton)[0], strict=True))
     true = {person: with_lengths(body, metres) for person, body in own.items()}
     return {
         "as tracked": poses,

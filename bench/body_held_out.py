@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Recording
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.truth import read_truth
 from posefuse.pipeline.clock import StageClock
@@ -113,7 +113,7 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
                 "worst_joint_mm": max(mean_of(some, way, "joints_mm", joint) for joint in row.joints),
                 "nees": mean_of(some, way, "nees"),
                 "within_90": {end: mean_of(some, way, "within_90", *(f"{s}_{end}" for s in SIDES)) for end in ENDS},
-                "length_off": {segment: mean_of(some, way, "length_off", segment) for segment in SEGMENTS},
+                "length_off": {segment: mean_of(some, way, "length_off", segment) for segment in SEGMENT_ENDS},
                 "flexion_deg": {joint: mean_of(some, way, "flexion_deg", joint) for joint in FLEXIONS},
                 "flexion_within_90": {joint: mean_of(some, way, "flexion_within_90", joint) for joint in FLEXIONS},
                 "skate_mm": mean_of(some, way, "skate_mm"),
@@ -144,13 +144,13 @@ def show(found: dict[str, Any]) -> None:
         console.print(f"worst of {', '.join(actions)}: {least} mm (must 13, aim 10)")
     title = "Flexion RMSE, degrees (90 % intervals that hold with the fit, %), and segment lengths off by, %"
     angles = Table(title=title, title_justify="left")
-    for column in ("row", *FLEXIONS, *SEGMENTS):
+    for column in ("row", *FLEXIONS, *SEGMENT_ENDS):
         angles.add_column(column)
     for name, row in found.items():
         off, auto = row["off"], row["auto"]
         holds = {joint: f"({100 * share:.0f})" for joint, share in auto["flexion_within_90"].items()}
         bends = [f"{off['flexion_deg'][j]:.1f} -> {auto['flexion_deg'][j]:.1f} {holds[j]}" for j in FLEXIONS]
-        lengths = [f"{100 * off['length_off'][s]:.1f} -> {100 * auto['length_off'][s]:.1f}" for s in SEGMENTS]
+        lengths = [f"{100 * off['length_off'][s]:.1f} -> {100 * auto['length_off'][s]:.1f}" for s in SEGMENT_ENDS]
         angles.add_row(name, *bends, *lengths)
     console.print(angles)
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import SKELETONS, Kind, PoseSequence
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.fitting.scenes import everyday_scene
 from posefuse.formats.trc import read_trc
@@ -99,7 +99,7 @@ def real(data: Path) -> dict:
             figures[name] = {
                 "to_reference_mm": float(np.nanmedian(1000 * np.linalg.norm(got - limbs, axis=-1), axis=0).mean()),
                 "to_blazepose_mm": float(np.nanmedian(1000 * np.linalg.norm(got - network, axis=-1), axis=0).mean()),
-                "lengths_mm": dict(zip(SEGMENTS, lengths.tolist(), strict=True)),
+                "lengths_mm": dict(zip(SEGMENT_ENDS, lengths.tolist(), strict=True)),
             }
     return figures
 

@@ -12,6 +12,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import SE3, ConfigError
+from posefuse.messages.body_messages import quaternion, vector
 from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.tf_tree import TfTree
@@ -20,7 +21,6 @@ from posefuse.messages.types import message
 from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD, mobile_manipulator
 from posefuse.teleoperation.robots.protocol import Goal
 from posefuse.teleoperation.robots.reports import OutletReporter, RosPlan
-from posefuse.teleoperation.robots.robot_messages import quaternion, vector
 from posefuse.teleoperation.robots.ros_robot import open_ros_robot
 from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from posefuse.core import JointCentres, Kind, Pose3D, PoseSequence
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import COCO17
 from posefuse.tracking import LearntLengths, to_joint_centres
 from posefuse.tracking.segments import lengths_at, segment_lengths
 
-K, S = len(COCO17), len(SEGMENTS)
+K, S = len(COCO17), len(SEGMENT_ENDS)
 _HALF = np.random.default_rng(2).normal(size=(K, 3)) * 0.2
 BODY = _HALF + _HALF[COCO17.mirror] * [1, -1, 1]
 USUAL = lengths_at(BODY, COCO17).mean(axis=0)
-TABLE = JointCentres(made_by="a test", offsets={"knee": {"thigh": 0.01}}, lengths=dict(zip(SEGMENTS, USUAL, strict=True)))
+TABLE = JointCentres(made_by="a test", offsets={"knee": {"thigh": 0.01}}, lengths=dict(zip(SEGMENT_ENDS, USUAL, strict=True)))
 PERIOD_NS = 10_000_000
 
 
@@ -77,7 +77,7 @@ def test_a_segment_seen_on_one_side_alone_is_learnt_from_it_and_the_others_stay(
     half = 1.05 * BODY
     half[COCO17.index("right_wrist")] = np.nan
     half[COCO17.indices(["left_ankle", "right_ankle"])] = np.nan
-    lengths, names = told(1000, half)[-1, 0], list(SEGMENTS)
+    lengths, names = told(1000, half)[-1, 0], list(SEGMENT_ENDS)
     forearm, shank = names.index("forearm"), names.index("shank")
     left = lengths_at(half, COCO17)[0, forearm]
     assert abs(lengths[forearm] - left) < 0.2 * abs(USUAL[forearm] - left)

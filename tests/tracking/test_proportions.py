@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Kind, PoseSequence
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.tracking import Proportions, proportional_joint_centres, to_joint_centres
 from posefuse.tracking.proportions import _LENGTHENS, conditional_offsets, offset_sigma_m
 
@@ -79,14 +79,14 @@ def table():
 
 def test_for_people_and_detectors_as_assumed_the_offsets_are_unbiased_with_the_stated_sigma():
     known, rng, n = Proportions(), np.random.default_rng(0), 20_000
-    share, spread = (np.array([values[s] for s in SEGMENTS]) for values in (known.share, known.spread))
+    share, spread = (np.array([values[s] for s in SEGMENT_ENDS]) for values in (known.share, known.spread))
     stature = known.stature_m + known.stature_sigma_m * rng.standard_normal(n)
     # of one stature people differ by the average's spread
-    lengths = stature[:, None] * share + share * known.stature_m * spread * rng.standard_normal((n, len(SEGMENTS)))
+    lengths = stature[:, None] * share + share * known.stature_m * spread * rng.standard_normal((n, len(SEGMENT_ENDS)))
     offsets = np.array([known.offset_m[joint][direction] for joint, direction in _LENGTHENS]) * rng.standard_normal(
         (n, len(_LENGTHENS))
     )
-    added = np.array([[effect.get(s, 0.0) for s in SEGMENTS] for effect in _LENGTHENS.values()])
+    added = np.array([[effect.get(s, 0.0) for s in SEGMENT_ENDS] for effect in _LENGTHENS.values()])
     gain, covariance = conditional_offsets(known)
     left = offsets - (lengths - offsets @ added - share * known.stature_m) @ gain.T
     assert np.abs(left.mean(axis=0)).max() < 5e-4
@@ -128,4 +128,4 @@ def test_sets_that_are_joint_centres_or_have_tables_get_none(name):
 @pytest.mark.parametrize("name", ["coco17", "body_25", "body_25b", "halpe_26", "coco_wholebody_133", "halpe_136"])
 def test_every_marked_set_has_one(name):
     table = proportional_joint_centres(SKELETONS[name])
-    assert table is not None and name in table.made_by and set(table.lengths) == set(SEGMENTS)
+    assert table is not None and name in table.made_by and set(table.lengths) == set(SEGMENT_ENDS)

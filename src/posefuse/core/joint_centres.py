@@ -23,7 +23,7 @@ JOINT_DIRECTIONS = {
     "nose": ("face", "crown"),
 }
 # segment -> the keypoints at its ends
-SEGMENTS = {
+SEGMENT_ENDS = {
     "upper_arm": ("{side}_shoulder", "{side}_elbow"),
     "forearm": ("{side}_elbow", "{side}_wrist"),
     "thigh": ("{side}_hip", "{side}_knee"),
@@ -42,7 +42,7 @@ class JointCentres:
     Attributes:
         made_by: command and data of the fit, for people.
         offsets: joint of `JOINT_DIRECTIONS` -> direction -> metres; what is left out is not moved.
-        lengths: segment of `SEGMENTS` -> metres between joint centres, of the people of the fit on average.
+        lengths: segment of `SEGMENT_ENDS` -> metres between joint centres, of the people of the fit on average.
         by_length: joint -> direction -> segment -> metres more per metre that the person's segment is longer than that.
 
     Raises:
@@ -55,7 +55,7 @@ class JointCentres:
     by_length: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_names("lengths", "segment", self.lengths, SEGMENTS)
+        _check_names("lengths", "segment", self.lengths, SEGMENT_ENDS)
         for part, joints in (("offsets", self.offsets), ("by_length", self.by_length)):
             _check_names(part, "joint", joints, JOINT_DIRECTIONS)
             for joint, along in joints.items():
@@ -63,7 +63,7 @@ class JointCentres:
         for joint, slopes in self.by_length.items():
             for direction, segments in slopes.items():
                 _check_names(f"by_length.{joint}.{direction}", "segment", segments, self.lengths)
-        known = np.array([segment in self.lengths for segment in SEGMENTS])
+        known = np.array([segment in self.lengths for segment in SEGMENT_ENDS])
         for name, values in (("offsets", self.metres), ("lengths", self.usual[known]), ("by_length", self.slopes)):
             if not np.isfinite(values).all():
                 raise ShapeError(f"JointCentres.{name}: expected finite numbers")
@@ -75,14 +75,14 @@ class JointCentres:
 
     @cached_property
     def usual(self) -> Array:
-        """(S,) `lengths` in the order of `SEGMENTS`; NaN where unknown."""
-        return frozen([self.lengths.get(segment, np.nan) for segment in SEGMENTS], np.float64, "lengths")
+        """(S,) `lengths` in the order of `SEGMENT_ENDS`; NaN where unknown."""
+        return frozen([self.lengths.get(segment, np.nan) for segment in SEGMENT_ENDS], np.float64, "lengths")
 
     @cached_property
     def slopes(self) -> Array:
         """(D, S) `by_length` in these orders."""
         known = [self.by_length.get(joint, {}).get(name, {}) for joint, name in _DIRECTIONS]
-        return frozen([[one.get(segment, 0.0) for segment in SEGMENTS] for one in known], np.float64, "by_length")
+        return frozen([[one.get(segment, 0.0) for segment in SEGMENT_ENDS] for one in known], np.float64, "by_length")
 
 
 def _check_names(where: str, what: str, got: Iterable[str], known: Iterable[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -16,9 +15,10 @@ import numpy as np
 from posefuse.core import Frame, InputError
 from posefuse.core.encoded import EncodedImage
 
+from .video import TIME_BASE
+
 # of a session folder, one video per camera
 VIDEOS_FOLDER = "videos"
-TIME_BASE = Fraction(1, 1_000_000)
 # fragments: what was written stays readable when the program is killed; all times in microseconds, the first one included
 _CONTAINER = {
     "movflags": "frag_keyframe+delay_moov+default_base_moof",

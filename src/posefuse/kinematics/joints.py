@@ -36,10 +36,10 @@ from .sides import check_sides
 
 _HINGE_MEMORY_S = 0.2
 _ORIGINS = SEGMENT_PAIRS[:, 0]
-GROUND = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
+_ISB_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
 
 _SEGMENT_TABLE = kernels.SegmentTable(SEGMENT_PAIRS, SEGMENT_AXES, SEGMENT_RAISED, LIMB_BEND)
-_JOINT_TABLE = kernels.JointTable(JOINT_SEGMENTS, JOINT_SEQUENCE, JOINT_MIRRORED, JOINT_SIGN, GROUND)
+_JOINT_TABLE = kernels.JointTable(JOINT_SEGMENTS, JOINT_SEQUENCE, JOINT_MIRRORED, JOINT_SIGN, _ISB_FROM_WORLD)
 
 
 def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> JointAngles:

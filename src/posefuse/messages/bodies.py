@@ -86,7 +86,8 @@ def bodies_from_points(points: Array) -> Bodies:
     return Bodies(links, np.where(seen[:, :1], np.concatenate(angles, axis=1), np.nan))
 
 
-def _unit(vectors: Array) -> Array:
+def unit(vectors: Array) -> Array:
+    """(..., 3) of length one; NaN where there is no length."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
 
@@ -108,15 +109,15 @@ def _along_last(*parts: Array) -> Array:
 
 def _axes(y: Array, z: Array) -> Array:
     """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
-    up = _unit(z)
-    forward = _unit(_cross(y, up))
+    up = unit(z)
+    forward = unit(_cross(y, up))
     return _along_last(forward, _cross(up, forward), up)
 
 
 def _head_axes(left: Array, nose: Array) -> Array:
     """(N, 3, 3): y along the ears, x towards the nose."""
-    y = _unit(left)
-    x = _unit(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
+    y = unit(left)
+    x = unit(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
     return _along_last(x, y, _cross(x, y))
 
 
@@ -125,11 +126,11 @@ def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> 
 
     `bends` is 1 where the lower segment swings forward (elbow), -1 where it swings back (knee).
     """
-    u, v = _unit((middle - near) @ body), _unit((far - middle) @ body)
+    u, v = unit((middle - near) @ body), unit((far - middle) @ body)
     along = (u * v).sum(axis=-1, keepdims=True)
     across = bends * (v - along * u)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
-    x = _unit(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
+    x = unit(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
     frame = _along_last(x, _cross(-u, x), -u)
     return frame, bends * np.arctan2(sine, along)[..., 0]
 

@@ -41,7 +41,7 @@ def _transform(stamped: Any, child: str, wxyz: list[float], xyz: list[float]) ->
         "geometry_msgs/msg/TransformStamped",
         header=stamped,
         child_frame_id=child,
-        transform=message("geometry_msgs/msg/Transform", translation=_vector(xyz), rotation=_quaternion(wxyz)),
+        transform=message("geometry_msgs/msg/Transform", translation=vector(xyz), rotation=quaternion(wxyz)),
     )
 
 
@@ -58,9 +58,12 @@ def pose_with_covariance(t_ns: int, frame: str, pose: SE3, cov: Array) -> Any:
 
 def twist_stamped(t_ns: int, frame: str, velocity: Array) -> Any:
     """`geometry_msgs/TwistStamped`; velocity (6,) in m/s and rad/s along and about the frame's axes."""
-    linear, angular = _vector(velocity[:3].tolist()), _vector(velocity[3:].tolist())
-    twist = message("geometry_msgs/msg/Twist", linear=linear, angular=angular)
-    return message("geometry_msgs/msg/TwistStamped", header=header(t_ns, frame), twist=twist)
+    return message("geometry_msgs/msg/TwistStamped", header=header(t_ns, frame), twist=twist(velocity))
+
+
+def twist(velocity: Array) -> Any:
+    """`geometry_msgs/Twist`; velocity (6,) in m/s and rad/s."""
+    return message("geometry_msgs/msg/Twist", linear=vector(velocity[:3].tolist()), angular=vector(velocity[3:].tolist()))
 
 
 def point_stamped(t_ns: int, frame: str, xyz: Array) -> Any:
@@ -130,14 +133,16 @@ def _straight_px(camera: Camera, xyz_world: Array) -> Array:
 def _pose(pose: SE3) -> Any:
     x, y, z = pose.xyz.tolist()
     position = message("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    return message("geometry_msgs/msg/Pose", position=position, orientation=_quaternion(pose.wxyz.tolist()))
+    return message("geometry_msgs/msg/Pose", position=position, orientation=quaternion(pose.wxyz.tolist()))
 
 
-def _vector(xyz: list[float]) -> Any:
+def vector(xyz: Sequence[float]) -> Any:
+    """`geometry_msgs/Vector3`."""
     x, y, z = xyz
     return message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
-def _quaternion(wxyz: list[float]) -> Any:
+def quaternion(wxyz: Sequence[float]) -> Any:
+    """`geometry_msgs/Quaternion`."""
     w, x, y, z = wxyz
     return message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)

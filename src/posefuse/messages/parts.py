@@ -20,7 +20,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
 from posefuse.core.skeleton import pick_keypoints
 
-from .bodies import LINKS, POINTS, bodies_from_points
+from .bodies import LINKS, POINTS, bodies_from_points, unit
 
 PARTS = ("head", "left_wrist", "right_wrist", "left_hand", "right_hand")
 _HANDS = ("left_index", "right_index", "left_pinky", "right_pinky")
@@ -72,10 +72,10 @@ def _part_frames(points: Array) -> SE3:
     knuckles = points[:, len(POINTS) :].reshape(-1, 2, 2, 3)
     index, pinky = knuckles[:, 0], knuckles[:, 1]
     middle = (index + pinky) / 2
-    x = _unit(middle - points[:, list(_WRISTS)])
+    x = unit(middle - points[:, list(_WRISTS)])
     # with the palm down the thumb is on the right of a left hand, and on the left of a right one
     left = (pinky - index) * np.array([1.0, -1.0])[:, None]
-    z = _unit(np.cross(x, left))
+    z = unit(np.cross(x, left))
     rotation = np.stack([x, np.cross(z, x), z], axis=-1)
     seen = np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(middle).all(axis=-1)
     hands = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], middle, np.nan))
@@ -87,8 +87,3 @@ def small_turn(wxyz: Array, from_wxyz: Array) -> Array:
     back = np.broadcast_to(from_wxyz, wxyz.shape) * np.array([1.0, -1.0, -1.0, -1.0])
     small = quaternion_product(wxyz, back)
     return np.asarray(2.0 * small[..., 1:] * np.sign(small[..., :1]))
-
-
-def _unit(vectors: Array) -> Array:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))

@@ -108,7 +108,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
 
 def _check_rate(session: Session, config: TrackConfig) -> None:
     """Raise InputError for images without any time of capture."""
-    from posefuse.sources.images import TIMES_FILE
+    from posefuse.formats.frame_times import TIMES_FILE
 
     untimed = [one.camera for one in session.inputs if one.kind == "images" and not (one.path / TIMES_FILE).is_file()]
     if untimed and config.rate_hz is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from posefuse.core import InputError, JointCentres, Recording, ViewSequence
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
 from posefuse.tracking import usual_lengths, views_at_joint_centres
 
@@ -13,7 +13,7 @@ from posefuse.tracking import usual_lengths, views_at_joint_centres
 def usual_length_prior() -> LengthPrior:
     """Segment lengths of people in general."""
     mean, cov = usual_lengths()
-    return LengthPrior(names=tuple(SEGMENTS), mean_m=mean, cov_m2=cov)
+    return LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=mean, cov_m2=cov)
 
 
 def with_bodies(recording: Recording, views: ViewSequence, settings: BodySettings, centres: JointCentres | None) -> Recording:

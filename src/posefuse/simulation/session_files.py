@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse.formats.depth_images import ABOUT_FILE, depth_name
+from posefuse.formats.frame_times import TIMES_FILE, write_frame_times
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_truth
@@ -24,7 +24,6 @@ from .scene import H264Settings
 from .scene_files import scene_copies
 from .session_folder import COMMAND, SessionPaths
 
-TIMES_FILE = "timestamps.csv"
 # frames of one task: what is lost when a session is interrupted
 _RUN = 30
 _RUN_OF_PICTURES = 240
@@ -63,7 +62,8 @@ def finish(live: LiveScene, paths: SessionPaths) -> None:
         if isinstance(live.scene.record, H264Settings):
             join_videos([run.video for run in own], paths.video(shots.camera))
         else:
-            _write_times(paths.videos / shots.camera / TIMES_FILE, shots.stamp_ns)
+            times = shots.stamp_ns.tolist()
+            write_frame_times(paths.videos / shots.camera, ((image_name(t_ns), t_ns) for t_ns in times))
     write_rig(paths.rig, live.rig)
     write_truth(paths.truth, truth_with(live, visible))
     write_arrays(paths.shots, shot_arrays(live))
@@ -113,10 +113,3 @@ def shot_arrays(live: LiveScene) -> dict[str, Array]:
     for i, shots in enumerate(live.shots):
         arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}
     return arrays
-
-
-def _write_times(path: Path, stamp_ns: Array) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["file", "t_s"])
-        table.writerows([image_name(int(t)), f"{t / 1e9:.9f}"] for t in stamp_ns)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +11,9 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.foundation.parsing import one_line
+from posefuse.formats.frame_times import TIMES_FILE, read_frame_times
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-TIMES_FILE = "timestamps.csv"
-# times are int64 nanoseconds, and an offset comes on top
-_LATEST_S = 4e9
 
 
 @dataclass(frozen=True)
@@ -110,13 +105,4 @@ class ImagesSource:
                     f"or {TIMES_FILE} with columns file, t_s to the folder"
                 )
             return [(path, i / (self._config.rate_hz or 1.0)) for i, path in enumerate(images)]
-        try:
-            with (folder / TIMES_FILE).open(newline="", encoding="utf-8-sig") as file:
-                times = [(folder / row["file"], float(row["t_s"])) for row in csv.DictReader(file)]
-        except (OSError, KeyError, ValueError, TypeError, csv.Error) as error:
-            raise SourceError(f"{folder / TIMES_FILE}: expected columns file, t_s with numbers, got {one_line(error)}") from None
-        if not all(abs(time_s) < _LATEST_S for _, time_s in times):
-            raise SourceError(f"{folder / TIMES_FILE}: t_s: expected seconds below {_LATEST_S:g}, got NaN, infinity or more")
-        if any(later[1] <= earlier[1] for earlier, later in itertools.pairwise(times)):
-            raise SourceError(f"{folder / TIMES_FILE}: expected strictly increasing t_s")
-        return times
+        return read_frame_times(folder)

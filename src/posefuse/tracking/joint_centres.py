@@ -45,7 +45,7 @@ def at_joint_centres(poses: Poses, table: JointCentres, lengths: Array) -> Poses
     Covariances stay: the offsets count as constants.
 
     Args:
-        lengths: (N, S) metres of each person's `SEGMENTS` between joint centres, or (S,) of everybody's; NaN where not known,
+        lengths: (N, S) metres of each person's `SEGMENT_ENDS` between joint centres, or (S,) of everybody's; NaN where not known,
             which counts as usual (`JointCentres.usual`).
     """
     return replace(poses, xyz_world=poses.xyz_world + _moves(poses.xyz_world, poses.skeleton, table, lengths))

@@ -8,12 +8,12 @@ import numpy as np
 
 from posefuse.core import JointCentres, Kind, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 
 from .joint_centres import MOST_LONGER_M, at_joint_centres
 from .segments import lengths_at
 
-_S = len(SEGMENTS)
+_S = len(SEGMENT_ENDS)
 # a new person counts as usual, as surely as if that had been seen for so long; see `bench/live_centres.py`
 USUAL_S = 0.3
 # older measurements fade, in case of an undetected change of person
@@ -46,7 +46,7 @@ class LearntLengths:
         self._people: dict[int, _Learnt] = {}
 
     def step(self, pose: Pose3D) -> Array:
-        """(N, S) metres of everybody's `SEGMENTS` between joint centres, from the landmarks of the next pose and all before."""
+        """(N, S) metres of everybody's segments between joint centres, from the landmarks of the next pose and all before."""
         before, self._people = self._people, {}
         for person in pose.person_id.tolist():
             known = before.get(person)

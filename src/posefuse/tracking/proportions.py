@@ -16,7 +16,7 @@ from annotated_types import Gt
 
 from posefuse.core import Detector, JointCentres, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.foundation.settings import settings
 
 Positive = Annotated[float, Gt(0)]
@@ -67,7 +67,7 @@ class Proportions:
 
     Attributes:
         stature_m, stature_sigma_m: adults of both sexes.
-        share: segment (see `SEGMENTS`), between joint centres, as a share of stature. Means of de Leva 1996 (joint centres; J.
+        share: segment of `SEGMENT_ENDS`, between joint centres, as a share of stature. Means of de Leva 1996 (joint centres; J.
             Biomech. 29:1223) and Drillis and Contini 1966 (as in Winter, Biomechanics and Motor Control of Human Movement),
             rounded; shoulders and hips, which those give between landmarks of the bones, as in the simulator's bodies.
         spread: standard deviation of a segment among people of the same stature, as a share of its length; what the sources
@@ -94,12 +94,12 @@ def proportional_joint_centres(skeleton: Skeleton, known: Proportions | None = N
         return None
     known = known or Proportions()
     gain, _ = conditional_offsets(known)
-    usual = {segment: known.stature_m * known.share[segment] for segment in SEGMENTS}
+    usual = {segment: known.stature_m * known.share[segment] for segment in SEGMENT_ENDS}
     offsets: dict[str, dict[str, float]] = {}
     slopes: dict[str, dict[str, dict[str, float]]] = {}
     for (joint, direction), row in zip(_LENGTHENS, gain, strict=True):
         offsets.setdefault(joint, {})[direction] = 0.0
-        slopes.setdefault(joint, {})[direction] = dict(zip(SEGMENTS, row.tolist(), strict=True))
+        slopes.setdefault(joint, {})[direction] = dict(zip(SEGMENT_ENDS, row.tolist(), strict=True))
     made_by = f"proportions of people and the segments of this recording, for {skeleton.name} (see tracking/proportions.py)"
     return JointCentres(made_by=made_by, offsets=offsets, lengths=usual, by_length=slopes)
 
@@ -112,9 +112,9 @@ def joint_centres_of(detector: Detector, *, proportions: bool) -> JointCentres |
 
 
 def usual_lengths(known: Proportions | None = None) -> tuple[Array, Array]:
-    """Mean (S,) and covariance (S, S) of people's `SEGMENTS` in metres: stature and what segments differ by at one stature."""
+    """Mean (S,) and covariance (S, S) of people's segments in metres: stature and what segments differ by at one stature."""
     known = known or Proportions()
-    share, spread = (np.array([values[segment] for segment in SEGMENTS]) for values in (known.share, known.spread))
+    share, spread = (np.array([values[segment] for segment in SEGMENT_ENDS]) for values in (known.share, known.spread))
     mean = known.stature_m * share
     return mean, np.outer(share, share) * known.stature_sigma_m**2 + np.diag((spread * mean) ** 2)
 
@@ -125,7 +125,7 @@ def conditional_offsets(known: Proportions) -> tuple[Array, Array]:
     Lengths as measured are those between joint centres, minus the effect of the offsets: L = usual + people's deviation - A b.
     """
     _, people = usual_lengths(known)
-    lengthens = np.array([[added.get(segment, 0.0) for segment in SEGMENTS] for added in _LENGTHENS.values()]).T
+    lengthens = np.array([[added.get(segment, 0.0) for segment in SEGMENT_ENDS] for added in _LENGTHENS.values()]).T
     prior = np.diag([known.offset_m[joint][direction] ** 2 for joint, direction in _LENGTHENS])
     measured = people + lengthens @ prior @ lengthens.T
     gain = -prior @ lengthens.T @ np.linalg.inv(measured)

@@ -7,8 +7,6 @@ from pathlib import Path
 from posefuse.cli.options.compare import CompareOptions
 from posefuse.cli.options.shared import Figures, Shown
 
-MOST_S = 86_400.0
-
 
 def compare(a: Path, b: Path, /, *, options: CompareOptions = CompareOptions(), terminal: Shown) -> Figures:
     """Compare two recordings (posefuse result or .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift.

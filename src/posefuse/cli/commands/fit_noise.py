@@ -10,8 +10,6 @@ from cyclopts import Parameter
 from posefuse.cli.options.fit_noise import FitOptions
 from posefuse.cli.options.shared import Figures, Shown
 
-MOST_SCENES = 100
-
 
 def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, options: FitOptions, terminal: Shown) -> Figures:
     """Fit noise and joint centres of your own network's model card on simulated people (an hour or more).

@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.core import JointCentres, PoseSequence, Skeleton, Truth
 from posefuse.core.arrays import Array
-from posefuse.core.joint_centres import SEGMENTS
+from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.tracking import to_joint_centres
@@ -106,7 +106,7 @@ def fitted(runs: Sequence[Run], made_by: str = "") -> JointCentres:
     longer = np.clip(np.nan_to_num(lengths - usual), -MOST_LONGER_M, MOST_LONGER_M)
     by_length = {joint: _slopes(each[joint], wanted[joint], offsets[joint], longer) for joint in BY_LENGTH}
     return JointCentres(
-        made_by=made_by, offsets=offsets, lengths=dict(zip(SEGMENTS, usual.tolist(), strict=True)), by_length=by_length
+        made_by=made_by, offsets=offsets, lengths=dict(zip(SEGMENT_ENDS, usual.tolist(), strict=True)), by_length=by_length
     )
 
 
@@ -117,5 +117,5 @@ def _slopes(
     metres = np.array([offsets[name] for name in names])
     along = [(a[:, :, None] * own[:, None]).reshape(len(a), -1, 3) for (a, _), own in zip(parts, longer, strict=True)]
     left = np.concatenate([missing - moved_by(a, metres) for a, missing in parts])
-    slopes = solve(np.concatenate(along), left, RIDGE).reshape(-1, len(SEGMENTS))
-    return {name: dict(zip(SEGMENTS, row, strict=True)) for name, row in zip(names, slopes.tolist(), strict=True)}
+    slopes = solve(np.concatenate(along), left, RIDGE).reshape(-1, len(SEGMENT_ENDS))
+    return {name: dict(zip(SEGMENT_ENDS, row, strict=True)) for name, row in zip(names, slopes.tolist(), strict=True)}

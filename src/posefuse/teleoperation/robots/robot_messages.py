@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posefuse.core.arrays import Array
+from posefuse.core import SE3
+from posefuse.messages.body_messages import point_stamped, pose_stamped
 from posefuse.messages.markers import solid_marker
 from posefuse.messages.messages import header
 from posefuse.messages.topics import DIAGNOSTICS, Topic
@@ -45,14 +46,11 @@ class StateMessages:
             yield self._engaged, message("std_msgs/msg/Bool", data=phase is Phase.ENGAGED)
         for h in range(len(self._targets)):
             if order is not None and phase is Phase.ENGAGED and wanted(self._targets[h]):
-                yield self._targets[h], pose_stamped(order.xyz_world[h], order.wxyz[h], t_ns, self._frame)
+                yield self._targets[h], pose_stamped(t_ns, self._frame, SE3(order.wxyz[h], order.xyz_world[h]))
             if wanted(self._commanded[h]):
-                yield self._commanded[h], pose_stamped(state.xyz_world[h], state.wxyz[h], t_ns, self._frame)
+                yield self._commanded[h], pose_stamped(t_ns, self._frame, SE3(state.wxyz[h], state.xyz_world[h]))
             if wanted(self._measured[h]):
-                place = message(
-                    "geometry_msgs/msg/PointStamped", header=header(t_ns, self._frame), point=point(state.measured_xyz_world[h])
-                )
-                yield self._measured[h], place
+                yield self._measured[h], point_stamped(t_ns, self._frame, state.measured_xyz_world[h])
         if t_ns - self._marked_ns >= _MARKERS_EVERY_NS and wanted(self._markers):
             self._marked_ns = t_ns
             yield self._markers, self._marker_array(state, order, t_ns)
@@ -93,34 +91,3 @@ class StateMessages:
             values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
         )
         return message("diagnostic_msgs/msg/DiagnosticArray", header=header(t_ns, ""), status=[status])
-
-
-def pose_stamped(xyz: Array, wxyz: Array, t_ns: int, frame: str) -> Any:
-    """`geometry_msgs/PoseStamped` of (3,) and (4,)."""
-    pose = message("geometry_msgs/msg/Pose", position=point(xyz), orientation=quaternion(wxyz))
-    return message("geometry_msgs/msg/PoseStamped", header=header(t_ns, frame), pose=pose)
-
-
-def twist(velocity: Array, turn_rate: Array) -> Any:
-    """`geometry_msgs/Twist` of (3,) m/s and (3,) rad/s."""
-    return message("geometry_msgs/msg/Twist", linear=vector(velocity), angular=vector(turn_rate))
-
-
-def twist_stamped(velocity: Array, turn_rate: Array, t_ns: int, frame: str) -> Any:
-    """`geometry_msgs/TwistStamped`."""
-    return message("geometry_msgs/msg/TwistStamped", header=header(t_ns, frame), twist=twist(velocity, turn_rate))
-
-
-def point(xyz: Any) -> Any:
-    """`geometry_msgs/Point` of three numbers."""
-    return message("geometry_msgs/msg/Point", x=float(xyz[0]), y=float(xyz[1]), z=float(xyz[2]))
-
-
-def vector(xyz: Any) -> Any:
-    """`geometry_msgs/Vector3` of three numbers."""
-    return message("geometry_msgs/msg/Vector3", x=float(xyz[0]), y=float(xyz[1]), z=float(xyz[2]))
-
-
-def quaternion(wxyz: Any) -> Any:
-    """`geometry_msgs/Quaternion` of a wxyz quaternion."""
-    return message("geometry_msgs/msg/Quaternion", x=float(wxyz[1]), y=float(wxyz[2]), z=float(wxyz[3]), w=float(wxyz[0]))

@@ -21,6 +21,7 @@ import numpy as np
 from posefuse.core import SE3, ConfigError, MessageError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
+from posefuse.messages.body_messages import pose_stamped, twist, twist_stamped
 from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.tf_tree import TfTree
@@ -34,7 +35,6 @@ from .ik import WholeBodyIk
 from .mujoco_robot import model_of, placed
 from .protocol import Goal, Posture
 from .reports import RosPlan
-from .robot_messages import pose_stamped, twist, twist_stamped
 
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
@@ -151,7 +151,8 @@ class RosJoints:
         self._node.publish(self._arm, self._arm_message(step[arm] / dt_s, dt_s, t_ns), t_ns)
         if self._base is not None:
             velocity, rate = _base_velocity(self.ik.q[~arm], step[~arm] / dt_s)
-            base = twist_stamped(velocity, rate, t_ns, self._plan.base_frame) if self._plan.stamped else twist(velocity, rate)
+            both = np.concatenate([velocity, rate])
+            base = twist_stamped(t_ns, self._plan.base_frame, both) if self._plan.stamped else twist(both)
             self._node.publish(self._base, base, t_ns)
 
     def close(self) -> None:
@@ -245,11 +246,11 @@ class RosCartesian:
         t_ns, turn = time.time_ns(), self._back.matrix()
         for h, topic in enumerate(self._topics):
             if self._twists:
-                rates = turn @ goal.velocity_world[h], turn @ goal.turn_rate_world[h]
-                msg = twist_stamped(*rates, t_ns, self._plan.base_frame)
+                rates = np.concatenate([turn @ goal.velocity_world[h], turn @ goal.turn_rate_world[h]])
+                msg = twist_stamped(t_ns, self._plan.base_frame, rates)
             else:
                 wxyz = quaternion_product(self._back.wxyz, goal.wxyz[h])
-                msg = pose_stamped(self._back @ goal.xyz_world[h], wxyz, t_ns, self._plan.base_frame)
+                msg = pose_stamped(t_ns, self._plan.base_frame, SE3(wxyz, self._back @ goal.xyz_world[h]))
             self._node.publish(topic, msg, t_ns)
 
     def close(self) -> None:
