@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import math
 
+from . import columns as at
 from .precision import fast_kernel
 
 
 @fast_kernel()
 def bend(cam, x, y):
     """Raw px (u, v) of an ideal point and their derivatives (u_x, u_y, v_x, v_y)."""
-    model = cam[47]
+    model = cam[at.MODEL]
     bx, by, a, b, c, d = x, y, 1.0, 0.0, 0.0, 1.0
-    if model == 3.0:
+    if model == at.FISHEYE:
         bx, by, a, b, c, d = _bend_fisheye(cam, x, y)
-    elif model > 0.0:
+    elif model > at.NO_LENS:
         bx, by, a, b, c, d = _bend_brown(cam, x, y)
-        if model == 2.0:
+        if model == at.BROWN_TILTED:
             bx, by, a, b, c, d = _tilt(cam, bx, by, a, b, c, d)
-    fx, skew, fy = cam[12], cam[13], cam[15]
+    fx, skew, fy = cam[at.FX], cam[at.SKEW], cam[at.FY]
     return (
-        fx * bx + skew * by + cam[14],
-        fy * by + cam[16],
+        fx * bx + skew * by + cam[at.CX],
+        fy * by + cam[at.CY],
         fx * a + skew * c,
         fx * b + skew * d,
         fy * c,
@@ -31,9 +32,9 @@ def bend(cam, x, y):
 
 @fast_kernel()
 def _bend_brown(cam, x, y):
-    return _brown(
-        x, y, cam[17], cam[18], cam[19], cam[20], cam[21], cam[22], cam[23], cam[24], cam[25], cam[26], cam[27], cam[28]
-    )  # fmt: skip
+    k1, k2, p1, p2, k3, k4 = cam[at.K1], cam[at.K2], cam[at.P1], cam[at.P2], cam[at.K3], cam[at.K4]
+    k5, k6, s1, s2, s3, s4 = cam[at.K5], cam[at.K6], cam[at.S1], cam[at.S2], cam[at.S3], cam[at.S4]
+    return _brown(x, y, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4)
 
 
 @fast_kernel(inline="always")
@@ -56,11 +57,11 @@ def _brown(x, y, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4):
 
 @fast_kernel()
 def _tilt(cam, bx, by, a, b, c, d):
-    w = 1.0 / (cam[35] * bx + cam[36] * by + cam[37])
-    u = (cam[29] * bx + cam[30] * by + cam[31]) * w
-    v = (cam[32] * bx + cam[33] * by + cam[34]) * w
-    ux, uy = (cam[29] - u * cam[35]) * w, (cam[30] - u * cam[36]) * w
-    vx, vy = (cam[32] - v * cam[35]) * w, (cam[33] - v * cam[36]) * w
+    w = 1.0 / (cam[at.T20] * bx + cam[at.T21] * by + cam[at.T22])
+    u = (cam[at.T00] * bx + cam[at.T01] * by + cam[at.T02]) * w
+    v = (cam[at.T10] * bx + cam[at.T11] * by + cam[at.T12]) * w
+    ux, uy = (cam[at.T00] - u * cam[at.T20]) * w, (cam[at.T01] - u * cam[at.T21]) * w
+    vx, vy = (cam[at.T10] - v * cam[at.T20]) * w, (cam[at.T11] - v * cam[at.T21]) * w
     return u, v, ux * a + uy * c, ux * b + uy * d, vx * a + vy * c, vx * b + vy * d
 
 
@@ -71,8 +72,8 @@ def _bend_fisheye(cam, x, y):
         return x, y, 1.0, 0.0, 0.0, 1.0
     angle = math.atan(r)
     a2 = angle * angle
-    bent = angle * (1.0 + a2 * (cam[17] + a2 * (cam[18] + a2 * (cam[19] + a2 * cam[20]))))
-    slope = 1.0 + a2 * (3.0 * cam[17] + a2 * (5.0 * cam[18] + a2 * (7.0 * cam[19] + a2 * 9.0 * cam[20])))
+    bent = angle * (1.0 + a2 * (cam[at.F1] + a2 * (cam[at.F2] + a2 * (cam[at.F3] + a2 * cam[at.F4]))))
+    slope = 1.0 + a2 * (3.0 * cam[at.F1] + a2 * (5.0 * cam[at.F2] + a2 * (7.0 * cam[at.F3] + a2 * 9.0 * cam[at.F4])))
     gain = bent / r
     d_gain = (slope / (1.0 + r * r) - gain) / (r * r)
     cross = x * y * d_gain
@@ -82,20 +83,20 @@ def _bend_fisheye(cam, x, y):
 @fast_kernel()
 def straighten(cam, u, v):
     """Ideal point (x, y) of a raw px and the lens's derivatives there (before the intrinsics): Newton; NaN: no inverse."""
-    by = (v - cam[16]) / cam[15]
-    bx = (u - cam[14] - cam[13] * by) / cam[12]
-    model = cam[47]
-    if model == 0.0:
+    by = (v - cam[at.CY]) / cam[at.FY]
+    bx = (u - cam[at.CX] - cam[at.SKEW] * by) / cam[at.FX]
+    model = cam[at.MODEL]
+    if model == at.NO_LENS:
         return bx, by, 1.0, 0.0, 0.0, 1.0
-    if model == 3.0:
+    if model == at.FISHEYE:
         x, y = _straighten_fisheye(cam, bx, by)
         _, _, a, b, c, d = _bend_fisheye(cam, x, y)
         return x, y, a, b, c, d
-    if model == 1.0:
+    if model == at.BROWN:
         return _straighten_brown(cam, bx, by)
-    w = 1.0 / (cam[44] * bx + cam[45] * by + cam[46])
+    w = 1.0 / (cam[at.U20] * bx + cam[at.U21] * by + cam[at.U22])
     x, y, a, b, c, d = _straighten_brown(
-        cam, (cam[38] * bx + cam[39] * by + cam[40]) * w, (cam[41] * bx + cam[42] * by + cam[43]) * w
+        cam, (cam[at.U00] * bx + cam[at.U01] * by + cam[at.U02]) * w, (cam[at.U10] * bx + cam[at.U11] * by + cam[at.U12]) * w
     )
     gx, gy, _, _, _, _ = _bend_brown(cam, x, y)
     _, _, a, b, c, d = _tilt(cam, gx, gy, a, b, c, d)
@@ -105,8 +106,8 @@ def straighten(cam, u, v):
 @fast_kernel()
 def _straighten_brown(cam, bx, by):
     r2 = bx * bx + by * by
-    over = 1.0 + r2 * (cam[17] + r2 * (cam[18] + r2 * cam[21]))
-    under = 1.0 + r2 * (cam[22] + r2 * (cam[23] + r2 * cam[24]))
+    over = 1.0 + r2 * (cam[at.K1] + r2 * (cam[at.K2] + r2 * cam[at.K3]))
+    under = 1.0 + r2 * (cam[at.K4] + r2 * (cam[at.K5] + r2 * cam[at.K6]))
     # the radial part undone at the bent radius; where that makes no sense, the bent point itself
     gain = under / over if over > 0.3 * under else 1.0
     x, y = bx * gain, by * gain
@@ -133,8 +134,8 @@ def _straighten_fisheye(cam, bx, by):
     angle = min(bent, 0.5 * math.pi)
     for _ in range(30):
         a2 = angle * angle
-        value = angle * (1.0 + a2 * (cam[17] + a2 * (cam[18] + a2 * (cam[19] + a2 * cam[20])))) - bent
-        slope = 1.0 + a2 * (3.0 * cam[17] + a2 * (5.0 * cam[18] + a2 * (7.0 * cam[19] + a2 * 9.0 * cam[20])))
+        value = angle * (1.0 + a2 * (cam[at.F1] + a2 * (cam[at.F2] + a2 * (cam[at.F3] + a2 * cam[at.F4])))) - bent
+        slope = 1.0 + a2 * (3.0 * cam[at.F1] + a2 * (5.0 * cam[at.F2] + a2 * (7.0 * cam[at.F3] + a2 * 9.0 * cam[at.F4])))
         if not slope > 0.0:
             return math.nan, math.nan
         step = value / slope
@@ -152,9 +153,9 @@ def _straighten_fisheye(cam, bx, by):
 @fast_kernel()
 def _straighten_brown_row(cam, xy, out, last):
     """`straighten` of one camera's K px (K, 2) into out (6, K), three Newton steps side by side; last (K,) squared steps."""
-    cx, cy, skew, ifx, ify = cam[14], cam[16], cam[13], 1.0 / cam[12], 1.0 / cam[15]
-    k1, k2, p1, p2, k3, k4 = cam[17], cam[18], cam[19], cam[20], cam[21], cam[22]
-    k5, k6, s1, s2, s3, s4 = cam[23], cam[24], cam[25], cam[26], cam[27], cam[28]
+    cx, cy, skew, ifx, ify = cam[at.CX], cam[at.CY], cam[at.SKEW], 1.0 / cam[at.FX], 1.0 / cam[at.FY]
+    k1, k2, p1, p2, k3, k4 = cam[at.K1], cam[at.K2], cam[at.P1], cam[at.P2], cam[at.K3], cam[at.K4]
+    k5, k6, s1, s2, s3, s4 = cam[at.K5], cam[at.K6], cam[at.S1], cam[at.S2], cam[at.S3], cam[at.S4]
     count = len(xy)
     for k in range(count):
         by = (xy[k, 1] - cy) * ify
@@ -183,7 +184,7 @@ def _straighten_brown_row(cam, xy, out, last):
 def straighten_group(cams, xy_img, ideal, last):
     """`straighten` of every view of a group, xy_img (C, K, 2), into ideal (C, 6, K). last (K,) is scratch."""
     for c in range(len(cams)):
-        by_row = cams[c, 47] == 1.0
+        by_row = cams[c, at.MODEL] == at.BROWN
         if by_row:
             _straighten_brown_row(cams[c], xy_img[c], ideal[c], last)
         for k in range(xy_img.shape[1]):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from .columns import FX, FY, R20, R21, R22, SKEW, TZ
 from .lens import straighten_group
 from .point import invert, look, solve3, squared_px
 from .precision import fast_kernel
@@ -26,7 +27,7 @@ def linear_point(cams, views, weights, n, p, work, cov):
     for i in range(n):
         a0, a1, a2, a3, b0, b1, b2, b3 = depth_rows(cams, views, i)
         c = int(views[i, 6])
-        fx, skew, fy = cams[c, 12], cams[c, 13], cams[c, 15]
+        fx, skew, fy = cams[c, FX], cams[c, SKEW], cams[c, FY]
         w = weights[i]
         add_row(system, w, fx * a0 + skew * b0, fx * a1 + skew * b1, fx * a2 + skew * b2, fx * a3 + skew * b3)
         add_row(system, w, fy * b0, fy * b1, fy * b2, fy * b3)
@@ -36,9 +37,9 @@ def linear_point(cams, views, weights, n, p, work, cov):
     for i in range(n):
         a0, a1, a2, a3, b0, b1, b2, b3 = depth_rows(cams, views, i)
         c = int(views[i, 6])
-        fx, skew, fy = cams[c, 12], cams[c, 13], cams[c, 15]
+        fx, skew, fy = cams[c, FX], cams[c, SKEW], cams[c, FY]
         w0, w1, w2, w3 = views[i, 2], views[i, 3], views[i, 4], views[i, 5]
-        depth = cams[c, 6] * p[0] + cams[c, 7] * p[1] + cams[c, 8] * p[2] + cams[c, 11]
+        depth = cams[c, R20] * p[0] + cams[c, R21] * p[1] + cams[c, R22] * p[2] + cams[c, TZ]
         if not depth > 1e-6:
             return math.nan, math.nan
         iz = 1.0 / depth

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 
+from .columns import FX, FY, R00, R01, R02, R10, R11, R12, R20, R21, R22, SKEW, TX, TY, TZ
 from .lens import bend
 from .precision import fast_kernel
 
@@ -29,7 +30,7 @@ def look(cams, c, ideal, k, sigma, views, n):
     if not (sigma > 0.0 and math.isfinite(sigma) and math.isfinite(x) and math.isfinite(y)):
         return False
     certain = 1.0 / sigma
-    fx, skew, fy = cams[c, 12] * certain, cams[c, 13] * certain, cams[c, 15] * certain
+    fx, skew, fy = cams[c, FX] * certain, cams[c, SKEW] * certain, cams[c, FY] * certain
     views[n, 0], views[n, 1], views[n, 6] = x, y, c
     views[n, 2] = fx * ideal[c, 2, k] + skew * ideal[c, 4, k]
     views[n, 3] = fx * ideal[c, 3, k] + skew * ideal[c, 5, k]
@@ -41,12 +42,12 @@ def look(cams, c, ideal, k, sigma, views, n):
 def squared_residual(cams, views, i, p):
     """|e|^2 of a world point in view i; infinity behind the camera."""
     c = int(views[i, 6])
-    z = cams[c, 6] * p[0] + cams[c, 7] * p[1] + cams[c, 8] * p[2] + cams[c, 11]
+    z = cams[c, R20] * p[0] + cams[c, R21] * p[1] + cams[c, R22] * p[2] + cams[c, TZ]
     if not z > 1e-6:
         return math.inf
     iz = 1.0 / z
-    rx = (cams[c, 0] * p[0] + cams[c, 1] * p[1] + cams[c, 2] * p[2] + cams[c, 9]) * iz - views[i, 0]
-    ry = (cams[c, 3] * p[0] + cams[c, 4] * p[1] + cams[c, 5] * p[2] + cams[c, 10]) * iz - views[i, 1]
+    rx = (cams[c, R00] * p[0] + cams[c, R01] * p[1] + cams[c, R02] * p[2] + cams[c, TX]) * iz - views[i, 0]
+    ry = (cams[c, R10] * p[0] + cams[c, R11] * p[1] + cams[c, R12] * p[2] + cams[c, TY]) * iz - views[i, 1]
     e0, e1 = views[i, 2] * rx + views[i, 3] * ry, views[i, 4] * rx + views[i, 5] * ry
     return e0 * e0 + e1 * e1
 
@@ -55,7 +56,7 @@ def squared_residual(cams, views, i, p):
 def squared_depth(cams, views, i, p, planes):
     """Squared whitened residual of a world point in the depth of view i; 0 where it has none."""
     c = int(views[i, 6])
-    z = cams[c, 6] * p[0] + cams[c, 7] * p[1] + cams[c, 8] * p[2] + cams[c, 11]
+    z = cams[c, R20] * p[0] + cams[c, R21] * p[1] + cams[c, R22] * p[2] + cams[c, TZ]
     return ((z - planes[i, 0]) * planes[i, 1]) ** 2
 
 
@@ -71,22 +72,22 @@ def normal_system(cams, views, n, p, system, planes=None):
     h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = total = 0.0
     for i in range(n):
         c = int(views[i, 6])
-        r6, r7, r8 = cams[c, 6], cams[c, 7], cams[c, 8]
-        z = r6 * p[0] + r7 * p[1] + r8 * p[2] + cams[c, 11]
+        r20, r21, r22 = cams[c, R20], cams[c, R21], cams[c, R22]
+        z = r20 * p[0] + r21 * p[1] + r22 * p[2] + cams[c, TZ]
         if not z > 1e-6:
             total += 2.0 * KNEE
             continue
         iz = 1.0 / z
-        x = (cams[c, 0] * p[0] + cams[c, 1] * p[1] + cams[c, 2] * p[2] + cams[c, 9]) * iz
-        y = (cams[c, 3] * p[0] + cams[c, 4] * p[1] + cams[c, 5] * p[2] + cams[c, 10]) * iz
+        x = (cams[c, R00] * p[0] + cams[c, R01] * p[1] + cams[c, R02] * p[2] + cams[c, TX]) * iz
+        y = (cams[c, R10] * p[0] + cams[c, R11] * p[1] + cams[c, R12] * p[2] + cams[c, TY]) * iz
         w0, w1, w2, w3 = views[i, 2], views[i, 3], views[i, 4], views[i, 5]
         rx, ry = x - views[i, 0], y - views[i, 1]
         e0, e1 = w0 * rx + w1 * ry, w2 * rx + w3 * ry
         s = e0 * e0 + e1 * e1
         weight = 1.0 if s < KNEE else (KNEE / s) ** 2
         total += loss(s)
-        jx0, jx1, jx2 = (cams[c, 0] - x * r6) * iz, (cams[c, 1] - x * r7) * iz, (cams[c, 2] - x * r8) * iz
-        jy0, jy1, jy2 = (cams[c, 3] - y * r6) * iz, (cams[c, 4] - y * r7) * iz, (cams[c, 5] - y * r8) * iz
+        jx0, jx1, jx2 = (cams[c, R00] - x * r20) * iz, (cams[c, R01] - x * r21) * iz, (cams[c, R02] - x * r22) * iz
+        jy0, jy1, jy2 = (cams[c, R10] - y * r20) * iz, (cams[c, R11] - y * r21) * iz, (cams[c, R12] - y * r22) * iz
         a0, a1, a2 = w0 * jx0 + w1 * jy0, w0 * jx1 + w1 * jy1, w0 * jx2 + w1 * jy2
         b0, b1, b2 = w2 * jx0 + w3 * jy0, w2 * jx1 + w3 * jy1, w2 * jx2 + w3 * jy2
         h00 += weight * (a0 * a0 + b0 * b0)
@@ -101,21 +102,21 @@ def normal_system(cams, views, n, p, system, planes=None):
     if planes is not None:
         for i in range(n):
             c, w = int(views[i, 6]), planes[i, 1]
-            r6, r7, r8 = cams[c, 6], cams[c, 7], cams[c, 8]
-            e = (r6 * p[0] + r7 * p[1] + r8 * p[2] + cams[c, 11] - planes[i, 0]) * w
+            r20, r21, r22 = cams[c, R20], cams[c, R21], cams[c, R22]
+            e = (r20 * p[0] + r21 * p[1] + r22 * p[2] + cams[c, TZ] - planes[i, 0]) * w
             s = e * e
             total += loss(s)
             pull = (w if s < KNEE else w * (KNEE / s) ** 2) * e
             weight = w * w if s < KNEE else w * w * (KNEE / s) ** 2
-            h00 += weight * r6 * r6
-            h01 += weight * r6 * r7
-            h02 += weight * r6 * r8
-            h11 += weight * r7 * r7
-            h12 += weight * r7 * r8
-            h22 += weight * r8 * r8
-            g0 += pull * r6
-            g1 += pull * r7
-            g2 += pull * r8
+            h00 += weight * r20 * r20
+            h01 += weight * r20 * r21
+            h02 += weight * r20 * r22
+            h11 += weight * r21 * r21
+            h12 += weight * r21 * r22
+            h22 += weight * r22 * r22
+            g0 += pull * r20
+            g1 += pull * r21
+            g2 += pull * r22
     system[0], system[1], system[2], system[3], system[4], system[5] = h00, h01, h02, h11, h12, h22
     system[6], system[7], system[8] = g0, g1, g2
     return total
@@ -199,8 +200,8 @@ def invert(system, cov):
 def squared_px(cams, c, u, v, p):
     """Squared raw-pixel distance between what camera c saw and the reprojection through its lens."""
     cam = cams[c]
-    iz = 1.0 / (cam[6] * p[0] + cam[7] * p[1] + cam[8] * p[2] + cam[11])
-    x = (cam[0] * p[0] + cam[1] * p[1] + cam[2] * p[2] + cam[9]) * iz
-    y = (cam[3] * p[0] + cam[4] * p[1] + cam[5] * p[2] + cam[10]) * iz
+    iz = 1.0 / (cam[R20] * p[0] + cam[R21] * p[1] + cam[R22] * p[2] + cam[TZ])
+    x = (cam[R00] * p[0] + cam[R01] * p[1] + cam[R02] * p[2] + cam[TX]) * iz
+    y = (cam[R10] * p[0] + cam[R11] * p[1] + cam[R12] * p[2] + cam[TY]) * iz
     found_u, found_v, _, _, _, _ = bend(cam, x, y)
     return (found_u - u) ** 2 + (found_v - v) ** 2

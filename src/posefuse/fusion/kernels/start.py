@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from .columns import R00, R01, R02, R10, R11, R12, R20, R21, R22, TX, TY, TZ, X, Y, Z
 from .point import loss, solve3, squared_residual
 from .precision import fast_kernel
 
@@ -29,16 +30,16 @@ def add_row(system, weight, a0, a1, a2, e):
 def depth_rows(cams, views, i):
     """Depth-scaled residuals of view i as rows: (x m3 - m1) . (p, 1) and (y m3 - m2) . (p, 1) in ideal coordinates."""
     c, x, y = int(views[i, 6]), views[i, 0], views[i, 1]
-    r6, r7, r8, r11 = cams[c, 6], cams[c, 7], cams[c, 8], cams[c, 11]
+    r20, r21, r22, tz = cams[c, R20], cams[c, R21], cams[c, R22], cams[c, TZ]
     return (
-        x * r6 - cams[c, 0],
-        x * r7 - cams[c, 1],
-        x * r8 - cams[c, 2],
-        x * r11 - cams[c, 9],
-        y * r6 - cams[c, 3],
-        y * r7 - cams[c, 4],
-        y * r8 - cams[c, 5],
-        y * r11 - cams[c, 10],
+        x * r20 - cams[c, R00],
+        x * r21 - cams[c, R01],
+        x * r22 - cams[c, R02],
+        x * tz - cams[c, TX],
+        y * r20 - cams[c, R10],
+        y * r21 - cams[c, R11],
+        y * r22 - cams[c, R12],
+        y * tz - cams[c, TY],
     )
 
 
@@ -60,22 +61,22 @@ def pair_point(cams, views, i, j, p):
     """Point nearest to two rays into p (their common perpendicular's middle); False for parallel rays."""
     one, two = views[i], views[j]
     cam, other = cams[int(one[6])], cams[int(two[6])]
-    d0 = cam[0] * one[0] + cam[3] * one[1] + cam[6]
-    d1 = cam[1] * one[0] + cam[4] * one[1] + cam[7]
-    d2 = cam[2] * one[0] + cam[5] * one[1] + cam[8]
-    f0 = other[0] * two[0] + other[3] * two[1] + other[6]
-    f1 = other[1] * two[0] + other[4] * two[1] + other[7]
-    f2 = other[2] * two[0] + other[5] * two[1] + other[8]
-    b0, b1, b2 = other[48] - cam[48], other[49] - cam[49], other[50] - cam[50]
+    d0 = cam[R00] * one[0] + cam[R10] * one[1] + cam[R20]
+    d1 = cam[R01] * one[0] + cam[R11] * one[1] + cam[R21]
+    d2 = cam[R02] * one[0] + cam[R12] * one[1] + cam[R22]
+    f0 = other[R00] * two[0] + other[R10] * two[1] + other[R20]
+    f1 = other[R01] * two[0] + other[R11] * two[1] + other[R21]
+    f2 = other[R02] * two[0] + other[R12] * two[1] + other[R22]
+    b0, b1, b2 = other[X] - cam[X], other[Y] - cam[Y], other[Z] - cam[Z]
     dd, ff, df = d0 * d0 + d1 * d1 + d2 * d2, f0 * f0 + f1 * f1 + f2 * f2, d0 * f0 + d1 * f1 + d2 * f2
     det = dd * ff - df * df
     if not det > 1e-6 * dd * ff:
         return False
     bd, bf = b0 * d0 + b1 * d1 + b2 * d2, b0 * f0 + b1 * f1 + b2 * f2
     s, t = (bd * ff - bf * df) / det, (bd * df - bf * dd) / det
-    p[0] = 0.5 * (cam[48] + s * d0 + other[48] + t * f0)
-    p[1] = 0.5 * (cam[49] + s * d1 + other[49] + t * f1)
-    p[2] = 0.5 * (cam[50] + s * d2 + other[50] + t * f2)
+    p[0] = 0.5 * (cam[X] + s * d0 + other[X] + t * f0)
+    p[1] = 0.5 * (cam[Y] + s * d1 + other[Y] + t * f1)
+    p[2] = 0.5 * (cam[Z] + s * d2 + other[Z] + t * f2)
     return True
 
 
@@ -85,8 +86,8 @@ def depth_point(cams, views, i, planes, p):
     if not planes[i, 1] > 0.0:
         return False
     cam, z = cams[int(views[i, 6])], planes[i, 0]
-    x, y = views[i, 0] * z - cam[9], views[i, 1] * z - cam[10]
-    z -= cam[11]
+    x, y = views[i, 0] * z - cam[TX], views[i, 1] * z - cam[TY]
+    z -= cam[TZ]
     for a in range(3):
         p[a] = cam[a] * x + cam[3 + a] * y + cam[6 + a] * z
     return True
