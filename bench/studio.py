@@ -1,6 +1,7 @@
 """What the studio costs:
 
     python bench/studio.py pages     # the server's processor share, and what pages get per second: none, one and two of them
+    python bench/studio.py drawing   # frames per second in Chromium, and what each costs the page and the rasteriser
     python bench/studio.py latency   # of a live session of the bundled clip: without a page, and with one that draws nothing
     python bench/studio.py latency-browser   # the same, without a page and with one in Chromium
     python bench/studio.py focus     # what the focus warning measures in the bundled clip, blurred by known amounts
@@ -100,6 +101,61 @@ def measure_pages() -> None:
         browser.close()
 
 
+def measure_drawing() -> None:
+    """A line per view: all of a page, a usual window, and the 3D view alone in sizes that cost the rasteriser more and less."""
+    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, ExitStack() as session:
+        workspace, port = Path(place), free_port()
+        session.enter_context(stand_in(workspace, _CAMERAS))
+        session.enter_context(server(workspace, port))
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
+        print(f"{_CAMERAS} cameras on {os.cpu_count()} cores")
+        for what, height, style in _VIEWS:
+            page = browser.new_page(viewport={"width": SIZES[""][0], "height": height})
+            page.goto(f"http://127.0.0.1:{port}/live")
+            page.wait_for_function("window.posefuseDrawn && window.posefuseDrawn.scene > 5", timeout=PATIENCE_S * 1e3)
+            if style:
+                page.add_style_tag(content=style)
+            time.sleep(_SETTLE_S)
+            print(f"{what}: {drawing_line(browser, page)} (load {os.getloadavg()[0]:.1f})", flush=True)
+            page.close()
+        browser.close()
+
+
+_ALONE = ".pf-tile, .pf-plot { display: none }"
+_SMALL = ".pf-stage, .pf-scene { min-height: 0 } .pf-stage { width: 200px; height: 150px }"
+# all of the page is in the window where that is so high
+_VIEWS = (
+    ("all of the page", 2000, ""),
+    ("a window of 1280 x 800", 800, ""),
+    ("3D alone", 2000, _ALONE),
+    ("3D alone, small", 2000, f"{_ALONE} {_SMALL}"),
+)
+
+
+def drawing_line(browser: Browser, page: Page) -> str:
+    """What a page draws per second, and the processor time per frame of its script, its main thread and of other processes."""
+    of_page, of_browser = page.context.new_cdp_session(page), browser.new_browser_cdp_session()
+    # time of the thread itself: what it waits for a busy machine does not count
+    of_page.send("Performance.enable", {"timeDomain": "threadTicks"})
+
+    def spent() -> Counter[str]:
+        found: Counter[str] = Counter(counts_of(page))
+        for one in of_page.send("Performance.getMetrics")["metrics"]:
+            found[one["name"]] += one["value"]
+        for one in of_browser.send("SystemInfo.getProcessInfo")["processInfo"]:
+            found[f"{one['type']} process"] += one["cpuTime"]
+        return found
+
+    before, begun_s = spent(), time.monotonic()
+    time.sleep(_MEASURE_S)
+    used, elapsed_s = spent() - before, time.monotonic() - begun_s
+    wide, high = page.evaluate("(({width, height}) => [width, height])(document.querySelector('.pf-scene canvas'))")
+    parts = {"script": "ScriptDuration", "main thread": "TaskDuration", "GPU process": "GPU process"}
+    costs = ", ".join(f"{name} {1e3 * used[key] / max(used['scene'], 1):.1f}" for name, key in parts.items())
+    frames, images = used["scene"] / elapsed_s, used["tile"] / elapsed_s / _CAMERAS
+    return f"per second {frames:.1f} frames of {wide} x {high} px, {images:.1f} images per camera; ms per frame: {costs}"
+
+
 def measure_latency(*, chromium: bool) -> None:
     """A line per window, then medians over the rounds; `chromium`: with a page that draws."""
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, ExitStack() as session:
@@ -186,6 +242,7 @@ def measure_focus() -> None:
 if __name__ == "__main__":
     {
         "pages": measure_pages,
+        "drawing": measure_drawing,
         "latency": lambda: measure_latency(chromium=False),
         "latency-browser": lambda: measure_latency(chromium=True),
         "focus": measure_focus,

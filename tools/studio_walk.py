@@ -33,6 +33,8 @@ _MESSAGES = 500
 _PATIENCE_MS = 240_000.0
 _CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 _RECORD_S = 12.0
+# until what came into the window has been drawn
+_DRAWN_MS = 1000
 _RIG = "calibrations/room/rig.toml"
 # as in the scene
 _TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "220"}
@@ -70,9 +72,14 @@ class Walk:
         """A screenshot of this tab or another one, where images are wanted."""
         if self._pictures is not None:
             page = page or self.page
-            # the header stays at the top of the window
-            page.evaluate("scrollTo(0, 0)")
-            page.screenshot(path=self._pictures / f"{name}.png", full_page=True, animations="disabled")
+            size = page.viewport_size
+            assert size is not None
+            # in a window that holds all of it: what is outside of the window is not drawn
+            height = max(size["height"], page.evaluate("document.documentElement.scrollHeight"))
+            page.set_viewport_size({"width": size["width"], "height": height})
+            page.wait_for_timeout(_DRAWN_MS)
+            page.screenshot(path=self._pictures / f"{name}.png", animations="disabled")
+            page.set_viewport_size(size)
 
     def open(self) -> None:
         """The first page, as the browser of a newcomer opens it."""

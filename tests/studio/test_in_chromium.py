@@ -1,11 +1,13 @@
 """What only a browser can show, on a studio with a stand-in for a live session."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from small_session import saved_session
 
+from posefuse.core import Rig
 from tools.studio_server import PATIENCE_S, free_port, server, stand_in
 
 pytestmark = pytest.mark.slow
@@ -14,15 +16,18 @@ _NO_LABELS = ".pf-labels { visibility: hidden }"
 
 
 @pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a studio whose live page shows four cameras."""
+def base(tmp_path_factory: pytest.TempPathFactory, ring_rig: Callable[..., Rig]) -> Iterator[str]:
+    """The address of a studio whose live page shows four cameras, and which has the recording ``result``."""
     workspace: Path = tmp_path_factory.mktemp("lab")
+    saved_session(workspace, ring_rig)
     port = free_port()
     with server(workspace, port), stand_in(workspace, 4):
         yield f"http://127.0.0.1:{port}"
 
 
 def drawn(page: Any, what: str) -> int:
+    # the script that counts comes after the page
+    page.wait_for_function("window.posefuseDrawn")
     return int(page.evaluate(f"window.posefuseDrawn.{what}"))
 
 
@@ -57,3 +62,32 @@ def test_a_body_is_drawn_while_it_is_wanted_and_not_sent_otherwise(page: Any, ba
     drawn_more(page, "scene", 10)
     assert scene(page) == without
     assert with_body != without
+
+
+def test_what_is_scrolled_out_of_the_window_is_not_drawn(page: Any, base: str) -> None:
+    page.set_viewport_size({"width": 1280, "height": 320})
+    page.goto(f"{base}/live")
+    drawn_more(page, "scene", 10)
+    assert drawn(page, "tile") == 0
+    page.locator(".pf-tile").last.scroll_into_view_if_needed()
+    drawn_more(page, "tile", 5)
+    before = drawn(page, "scene")
+    drawn_more(page, "tile", 20)
+    assert drawn(page, "scene") == before
+    page.locator(".pf-scene").scroll_into_view_if_needed()
+    drawn_more(page, "scene", 10)
+
+
+def test_the_overlay_of_a_recording_is_switched_where_it_stands(page: Any, base: str) -> None:
+    page.goto(f"{base}/recordings?open=result")
+    tile = page.locator(".pf-tile").first
+    cameras = 3
+    tile.wait_for()
+    page.wait_for_function(f"window.posefuseDrawn.tile >= {cameras}")
+    with_overlay = bytes(tile.screenshot())
+    page.get_by_role("switch", name="Overlay").click()
+    page.wait_for_function(f"window.posefuseDrawn.tile >= {2 * cameras}")
+    assert bytes(tile.screenshot()) != with_overlay
+    page.get_by_role("switch", name="Overlay").click()
+    page.wait_for_function(f"window.posefuseDrawn.tile >= {3 * cameras}")
+    assert bytes(tile.screenshot()) == with_overlay

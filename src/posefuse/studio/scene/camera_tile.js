@@ -1,4 +1,4 @@
-import { listen, SETUP, IMAGE } from "posefuse-studio";
+import { listen, Seen, SETUP, IMAGE } from "posefuse-studio";
 
 export default {
   template: `<div><canvas></canvas></div>`,
@@ -8,17 +8,33 @@ export default {
     this.canvas = this.$el.children[0];
     this.bones = [];
     this.busy = false;
+    this.newest = this.last = null;
+    this.seen = new Seen(this.$el, () => this.draw());
     this.leave = listen(this.stream, (message) => {
       if (message.kind === SETUP) this.bones = message.content.bones;
-      else if (message.kind === IMAGE && message.camera === this.camera) this.draw(message);
+      else if (message.kind === IMAGE && message.camera === this.camera) {
+        this.newest = message;
+        this.draw();
+      }
     });
   },
-  beforeUnmount() { this.leave?.(); },
+  beforeUnmount() {
+    this.leave?.();
+    this.seen.close();
+  },
+  watch: {
+    overlay() {
+      this.newest ||= this.last;
+      this.draw();
+    },
+  },
   methods: {
-    async draw(message) {
-      // an image that comes while one is decoded is left out: the next is newer
-      if (this.busy) return;
+    async draw() {
+      const message = this.newest;
+      if (this.busy || !message || !this.seen.now) return;
       this.busy = true;
+      this.last = message;
+      this.newest = null;
       try {
         if (!message.jpeg.size) return this.draw_missing(message);
         const image = await createImageBitmap(message.jpeg);
@@ -36,6 +52,8 @@ export default {
       } finally {
         this.busy = false;
       }
+      // what came while this was decoded; of several the newest
+      this.draw();
     },
     draw_missing({ width, height }) {
       Object.assign(this.canvas, { width, height });

@@ -1,4 +1,4 @@
-import { listen, VALUES } from "posefuse-studio";
+import { listen, Seen, VALUES } from "posefuse-studio";
 
 const COLOURS = ["#26a69a", "#ef6c00", "#5c6bc0", "#d81b60", "#7cb342", "#00acc1"];
 const LEAST_RANGE = 20, MOST_LINES = 5, LEFT = 40, RIGHT = 8, TOP = 8, BOTTOM = 18;
@@ -13,20 +13,25 @@ export default {
     this.canvas = this.$el.children[0];
     this.past = [];
     this.waiting = 0;
+    this.seen = new Seen(this.$el, () => this.draw_soon());
     this.leave = listen(this.stream, (message) => {
       if (message.kind !== VALUES) return;
       if (this.past.length && message.t_s < this.past[this.past.length - 1].t_s) this.past = [];
       this.past.push(message);
       while (this.past[0].t_s < message.t_s - this.seconds) this.past.shift();
-      this.waiting ||= setTimeout(() => requestAnimationFrame(() => this.draw()), EVERY_MS);
+      this.draw_soon();
     });
   },
   beforeUnmount() {
     this.leave?.();
+    this.seen.close();
     clearTimeout(this.waiting);
   },
   methods: {
     colour(i) { return COLOURS[i % COLOURS.length]; },
+    draw_soon() {
+      if (this.past.length && this.seen.now) this.waiting ||= setTimeout(() => requestAnimationFrame(() => this.draw()), EVERY_MS);
+    },
     draw() {
       this.waiting = 0;
       const width = this.canvas.clientWidth, height = this.canvas.clientHeight;

@@ -2,6 +2,7 @@
 
 import { THREE, OrbitControls, CSS2DRenderer, CSS2DObject } from "nicegui-scene";
 import { Bodies } from "./bodies.js";
+import { Seen } from "./seen.js";
 
 const MOST_BONES = 2000, MOST_POINTS = 2000;
 const MOST_STEPS = 20000;
@@ -45,6 +46,7 @@ export class RigDrawing {
     this.shown = { skeletons: true, meshes: false, ellipsoids: true, trails: false, cameras: true };
     this.names = {};
     this.waiting = this.sized = false;
+    this.seen = new Seen(element, () => this.changed());
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(element);
   }
@@ -231,7 +233,7 @@ export class RigDrawing {
   }
 
   changed() {
-    if (this.waiting) return;
+    if (this.waiting || !this.seen.now) return;
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
@@ -245,6 +247,7 @@ export class RigDrawing {
 
   close() {
     this.observer.disconnect();
+    this.seen.close();
     this.controls.dispose();
     dispose(this.still);
     dispose(this.trails.lines);

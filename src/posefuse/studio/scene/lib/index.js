@@ -114,3 +114,4 @@ function image(buffer, view) {
 
 export { SETUP, POSES, IMAGE, VALUES, LABELS, MESH, BODIES };
 export { RigDrawing } from "./drawing.js";
+export { Seen } from "./seen.js";
