@@ -85,6 +85,12 @@ class Walk:
         """The first page, as the browser of a newcomer opens it."""
         self.page.goto(self._base)
 
+    def other_tab(self, path: str) -> None:
+        """Close this tab and open another."""
+        self.page.close()
+        self.page = self._watched.page(SIZES[""])
+        self.page.goto(f"{self._base}{path}")
+
     def phone(self) -> Page:
         """The phone page, in a tab of a phone's size."""
         page = self._watched.page(SIZES["_phone"])
@@ -210,10 +216,12 @@ def _live(way: Walk) -> None:
         page.get_by_label("Name", exact=True).first.fill("walk")
         way.press("Record")
         way.see("● recordings/walk")
-        page.wait_for_timeout(1e3 * _RECORD_S)
+        way.other_tab("/live")
+        way.see("● recordings/walk")
+        way.page.wait_for_timeout(1e3 * _RECORD_S)
         way.picture("live_while_recording")
         way.press("Stop")
-        expect(page.get_by_text("● recordings/walk")).to_be_hidden(timeout=_PATIENCE_MS)
+        expect(way.page.get_by_text("● recordings/walk")).to_be_hidden(timeout=_PATIENCE_MS)
     with way.step("the session ends"):
         way.press("End session")
         way.press("End it")

@@ -12,6 +12,8 @@ from tools.studio_server import SIZES, free_port, server
 
 pytestmark = pytest.mark.slow
 LONG = "n" * 200
+# as text among other properties of an element this would be two of them
+QUOTED = 'a\' b" data-more="1'
 JOBS = ".posefuse-studio/jobs"
 CHECK = {"name": "enough views", "passed": True, "detail": "", "remedy": ""}
 PASSED = {"passed": True, "cameras": ["a"], "reports": [{"subject": "rig", "checks": [CHECK], "numbers": {}}]}
@@ -20,6 +22,8 @@ FILES: dict[str, Any] = {
     "recordings/walk/recording.mcap": "no MCAP file",
     "recordings/empty/recording.mcap": "",
     f"{LONG}/recording.mcap": "",
+    f"{QUOTED}/recording.mcap": "",
+    f"{QUOTED}/cam.mp4": "",
     "results/half/recording.json": "{",
     "results/other/recording.json": {},
     # presets: damaged, of another kind, leading out, with a role that no list has
@@ -94,6 +98,19 @@ def test_a_calibration_names_what_is_missing(page: Any, lab: tuple[str, Path], c
     page.get_by_role("option", name=calibration, exact=True).click()
     page.get_by_text(shown).first.wait_for()
     assert "Traceback" not in lab[1].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("path", "label"),
+    [("/recordings", f"Open {QUOTED}/recording.mcap"), ("/", f"Add {QUOTED}/cam.mp4")],
+    ids=["recording", "video"],
+)
+def test_a_file_name_with_quotes_is_a_name_alone(page: Any, lab: tuple[str, Path], path: str, label: str) -> None:
+    page.goto(f"{lab[0]}{path}")
+    page.wait_for_function(
+        "(label) => [...document.querySelectorAll('[aria-label]')].some((one) => one.ariaLabel === label)", arg=label
+    )
+    assert page.locator("[data-more]").count() == 0
 
 
 def test_a_preset_in_other_words_is_shown(page: Any, lab: tuple[str, Path]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import InputError
-from posefuse.studio.workspace import StudioWorkspace, check_name
+from posefuse.studio.workspace import StudioWorkspace, check_name, recording_place
 
 
 @pytest.fixture
@@ -66,3 +66,16 @@ def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: StudioWorkspa
         asyncio.run(workspace.upload("videos", "large.mp4", parts(), most_bytes=8))
     assert sorted(path.name for path in (workspace.root / "videos").iterdir()) == ["cam 1-2.mp4", "cam 1.mp4"]
     assert (workspace.root / "videos" / "cam 1.mp4").read_bytes() == b"1234" * 3
+
+
+def test_a_name_that_is_too_long_for_the_disk_is_of_no_file(workspace: StudioWorkspace) -> None:
+    for name in ("x" * 300, "a/" * 3000 + "b"):
+        with pytest.raises(InputError, match="not in the workspace"):
+            workspace.existing(name)
+
+
+def test_a_live_recording_is_known_by_its_folder() -> None:
+    names = ("recordings/walk/recording.mcap", "recordings/walk/recording", "results/walk", "walk", "recording.mcap", "a.mcap")
+    assert [recording_place(name).as_posix() for name in names] == [
+        "recordings/walk", "recordings/walk/recording", "results/walk", "walk", "recording.mcap", "a.mcap",
+    ]  # fmt: skip

@@ -83,9 +83,8 @@ def _refusal_picture(check: Mapping[str, Any], pictures: Mapping[str, str], cove
         return
     with ui.element("div").classes("pf-grid"):
         for camera in named:
-            ui.image(f"/studio/file?name={quote(pictures[camera])}").classes("pf-refused").props(
-                f'no-spinner alt="what {camera} saw, with the target as it was found" fit=contain'
-            )
+            image = ui.image(f"/studio/file?name={quote(pictures[camera])}").classes("pf-refused").props("no-spinner fit=contain")
+            image.props["alt"] = f"what {camera} saw, with the target as it was found"
 
 
 def graph_card(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:

@@ -74,9 +74,8 @@ class _Chooser:
                     with ui.row().classes("items-center gap-2 no-wrap w-full"):
                         ui.icon(one.icon).classes("text-primary")
                         ui.label(one.text).classes("pf-grow")
-                        ui.button(icon="add", on_click=lambda one=one: self._add(one)).props(
-                            f'flat dense round aria-label="Add {one.text}"'
-                        )
+                        add = ui.button(icon="add", on_click=lambda one=one: self._add(one)).props("flat dense round")
+                        add.props["aria-label"] = f"Add {one.text}"
                 if not found:
                     ui.label("No camera on USB, no video and no scene in the workspace.").classes("pf-small")
 
@@ -145,7 +144,8 @@ class _Chooser:
             ui.select(list(dict.fromkeys([*_ROLES, role])), value=role, label="Role",
                       on_change=lambda event: self._roles.update({name: event.value})).props("dense").classes("w-28")  # fmt: skip
             ui.label(source).classes("pf-small pf-grow")
-            ui.button(icon="close", on_click=lambda: self._remove(name)).props(f'flat dense round aria-label="Remove {name}"')
+            remove = ui.button(icon="close", on_click=lambda: self._remove(name)).props("flat dense round")
+            remove.props["aria-label"] = f"Remove {name}"
 
     def _rename(self, old: str, new: str) -> None:
         if new == old or not new:

@@ -100,7 +100,9 @@ class _List:
         name = self._studio.workspace.name_of(one.path)
         address = f"{PATH}?{urlencode({'open': name})}"
         with ui.card().classes("pf-card pf-recording-card").props("flat bordered"):
-            with ui.link(target=address).props(f'aria-label="Open {name}"'):
+            with ui.link(target=address) as opening:
+                # not as text of several properties: a file name may have quotes
+                opening.props["aria-label"] = f"Open {name}"
                 ui.image(f"/studio/thumbnail?{urlencode({'name': name})}").classes("pf-thumbnail").props(
                     "no-spinner ratio=1.7778"
                 )
@@ -108,7 +110,8 @@ class _List:
                 ui.link(name, address).classes("pf-recording-name")
                 ui.space()
                 box = ui.checkbox(value=name in self._chosen, on_change=lambda e, n=name: self._choose(n, e.value))
-                self._boxes[name] = box.props(f'dense aria-label="Choose {name} to compare"')
+                self._boxes[name] = box.props("dense")
+                box.props["aria-label"] = f"Choose {name} to compare"
             if one.problem:
                 light("bad" if not one.live else "off", one.problem.replace(f"{self._studio.workspace.root}/", ""))
                 return

@@ -50,7 +50,7 @@ class CameraTile(Element, component="camera_tile.js", esm={"posefuse-studio": "l
         super().__init__()
         self._props.update(stream=stream, camera=camera, aspect=aspect, overlay=overlay)
         self.classes("pf-tile")
-        self.props(f'role="img" aria-label="camera {name or camera}"')
+        self._props.update({"role": "img", "aria-label": f"camera {name or camera}"})
 
     def show(self, overlay: bool) -> None:
         """Switch the overlay."""
